@@ -37,7 +37,7 @@ import numpy as np
 
 from controllers import StiffPI
 from models import BitRock, Exponential, GaussianStribeck, wells
-from toolbox import Component, Controller, Equations, HybridSystem, Sampled, SimulationError, compose, margins, simulate, sweep
+from toolbox import Component, Controller, Equations, HybridSystem, Sampled, SimulationError, closed_loop, compose, margins, simulate, sweep
 from toolbox.measuring import measures
 from toolbox.modelling import Takeover
 
@@ -240,11 +240,10 @@ def _in_lanes(
     vary = [{"takeover.at": round(period * (1.0 + phase), 2), **rig.numbers} for rig, phase in rows]
     noise = {"top.speed": group.noise} if group.noise else {}
     signals = {"speed": "bit.speed", "torque": "top.torque", "square": "watch.square", "limited": "watch.limited"}
-    found = sweep(
-        plant_with(rigs[0].rock), vary, end, controller=Sampled(both, law.period, delay=rigs[0].delay, noise=noise, seed=seed), start=start,
-        inputs={"top.reference": given},
-        measures={"stuck": measures.time_in("bit", "stick", after), **{name: measures.mean(of, after) for name, of in signals.items()}},
-    )  # fmt: skip
+    sampled = Sampled(both, law.period, delay=rigs[0].delay, noise=noise, seed=seed)
+    loop = closed_loop(plant_with(rigs[0].rock), sampled, inputs={"top.reference": given}, start=start)
+    means = {name: measures.mean(of, after) for name, of in signals.items()}
+    found = sweep(loop, vary, end, measures={"stuck": measures.time_in("bit", "stick", after), **means})
     failed = []
     for i, (rig, phase) in enumerate(rows):
         numbers = {name: float(found[name][i]) for name in ("stuck", *signals)}
@@ -311,14 +310,14 @@ class TakenOver:
 
 def disk_margins(of: Callable[[float], Any], reference: float, period: float = 0.01) -> tuple[float, float, str]:
     """The disk margin of a law at a set-point [rad/s] on the declared rig, the smallest over one error of the rig at a time, and which; nan without a slope."""
-    declared = margins(PLANT, Sampled(of(reference), period, DELAY), measured=False).disk_margin
+    declared = margins(closed_loop(PLANT, Sampled(of(reference), period, DELAY)), measured=False).disk_margin
     if np.isnan(declared):
         return declared, declared, ""
     found = []
     for rig in SINGLES:
         inputs = {"bit.weight": rig.numbers["bit.weight"]}
         sampled = Sampled(of(reference), period, rig.delay)
-        found.append((margins(PLANT, sampled, inputs=inputs, parameters=rig.parameters, measured=False).disk_margin, rig.name))
+        found.append((margins(closed_loop(PLANT, sampled, inputs=inputs, parameters=rig.parameters), measured=False).disk_margin, rig.name))
     return declared, *min(found)
 
 

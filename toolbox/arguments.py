@@ -80,3 +80,9 @@ def checked_range(between: Any) -> tuple[float, float]:
     if not is_finite_number(low) or not is_finite_number(high) or not low < high:
         raise SceneError(f"Argument `between` must be two finite numbers (low, high) with low < high, but it is {between!r}.")
     return float(low), float(high)
+
+
+def short(value: Any) -> str:
+    """A value as it stands in an error message, cut where it is long."""
+    text = repr(value)
+    return text if len(text) < 60 else text[:56] + " ..."

@@ -10,6 +10,10 @@ class SceneError(ValueError):
     """A plant, a scene or an argument that cannot be simulated as it stands; the message names the argument and what must hold."""
 
 
+class NoSteadyState(SceneError):
+    """A plant that has no steady state at the numbers asked, or none that was found."""
+
+
 class UnusualValue(UserWarning):
     """A number that is outside of what its field calls usual, as where it was meant in another unit; the message names both readings.
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, TwoDisks, wells
 from studies.benchmarks import reference
-from toolbox import HybridSystem, compose
+from toolbox import ClosedLoop, closed_loop, compose
 from toolbox.inputs import sine
 
 DRIVE = PI(proportional=4000.0, integral=1500.0, reference=8.0)
@@ -25,13 +24,12 @@ TEN = {
 
 @dataclass(frozen=True)
 class Case:
-    """A plant with the arguments of its run, and the reference that integrates the same equations."""
+    """A loop with the length of its run, and the reference that integrates the same equations."""
 
     title: str
-    plant: HybridSystem
+    loop: ClosedLoop
     duration: float
     reference: Callable[..., reference.Reference]
-    arguments: dict[str, Any] = field(default_factory=dict)
 
 
 def cases() -> dict[str, Case]:
@@ -40,14 +38,17 @@ def cases() -> dict[str, Case]:
     dry = TorsionalChain(**TEN, friction=Coulomb(static=1.0, kinetic=1.0), friction_load=(3000.0, *(300.0,) * 8, 6000.0))
     drive = {"top.torque": sine(8000.0, 8000.0, 0.8 / (2 * math.pi))}
     return {
-        "belt": Case("block on belt", compose(BlockOnBelt()), 100.0, reference.belt),
-        "rig": Case("JANSEN_2 with PI", compose(wells.JANSEN_2, rock, DRIVE), 100.0, reference.rig),
-        "disks": Case("two-disk stop", compose(TwoDisks()), 3.0, reference.two_disks, {"start": {"disks.rotor_speed": 2.0}}),
+        "belt": Case("block on belt", closed_loop(compose(BlockOnBelt())), 100.0, reference.belt),
+        "rig": Case("JANSEN_2 with PI", closed_loop(compose(wells.JANSEN_2, rock, DRIVE)), 100.0, reference.rig),
+        "disks": Case("two-disk stop", closed_loop(compose(TwoDisks()), start={"disks.rotor_speed": 2.0}), 3.0, reference.two_disks),
         "bit": Case(
-            "ten inertias, bit", compose(TorsionalChain(**TEN), rock), 60.0, reference.chain_bit, {"inputs": {"top.torque": 12_000.0}}
+            "ten inertias, bit",
+            closed_loop(compose(TorsionalChain(**TEN), rock), inputs={"top.torque": 12_000.0}),
+            60.0,
+            reference.chain_bit,
         ),
-        "all": Case("ten inertias, friction on all", compose(dry), 60.0, reference.chain_all, {"inputs": drive}),
+        "all": Case("ten inertias, friction on all", closed_loop(compose(dry), inputs=drive), 60.0, reference.chain_all),
         "sampled": Case(
-            "sampled PI at 100 Hz", compose(wells.JANSEN_2, rock), 120.0, reference.sampled_rig, {"controller": DRIVE, "sample_time": 0.01}
+            "sampled PI at 100 Hz", closed_loop(compose(wells.JANSEN_2, rock), DRIVE, sample_time=0.01), 120.0, reference.sampled_rig
         ),
     }

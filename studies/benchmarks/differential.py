@@ -36,7 +36,7 @@ import numpy as np
 
 from studies.benchmarks.enumerated_modes import LeftOut, Reference
 from studies.benchmarks.rubbing_machines import KINDS, Trial, given, trial
-from toolbox import Budget, HybridSystem, Sampled, SceneError, SimulationError, compose, simulate, sweep
+from toolbox import Budget, ClosedLoop, HybridSystem, Sampled, SceneError, SimulationError, closed_loop, compose, simulate, sweep
 from toolbox.errors import BudgetError
 from toolbox.measuring import measures
 
@@ -69,10 +69,10 @@ def _apart(states: np.ndarray, right: np.ndarray) -> float:
     return float(np.max(np.where(difference > OWN, difference, 0.0) / np.maximum(size, max(1e-10 * size.max(), SMALLEST))))
 
 
-def arguments_of(one: Trial) -> dict[str, Any]:
-    """What `simulate` is given to run a trial, but for its plant and duration."""
+def loop_of(plant: HybridSystem, one: Trial) -> ClosedLoop:
+    """The closed loop of a trial."""
     law = one.law and Sampled(one.law[0], one.law[1], delay=one.law[2])
-    return {"start": one.start, "inputs": given(one.inputs)} | ({"controller": law} if law else {})
+    return closed_loop(plant, law or None, start=one.start, inputs=given(one.inputs))
 
 
 def with_numbers_of(plant: HybridSystem, one: Trial) -> HybridSystem:
@@ -86,7 +86,7 @@ def with_numbers_of(plant: HybridSystem, one: Trial) -> HybridSystem:
 def judged(plant: HybridSystem, one: Trial, right: np.ndarray, times: np.ndarray, **how: Any) -> dict[str, Any]:
     """The verdict on one run."""
     try:
-        run = simulate(plant, one.duration, output_times=times, budget=BUDGET, **arguments_of(one), **how)
+        run = simulate(loop_of(plant, one), one.duration, output_times=times, budget=BUDGET, **how)
     except BudgetError as failed:
         return {"end": "hanging", "words": str(failed)}
     except (SceneError, SimulationError) as failed:
@@ -122,9 +122,7 @@ def judged_in_lanes(plant: HybridSystem, one: Trial, right: np.ndarray, accuracy
     rows = [{"machine.damping.0": one.machine.damping[0] + 1e-3 * k} for k in range(LANES)]
     names = [f"machine.{kind}{i}" for kind in "xv" for i in range(len(one.machine.mass))]
     try:
-        found = sweep(
-            plant, rows, one.duration, accuracy=accuracy, measures={name: measures.final(name) for name in names}, **arguments_of(one)
-        )
+        found = sweep(loop_of(plant, one), rows, one.duration, accuracy=accuracy, measures={name: measures.final(name) for name in names})
     except (SceneError, SimulationError) as failed:
         return {"end": "refused", "words": f"{type(failed).__name__}: {failed}"}
     except Exception as failed:

@@ -239,9 +239,9 @@ def _scene(random: np.random.Generator, label: str) -> Structure:
     path = sorted(SCENES.glob("*.toml"))[random.integers(len(list(SCENES.glob("*.toml"))))]
     scene = Scene.load(path)
     case = scene.cases[random.integers(len(scene.cases))]
-    arguments = {key: value for key, value in scene.arguments(case).items() if key in ("start", "inputs", "parameters", "controller")}
-    plant = scene.plant().with_parameters(arguments.pop("parameters") or {})
-    return Structure(f"{label} {path.stem}: {case.label}", plant, min(scene.duration, 20.0), arguments)
+    loop = scene[case.label]
+    arguments = {"start": loop.start, "inputs": loop.inputs, "controller": loop.laws or None}
+    return Structure(f"{label} {path.stem}: {case.label}", loop.closed.plant, min(scene.duration, 20.0), arguments)
 
 
 def structure(seed: int, number: int) -> Structure:
@@ -312,16 +312,16 @@ def findings(run: Trajectory, again: Any) -> Iterator[tuple[str, str]]:
         if not stuck.any():
             continue
         slip, speeds = (
-            run.computed(f"raw slip of {element.name}", element.slip),
-            run.computed(f"terms of {element.name}", _terms(element.slip)),
+            run.computed(ca.SX(element.slip)),
+            run.computed(_terms(element.slip)),
         )
         size = np.abs(speeds).max(axis=-1) if speeds.ndim > 1 else np.abs(speeds)
         if (np.abs(slip[stuck]) > 1e-9 * np.maximum(size[stuck], 1e-300)).any():
             worst = float(np.abs(slip[stuck]).max())
             yield "slip", f"`{element.name}` sticks at slip {worst:.3g}, its speeds being {float(size[stuck].max()):.3g}"
         force, bound = (
-            run.computed(f"multiplier of {element.name}", element.multiplier),
-            run.computed(f"bound of {element.name}", element.static),
+            run.computed(ca.SX(element.multiplier)),
+            run.computed(ca.SX(element.static)),
         )
         over = np.abs(force[stuck]) - bound[stuck]
         # a switch counts as reached within 1e-9 of the largest bound so far; of a load that vanishes at once with it that is more than its last force

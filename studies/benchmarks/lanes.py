@@ -30,7 +30,7 @@ from controllers import IdealSlidingMode, SlidingMode, SoftTorque
 from models import BitRock, BlocksOnBelt, DiscBrake, SquealingPad, wells
 from studies.benchmarks.cases import DRIVE, cases
 from studies.questions.maps import string_map
-from toolbox import Controller, Sampled, compose
+from toolbox import Controller, HybridSystem, Sampled, closed_loop, compose
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import program_of
 from toolbox.lanes.lanes import has_series, run_lanes
@@ -215,28 +215,30 @@ def plants() -> dict[str, tuple[Run, dict[str, tuple[float, float]], int]]:
 
     def case(name: str) -> Run:
         found = cases()[name]
-        arguments: dict[str, Any] = dict(found.arguments)
-        return Request(found.plant, found.duration, **arguments).checked()
+        return Request(found.loop, found.duration).checked()
+
+    def asked(plant: HybridSystem, duration: float, law: Any = None, **others: Any) -> Run:
+        return Request(closed_loop(plant, law, **others), duration).checked()
 
     rig = compose(wells.JANSEN_2, BitRock(weight=97_000.0))
 
     def sampled(law: Controller, **arguments: Any) -> Run:
-        return Request(rig, 60.0, controller=Sampled(law, 0.01, **arguments)).checked()
+        return asked(rig, 60.0, Sampled(law, 0.01, **arguments))
 
     weights = {"bit.weight": (0.5, 1.5)}
     brake = dataclasses.replace(DiscBrake(), force=1000.0)
     blocks = BlocksOnBelt(mass=(1.0, 1.2, 0.9, 1.1, 1.05), stiffness=(1.0,) * 5, damping=(0.0,) * 5, tie=(0.5,) * 4, load=(1.0,) * 5)
     return {
         "JANSEN_2 with PI, 60 s": (
-            Request(rig, 60.0, controller=DRIVE).checked(),
+            asked(rig, 60.0, DRIVE),
             {"bit.weight": (0.5, 1.5), "pi.reference": (0.5, 2.0)},
             1,
         ),
         "block on belt": (case("belt"), {"block.mass": (0.8, 1.2), "block.belt_speed": (0.5, 1.5)}, 2),
-        "five tied blocks on belt": (Request(compose(blocks), 60.0).checked(), {"blocks.mass": (0.8, 1.2)}, 10),
-        "ideal sliding mode": (Request(rig, 60.0, controller=IdealSlidingMode(reference=12.0)).checked(), {"bit.weight": (0.5, 1.0)}, 2),
-        "squealing pad": (Request(compose(SquealingPad()), 60.0).checked(), {"pad.disc_speed": (0.5, 1.5)}, 2),
-        "disc brake": (Request(compose(brake), 2.0, start={"disc.speed": 2.0}).checked(), {"disc.force": (0.8, 1.2)}, 4),
+        "five tied blocks on belt": (asked(compose(blocks), 60.0), {"blocks.mass": (0.8, 1.2)}, 10),
+        "ideal sliding mode": (asked(rig, 60.0, IdealSlidingMode(reference=12.0)), {"bit.weight": (0.5, 1.0)}, 2),
+        "squealing pad": (asked(compose(SquealingPad()), 60.0), {"pad.disc_speed": (0.5, 1.5)}, 2),
+        "disc brake": (asked(compose(brake), 2.0, start={"disc.speed": 2.0}), {"disc.force": (0.8, 1.2)}, 4),
         "ten inertias, bit": (case("bit"), {"bit.weight": (0.8, 1.2)}, 4),
         "ten inertias, friction on all": (case("all"), {"chain.friction_load": (0.8, 1.2)}, 10),
         "PI at 100 Hz, 120 s": (case("sampled"), {**weights, "pi.reference": (0.5, 2.0)}, 5),

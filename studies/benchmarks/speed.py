@@ -78,7 +78,7 @@ def row(name: str, case: Case, target: float = TARGET) -> str:
     switches = [(s.contact, s.after) for s in truth.switches]
 
     def ours(setting: tuple[str, float]) -> Trajectory:
-        return simulate(case.plant, case.duration, method=setting[0], accuracy=setting[1], **case.arguments)
+        return simulate(case.loop, case.duration, method=setting[0], accuracy=setting[1])
 
     def our_attempt(setting: tuple[str, float]) -> tuple[float, bool]:
         run = ours(setting)

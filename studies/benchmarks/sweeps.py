@@ -25,7 +25,7 @@ import numpy as np
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, wells
-from toolbox import Sampled, Scene, compose, sweep, tune
+from toolbox import Sampled, Scene, closed_loop, compose, sweep, tune
 from toolbox.measuring import measures
 from toolbox.scenes.cases import Case
 from toolbox.sweeps import uniform
@@ -37,7 +37,7 @@ def million(runs: int, out: str | None) -> dict[str, float]:
     """Seconds, peak of memory [MB], files and their size [MB] of so many runs, and how many of them were done by this call."""
     design = uniform({"block.mass": (0.7, 1.3), "block.belt_speed": (0.1, 0.3)}, runs)
     asked = {"end": measures.final("block.position"), "stuck": measures.stuck_ratio("belt")}
-    found = sweep(compose(BlockOnBelt()), design, duration=1.0, start={"block.position": 0.5}, measures=asked, out=out)
+    found = sweep(closed_loop(compose(BlockOnBelt()), start={"block.position": 0.5}), design, duration=1.0, measures=asked, out=out)
     files = [path for path in Path(out).rglob("*") if path.is_file()] if out else []
     return {
         "seconds": found.seconds, "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "files": len(files),
@@ -98,7 +98,7 @@ def pools() -> None:
     rig, weights = compose(wells.JANSEN_2, BitRock()), {"bit.weight": np.linspace(50e3, 110e3, 400)}
     four, bounds = scenes(), {"proportional": (300.0, 20e3), "integral": (50.0, 5e3)}
     tasks = {
-        "sweep": lambda pool: sweep(rig, weights, duration=120.0, controller=Sampled(StiffPI(), 0.01), executor=pool),
+        "sweep": lambda pool: sweep(closed_loop(rig, Sampled(StiffPI(), 0.01)), weights, duration=120.0, executor=pool),
         "tune": lambda pool: tune(four, "drive", "severity", bounds, runs=60, progress=False, executor=pool),
     }
     spawn = multiprocessing.get_context("spawn")

@@ -100,7 +100,7 @@ def sundae(plant: reference.Plant, duration: float, rtol: float, output_times: n
 
 def cvodes(case: Case, share: float, tolerance: float) -> Callable[[np.ndarray], tuple[np.ndarray, float]]:
     """Times -> (states, seconds) by casadi.integrator on the smoothed law."""
-    run = Request(case.plant, case.duration, **case.arguments).checked()
+    run = Request(case.loop, case.duration).checked()
     plant = smoothed(run.system, {name: share * size for name, size in slips(run).items()})
     form = plant.to_casadi()
     problem = {"t": form["t"], "x": form["x"], "p": ca.vertcat(form["p"], form["u"]), "ode": form["ode"]}
@@ -120,9 +120,9 @@ def cvodes(case: Case, share: float, tolerance: float) -> Callable[[np.ndarray],
 def measured(name: str, case: Case) -> WorkPrecision:
     """The trade of one case with its peers."""
     grid = np.linspace(0.0, case.duration, 2001)
-    signals = tuple(case.plant.states)
-    trade = work_precision(case.plant, case.duration, signals=signals, **case.arguments)
-    truth = simulate(case.plant, case.duration, accuracy=1e-12, method="explicit", **case.arguments).at(grid)
+    signals = tuple(case.loop.system.states)
+    trade = work_precision(case.loop, case.duration, signals=signals)
+    truth = simulate(case.loop, case.duration, accuracy=1e-12, method="explicit").at(grid)
     rows = [truth.program.system.rows(signal)[:2] for signal in signals]
 
     def error(states: np.ndarray) -> float:

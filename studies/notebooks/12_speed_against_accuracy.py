@@ -24,7 +24,7 @@ scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "j
 accuracies = [10.0**-k for k in range(2, 11)]
 steps = [60.0 / count for count in (1_000, 4_000, 16_000, 64_000, 256_000)]
 methods, widths = ("explicit", "stiff", "taylor", "time-stepping", "smoothed"), [10.0**-k for k in range(1, 6)]
-trade = work_precision(scene, 60.0, case="stiff PI", methods=methods, accuracies=accuracies, steps=steps, widths=widths, repeats=15)
+trade = work_precision(scene["stiff PI"], 60.0, methods=methods, accuracies=accuracies, steps=steps, widths=widths, repeats=15)
 print(trade)
 
 # %% [markdown]
@@ -34,13 +34,7 @@ print(trade)
 
 # %%
 axis = trade.plot()
-auto = simulate(
-    scene.plant(),
-    60.0,
-    method="auto",
-    accuracy=1e-4,
-    **{k: v for k, v in scene.arguments(scene.case("stiff PI")).items() if k != "accuracy"},
-)
+auto = simulate(scene["stiff PI"], 60.0, method="auto", accuracy=1e-4)
 print(auto.why)
 
 # %% [markdown]

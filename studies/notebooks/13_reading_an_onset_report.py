@@ -14,11 +14,9 @@ from pathlib import Path
 
 import toolbox
 from toolbox import Scene, equilibrium, onset, plot, simulate
-from toolbox.simulation.request import continuous_loop
-from toolbox.steady_states.equilibria import state_values
 
 scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "jansen_2.toml")
-report = onset(scene, "top.reference", (3.0, 14.0), controller="stiff PI", values=8, tolerance=0.05)
+report = onset(scene["stiff PI"], "top.reference", (3.0, 14.0), values=8, tolerance=0.05)
 print(report)
 
 # %% [markdown]
@@ -35,12 +33,11 @@ axis = report.plot()
 # starts there too, but for eight seconds the weight on bit is half as large again.
 
 # %%
-plant, law = scene.plant(), scene.case("stiff PI").controller
-closed = continuous_loop(plant, law)
-steady = state_values(closed, equilibrium(closed, mode={"bit": "slip+"}).states)
+loop = scene["stiff PI"]
+steady = equilibrium(loop, mode={"bit": "slip+"})
 jolt = ([60.0, 60.0, 68.0, 68.0], [97_347.0, 146_000.0, 146_000.0, 97_347.0])
-calm = simulate(plant, 200.0, controller=law, start=steady)
-struck = simulate(plant, 200.0, controller=law, start=steady, inputs={"bit.weight": jolt})
+calm = simulate(loop, 200.0, start=steady)
+struck = simulate(loop, 200.0, start=steady, inputs={"bit.weight": jolt})
 axes = plot.comparison({"undisturbed": calm, "heavier for 8 s at 60 s": struck}, "bit.speed")
 
 # %% [markdown]

@@ -20,7 +20,7 @@ import numpy as np
 
 from controllers import PI, pipe_impedance
 from models import BitRock, DrillString, Transition
-from toolbox import Scene, compose, export_c, measure, plot, simulate, tune, worst_case
+from toolbox import Scene, closed_loop, compose, export_c, measure, plot, simulate, tune, worst_case
 from toolbox.robustness import cycle_phases
 from toolbox.scenes.cases import Case
 
@@ -102,7 +102,7 @@ middle = compose(coarse, BitRock(weight=65e3))
 stuck = simulate(middle, 150.0, controller=found.controller)
 errors = {"chain.inertia.0": (0.8, 1.2), "bit.weight": (0.8, 1.2), "delay": 2.0}
 corners = [{"chain.inertia.0": drive, "bit.weight": 1.2, "delay": 2.0} for drive in (0.8, 1.2)]
-judged = worst_case(middle, found.law, 90.0, errors=errors, corners=corners, starts=cycle_phases(stuck, 4, "bit"), element="bit")
+judged = worst_case(closed_loop(middle, found.law, element="bit"), 90.0, errors=errors, corners=corners, starts=cycle_phases(stuck, 4))
 print(judged)
 
 # %% [markdown]

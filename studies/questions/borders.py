@@ -21,7 +21,7 @@ import numpy as np
 from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, Exponential, TorsionalChain, wells
 from studies.questions.slow_ramp import String, ramp
-from toolbox import HybridSystem, Sampled, compose, follow, limit_cycle, onset, severity_map, simulate
+from toolbox import HybridSystem, Sampled, closed_loop, compose, follow, limit_cycle, onset, severity_map, simulate
 
 ROCK = BitRock(weight=97_347.0)
 HARD_ROCK = BitRock(weight=160_000.0, radius=0.0239, friction=Exponential(static=2.5, kinetic=1.1, decay=0.4))
@@ -83,7 +83,7 @@ CASES = (
 def by_onset(case: Case, between: tuple[float, float]) -> float:
     """The end of stick-slip as `onset` finds it in a range, with the working point inside of stick-slip."""
     at = min(max(case.sticks, between[0]), between[1])
-    found = onset(case.plant, case.parameter, between, controller=case.controller, inputs={case.parameter: at}, values=9)
+    found = onset(closed_loop(case.plant, case.controller, inputs={case.parameter: at}), case.parameter, between, values=9)
     return found.stall if case.stalls else found.end
 
 
@@ -93,7 +93,7 @@ def by_map(case: Case) -> float:
     border, weight = by_onset(case, case.ranges[0]), case.rock.weight
     low, high = sorted((case.sticks, 2 * border - case.sticks))
     over = {case.parameter: (low, high), "bit.weight": (0.995 * weight, 1.005 * weight)}
-    found = severity_map(case.plant, over, shape=(8, 3), controller=case.controller, halvings=7).border("sticking", weight)
+    found = severity_map(closed_loop(case.plant, case.controller), over, shape=(8, 3), halvings=7).border("sticking", weight)
     return float(found[np.argmin(np.abs(found - border))]) if found.size else math.nan
 
 

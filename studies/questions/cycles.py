@@ -22,7 +22,7 @@ import numpy as np
 
 from controllers import StiffPI
 from models import BitRock, oscillators, wells
-from toolbox import compose, follow, limit_cycle, plot, simulate, units
+from toolbox import closed_loop, compose, follow, limit_cycle, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.orbits import Branch, Cycle
 
@@ -65,8 +65,12 @@ def differences(cycle: Cycle, by: float = 1e-6) -> np.ndarray:
 
 def blocks() -> tuple[Branch, Branch]:
     """The branches of the blocks of Thomsen and Fidlin and of Veraszto and Stepan, as the belt changes its speed."""
-    smooth = limit_cycle(compose(oscillators.THOMSEN_FIDLIN), 300.0, parameters={"block.belt_speed": 0.31}, start={"block.position": 0.4})
-    sharp = limit_cycle(compose(oscillators.VERASZTO_STEPAN), 10.0, parameters={"block.belt_speed": 0.155}, start={"block.position": 0.002})
+    smooth = limit_cycle(
+        closed_loop(compose(oscillators.THOMSEN_FIDLIN), parameters={"block.belt_speed": 0.31}, start={"block.position": 0.4}), 300.0
+    )
+    sharp = limit_cycle(
+        closed_loop(compose(oscillators.VERASZTO_STEPAN), parameters={"block.belt_speed": 0.155}, start={"block.position": 0.002}), 10.0
+    )
     return follow(smooth, "block.belt_speed", (0.3, 0.5), points=150), follow(sharp, "block.belt_speed", (0.15, 2.0), points=300)
 
 

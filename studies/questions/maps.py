@@ -37,7 +37,7 @@ from controllers import StiffPI
 from models import BitRock, Coulomb, TwoDisks, WhirlingCollar, wells
 from models.oscillators import LEINE
 from studies.questions.disks import braking_decision, critical_drop
-from toolbox import Component, Equations, HybridSystem, Quantity, Sampled, compose, plot, quantity, sweep, time, units
+from toolbox import Component, Equations, HybridSystem, Quantity, Sampled, closed_loop, compose, plot, quantity, sweep, time, units
 from toolbox.figures.style import name_axis
 from toolbox.measuring import measures
 from toolbox.onsets.borders import border
@@ -54,7 +54,7 @@ def string_map(shape: tuple[int, int] = (50, 50), sampled: bool = True, halvings
     plant = compose(wells.JANSEN_2, BitRock())
     law: Any = Sampled(StiffPI(), 0.01) if sampled else StiffPI()
     return severity_map(
-        plant, {"top.reference": SPEEDS, "bit.weight": WEIGHTS}, shape=shape, duration=120.0, controller=law, halvings=halvings
+        closed_loop(plant, law), {"top.reference": SPEEDS, "bit.weight": WEIGHTS}, shape=shape, duration=120.0, halvings=halvings
     )
 
 
@@ -153,10 +153,9 @@ def touching(points: np.ndarray, start: Any) -> np.ndarray:
     """Part of the second half of a run that the collar spends on the wall; points: (speed [rad/s], weight [N])."""
     rows = Variations(("string.speed", "collar.weight"), points, (len(points),))
     found = sweep(
-        collar(),
+        closed_loop(collar(), start=start),
         rows,
         duration=TURNS,
-        start=start,
         measures={"wall": measures.time_in("wall", "closed", TURNS / 2), "hits": measures.stays("wall", "closed", TURNS / 2)},
     )
     failed = np.isnan(found["wall"])

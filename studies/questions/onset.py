@@ -31,7 +31,7 @@ import numpy as np
 
 from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, wells
-from toolbox import Sampled, compose, follow, limit_cycle, measure, onset, plot, simulate, units
+from toolbox import ClosedLoop, closed_loop, compose, follow, limit_cycle, measure, onset, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.onsets.report import Onset
 from toolbox.orbits import Branch
@@ -58,9 +58,9 @@ class Drive:
         """The name of its set-point among the parameters."""
         return f"{'slidingmode' if isinstance(self.law, SlidingMode) else 'pi'}.reference"
 
-    def at(self, reference: float) -> dict[str, Any]:
-        """Arguments of `simulate` for a set-point."""
-        return {"controller": dataclasses.replace(self.law, reference=reference), "sample_time": self.sample_time}
+    def at(self, reference: float) -> ClosedLoop:
+        """The loop with a set-point."""
+        return closed_loop(RIG, dataclasses.replace(self.law, reference=reference), sample_time=self.sample_time)
 
 
 DRIVES = (
@@ -76,14 +76,13 @@ DRIVES = (
 @cache
 def borders(drive: Drive) -> Onset:
     """Both borders by simulation, and the Hopf point of the continuous form."""
-    law = drive.at(WORKING)["controller"]
-    return onset(RIG, "top.reference", RANGE, controller=law if drive.sample_time is None else Sampled(law, drive.sample_time), values=9)
+    return onset(drive.at(WORKING), "top.reference", RANGE, values=9)
 
 
 @cache
 def steady(drive: Drive) -> Branch:
     """Steady drilling under a sampled law, from a free set-point downward, as a cycle of one sample time."""
-    begin = limit_cycle(RIG, 300.0, **drive.at(drive.free), period=drive.sample_time)
+    begin = limit_cycle(drive.at(drive.free), 300.0, period=drive.sample_time)
     return follow(begin, drive.reference, RANGE, points=80, towards=RANGE[0], step=0.05)
 
 
@@ -98,7 +97,7 @@ def hopf(drive: Drive) -> float:
 def cycles(drive: Drive, points: int = 300) -> Branch:
     """The stick-slip cycle of a continuous law as the set-point rises, past the end of stick-slip and back along unstable cycles."""
     return follow(
-        limit_cycle(simulate(RIG, 300.0, **drive.at(drive.sticks), accuracy=1e-9)), drive.reference, RANGE, points=points, towards=RANGE[1]
+        limit_cycle(simulate(drive.at(drive.sticks), 300.0, accuracy=1e-9)), drive.reference, RANGE, points=points, towards=RANGE[1]
     )
 
 
@@ -137,7 +136,7 @@ def swept(drive: Drive, references: Sequence[float], start: dict[str, Any] | Non
     """Smallest and largest bit speed once settled, each run from the end of the one before with a bit 1 % slower, shape (references, 2)."""
     ends = []
     for reference in references:
-        run = simulate(RIG, length, **drive.at(float(reference)), start=start, accuracy=1e-7)
+        run = simulate(drive.at(float(reference)), length, start=start, accuracy=1e-7)
         found = measure.extent(run, "bit.speed", 0.8 * length)
         ends.append((found.minimum, found.maximum))
         start = carried(run)
@@ -175,7 +174,7 @@ def draw(grid: np.ndarray) -> Any:
             panel.plot([value], [fastest], "D", color="0.1", markersize=5, label="end of the stable cycle")
             panel.annotate(kind, (value, fastest), (7, 0), textcoords="offset points", va="center", fontsize=8.0)
         up = swept(drive, grid, {"chain.speed": (float(grid[0]), 0.0)})
-        calm = simulate(RIG, 300.0, **drive.at(RANGE[1]), start={"chain.speed": (RANGE[1], RANGE[1]), "chain.twist": 17.0}, accuracy=1e-9)
+        calm = simulate(drive.at(RANGE[1]), 300.0, start={"chain.speed": (RANGE[1], RANGE[1]), "chain.twist": 17.0}, accuracy=1e-9)
         down = swept(drive, grid[::-1], carried(calm))
         for ends, values, marker, word in ((up, grid, "^", "sweep up"), (down, grid[::-1], "v", "sweep down")):
             for side in (0, 1):

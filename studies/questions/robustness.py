@@ -37,7 +37,7 @@ from controllers import LQG, PI, ActiveDamping, HInfinity, ImplicitSlidingMode, 
 from controllers.observers import Kalman
 from studies import gains
 from studies.protocol import DELAY, PLANT, disk_margins
-from toolbox import Sampled, margins, units
+from toolbox import Sampled, closed_loop, margins, units
 from toolbox.figures.style import name_axis
 from toolbox.files import tables
 from toolbox.modelling import Observed
@@ -72,7 +72,7 @@ LAWS: dict[str, Callable[[float], Any]] = {
 
 def found_at(label: str, speed: float, **arguments: Any) -> Margins:
     """The margins of a law at a set-point [rad/s]; arguments as of `margins`."""
-    return margins(PLANT, Sampled(LAWS[label](speed), PERIOD, DELAY), **arguments)
+    return margins(closed_loop(PLANT, Sampled(LAWS[label](speed), PERIOD, DELAY)), **arguments)
 
 
 def worst_at(label: str, speed: float) -> tuple[float, str]:

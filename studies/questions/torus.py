@@ -29,7 +29,7 @@ import numpy as np
 
 from controllers import SoftTorque
 from models import BitRock, oscillators, wells
-from toolbox import compose, follow, limit_cycle, plot, simulate
+from toolbox import ClosedLoop, closed_loop, compose, follow, limit_cycle, plot, simulate
 from toolbox.inputs import sine
 from toolbox.orbits import Branch, Cycle
 
@@ -51,7 +51,10 @@ def load(depth: float = DEPTH) -> Any:
 def dithered(speed: float = 0.5, depth: float = DEPTH) -> Cycle:
     """The cycle of the block in pure slip at a belt speed [m/s] at which it attracts."""
     return limit_cycle(
-        compose(BLOCK), 400.0, parameters={"block.belt_speed": speed}, inputs={"block.load": load(depth)}, start={"block.position": 0.3}
+        closed_loop(
+            compose(BLOCK), inputs={"block.load": load(depth)}, parameters={"block.belt_speed": speed}, start={"block.position": 0.3}
+        ),
+        400.0,
     )
 
 
@@ -68,14 +71,14 @@ def struck(speed: float, settle: int = 2000, count: int = 400) -> np.ndarray:
     return run.states
 
 
-def swung(amplitude: float) -> dict[str, Any]:
-    """Arguments of a run of the drill string with a set-point that swings so much [rad/s]."""
-    return {"inputs": {"top.reference": sine(6.0, amplitude, 1 / SWING_PERIOD)}, "controller": SoftTorque(), "sample_time": SAMPLE}
+def swung(amplitude: float) -> ClosedLoop:
+    """The drill string with a set-point that swings so much [rad/s]."""
+    return closed_loop(RIG, SoftTorque(), sample_time=SAMPLE, inputs={"top.reference": sine(6.0, amplitude, 1 / SWING_PERIOD)})
 
 
 def entrained(amplitude: float = 2.0) -> Cycle:
     """The stick-slip cycle of the drill string in step with its set-point."""
-    return limit_cycle(RIG, 80 * SWING_PERIOD, **swung(amplitude))
+    return limit_cycle(swung(amplitude), 80 * SWING_PERIOD)
 
 
 def loosening(cycle: Cycle, points: int = 45) -> Branch:
@@ -88,7 +91,7 @@ def strobed(cycle: Cycle, amplitude: float, count: int = 600) -> np.ndarray:
     x = cycle.start
     start = {"chain.twist": x[:1], "chain.speed": x[1:3] * (1.0, 1.001), "pi.angle": float(cycle.memory[0])}
     times = SWING_PERIOD * np.arange(count)
-    return simulate(RIG, times[-1], start=start, **swung(amplitude), output_times=times, accuracy=1e-9).states
+    return simulate(swung(amplitude), times[-1], start=start, output_times=times, accuracy=1e-9).states
 
 
 def draw(block: Branch, string: Branch) -> Any:

@@ -14,7 +14,7 @@ from scipy.io import savemat
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Drop, Exponential, Hyperbolic, wells
 from studies.questions.synthetic import COLUMNS, FOLDER, NOISE, TRUTH, recording, true_rig, write
-from toolbox import Sampled, Scene, SceneError, compose, fit, simulate
+from toolbox import Sampled, Scene, SceneError, closed_loop, compose, fit, simulate
 from toolbox.calibration import Recording
 from toolbox.commands.command_line import main
 
@@ -100,9 +100,11 @@ def test_start_values_constant_inputs_and_single_entries_can_be_free():
     )
     data = {"time": time, "bit.speed": run["bit.speed"], "top.speed": run["top.speed"]}
     found = fit(
-        RIG, data, ["bit.speed", "top.torque", "chain.inertia.1"], {"top.torque": (8e3, 11e3)},
-        inputs={"top.torque": 10_000.0}, start={"bit.speed": 5.0},
-    )  # fmt: skip
+        closed_loop(RIG, inputs={"top.torque": 10_000.0}, start={"bit.speed": 5.0}),
+        data,
+        ["bit.speed", "top.torque", "chain.inertia.1"],
+        {"top.torque": (8e3, 11e3)},
+    )
     assert [found["bit.speed"], found["top.torque"], found["chain.inertia.1"]] == pytest.approx([6.0, 9000.0, 400.0], rel=1e-6)
     assert found.parameters == {"chain.inertia.1": found["chain.inertia.1"]}
 
@@ -116,7 +118,7 @@ def test_a_rig_under_a_sampled_drive_is_fitted_with_exact_slopes_and_one_under_a
         sampled = Sampled(law, 0.1)
         run = simulate(true_rig(), 15.0, controller=sampled, output_times=time)
         data = {"time": time, "top.speed": run["top.speed"], "top.torque": run["top.torque"]}  # the torque is an output of the loop
-        found = fit(RIG, data, "bit.friction.kinetic", parameters={**TRUTH, "bit.friction.kinetic": 0.5}, controller=sampled, starts=1)
+        found = fit(closed_loop(RIG, sampled, parameters={**TRUTH, "bit.friction.kinetic": 0.5}), data, "bit.friction.kinetic", starts=1)
         assert found["bit.friction.kinetic"] == pytest.approx(0.46, rel=1e-5)
         assert found.misfit.exact == exact and ("by differences" in str(found)) != exact
 
@@ -162,8 +164,12 @@ def test_a_break_of_a_law_is_located_by_the_measured_slip():
     rig = compose(wells.JANSEN_2, BitRock(friction=Drop()))
     speed = np.linspace(0.5, 3.0, 60)
     torque = 90e3 * 0.155575 * np.where(speed >= 1.5, 0.2, 0.31)
-    found = fit(rig, {"time": np.arange(60.0), "bit.speed": speed, "bit.torque": torque}, ["bit.friction.static", "bit.friction.kinetic"],
-                contact="bit", parameters={"bit.weight": 90e3})  # fmt: skip
+    found = fit(
+        closed_loop(rig, parameters={"bit.weight": 90e3}),
+        {"time": np.arange(60.0), "bit.speed": speed, "bit.torque": torque},
+        ["bit.friction.static", "bit.friction.kinetic"],
+        contact="bit",
+    )
     assert [found["bit.friction.static"], found["bit.friction.kinetic"]] == pytest.approx([0.31, 0.2], rel=1e-9)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from controllers import StiffPI
 from models import BitRock, wells
-from toolbox import Controller, Equations, Update, compose, quantity, simulate, state
+from toolbox import Controller, Equations, Update, closed_loop, compose, quantity, simulate, state
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 SPEED = 9.95
@@ -70,5 +70,5 @@ def test_sampled_at_100_hertz_it_still_frees_the_bit(stickslip):
 
 
 def test_neither_a_disturbance_nor_an_existing_stick_slip_survives_above_90_rpm(stickslip):
-    found = stickslip.onset_below(RIG, "top.reference", 9.4, (2.0, 14.0), controller=Yielding(), values=7, tolerance=0.1)
+    found = stickslip.onset_below(closed_loop(RIG, Yielding()), "top.reference", 9.4, (2.0, 14.0), values=7, tolerance=0.1)
     assert found.loss < found.end

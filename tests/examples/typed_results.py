@@ -12,6 +12,7 @@ from toolbox import (
     HybridSystem,
     Sampled,
     Trajectory,
+    closed_loop,
     compare,
     compose,
     equilibrium,
@@ -54,11 +55,16 @@ assert_type(measure.severity(run, after="10 s"), float)
 assert_type(measure.extent(run, "bit.speed").maximum, float)
 assert_type(measure.stick_intervals(run, "bit"), list[tuple[float, float]])
 assert_type(compare(run, run)["bit.speed, maximum"].change, float | None)
-rest = equilibrium(rig, inputs={"top.torque": "20 kN m"})
+rest = equilibrium(closed_loop(rig, inputs={"top.torque": "20 kN m"}))
 steady: float = rest["bit.speed"]
 
 found = onset(
-    rig, "top.reference", ("100 rpm", "130 rpm"), controller=StiffPI(), values=3, duration="40 s", tolerance="5 rpm", at="125 rpm"
+    closed_loop(rig, StiffPI()).at("top.reference", "125 rpm"),
+    "top.reference",
+    ("100 rpm", "130 rpm"),
+    values=3,
+    duration="40 s",
+    tolerance="5 rpm",
 )
 assert_type(found.end, float)
 assert_type(found.values, Floats)
@@ -69,14 +75,14 @@ for name, border in found.borders:
     assert_type(border.value, float)
 
 over = {"top.reference": ("60 rpm", "140 rpm"), "bit.weight": ("80 kN", "100 kN")}
-chart = severity_map(rig, over, shape=(2, 2), duration="20 s", controller=StiffPI(), halvings=0)
+chart = severity_map(closed_loop(rig, StiffPI()), over, shape=(2, 2), duration="20 s", halvings=0)
 assert_type(chart, SeverityMap)
 assert_type(chart.smooth.severity, Floats)
 assert_type(chart.axes[0], Floats)
 assert_type(chart.regions["free"], NDArray[np.bool_])
 assert_type(chart.border("linear", 90e3), Floats)
 
-swept = sweep(rig, {"bit.weight": ["50 kN", "60 kN"]}, "5 s", controller=StiffPI())
+swept = sweep(closed_loop(rig, StiffPI()), {"bit.weight": ["50 kN", "60 kN"]}, "5 s")
 assert_type(swept, Sweep)
 assert_type(swept["severity"], Floats)
 assert_type(swept.points, Floats)
@@ -96,14 +102,14 @@ assert_type(law.integral, float)
 times = np.linspace(0.0, 5.0, 51)
 again = simulate(rig, 5.0, inputs={"top.torque": "20 kN m"}, output_times=times)
 recording = Recording(times, {"bit.speed": again["bit.speed"]}, "a test")
-fitted = fit(rig, recording, ["bit.weight"], {"bit.weight": ("90 kN", "105 kN")}, inputs={"top.torque": 20_000.0})
+fitted = fit(closed_loop(rig, inputs={"top.torque": 20_000.0}), recording, ["bit.weight"], {"bit.weight": ("90 kN", "105 kN")})
 assert_type(fitted, Fit)
 assert_type(fitted["bit.weight"], float)
 assert_type(fitted.interval("bit.weight"), tuple[float, float])
 assert_type(fitted.values, Floats)
 assert_type(fitted.parameters, dict[str, float])
 
-cycle = limit_cycle(rig, controller=StiffPI(reference="95 rpm"), settle="60 s")
+cycle = limit_cycle(closed_loop(rig, StiffPI(reference="95 rpm")), settle="60 s")
 assert_type(cycle.period, float)
 assert_type(cycle.stable, bool)
 branch = follow(cycle, "pi.reference", ("85 rpm", "100 rpm"), points=3)

@@ -5,6 +5,7 @@ from models import BitRock, BlockOnBelt, TorsionalChain, wells
 from toolbox import (
     Budget,
     Sampled,
+    closed_loop,
     compose,
     equilibrium,
     follow,
@@ -44,27 +45,33 @@ late: float = measure.settling(run, "top.speed", "20 rpm", size="10 rpm") if stu
 sampled = Sampled(PI(reference="60 rpm"), "10 ms", delay="30 ms", noise={"top.speed": "0.1 rpm"}, resolution={"top.speed": "1 rpm"})
 simulate(rig, "5 s", controller=sampled, inputs={"top.reference": ramp("35 rpm", "60 rpm", "1 s", 4.0)})
 
-point = equilibrium(rig, inputs={"top.torque": "20 kN m"})
-linearise(rig, inputs={"top.torque": "20 kN m"})
-pole_locus(rig, "top.reference", ["60 rpm", 8.0], controller=stiff)
-hopf_points(rig, "top.reference", ("20 rpm", "130 rpm"), controller=stiff, values=5)
-hopf_curve(rig, "top.reference", ("20 rpm", "130 rpm"), "bit.weight", ["97 kN", 98e3], controller=stiff)
+point = equilibrium(closed_loop(rig, inputs={"top.torque": "20 kN m"}))
+linearise(closed_loop(rig, inputs={"top.torque": "20 kN m"}))
+pole_locus(closed_loop(rig, stiff), "top.reference", ["60 rpm", 8.0])
+hopf_points(closed_loop(rig, stiff), "top.reference", ("20 rpm", "130 rpm"), values=5)
+hopf_curve(closed_loop(rig, stiff), "top.reference", ("20 rpm", "130 rpm"), "bit.weight", ["97 kN", 98e3])
 performance_limit(rig, {"top.speed": "90 rpm"}, period="10 ms", delay="5 ms")
 impedance(stiff, frequency=[1.0], speed="60 rpm", inertia="2 t m2")
 
-found = onset(rig, "top.reference", ("60 rpm", "140 rpm"), controller=stiff, at="120 rpm", duration="20 s", tolerance="10 rpm", values=3)
+found = onset(
+    closed_loop(rig, stiff).at("top.reference", "120 rpm"),
+    "top.reference",
+    ("60 rpm", "140 rpm"),
+    duration="20 s",
+    tolerance="10 rpm",
+    values=3,
+)
 charted = severity_map(
-    rig,
+    closed_loop(rig, stiff),
     {"top.reference": ("60 rpm", "140 rpm"), "bit.weight": ("50 kN", 110e3)},
-    controller=stiff,
     duration="10 s",
     after="5 s",
     shape=(2, 2),
     halvings=0,
 )
-swept = sweep(rig, {"bit.weight": ["50 kN", 60e3]}, "5 s", controller=stiff, sample_time="10 ms")
-listed = sweep(rig, [{"bit.weight": "50 kN", "top.reference": "60 rpm"}], "5 s", controller=stiff)
+swept = sweep(closed_loop(rig, stiff, sample_time="10 ms"), {"bit.weight": ["50 kN", 60e3]}, "5 s")
+listed = sweep(closed_loop(rig, stiff), [{"bit.weight": "50 kN", "top.reference": "60 rpm"}], "5 s")
 tuned = tune(rig, PI(reference="90 rpm"), "severity", {"proportional": ("1 kN m s/rad", 6000.0)}, duration="5 s", runs=10, progress=False)
-judged = worst_case(rig, stiff, "10 s", after="5 s", target="80 rpm")
+judged = worst_case(closed_loop(rig, stiff), "10 s", after="5 s", target="80 rpm")
 cycle = limit_cycle(compose(BlockOnBelt()), "1 min")
 branch = follow(cycle, "block.belt_speed", ("0.1 m/s", "300 mm/s"), points=2, towards="0.1 m/s")

@@ -31,7 +31,7 @@ from controllers.linear_mpc_c import export
 from controllers.observers import Kalman
 from controllers.string_model import drilling_point
 from models import BitRock, wells
-from toolbox import Controller, Sampled, SceneError, compose, export_c, linearise, simulate, to_control
+from toolbox import Controller, Sampled, SceneError, closed_loop, compose, export_c, linearise, simulate, to_control
 from toolbox.modelling import Observed, Takeover
 
 PLANT = compose(wells.JANSEN_2, BitRock())
@@ -96,7 +96,7 @@ LAWS = {
 @compiled
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_the_c_of_a_law_answers_a_closed_loop_run_like_the_law_in_the_loop(tmp_path, law):
-    c, h = export_c(law, PLANT, PERIOD, tmp_path / "drive")
+    c, h = export_c(closed_loop(PLANT, law, sample_time=PERIOD), tmp_path / "drive")
     macros, rows = header(h)
     grid = PERIOD * np.arange(3001)
     times = (0.0, 15.0, 16.0, 30.0)
@@ -117,7 +117,7 @@ def test_the_c_of_a_law_answers_a_closed_loop_run_like_the_law_in_the_loop(tmp_p
 def test_the_c_of_a_law_closes_the_loop_and_frees_the_bit_that_a_constant_torque_leaves_in_stick_slip(tmp_path):
     plant = compose(wells.NAVARRO_LOPEZ_4, BitRock(weight=97_347.0))
     law = SoftTorque(reference=4.7)
-    c, h = export_c(law, plant, PERIOD, tmp_path / "soft.h")
+    c, h = export_c(closed_loop(plant, law, sample_time=PERIOD), tmp_path / "soft.h")
     _, rows = header(h)
     exported = CompiledLaw(c, len(rows["memory"]), 1)
 
@@ -135,7 +135,7 @@ def test_the_c_of_a_law_closes_the_loop_and_frees_the_bit_that_a_constant_torque
 @compiled
 def test_two_exported_laws_link_into_one_program(tmp_path):
     for name, law in (("first", PI(**LIMITS)), ("second", HInfinity(**LIMITS))):
-        export_c(law, PLANT, PERIOD, tmp_path / f"{name}.c")
+        export_c(closed_loop(PLANT, law, sample_time=PERIOD), tmp_path / f"{name}.c")
     (tmp_path / "main.c").write_text(
         '#include "first.h"\n#include "second.h"\n'
         "int main(void) { double y[2] = {0, 8}, u[1], a[FIRST_MEMORY], b[SECOND_MEMORY];\n"
@@ -231,20 +231,20 @@ def test_the_c_of_the_linear_mpc_takes_over_from_a_torque_that_acts_as_in_python
 
 def test_the_predictive_law_is_exported_at_its_own_period_and_hides_no_folder(tmp_path):
     with pytest.raises(SceneError, match="`period` must be 0.1 s"):
-        export_c(PREDICTIVE, HEAVY, 0.01, tmp_path / "mpc")
+        export_c(closed_loop(HEAVY, PREDICTIVE, sample_time=0.01), tmp_path / "mpc")
     (tmp_path / "mpc_osqp").mkdir()
     (tmp_path / "mpc_osqp" / "mine.txt").write_text("keep")
     with pytest.raises(SceneError, match="not from an earlier export"):
-        export_c(PREDICTIVE, HEAVY, 0.1, tmp_path / "mpc")
+        export_c(closed_loop(HEAVY, PREDICTIVE, sample_time=0.1), tmp_path / "mpc")
     assert (tmp_path / "mpc_osqp" / "mine.txt").read_text() == "keep"
     shutil.rmtree(tmp_path / "mpc_osqp")
     for _ in range(2):
-        c, _ = export_c(PREDICTIVE, HEAVY, 0.1, tmp_path / "mpc")
+        c, _ = export_c(closed_loop(HEAVY, PREDICTIVE, sample_time=0.1), tmp_path / "mpc")
     assert c.exists() and not list((tmp_path / "mpc_osqp").glob("*.py"))
 
 
 def test_the_header_names_signals_units_defaults_period_and_memory(tmp_path):
-    c, h = export_c(ZTorque(reference=7.25), PLANT, 0.02, tmp_path / "z_torque")
+    c, h = export_c(closed_loop(PLANT, ZTorque(reference=7.25), sample_time=0.02), tmp_path / "z_torque")
     text = h.read_text()
     for line in ("y[0]  top.speed [rad/s]", "y[1]  top.torque.held [N m]",
                  "y[2]  top.reference [rad/s]  set-point, 7.25", "u[0]  top.torque [N m]", "memory[0]  ztorque.speed [rad/s]",
@@ -276,20 +276,20 @@ class InPython(Controller):
 )
 def test_laws_that_have_no_c_say_why(tmp_path, law, words):
     with pytest.raises(SceneError, match=words):
-        export_c(law, PLANT, PERIOD, tmp_path / "law")
+        export_c(closed_loop(PLANT, law, sample_time=PERIOD), tmp_path / "law")
     assert not list(tmp_path.iterdir())
 
 
 def test_bad_periods_names_and_places_are_refused(tmp_path):
-    with pytest.raises(SceneError, match="`period`"):
-        export_c(PI(), PLANT, 0.0, tmp_path / "law")
-    with pytest.raises(SceneError, match="`plant`"):
+    with pytest.raises(SceneError, match="`sample_time`|period"):
+        export_c(closed_loop(PLANT, PI(), sample_time=0.0), tmp_path / "law")
+    with pytest.raises(SceneError, match=r"write `export_c\(closed_loop"):
         export_c(PI(), 3, PERIOD, tmp_path / "law")
     for name in ("my law", "2nd", "law.cpp"):
         with pytest.raises(SceneError, match="`path`"):
-            export_c(PI(), PLANT, PERIOD, tmp_path / name)
+            export_c(closed_loop(PLANT, PI(), sample_time=PERIOD), tmp_path / name)
     with pytest.raises(SceneError, match="Cannot write"):
-        export_c(PI(), PLANT, PERIOD, tmp_path / "nowhere" / "law")
+        export_c(closed_loop(PLANT, PI(), sample_time=PERIOD), tmp_path / "nowhere" / "law")
 
 
 # --- python-control
@@ -313,7 +313,7 @@ def test_poles_of_the_loop_closed_by_python_control_are_those_of_the_linearised_
     end = simulate(PLANT, 400.0, controller=law).at(400.0)
     assert end.modes["bit"] == "slip+"
     whole = linearise(closed, at=end, mode={"bit": "slip+"}).poles()
-    by_itself = to_control(law, PLANT)
+    by_itself = to_control(closed_loop(PLANT, law))
     point = {name: end[name] for name in PLANT.states}
     string = linearise(
         PLANT, at=point, mode={"bit": "slip+"}, inputs="top.torque", outputs=["top.speed", "bit.speed", "chain.twist", "chain.speed"]
@@ -332,7 +332,7 @@ def test_poles_of_the_loop_closed_by_python_control_are_those_of_the_linearised_
 @pytest.mark.parametrize("law", LINEAR.values(), ids=LINEAR)
 def test_a_sampled_law_in_python_control_answers_like_the_law_in_the_loop(law):
     grid = PERIOD * np.arange(2001)
-    found = to_control(law, PLANT, period=PERIOD)
+    found = to_control(closed_loop(PLANT, law, sample_time=PERIOD))
     assert found.dt == PERIOD and found.output_labels == ["top_torque"]
     # what is constant in a law, such as the torque at its working point, falls out of the difference of two runs
     (y, torque), (other, other_torque) = (asked_and_given(law, found, grid, weight) for weight in (80e3, 100e3))
@@ -356,15 +356,15 @@ def value_of(run, name):
 
 
 def test_a_kalman_filter_gives_its_linear_estimates_and_converges_where_a_gain_of_zero_does_not():
-    found = to_control(Kalman(), PLANT)
+    found = to_control(closed_loop(PLANT, Kalman()))
     assert found.input_labels == ["top_speed", "top_torque"]
     assert "bit_speed" in found.output_labels and "bit_torque" in found.output_labels
     assert "bit_friction_scale" not in found.output_labels  # a quotient of estimates
     assert found.poles().real.max() < 0
-    blind = to_control(Kalman(), PLANT, outputs="bit.torque")
+    blind = to_control(closed_loop(PLANT, Kalman()), outputs="bit.torque")
     assert blind.output_labels == ["bit_torque"]
     with pytest.raises(SceneError, match=r"bit\.friction_scale"):
-        to_control(Kalman(), PLANT, outputs="bit.friction_scale")
+        to_control(closed_loop(PLANT, Kalman()), outputs="bit.friction_scale")
 
 
 @pytest.mark.parametrize(
@@ -381,7 +381,7 @@ def test_a_kalman_filter_gives_its_linear_estimates_and_converges_where_a_gain_o
 )
 def test_laws_that_are_not_linear_are_refused_by_what_is_to_blame(law, words):
     with pytest.raises(SceneError, match=words):
-        to_control(law, None if isinstance(law, LQR) else PLANT)
+        to_control(law if isinstance(law, LQR) else closed_loop(PLANT, law))
 
 
 def test_a_law_with_all_its_numbers_needs_no_plant():

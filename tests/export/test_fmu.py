@@ -10,7 +10,7 @@ import pytest
 
 from controllers import LQG, LinearMPC, SoftTorque, StiffPI
 from models import BitRock, wells
-from toolbox import SceneError, compose, export_fmu, simulate
+from toolbox import SceneError, closed_loop, compose, export_fmu, simulate
 
 PLANT = compose(wells.JANSEN_2, BitRock())
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
@@ -57,7 +57,7 @@ def answers(fmpy, path, period, grid, inputs, parts=1):
 @pytest.mark.parametrize("law", [SoftTorque(reference=8.0, **LIMITS), LQG(reference=8.0)], ids=["SoftTorque", "LQG"])
 def test_a_co_simulation_samples_the_law_as_the_loop_does(tmp_path, law, parts):
     fmpy = loader()
-    path = export_fmu(law, PLANT, PERIOD, tmp_path / "drive")
+    path = export_fmu(closed_loop(PLANT, law, sample_time=PERIOD), tmp_path / "drive")
     grid = PERIOD * np.arange(1001)
     run = simulate(PLANT, 10.0, controller=law, sample_time=PERIOD, output_times=grid)
     found = answers(fmpy, path, PERIOD, grid[:-1], {"top.speed": run["top.speed"]}, parts)  # the set-point is that of the law
@@ -70,7 +70,7 @@ def test_a_co_simulation_samples_the_law_as_the_loop_does(tmp_path, law, parts):
 def test_a_predictive_law_travels_with_its_solver(tmp_path):
     fmpy = loader()
     law = LinearMPC(reference=8.0, torque_rate=20_000.0, **LIMITS)
-    path = export_fmu(law, PLANT, 0.1, tmp_path / "mpc.fmu")
+    path = export_fmu(closed_loop(PLANT, law, sample_time=0.1), tmp_path / "mpc.fmu")
     planned = law.design(PLANT)
     speeds = np.full(10, 7.5)  # a short while: by itself, without the loop, the law is not stable
     found = answers(fmpy, path, 0.1, 0.1 * np.arange(10), {"top.speed": speeds, "top.reference": np.full(10, 8.0)})
@@ -79,7 +79,7 @@ def test_a_predictive_law_travels_with_its_solver(tmp_path):
 
 @compiled
 def test_the_description_names_variables_units_and_start_values(tmp_path):
-    path = export_fmu(StiffPI(reference=7.25), PLANT, PERIOD, tmp_path / "stiff")
+    path = export_fmu(closed_loop(PLANT, StiffPI(reference=7.25), sample_time=PERIOD), tmp_path / "stiff")
     with zipfile.ZipFile(path) as archive:
         assert {name for name in archive.namelist() if not name.startswith("documentation/")} == {
             "modelDescription.xml",
@@ -102,9 +102,9 @@ def test_without_a_compiler_or_with_one_that_fails_the_error_says_so(tmp_path, m
     monkeypatch.setattr("toolbox.export.fmu.shutil.which", lambda name: None)
     monkeypatch.delenv("CC", raising=False)
     with pytest.raises(SceneError, match="C compiler"):
-        export_fmu(StiffPI(), PLANT, PERIOD, tmp_path / "stiff")
+        export_fmu(closed_loop(PLANT, StiffPI(), sample_time=PERIOD), tmp_path / "stiff")
     if sys.platform in ("linux", "darwin"):
         monkeypatch.setenv("CC", "false")
         with pytest.raises(SceneError, match="`false` failed"):
-            export_fmu(StiffPI(), PLANT, PERIOD, tmp_path / "stiff")
+            export_fmu(closed_loop(PLANT, StiffPI(), sample_time=PERIOD), tmp_path / "stiff")
     assert not list(tmp_path.iterdir())

@@ -8,7 +8,20 @@ import pytest
 
 from controllers import PI
 from models import BitRock, wells
-from toolbox import Sampled, SceneError, compose, export_c, from_control, limit_cycle, onset, severity_map, simulate, sweep, to_control
+from toolbox import (
+    Sampled,
+    SceneError,
+    closed_loop,
+    compose,
+    export_c,
+    from_control,
+    limit_cycle,
+    onset,
+    severity_map,
+    simulate,
+    sweep,
+    to_control,
+)
 from toolbox.inputs import step
 from toolbox.measure import severity
 from toolbox.measuring import measures
@@ -33,12 +46,12 @@ def test_a_pi_drive_as_a_transfer_function_runs_as_the_law_itself():
 
 
 def test_what_goes_out_comes_back_the_same_law():
-    out = to_control(DRIVE, RIG)
+    out = to_control(closed_loop(RIG, DRIVE))
     back = from_control(out, measures=("top.speed", "top.reference"), drives="top.torque")
     inputs = {"top.reference": 9.95}
     runs = [simulate(RIG, 30.0, controller=law, inputs=inputs, accuracy=1e-9) for law in (DRIVE, back)]
     assert np.allclose(runs[0].at(30.0)["top.torque"], runs[1].at(30.0)["top.torque"], rtol=1e-7)
-    again = to_control(from_control(pi(), reference=9.95, **SIGNALS), RIG)
+    again = to_control(closed_loop(RIG, from_control(pi(), reference=9.95, **SIGNALS)))
     w = np.array([0.3, 2.0, 20.0])
     assert np.allclose(control.frequency_response(again[0, 0], w).complex, -control.frequency_response(pi(), w).complex)
 
@@ -79,22 +92,22 @@ def test_about_a_working_point_the_system_sees_deviations():
 @pytest.mark.slow
 def test_it_is_a_law_like_any_other(tmp_path):
     law = from_control(pi(), reference=9.95, **SIGNALS)
-    found = onset(RIG, "top.reference", (5.0, 14.0), controller=law, values=4)
+    found = onset(closed_loop(RIG, law), "top.reference", (5.0, 14.0), values=4)
     assert found.end is not None
-    assert found.end == pytest.approx(onset(RIG, "top.reference", (5.0, 14.0), controller=DRIVE, values=4).end, rel=1e-3)
-    table = sweep(RIG, {"bit.weight": [80e3, 97e3]}, duration=60.0, controller=law, measures={"stuck": measures.stuck_ratio("bit", 30.0)})
+    assert found.end == pytest.approx(onset(closed_loop(RIG, DRIVE), "top.reference", (5.0, 14.0), values=4).end, rel=1e-3)
+    table = sweep(closed_loop(RIG, law), {"bit.weight": [80e3, 97e3]}, duration=60.0, measures={"stuck": measures.stuck_ratio("bit", 30.0)})
     assert table.measures["stuck"].shape == (2,)
-    source, header = export_c(law, RIG, 0.01, tmp_path / "drive")
+    source, header = export_c(closed_loop(RIG, law, sample_time=0.01), tmp_path / "drive")
     assert "top.reference" in header.read_text() and source.exists()
     assert severity(simulate(RIG, 60.0, controller=law, sample_time=0.01), "bit.speed") >= 0
-    assert limit_cycle(RIG, 200.0, controller=from_control(20_000 + 2000 / control.tf("s"), reference=6.0, **SIGNALS)).period > 1.0
+    assert limit_cycle(closed_loop(RIG, from_control(20_000 + 2000 / control.tf("s"), reference=6.0, **SIGNALS)), 200.0).period > 1.0
 
 
 @pytest.mark.slow
 def test_it_is_mapped_as_the_law_itself():
     law = from_control(pi(), reference=9.95, **SIGNALS)
     over = {"top.reference": ("70 rpm", "130 rpm"), "bit.weight": ("80 kN", "100 kN")}
-    mine, theirs = (severity_map(RIG, over, shape=(3, 2), duration=60.0, controller=each, halvings=0) for each in (DRIVE, law))
+    mine, theirs = (severity_map(closed_loop(RIG, each), over, shape=(3, 2), duration=60.0, halvings=0) for each in (DRIVE, law))
     assert np.array_equal(mine.smooth.verdict, theirs.smooth.verdict) and np.array_equal(mine.sticking.verdict, theirs.sticking.verdict)
     assert np.allclose(mine.growth, theirs.growth, rtol=1e-8)
 
@@ -106,7 +119,7 @@ def test_it_is_mapped_as_the_law_itself():
         (lambda: from_control(3.0, **SIGNALS), "must be a control.StateSpace or a control.TransferFunction, but it is 3.0"),
         (lambda: from_control(pi(), measures=("top.speed", "bit.speed"), drives="top.torque"), "`measures` must name 1 signals, .* but it names 2"),
         (lambda: from_control(pi(), measures="top.speed", drives=()), "`drives` must name 1 signals"),
-        (lambda: from_control(to_control(DRIVE, RIG), measures=("a", "b"), drives="c", reference=1.0), "must come with one measured signal, but there are 2"),
+        (lambda: from_control(to_control(closed_loop(RIG, DRIVE)), measures=("a", "b"), drives="c", reference=1.0), "must come with one measured signal, but there are 2"),
         (lambda: from_control(pi(), reference=np.nan, **SIGNALS), "`reference` must be a finite number"),
         (lambda: from_control(pi(), at={"bit.speed": 1.0}, **SIGNALS), "`bit.speed` is none"),
         (lambda: from_control(control.ss([], [], [], [[np.nan]]), **SIGNALS), "finite"),

@@ -19,6 +19,7 @@ from toolbox import (
     Sampled,
     Scene,
     Trajectory,
+    closed_loop,
     compare,
     compose,
     equilibrium,
@@ -124,16 +125,16 @@ def test_every_run_of_a_scene_answers_in_the_units_of_the_scene():
 
 
 def test_steady_states_and_hopf_points_answer_alike():
-    point = equilibrium(RIG, inputs={"top.torque": "20 kN m"})
+    point = equilibrium(closed_loop(RIG, inputs={"top.torque": "20 kN m"}))
     assert line(str(point), "top.torque").split()[1:] == ["20", "kN", "m"] and point["top.torque"] == 20_000.0
-    (hopf,) = hopf_points(RIG, "top.reference", ("30 rpm", "140 rpm"), controller=StiffPI())
+    (hopf,) = hopf_points(closed_loop(RIG, StiffPI()), "top.reference", ("30 rpm", "140 rpm"))
     assert f"top.reference = {hopf.value / RPM:.6g} rpm" in str(hopf)
 
 
 def test_margins_and_limits_answer_in_the_units_of_their_working_point():
     for law in (SoftTorque(reference="95 rpm"), Sampled(SoftTorque(), "10 ms")):
         asked = {"inputs": {"top.reference": "95 rpm"}} if law.__class__ is Sampled else {}
-        found = margins(RIG, law, **asked)
+        found = margins(closed_loop(RIG, law), **asked)
         assert " at top.reference = 95 rpm, top.torque = " in str(found) and found.signals["top.reference"] == pytest.approx(95 * RPM)
     with units("metric"):
         assert f"top.torque = {found.signals['top.torque'] / 1e3:.4g} kN m" in str(found)
@@ -167,7 +168,10 @@ def test_the_table_of_a_plant_shows_what_was_typed():
 
 def test_a_sweep_and_its_files_answer_in_the_units_of_its_values_and_of_the_run(tmp_path):
     found = sweep(
-        RIG, {"bit.weight": ["50 kN", "60 kN"]}, 5.0, inputs={"top.torque": "10 kN m"}, measures={"peak": measures.maximum("top.torque")}
+        closed_loop(RIG, inputs={"top.torque": "10 kN m"}),
+        {"bit.weight": ["50 kN", "60 kN"]},
+        5.0,
+        measures={"peak": measures.maximum("top.torque")},
     )
     assert re.search(r"50 \.\. 60 +kN$", line(str(found), "bit.weight")) and " kN m " in line(str(found), "peak")
     assert found["bit.weight"].tolist() == [50e3, 60e3] and found["peak"].tolist() == [1e4, 1e4]
@@ -180,7 +184,7 @@ def test_a_sweep_and_its_files_answer_in_the_units_of_its_values_and_of_the_run(
 @pytest.mark.slow
 def test_a_map_answers_on_each_axis_in_its_unit(tmp_path):
     over = {"top.reference": ("30 rpm", "140 rpm"), "bit.weight": (60e3, 100e3)}
-    found = severity_map(RIG, over, shape=(2, 2), duration="30 s", controller=StiffPI(), halvings=0)
+    found = severity_map(closed_loop(RIG, StiffPI()), over, shape=(2, 2), duration="30 s", halvings=0)
     assert "top.reference from 30 to 140 rpm" in str(found) and "bit.weight from 60000 to 100000 N" in str(found)
     again = SeverityMap.load(found.save(tmp_path / "map.npz"))
     axes = again.plot()

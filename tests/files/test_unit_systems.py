@@ -10,7 +10,7 @@ from matplotlib import pyplot as plt
 
 from controllers import PI, StiffPI
 from models import BitRock, wells
-from toolbox import Scene, SceneError, compose, equilibrium, hopf_points, measure, onset, plot, simulate, sweep, units
+from toolbox import Scene, SceneError, closed_loop, compose, equilibrium, hopf_points, measure, onset, plot, simulate, sweep, units
 from toolbox.commands.command_line import main
 from toolbox.files.unit_systems import SYSTEMS, reading
 from toolbox.files.units import parse
@@ -58,21 +58,21 @@ def test_a_system_holds_inside_of_its_block_or_from_there_on():
 
 
 def test_reports_say_the_same_in_other_units_and_numbers_stay_si():
-    point = equilibrium(RIG, inputs={"top.torque": "20 kN m"})
+    point = equilibrium(closed_loop(RIG, inputs={"top.torque": "20 kN m"}))
     before = str(point)
     with units("oilfield"):
         line = next(line for line in str(point).splitlines() if line.split()[0] == "top.speed")
         assert line.endswith(" rpm") and numbers(line)[-1] == pytest.approx(point["top.speed"] / RPM, rel=1e-5)
-        assert "klbf ft" in str(point) and point["top.speed"] == equilibrium(RIG, inputs={"top.torque": 20_000.0})["top.speed"]
+        assert "klbf ft" in str(point) and point["top.speed"] == equilibrium(closed_loop(RIG, inputs={"top.torque": 20_000.0}))["top.speed"]
     assert str(point) == before and "rpm" not in before
     run = simulate(RIG, 5.0, inputs={"top.torque": 10_000.0})
     with units("metric"):
         line = next(line for line in str(run).splitlines() if " top.speed " in line)
         assert line.endswith("rpm") and numbers(line)[-1] == pytest.approx(run["top.speed"][-1] / RPM, rel=1e-4)
-    hopf = hopf_points(RIG, "top.reference", (4.0, 14.0), controller=StiffPI())[-1]
+    hopf = hopf_points(closed_loop(RIG, StiffPI()), "top.reference", (4.0, 14.0))[-1]
     with units("metric"):
         assert f"top.reference = {hopf.value / RPM:.6g} rpm" in str(hopf)
-    found = sweep(RIG, {"bit.weight": [50e3, 60e3]}, 5.0, controller=PI())
+    found = sweep(closed_loop(RIG, PI()), {"bit.weight": [50e3, 60e3]}, 5.0)
     with units("oilfield"):
         line = next(line for line in str(found).splitlines() if "bit.weight" in line)
         assert numbers(line)[:2] == pytest.approx([50 / 4.4482216, 60 / 4.4482216], rel=1e-4) and "klbf" in line
@@ -81,7 +81,12 @@ def test_reports_say_the_same_in_other_units_and_numbers_stay_si():
 
 def test_an_onset_answers_in_rpm():
     found = onset(
-        RIG, "top.reference", ("60 rpm", "140 rpm"), controller=StiffPI(), at="120 rpm", duration="40 s", tolerance="5 rpm", values=3
+        closed_loop(RIG, StiffPI()).at("top.reference", "120 rpm"),
+        "top.reference",
+        ("60 rpm", "140 rpm"),
+        duration="40 s",
+        tolerance="5 rpm",
+        values=3,
     )
     text, picture = str(found), found.plot()  # it was asked in rpm, and nothing else was chosen
     with units("metric"):

@@ -13,7 +13,7 @@ import pytest
 import toolbox
 from controllers import PI, ImpedanceSuperTwisting, Lifting, ZTorque
 from models import BitRock, BlockOnBelt, Exponential, GaussianStribeck, TorsionalChain, wells
-from toolbox import Budget, Sampled, SceneError, compose, equilibrium, inputs, onset, severity_map, simulate, sweep
+from toolbox import Budget, Sampled, SceneError, closed_loop, compose, equilibrium, inputs, onset, severity_map, simulate, sweep
 from toolbox.inputs import ramp, sine
 from toolbox.modelling.inputs import Table
 
@@ -99,7 +99,7 @@ def test_what_does_not_fit_is_named_with_its_unit(given, words):
 
 
 def test_steady_states_and_onsets_are_asked_for_in_field_units():
-    typed, plain = (equilibrium(RIG, inputs={"top.torque": torque}) for torque in ("20 kN m", 20_000.0))
+    typed, plain = (equilibrium(closed_loop(RIG, inputs={"top.torque": torque})) for torque in ("20 kN m", 20_000.0))
     assert typed["bit.speed"] == plain["bit.speed"]
     belt = compose(BlockOnBelt())
     with pytest.raises(SceneError, match=r"`between.1` must be in m/s, but `2 N` is in N"):
@@ -150,7 +150,7 @@ def test_every_verb_takes_text_with_units_and_means_what_the_number_means():
         found["listed"].points, [[50e3, 60 * RPM]], rtol=1e-14, atol=0
     )
     rig, stiff = found["rig"], found["stiff"]
-    plain = sweep(rig, {"bit.weight": [50e3, 60e3]}, 5.0, controller=stiff, sample_time=0.01)
+    plain = sweep(closed_loop(rig, stiff, sample_time=0.01), {"bit.weight": [50e3, 60e3]}, 5.0)
     assert all(np.array_equal(plain[name], found["swept"][name], equal_nan=True) for name in plain.measures)
     assert found["stuck"] == found["run"].time_in("bit", "stick", after=2.0, until=10.0)
 

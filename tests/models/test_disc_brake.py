@@ -15,6 +15,7 @@ from toolbox import (
     SceneError,
     SimulationError,
     Update,
+    closed_loop,
     compose,
     energy_audit,
     equilibrium,
@@ -94,7 +95,9 @@ def test_the_pad_loses_its_damping_below_the_speed_of_the_closed_form():
         # the drive that holds this speed
         torque = 0.12 * 2000.0 * (0.35 + 0.1 * math.exp(-5.0 * 0.12 * ratio * border))
         plant = compose(dataclasses.replace(BRAKE, inertia=1e9))
-        rest = equilibrium(plant, inputs={"disc.torque": torque}, start={"disc.speed": ratio * border, "pad.position": torque / 0.12 / 1e6})
+        rest = equilibrium(
+            closed_loop(plant, inputs={"disc.torque": torque}), guess={"disc.speed": ratio * border, "pad.position": torque / 0.12 / 1e6}
+        )
         poles = linearise(plant, rest).poles()
         assert np.sign(poles[np.abs(poles.imag) > 100].real).tolist() == [side, side]
 

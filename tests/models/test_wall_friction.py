@@ -7,7 +7,7 @@ import pytest
 
 from controllers import PI, SoftTorque
 from models import AxialChain, Coulomb, TorsionalChain, WallContact, sliding_resultant, string_on_wall
-from toolbox import Sampled, SceneError, SimulationError, compose, energy_audit, equilibrium, linearise, simulate
+from toolbox import Sampled, SceneError, SimulationError, closed_loop, compose, energy_audit, equilibrium, linearise, simulate
 from toolbox.contacts import step_contacts
 from toolbox.inputs import ramp, sine
 
@@ -221,7 +221,7 @@ END = compose(LINES, TorsionalChain(inertia=(2122.0, 374.0), stiffness=(473.0,),
 @pytest.mark.parametrize("top_torque", [4000.0, 20_000.0])
 def test_hoisting_and_lowering_with_rotation_take_the_resultant_along_the_slip(hook_speed, top_torque):
     inputs = {"hook.speed": hook_speed, "top.torque": top_torque}
-    steady = equilibrium(END, inputs=inputs)
+    steady = equilibrium(closed_loop(END, inputs=inputs))
     wall = WallContact()
     force, torque = sliding_resultant(wall.friction.kinetic, wall.load, hook_speed, steady["bit.speed"], wall.radius)
     assert (steady["wall.drag"], steady["wall.torque"]) == pytest.approx((force, torque), rel=1e-9)
@@ -233,7 +233,7 @@ def test_hoisting_and_lowering_with_rotation_take_the_resultant_along_the_slip(h
 
 def test_turning_damps_the_motion_along_the_hole_by_the_closed_form():
     """While the string turns, dry friction is a viscous drag along the hole: dF/dv = mu N / (R w) at v = 0."""
-    steady = equilibrium(END, inputs={"top.torque": 8000.0})
+    steady = equilibrium(closed_loop(END, inputs={"top.torque": 8000.0}))
     wall = WallContact()
     slope = wall.friction.kinetic * wall.load / (wall.radius * steady["bit.speed"])
     linear = linearise(END, steady)

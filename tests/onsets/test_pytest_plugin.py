@@ -234,7 +234,7 @@ def test_a_law_that_switches_is_judged_by_what_is_measured(checks, rig):
 ROBUST = """
 from controllers import LQG, StiffPI
 from models import BitRock, wells
-from toolbox import Sampled, compose, simulate
+from toolbox import Sampled, closed_loop, compose, simulate
 from toolbox.robustness import cycle_phases
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
@@ -242,13 +242,13 @@ STUCK = simulate(RIG, 100.0, controller=StiffPI(reference=6.5), sample_time=0.01
 LAW = Sampled(LQG(reference=6.5, late=3), 0.01, delay=0.03)
 
 def test_margin(stickslip):
-    stickslip.robust(RIG, LAW, disk_margin=0.35)
+    stickslip.robust(closed_loop(RIG, LAW), disk_margin=0.35)
 
 def test_declared(stickslip):
-    stickslip.survives(RIG, LAW, 100.0, starts=cycle_phases(STUCK, 2))
+    stickslip.survives(closed_loop(RIG, LAW), 100.0, starts=cycle_phases(STUCK, 2))
 
 def test_lighter(stickslip):
-    stickslip.survives(RIG, LAW, 100.0, errors={"chain.inertia.0": 0.8}, starts=cycle_phases(STUCK, 2))
+    stickslip.survives(closed_loop(RIG, LAW), 100.0, errors={"chain.inertia.0": 0.8}, starts=cycle_phases(STUCK, 2))
 """
 
 

@@ -11,7 +11,20 @@ import pytest
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, wells
-from toolbox import Sampled, Scene, SceneError, compose, follow, hopf_curve, hopf_points, limit_cycle, onset, severity_map, simulate
+from toolbox import (
+    Sampled,
+    Scene,
+    SceneError,
+    closed_loop,
+    compose,
+    follow,
+    hopf_curve,
+    hopf_points,
+    limit_cycle,
+    onset,
+    severity_map,
+    simulate,
+)
 from toolbox.commands.command_line import main
 from toolbox.onsets.borders import border
 from toolbox.onsets.severity_map import SMOOTH, STICK_SLIP, SeverityMap
@@ -25,7 +38,7 @@ SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 
 @pytest.fixture(scope="module")
 def found():
-    return severity_map(RIG, OVER, shape=(9, 4), controller=StiffPI(), halvings=5)
+    return severity_map(closed_loop(RIG, StiffPI()), OVER, shape=(9, 4), halvings=5)
 
 
 def test_a_border_between_cells_is_halved_onto_the_circle_that_makes_it():
@@ -46,14 +59,14 @@ def test_a_border_between_cells_is_halved_onto_the_circle_that_makes_it():
 
 def test_the_linear_border_is_the_hopf_curve(found):
     weights = found.axes[1]
-    curve = hopf_curve(RIG, "top.reference", OVER["top.reference"], "bit.weight", weights, controller=StiffPI())
+    curve = hopf_curve(closed_loop(RIG, StiffPI()), "top.reference", OVER["top.reference"], "bit.weight", weights)
     for weight, speed in zip(weights, curve, strict=True):
         assert found.border("linear", weight) == pytest.approx([speed], rel=1e-9)
 
 
 @pytest.mark.slow
 def test_smooth_running_of_a_fast_sampled_law_is_lost_by_simulation_where_the_poles_of_the_continuous_one_say(found):
-    sampled = severity_map(RIG, OVER, shape=(9, 4), controller=Sampled(StiffPI(), 0.005), halvings=5)
+    sampled = severity_map(closed_loop(RIG, Sampled(StiffPI(), 0.005)), OVER, shape=(9, 4), halvings=5)
     cell = np.diff(found.axes[0])[0] * found.resolution
     for weight in found.axes[1]:
         assert found.border("smooth", weight) == pytest.approx(found.border("linear", weight), rel=1e-9)
@@ -63,10 +76,10 @@ def test_smooth_running_of_a_fast_sampled_law_is_lost_by_simulation_where_the_po
 def test_smooth_running_is_judged_by_its_growth_whatever_the_run_has_come_to():
     # a hair inside the linear border a disturbance of a hundredth is still small after 30 s; a hair outside it is not gone
     plant = compose(wells.JANSEN_2, BitRock())
-    hopf = hopf_points(plant, "top.reference", (3.0, 6.0), controller=StiffPI())[0].value
+    hopf = hopf_points(closed_loop(plant, StiffPI()), "top.reference", (3.0, 6.0))[0].value
     over = {"top.reference": (0.995 * hopf, 1.005 * hopf), "bit.weight": (97_346.0, 97_348.0)}
     for duration in (30.0, 120.0):
-        found = severity_map(plant, over, shape=(2, 2), controller=StiffPI(), duration=duration, halvings=0)
+        found = severity_map(closed_loop(plant, StiffPI()), over, shape=(2, 2), duration=duration, halvings=0)
         assert (found.growth[0] > 0).all() and (found.growth[1] < 0).all()
         assert (found.smooth.verdict[0] == STICK_SLIP).all() and (found.smooth.verdict[1] == SMOOTH).all()
         assert (found.smooth.severity[0] > 0.9).all() and (found.smooth.severity[1] < 1e-3).all()  # the shading says the same
@@ -91,7 +104,7 @@ def test_stick_slip_ends_where_its_cycle_followed_does_whatever_range_is_mapped(
     cycle = limit_cycle(simulate(plant, 400.0, controller=law, inputs={"top.reference": seed}, accuracy=1e-9))
     lost = follow(cycle, "top.reference", (seed, 14.0), towards=14.0).bifurcations[0].value
     over = {"top.reference": between, "bit.weight": (97_347.0 - 500.0, 97_347.0 + 500.0)}
-    found = severity_map(plant, over, shape=(values, 3), controller=law, halvings=8)
+    found = severity_map(closed_loop(plant, law), over, shape=(values, 3), halvings=8)
     assert found.border("sticking", 97_347.0) == pytest.approx([lost], rel=5e-3)
 
 
@@ -100,7 +113,7 @@ def test_standstill_is_no_stick_slip_and_has_regions_of_its_own():
     plant = compose(wells.NAVARRO_LOPEZ_4, BitRock())
     found = severity_map(plant, {"top.torque": (9600.0, 13_000.0), "bit.weight": (97_000.0, 97_694.0)}, shape=(18, 3), halvings=6)
     # the cycle of this string lives between its stall and its end, far below the break-away torque of 12 116 N m
-    both = onset(plant, "top.torque", (9000.0, 13_000.0), inputs={"top.torque": 10_300.0}, values=5)
+    both = onset(closed_loop(plant, inputs={"top.torque": 10_300.0}), "top.torque", (9000.0, 13_000.0), values=5)
     assert found.border("sticking", 97_347.0) == pytest.approx([both.stall, both.end], rel=5e-3)
     assert not found.regions["bistable"][found.axes[0] > 10_700.0].any() and found.regions["smooth or stuck"].any()
     assert "smooth until it is stopped" in str(found)
@@ -109,7 +122,7 @@ def test_standstill_is_no_stick_slip_and_has_regions_of_its_own():
 @pytest.mark.slow
 def test_both_borders_are_those_that_onset_finds(found):
     weight = found.axes[1][2]
-    both = onset(RIG, "top.reference", OVER["top.reference"], inputs={"bit.weight": weight}, controller=StiffPI(), values=7)
+    both = onset(closed_loop(RIG, StiffPI(), inputs={"bit.weight": weight}), "top.reference", OVER["top.reference"], values=7)
     cell = np.diff(found.axes[0])[0] * found.resolution
     assert found.border("smooth", weight) == pytest.approx([both.loss], abs=2 * cell)
     assert found.border("sticking", weight) == pytest.approx([both.end], abs=2 * cell)
@@ -131,7 +144,7 @@ def test_regions_cover_the_map_once_and_both_branches_agree_outside_the_bistable
 def test_a_sampled_law_begins_in_its_own_steady_state():
     maps = [
         severity_map(
-            RIG, {"top.reference": (5.0, 14.0), "bit.weight": (60e3, 80e3)}, shape=(3, 2), duration=60.0, controller=law, halvings=0
+            closed_loop(RIG, law), {"top.reference": (5.0, 14.0), "bit.weight": (60e3, 80e3)}, shape=(3, 2), duration=60.0, halvings=0
         )
         for law in (StiffPI(), Sampled(StiffPI(), 0.01, 0.005))
     ]
@@ -143,11 +156,10 @@ def test_a_sampled_law_begins_in_its_own_steady_state():
 
 def test_parameters_of_plant_and_law_may_be_varied():
     found = severity_map(
-        RIG,
+        closed_loop(RIG, PI(reference=9.0)),
         {"pi.proportional": (4e3, 2e4), "chain.bit_drag": (20.0, 60.0)},
         shape=(3, 3),
         duration=60.0,
-        controller=PI(reference=9.0),
         halvings=1,
     )
     assert found.units == ("N m s/rad", "N m s/rad")
@@ -225,4 +237,4 @@ def test_a_scene_whose_inputs_move_has_no_steady_state(tmp_path):
 
     moving = dataclasses.replace(scene, inputs={"bit.weight": Waveform("sine", {"mean": 9e4, "amplitude": 1e3, "frequency": 0.1})})
     with pytest.raises(SceneError, match="`bit.weight` must be a number"):
-        severity_map(moving, {"top.reference": (3.0, 14.0), "chain.bit_drag": (20.0, 60.0)}, controller="stiff PI")
+        severity_map(moving["stiff PI"], {"top.reference": (3.0, 14.0), "chain.bit_drag": (20.0, 60.0)})

@@ -19,6 +19,7 @@ from toolbox import (
     Equations,
     SceneError,
     UnilateralContact,
+    closed_loop,
     compose,
     equilibrium,
     follow,
@@ -45,7 +46,7 @@ def test_a_block_on_a_belt_with_constant_kinetic_friction_has_the_period_of_the_
     plant = compose(
         BlockOnBelt(mass=mass, stiffness=stiffness, belt_speed=belt, friction=Coulomb(static=0.5 + z * stiffness * belt / w, kinetic=0.5))
     )
-    cycle = limit_cycle(plant, 60.0, start={"block.speed": belt})
+    cycle = limit_cycle(closed_loop(plant, start={"block.speed": belt}), 60.0)
     np.testing.assert_allclose(cycle.period, 2 * (math.pi - math.atan(z)) / w + 2 * z / w, rtol=1e-10)
     np.testing.assert_allclose(cycle.stick_share("belt"), 2 * z / w / cycle.period, rtol=1e-9)
     np.testing.assert_allclose(cycle.multipliers, [0.0], atol=1e-9)
@@ -74,7 +75,7 @@ def test_a_stator_under_a_driven_rotor_has_the_period_of_the_closed_form():
 def test_a_driven_linear_oscillator_has_the_multipliers_of_its_matrix():
     mass, stiffness, damping = 2.0, 8.0, 0.5
     plant = compose(BlockOnBelt(mass=mass, stiffness=stiffness, damping=damping, load=0.0, belt_speed=50.0))
-    cycle = limit_cycle(plant, 20.0, inputs={"block.force": sine(0.3, 1.0, 0.4)})
+    cycle = limit_cycle(closed_loop(plant, inputs={"block.force": sine(0.3, 1.0, 0.4)}), 20.0)
     assert cycle.forced
     assert cycle.period == 1 / 0.4
     theory = [cmath.exp(root * cycle.period) for root in np.roots([mass, damping, stiffness])]
@@ -87,7 +88,7 @@ def test_den_hartogs_oscillator_without_stops_has_his_amplitude():
     # x0 = (P / k) sqrt(V^2 - f^2 U^2), V = 1 / (1 - r^2), U = sin(pi / r) / (r (1 + cos(pi / r)))
     for r, f in ((0.8, 0.3), (1.4, 0.25)):
         plant = compose(BlockOnBelt(belt_speed=0.0, friction=Coulomb(static=f, kinetic=f)))
-        cycle = limit_cycle(plant, 400.0, inputs={"block.force": sine(0.0, 1.0, r / (2 * math.pi))})
+        cycle = limit_cycle(closed_loop(plant, inputs={"block.force": sine(0.0, 1.0, r / (2 * math.pi))}), 400.0)
         assert cycle.stick_share("belt") == 0.0
         gain, drift = 1 / (1 - r**2), math.sin(math.pi / r) / (r * (1 + math.cos(math.pi / r)))
         np.testing.assert_allclose(cycle.amplitude("block.position"), math.sqrt(gain**2 - (f * drift) ** 2), rtol=1e-8)
@@ -145,7 +146,7 @@ class Bautin(Component):
 
 
 def test_a_branch_passes_its_fold_and_ends_at_its_hopf_point():
-    cycle = limit_cycle(compose(Bautin()), 30.0, start={"form.x": 1.0})
+    cycle = limit_cycle(closed_loop(compose(Bautin()), start={"form.x": 1.0}), 30.0)
     branch = follow(cycle, next(iter(cycle.run.program.system.parameters)), (-0.4, 0.6), points=300, towards=-0.4)
     fold, hopf = branch.bifurcations
     assert [fold.kind, hopf.kind] == ["fold", "Hopf"]
@@ -176,7 +177,7 @@ class Duffing(Component):
 def test_beyond_a_period_doubling_the_motion_comes_round_only_every_second_time():
     plant = compose(Duffing())
     frequency = 1.2 / (2 * math.pi)
-    cycle = limit_cycle(plant, 400.0, start={"mass.position": 1.0}, inputs={"mass.force": sine(0.0, 0.2, frequency)})
+    cycle = limit_cycle(closed_loop(plant, inputs={"mass.force": sine(0.0, 0.2, frequency)}, start={"mass.position": 1.0}), 400.0)
     branch = follow(cycle, "mass.force.amplitude", (0.15, 0.32), points=60)
     (doubling,) = [point for point in branch.bifurcations if point.kind == "period doubling"]
     np.testing.assert_allclose(min(abs(value + 1) for value in doubling.cycle.multipliers), 0.0, atol=1e-7)
@@ -199,7 +200,9 @@ def test_beyond_a_period_doubling_the_motion_comes_round_only_every_second_time(
 
 def test_a_driven_oscillator_whose_damping_changes_sign_leaves_its_cycle_by_a_torus():
     # multipliers exp((-c +- i sqrt(4 - c^2)) T / 2): on the unit circle at c = 0
-    cycle = limit_cycle(compose(Duffing(damping=0.2, linear=1.0, cubic=0.0)), 100.0, inputs={"mass.force": sine(0.0, 1.0, 0.23)})
+    cycle = limit_cycle(
+        closed_loop(compose(Duffing(damping=0.2, linear=1.0, cubic=0.0)), inputs={"mass.force": sine(0.0, 1.0, 0.23)}), 100.0
+    )
     name = next(name for name in cycle.run.program.system.parameters if name.endswith(".damping"))
     branch = follow(cycle, name, (-0.2, 0.3), points=60, towards=-0.2)
     (torus,) = branch.bifurcations
@@ -209,18 +212,22 @@ def test_a_driven_oscillator_whose_damping_changes_sign_leaves_its_cycle_by_a_to
 
 
 def test_the_frequency_of_a_drive_can_be_followed_with_its_period():
-    cycle = limit_cycle(compose(Duffing(damping=0.2, linear=1.0, cubic=0.0)), 100.0, inputs={"mass.force": sine(0.0, 1.0, 0.23)})
+    cycle = limit_cycle(
+        closed_loop(compose(Duffing(damping=0.2, linear=1.0, cubic=0.0)), inputs={"mass.force": sine(0.0, 1.0, 0.23)}), 100.0
+    )
     branch = follow(cycle, "mass.force.frequency", (0.05, 0.4), points=40)
     for value, point in list(zip(branch.values, branch.cycles, strict=True))[::8]:
         w = 2 * math.pi * value
         np.testing.assert_allclose(point.amplitude("mass.position"), 1 / abs(1 - w**2 + 0.2j * w), rtol=1e-5)
         np.testing.assert_allclose(point.period, 1 / value)
+        assert point.loop.number("mass.force.frequency").value == pytest.approx(value, rel=1e-12)
+    assert branch.loop == branch.cycles[0].loop
 
 
 def test_thomsen_and_fidlins_block_goes_from_stick_slip_through_grazing_to_sliding_and_rest():
     block = oscillators.THOMSEN_FIDLIN
     hopf = oscillators.hopf_speed(block)
-    cycle = limit_cycle(compose(block), 300.0, parameters={"block.belt_speed": 0.36}, start={"block.position": 0.4})
+    cycle = limit_cycle(closed_loop(compose(block), parameters={"block.belt_speed": 0.36}, start={"block.position": 0.4}), 300.0)
     assert cycle.stick_share("belt") > 0.05
     branch = follow(cycle, "block.belt_speed", (0.3, 0.5), points=150)
     grazing, end = branch.bifurcations
@@ -237,7 +244,7 @@ def test_thomsen_and_fidlins_block_goes_from_stick_slip_through_grazing_to_slidi
 
 def test_veraszto_and_stepans_block_turns_at_grazing_and_comes_back_unstable_to_its_hopf_speed():
     block = oscillators.VERASZTO_STEPAN
-    cycle = limit_cycle(compose(block), 10.0, start={"block.position": 0.002})
+    cycle = limit_cycle(closed_loop(compose(block), start={"block.position": 0.002}), 10.0)
     assert cycle.stable
     assert cycle.stick_share("belt") > 0.0
     branch = follow(cycle, "block.belt_speed", (0.15, 2.0), points=300)
@@ -251,7 +258,7 @@ def test_veraszto_and_stepans_block_turns_at_grazing_and_comes_back_unstable_to_
         c for c, v in zip(branch.cycles, branch.values, strict=True) if not c.stable and v < 0.5 * sum(p.value for p in branch.bifurcations)
     )
     x = middle.start
-    rest = equilibrium(middle.run.run.plant, start={"block.position": float(middle.run["block.position"].mean())})["block.position"]
+    rest = equilibrium(middle.run.run.plant, guess={"block.position": float(middle.run["block.position"].mean())})["block.position"]
     for factor, sticks in ((0.98, False), (1.02, True)):
         start = {"block.position": rest + factor * (x[0] - rest), "block.speed": factor * x[1]}
         run = simulate(middle.run.run.plant, 20.0, start=start)
@@ -278,7 +285,7 @@ def test_an_unstable_cycle_is_found_from_a_guess_of_its_start_and_period():
     plant = compose(block)
     rest = equilibrium(plant)["block.position"]
     w = math.sqrt(block.stiffness / block.mass)
-    cycle = limit_cycle(plant, start={"block.position": rest + 0.13 / w}, period=2 * math.pi / w)
+    cycle = limit_cycle(closed_loop(plant, start={"block.position": rest + 0.13 / w}), period=2 * math.pi / w)
     assert not cycle.stable
     assert cycle.stick_share("belt") == 0.0
     np.testing.assert_allclose(cycle.period, 2 * math.pi / w, rtol=1e-2)
@@ -287,7 +294,7 @@ def test_an_unstable_cycle_is_found_from_a_guess_of_its_start_and_period():
 def test_a_driven_block_with_stops_has_the_multipliers_that_differences_show():
     plant = compose(BlockOnBelt(belt_speed=0.0, damping=0.1, friction=Coulomb(static=0.6, kinetic=0.4)))
     force = {"block.force": sine(0.1, 1.0, 0.06)}
-    cycle = limit_cycle(plant, 200.0, inputs=force)
+    cycle = limit_cycle(closed_loop(plant, inputs=force), 200.0)
     assert 0.05 < cycle.stick_share("belt") < 0.95
     columns = []
     for i in range(2):
@@ -343,7 +350,7 @@ def test_a_ball_on_a_shaking_table_doubles_its_period_where_the_closed_form_says
     phase = math.acos(math.pi * g * (1 - e) / (1 + e) / (a * w**2))
     flight = period - phase / w
     start = {"ball.height": a * math.sin(phase) + g * period / 2 * flight - g * flight**2 / 2, "ball.speed": g * period / 2 - g * flight}
-    cycle = limit_cycle(compose(Table(amplitude=a)), start=start, period=period)
+    cycle = limit_cycle(closed_loop(compose(Table(amplitude=a)), start=start), period=period)
     trace = 1 + e**2 - (1 + e) ** 2 * a * w**2 * math.sin(phase) / g
     np.testing.assert_allclose([np.prod(cycle.multipliers), np.sum(cycle.multipliers)], [e**2, trace], rtol=1e-7)
     np.testing.assert_allclose(cycle.run.events[0].time, phase / w, rtol=1e-8)
@@ -369,7 +376,7 @@ def test_stick_slip_under_constant_friction_ends_where_the_damped_block_just_rea
 
     theory = brentq(regained, 1e-3, 1.0)
     plant = compose(BlockOnBelt(belt_speed=belt, damping=0.02, friction=Coulomb(static=static, kinetic=kinetic)))
-    branch = follow(limit_cycle(plant, 80.0, start={"block.speed": belt}), "block.damping", (0.0, 1.0), points=150)
+    branch = follow(limit_cycle(closed_loop(plant, start={"block.speed": belt}), 80.0), "block.damping", (0.0, 1.0), points=150)
     (grazing,) = branch.bifurcations
     assert grazing.kind == "grazing-sliding"
     np.testing.assert_allclose(grazing.value, theory, rtol=1e-7)
@@ -391,8 +398,8 @@ class Odometer(Component):
 
 
 def test_what_only_adds_up_need_not_return():
-    alone = limit_cycle(compose(BlockOnBelt()), 60.0, start={"block.position": 1.2})
-    counted = limit_cycle(compose(BlockOnBelt(), Odometer()), 60.0, start={"block.position": 1.2})
+    alone = limit_cycle(closed_loop(compose(BlockOnBelt()), start={"block.position": 1.2}), 60.0)
+    counted = limit_cycle(closed_loop(compose(BlockOnBelt(), Odometer()), start={"block.position": 1.2}), 60.0)
     np.testing.assert_allclose(counted.period, alone.period, rtol=1e-10)
     assert counted.multipliers.size == 1
     np.testing.assert_allclose(counted.run["odometer.way"][-1] - counted.run["odometer.way"][0], 0.2 * alone.period, rtol=1e-9)
@@ -401,12 +408,12 @@ def test_what_only_adds_up_need_not_return():
 def test_what_is_no_cycle_is_said_to_be_none():
     plant = compose(BlockOnBelt(damping=1.0, friction=Coulomb(static=0.5, kinetic=0.5)))
     with pytest.raises(CycleError, match="rest"):
-        limit_cycle(plant, 60.0, start={"block.position": 1.0})
+        limit_cycle(closed_loop(plant, start={"block.position": 1.0}), 60.0)
     with pytest.raises(SceneError, match="settle"):
         limit_cycle(plant)
     with pytest.raises(SceneError, match="table"):
-        limit_cycle(plant, 60.0, inputs={"block.force": step(0.0, 1.0, 3.0)})
-    cycle = limit_cycle(compose(BlockOnBelt()), 60.0, start={"block.position": 1.2})
+        limit_cycle(closed_loop(plant, inputs={"block.force": step(0.0, 1.0, 3.0)}), 60.0)
+    cycle = limit_cycle(closed_loop(compose(BlockOnBelt()), start={"block.position": 1.2}), 60.0)
     with pytest.raises(SceneError, match="span"):
         follow(cycle, "block.belt_speed", (0.3, 0.5))
     with pytest.raises(SceneError, match="is a state"):
@@ -418,17 +425,17 @@ def test_what_is_no_cycle_is_said_to_be_none():
 def test_from_smooth_running_no_cycle_is_found_and_from_inside_stick_slip_the_one_beside_it_is(reference, settle):
     # soft torque holds both: poles left of the axis, to which the run from rest winds down without a switch, and the cycle of a bit that sticks
     rig, law = compose(wells.JANSEN_2, BitRock(weight=97_347.0)), SoftTorque(reference=reference)
-    assert pole_locus(rig, "top.reference", [reference], controller=law, mode={"bit": "slip+"}).real.max() < 0.0
+    assert pole_locus(closed_loop(rig, law), "top.reference", [reference], mode={"bit": "slip+"}).real.max() < 0.0
     with pytest.raises(CycleError, match="dies out without a switch"):
-        limit_cycle(rig, settle, controller=law)
-    inside = limit_cycle(rig, settle, controller=law, start={"chain.speed": (reference, 0.0)})
+        limit_cycle(closed_loop(rig, law), settle)
+    inside = limit_cycle(closed_loop(rig, law, start={"chain.speed": (reference, 0.0)}), settle)
     assert inside.stable and inside.stick_share("bit") > 0.2
 
 
 @pytest.mark.parametrize("settle", [30.0, 300.0, 3000.0])
 def test_a_free_swing_that_decays_is_no_cycle_however_long_it_settles(settle):
     with pytest.raises(CycleError, match="dies out without a switch"):
-        limit_cycle(compose(Block(damping=0.1)), settle, start={"block.position": 1.0})
+        limit_cycle(closed_loop(compose(Block(damping=0.1)), start={"block.position": 1.0}), settle)
 
 
 @pytest.mark.parametrize("settle", [30.0, 100.0])
@@ -436,13 +443,13 @@ def test_a_swing_that_dry_friction_wears_down_is_no_cycle(settle):
     # half a round each way loses 2 F / k, whatever the amplitude: a round is 4 F / k short, and no start mends that
     rubbing = BlockOnBelt(belt_speed=0.0, load=0.01, friction=Coulomb(static=1.0, kinetic=0.5))
     with pytest.raises(CycleError, match=r"No cycle was found.* by 0\.02 of its size"):
-        limit_cycle(compose(rubbing), settle, start={"block.position": 1.0})
+        limit_cycle(closed_loop(compose(rubbing), start={"block.position": 1.0}), settle)
 
 
 def test_cycle_and_branch_print_and_draw_themselves():
     import matplotlib.pyplot as plt
 
-    cycle = limit_cycle(compose(BlockOnBelt()), 60.0, start={"block.position": 1.2})
+    cycle = limit_cycle(closed_loop(compose(BlockOnBelt()), start={"block.position": 1.2}), 60.0)
     assert "Stable cycle of 12.00" in str(cycle)
     assert "sticks 64.20 %" in str(cycle)
     branch = follow(cycle, "block.belt_speed", (0.1, 0.3), points=6)

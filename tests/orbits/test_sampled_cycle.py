@@ -12,7 +12,7 @@ from scipy.linalg import expm
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, wells
-from toolbox import Controller, Sampled, SceneError, Update, compose, follow, limit_cycle, quantity, simulate, state
+from toolbox import Controller, Sampled, SceneError, Update, closed_loop, compose, follow, limit_cycle, quantity, simulate, state
 from toolbox.inputs import sine, square, triangle
 
 pytestmark = pytest.mark.timeout(90)
@@ -65,7 +65,7 @@ def test_a_linear_block_under_a_sampled_pi_has_the_multipliers_of_its_transition
     h, count, damping, p, i = 0.25, 16, 0.5, 0.5, 0.3
     plant = compose(BlockOnBelt(damping=damping, load=0.0, belt_speed=50.0))
     cycle = limit_cycle(
-        plant, 200.0, period=count * h, inputs={"block.load": 0.0}, controller=Holding(p, i), sample_time=h, start={"block.position": 1.0}
+        closed_loop(plant, Holding(p, i), sample_time=h, inputs={"block.load": 0.0}, start={"block.position": 1.0}), 200.0, period=count * h
     )
     whole = expm(h * np.array([[0.0, 1.0, 0.0], [-1.0, -damping, 1.0], [0.0, 0.0, 0.0]]))
     matrix = np.block([[whole[:2, :2] - whole[:2, 2:] @ [[p, 0.0]], -i * whole[:2, 2:]], [np.array([[h, 0.0]]), np.ones((1, 1))]])
@@ -79,8 +79,8 @@ def test_a_delay_within_a_sample_brings_the_output_before_it_among_the_multiplie
     # x+ = Phi x + (G(h) - G(h - d)) u_before + G(h - d) u, over a sample h with delay d
     h, delay, count, damping, p, i = 0.25, 0.1, 16, 0.5, 0.5, 0.3
     plant = compose(BlockOnBelt(damping=damping, load=0.0, belt_speed=50.0))
-    arguments = {"period": count * h, "inputs": {"block.load": 0.0}, "start": {"block.position": 1.0}}
-    cycle = limit_cycle(plant, 200.0, controller=Sampled(Holding(p, i), h, delay=delay), **arguments)
+    arguments = {"inputs": {"block.load": 0.0}, "start": {"block.position": 1.0}}
+    cycle = limit_cycle(closed_loop(plant, Sampled(Holding(p, i), h, delay=delay), **arguments), 200.0, period=count * h)
     field = np.array([[0.0, 1.0, 0.0], [-1.0, -damping, 1.0], [0.0, 0.0, 0.0]])
     whole, rest = expm(h * field), expm((h - delay) * field)
     now, before, u = rest[:2, 2:], whole[:2, 2:] - rest[:2, 2:], np.array([[-p, 0.0, -i]])
@@ -91,7 +91,7 @@ def test_a_delay_within_a_sample_brings_the_output_before_it_among_the_multiplie
     assert cycle.multipliers.size == 4
     for value in theory:
         assert min(abs(value - found) for found in cycle.multipliers) < 1e-9
-    prompt = limit_cycle(plant, 200.0, controller=Holding(p, i), sample_time=h, **arguments)
+    prompt = limit_cycle(closed_loop(plant, Holding(p, i), sample_time=h, **arguments), 200.0, period=count * h)
     assert np.abs(prompt.multipliers).max() < np.abs(cycle.multipliers).max()  # the delay takes damping away
 
 
@@ -102,7 +102,7 @@ def test_a_drill_string_under_a_sampled_drive_has_the_multipliers_that_differenc
         inputs, given = {"bit.weight": sine(97_347.0, 20_000.0, 1 / period)}, {}
     else:
         inputs, given = {"top.reference": triangle(6.0, 2.0, 1 / period, 1500.0)}, {"period": period}
-    cycle = limit_cycle(RIG, 100 * period, inputs=inputs, controller=law, sample_time=h, **given)
+    cycle = limit_cycle(closed_loop(RIG, law, sample_time=h, inputs=inputs), 100 * period, **given)
     assert cycle.period == pytest.approx(period, rel=1e-14) and cycle.multipliers.size == 6
     assert cycle.stick_share("bit") > 0.1
     assert np.abs(cycle.multipliers[4:]).max() < 1e-12  # of the flag and of the held torque, which only the first sample reads
@@ -116,10 +116,10 @@ def test_a_drill_string_under_a_sampled_drive_has_the_multipliers_that_differenc
 def test_fast_sampling_leaves_the_multipliers_of_the_continuous_law():
     period, law = 5.4, SoftTorque(reference=9.0)
     inputs = {"bit.weight": sine(97_347.0, 10_000.0, 1 / period)}
-    smooth = limit_cycle(RIG, 400.0, inputs=inputs, controller=law)
+    smooth = limit_cycle(closed_loop(RIG, law, inputs=inputs), 400.0)
     away = []
     for count in (540, 1080):
-        fast = limit_cycle(RIG, 400.0, inputs=inputs, controller=law, sample_time=period / count)
+        fast = limit_cycle(closed_loop(RIG, law, sample_time=period / count, inputs=inputs), 400.0)
         away.append(np.abs(fast.multipliers[:4] - smooth.multipliers).max())
     assert away[0] < 0.02
     assert away[1] == pytest.approx(away[0] / 2, rel=0.1)  # a hold is late by half a sample
@@ -139,7 +139,7 @@ def test_a_branch_of_sampled_cycles_loses_its_stability_where_the_loop_of_its_sa
 
     theory = brentq(largest, 0.05, 2.0)
     cycle = limit_cycle(
-        plant, 800.0, inputs={"block.load": sine(0.0, 0.0, 1 / (count * h))}, controller=Holding(0.05, i), sample_time=h, period=count * h
+        closed_loop(plant, Holding(0.05, i), sample_time=h, inputs={"block.load": sine(0.0, 0.0, 1 / (count * h))}), 800.0, period=count * h
     )
     name = next(name for name in cycle.run.program.system.parameters if name.endswith(".proportional"))
     branch = follow(cycle, name, (0.0, 2.0), points=60, towards=2.0)
@@ -151,17 +151,17 @@ def test_a_branch_of_sampled_cycles_loses_its_stability_where_the_loop_of_its_sa
 def test_a_sampled_cycle_that_cannot_be_is_refused_with_a_way_out():
     law = PI(reference=8.0)
     with pytest.raises(SceneError, match="continuously for a free cycle"):
-        limit_cycle(RIG, 60.0, controller=law, sample_time=0.1)
+        limit_cycle(closed_loop(RIG, law, sample_time=0.1), 60.0)
     weight = {"bit.weight": sine(97_347.0, 20_000.0, 1 / 5.4)}
     with pytest.raises(SceneError, match=r"whole multiple of the sample time 0.25 s.*`period` = 27 s"):
-        limit_cycle(RIG, 60.0, inputs=weight, controller=law, sample_time=0.25)
+        limit_cycle(closed_loop(RIG, law, sample_time=0.25, inputs=weight), 60.0)
     with pytest.raises(SceneError, match="whole multiple"):
-        limit_cycle(RIG, 60.0, inputs=weight, controller=law, sample_time=math.pi / 20)
+        limit_cycle(closed_loop(RIG, law, sample_time=math.pi / 20, inputs=weight), 60.0)
     with pytest.raises(SceneError, match=r"shorter than the sample time 0.1 s.*it is 0.25 s.*late=1"):
-        limit_cycle(RIG, 60.0, inputs=weight, controller=Sampled(law, 0.1, delay=0.25))
+        limit_cycle(closed_loop(RIG, Sampled(law, 0.1, delay=0.25), inputs=weight), 60.0)
     with pytest.raises(SceneError, match="without noise"):
-        limit_cycle(RIG, 60.0, inputs=weight, controller=Sampled(law, 0.1, noise={"top.speed": 0.1}))
+        limit_cycle(closed_loop(RIG, Sampled(law, 0.1, noise={"top.speed": 0.1}), inputs=weight), 60.0)
     with pytest.raises(SceneError, match="Python"):
-        limit_cycle(RIG, 60.0, inputs=weight, controller=lambda t, y: 1e4, sample_time=0.1)
+        limit_cycle(closed_loop(RIG, lambda t, y: 1e4, sample_time=0.1, inputs=weight), 60.0)
     with pytest.raises(SceneError, match="repeat itself"):
-        limit_cycle(RIG, 60.0, inputs={"top.reference": square(8.0, 1.0, 1 / 5.0, 60.0)}, controller=PI(), sample_time=0.1, period=5.4)
+        limit_cycle(closed_loop(RIG, PI(), sample_time=0.1, inputs={"top.reference": square(8.0, 1.0, 1 / 5.0, 60.0)}), 60.0, period=5.4)

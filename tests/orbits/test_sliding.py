@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import fsolve
 
 from models import BlockOnBelt, Coulomb
-from toolbox import compose, follow, limit_cycle
+from toolbox import closed_loop, compose, follow, limit_cycle
 from toolbox.inputs import sine
 from toolbox.orbits.sliding import segments, sliding_kind
 
@@ -94,7 +94,7 @@ THEORY = {
 @pytest.fixture(scope="module")
 def branch():
     plant = compose(BlockOnBelt(mass=1.0, stiffness=K, damping=C, belt_speed=V, friction=Coulomb(static=1.0, kinetic=1.0)))
-    cycle = limit_cycle(plant, 20 * PERIOD, inputs={"block.force": sine(0.0, 1.3, 1 / PERIOD)})
+    cycle = limit_cycle(closed_loop(plant, inputs={"block.force": sine(0.0, 1.3, 1 / PERIOD)}), 20 * PERIOD)
     return follow(cycle, "block.force.amplitude", (1.0, 4.5), points=300)
 
 
@@ -135,7 +135,7 @@ def test_a_slipping_block_grazes_where_its_linear_response_is_as_fast_as_the_bel
     force = 2.0
     exact = force * OM / abs(K - OM**2 + 1j * C * OM)
     plant = compose(BlockOnBelt(mass=1.0, stiffness=K, damping=C, belt_speed=1.2 * exact, friction=Coulomb(static=1.0, kinetic=1.0)))
-    slipping = limit_cycle(plant, 40 * PERIOD, inputs={"block.force": sine(0.0, force, 1 / PERIOD)})
+    slipping = limit_cycle(closed_loop(plant, inputs={"block.force": sine(0.0, force, 1 / PERIOD)}), 40 * PERIOD)
     assert modes(slipping.run) == [-1]
     (point,) = follow(slipping, "block.belt_speed", (0.9 * exact, 1.3 * exact), towards=0.9 * exact).bifurcations
     assert point.kind == "grazing-sliding"
@@ -145,7 +145,7 @@ def test_a_slipping_block_grazes_where_its_linear_response_is_as_fast_as_the_bel
 def test_a_symmetric_motion_gains_both_its_stops_at_one_crossing_sliding():
     # on a belt at rest both reversals are alike: without stops x0 at the reversal solves x(pi / om) = -x0, v = 0; stops begin at |needed| = 1
     plant = compose(BlockOnBelt(mass=1.0, stiffness=K, damping=C, belt_speed=0.0, friction=Coulomb(static=1.0, kinetic=1.0)))
-    cycle = limit_cycle(plant, 20 * PERIOD, inputs={"block.force": sine(0.0, 4.5, 1 / PERIOD)})
+    cycle = limit_cycle(closed_loop(plant, inputs={"block.force": sine(0.0, 4.5, 1 / PERIOD)}), 20 * PERIOD)
     assert around(modes(cycle.run)) == [-1, 1]
 
     def equations(z):

@@ -11,7 +11,7 @@ from scipy.optimize import brentq, fsolve
 
 from models import BlockOnBelt, Coulomb, oscillators
 from studies.questions import torus
-from toolbox import compose, follow, limit_cycle
+from toolbox import closed_loop, compose, follow, limit_cycle
 from toolbox.inputs import sine
 
 pytestmark = pytest.mark.timeout(90)
@@ -97,7 +97,9 @@ def test_no_cycle_of_leines_block_in_pure_slip_attracts_whatever_the_dither():
         period = 2 * math.pi / ratio
         force = {"block.load": sine(1.0, depth, 1 / period)}
         cycle = limit_cycle(
-            compose(block), period, inputs=force, period=period, start={"block.position": law.static / (1 + law.decay * block.belt_speed)}
+            closed_loop(compose(block), inputs=force, start={"block.position": law.static / (1 + law.decay * block.belt_speed)}),
+            period,
+            period=period,
         )
         assert cycle.run.events == []
 
@@ -113,7 +115,7 @@ def test_no_cycle_of_leines_block_in_pure_slip_attracts_whatever_the_dither():
 def test_a_cycle_of_one_block_that_sticks_has_no_complex_multipliers():
     plant = compose(BlockOnBelt(belt_speed=0.0, damping=0.1, friction=Coulomb(static=0.6, kinetic=0.4)))
     for frequency in (0.06, 0.1):
-        cycle = limit_cycle(plant, 200.0, inputs={"block.force": sine(0.1, 1.0, frequency)})
+        cycle = limit_cycle(closed_loop(plant, inputs={"block.force": sine(0.1, 1.0, frequency)}), 200.0)
         assert cycle.stick_share("belt") > 0.0
         assert np.abs(cycle.multipliers.imag).max() < 1e-12
         assert abs(np.prod(cycle.multipliers)) < 1e-12
@@ -126,7 +128,7 @@ def test_stops_appear_in_den_hartogs_oscillator_where_it_just_starts_again_at_it
     theory = r**2 * abs(gain) / math.sqrt(1 + r**4 * drift**2)
     plant = compose(BlockOnBelt(belt_speed=0.0, friction=Coulomb(static=1.0, kinetic=1.0)))
     frequency = r / (2 * math.pi)
-    cycle = limit_cycle(plant, 400.0, inputs={"block.force": sine(0.0, 1.0, frequency), "block.load": theory - 0.1})
+    cycle = limit_cycle(closed_loop(plant, inputs={"block.force": sine(0.0, 1.0, frequency), "block.load": theory - 0.1}), 400.0)
     assert cycle.stick_share("belt") == 0.0
     branch = follow(cycle, "block.load", (theory - 0.12, theory + 0.1), points=60, towards=theory + 0.1)
     stops = [point for point in branch.bifurcations if point.kind == "crossing-sliding"]

@@ -7,7 +7,7 @@ import pytest
 
 from controllers import SoftTorque, StiffPI
 from models import BitRock, wells
-from toolbox import Scene, SceneError, compose, measure, onset, simulate, units
+from toolbox import Scene, SceneError, closed_loop, compose, measure, onset, simulate, units
 
 RIG = compose(wells.JANSEN_2, BitRock())
 
@@ -32,7 +32,7 @@ RIG = compose(wells.JANSEN_2, BitRock())
         (lambda: simulate(RIG, 5.0, method="rk45"), r"must be one of 'event', .*, but it is 'rk45'\.$"),
         (lambda: simulate(RIG, 5.0, accuracy="1 %"), r"must be a number between"),
         (lambda: onset(RIG, "top.reference", (3, 14)), r"a set-point belongs to a control law, and there is none: give it as `controller`"),
-        (lambda: onset(RIG, "top.refrence", (3, 14), controller=StiffPI()), r"did you mean `top.reference`"),
+        (lambda: onset(closed_loop(RIG, StiffPI()), "top.refrence", (3, 14)), r"did you mean `top.reference`"),
         (lambda: Scene.load("studies/scenes/jansen_2.toml").run(0), r"`case` must be the label of a case, such as 'constant torque'"),
         (lambda: measure.severity(np.ones(1000)), r"must be a trajectory, as `simulate` returns it, but it is .{1,60}\.$"),
         (lambda: units("imperial"), r"known are `si`, `metric`, `oilfield`"),

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 
 from controllers import LQG, LQR, PI, ActiveDamping, HInfinity, SoftTorque, StiffPI, ZTorque
 from models import BitRock, TopDrive, TorsionalChain, wells
-from toolbox import Component, Equations, Sampled, SceneError, compose, equilibrium, linearise, margins, quantity, state
+from toolbox import Component, Equations, Sampled, SceneError, closed_loop, compose, equilibrium, linearise, margins, quantity, state
 from toolbox.robustness import absorber_limit, performance_limit
 from toolbox.robustness.limits import gramian, interpolation, smallest_peak
 from toolbox.steady_states.running import running
@@ -173,7 +173,7 @@ def test_no_shipped_law_surpasses_the_limit(rig, speed):
         StiffPI(reference=speed), PI(reference=speed), ActiveDamping(reference=speed), SoftTorque(reference=speed), ZTorque(reference=speed, filter_time=0.02),
         HInfinity(reference=speed), LQG(reference=speed, late=3),
     ]  # fmt: skip
-    found = [margins(rig, Sampled(law, 0.01, 0.03), measured=False) for law in laws]
+    found = [margins(closed_loop(rig, Sampled(law, 0.01, 0.03)), measured=False) for law in laws]
     assert any(each.stable for each in found)
     for each in found:
         assert not each.stable or (each.disk_margin <= best.disk_margin and each.peak_sensitivity >= best.peak_sensitivity)
@@ -183,7 +183,7 @@ def test_a_law_that_sees_the_bit_may_surpass_the_limit_of_those_that_do_not(rig)
     speed = 3.4
     top = performance_limit(rig, {"top.speed": speed}, period=0.01, delay=0.03)
     both = performance_limit(rig, {"top.speed": speed}, measures=("top.speed", "bit.speed"), period=0.01, delay=0.03)
-    law = margins(rig, Sampled(LQR(reference=speed), 0.01, 0.03))
+    law = margins(closed_loop(rig, Sampled(LQR(reference=speed), 0.01, 0.03)))
     assert top.disk_margin < law.disk_margin < both.disk_margin
 
 
@@ -199,9 +199,8 @@ def test_the_zeros_of_the_top_speed_are_the_poles_of_a_string_held_at_its_top(ri
     poles = linearise(
         clamped,
         equilibrium(
-            clamped,
-            inputs={"top.torque": WEIGHT * 0.155575 * (0.5 + 0.3 * math.exp(-0.9 * speed)) + 50 * speed},
-            start={"top.speed": speed, "bit.speed": speed},
+            closed_loop(clamped, inputs={"top.torque": WEIGHT * 0.155575 * (0.5 + 0.3 * math.exp(-0.9 * speed)) + 50 * speed}),
+            guess={"top.speed": speed, "bit.speed": speed},
         ),
     ).poles()
     assert np.abs(poles[:, None] - found.zeros).min(axis=0).max() < 1e-3
@@ -217,9 +216,9 @@ def test_a_drive_with_lags_stands_between_the_law_and_the_string(rig):
     late = compose(wells.JANSEN_2, TopDrive(), BitRock(weight=WEIGHT))
     plain = performance_limit(rig, {"top.speed": 3.0}, period=0.01, delay=0.03).disk_margin
     assert performance_limit(late, {"top.speed": 3.0}, period=0.01, delay=0.03).disk_margin == pytest.approx(plain, rel=0.02)
-    found = margins(late, Sampled(SoftTorque(reference=6.5), 0.01, 0.03))
+    found = margins(closed_loop(late, Sampled(SoftTorque(reference=6.5), 0.01, 0.03)))
     assert found.loops[0].command == "drive.command"
-    assert 0.0 < found.disk_margin < margins(rig, Sampled(SoftTorque(reference=6.5), 0.01, 0.03)).disk_margin
+    assert 0.0 < found.disk_margin < margins(closed_loop(rig, Sampled(SoftTorque(reference=6.5), 0.01, 0.03))).disk_margin
 
 
 # --- the absorber
@@ -241,11 +240,11 @@ def test_the_inertia_of_the_drive_costs_the_absorber_speed(rig):
     assert free.speed < own.speed and own.inertia == pytest.approx(2122.0)
     # spring and damper on the drive are a PI: there it is stable, and a little below no PI is
     law = PI(reference=own.speed, proportional=own.damping, integral=own.stiffness)
-    assert margins(rig, law).stable
+    assert margins(closed_loop(rig, law)).stable
 
     def growth(logs):
         below = PI(reference=0.98 * own.speed, proportional=own.damping * math.exp(logs[0]), integral=own.stiffness * math.exp(logs[1]))
-        return margins(rig, below).loop.growth()
+        return margins(closed_loop(rig, below)).loop.growth()
 
     assert minimize(growth, np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-5}).fun > 0.0
     assert "smooth down to" in str(own)

@@ -13,7 +13,21 @@ from scipy.linalg import expm
 
 from controllers import LQG, HInfinity, IdealSlidingMode, LinearMPC, SlidingMode, SoftTorque, StiffPI, SuperTwisting, ZTorque
 from models import BitRock, wells
-from toolbox import Component, Controller, Equations, Sampled, SceneError, Update, compose, margins, measure, quantity, simulate, state
+from toolbox import (
+    Component,
+    Controller,
+    Equations,
+    Sampled,
+    SceneError,
+    Update,
+    closed_loop,
+    compose,
+    margins,
+    measure,
+    quantity,
+    simulate,
+    state,
+)
 from toolbox.robustness.disk_margins import LoopMargins, joint_margins, loop_margins, scaled_norm
 from toolbox.robustness.loop import LinearLoop
 from toolbox.robustness.measured import with_delay, with_gain
@@ -93,7 +107,7 @@ def rig():
 
 def test_a_first_order_loop_bears_any_gain_and_has_the_delay_margin_of_its_crossover(rotor):
     # L = K / (J s + c): |L| = 1 at w = sqrt(K^2 - c^2) / J
-    found = margins(rotor, Proportional())["rotor.torque"]
+    found = margins(closed_loop(rotor, Proportional()))["rotor.torque"]
     crossover = math.sqrt(GAIN**2 - DRAG**2) / J
     phase = math.pi - math.atan2(J * crossover, DRAG)
     assert found.phase_margin == pytest.approx(phase, rel=1e-9)
@@ -106,7 +120,7 @@ def test_a_first_order_loop_bears_any_gain_and_has_the_delay_margin_of_its_cross
 
 def test_a_pi_on_an_inertia_has_the_margins_of_the_textbook(rotor):
     # L = (K_p s + K_i) / (J s^2):  w_c^2 = (K_p^2 + sqrt(K_p^4 + 4 K_i^2 J^2)) / (2 J^2),  phase margin = arctan(w_c K_p / K_i)
-    found = margins(rotor, WithIntegral(), parameters={"rotor.drag": 0.0})["rotor.torque"]
+    found = margins(closed_loop(rotor, WithIntegral(), parameters={"rotor.drag": 0.0}))["rotor.torque"]
     w = math.sqrt((GAIN**2 + math.sqrt(GAIN**4 + 4 * INTEGRAL**2 * J**2)) / (2 * J**2))
     assert found.phase_margin == pytest.approx(math.atan(w * GAIN / INTEGRAL), rel=1e-9)
     assert found.delay_margin == pytest.approx(math.atan(w * GAIN / INTEGRAL) / w, rel=1e-9)
@@ -118,9 +132,9 @@ def test_a_pi_on_an_inertia_has_the_margins_of_the_textbook(rotor):
 
 
 def test_an_unstable_loop_has_no_margin(rotor):
-    found = margins(rotor, Proportional(gain=-1.0))
+    found = margins(closed_loop(rotor, Proportional(gain=-1.0)))
     assert not found.stable and found.disk_margin == 0.0 and found.peak_sensitivity == math.inf and "unstable" in str(found)
-    assert margins(rotor, Proportional(gain=1.0)).stable
+    assert margins(closed_loop(rotor, Proportional(gain=1.0))).stable
 
 
 # --- sampled loops
@@ -134,7 +148,7 @@ def test_a_sampled_loop_is_that_of_the_exact_z_domain(rotor, period, delay):
     a = math.exp(-DRAG / J * period)
     b0, b1 = (1 - math.exp(-DRAG / J * (period - e))) / DRAG, (math.exp(-DRAG / J * (period - e)) - a) / DRAG
     by_hand = GAIN * control.tf([b0, b1], [1.0, -a] + [0.0] * (whole + 1), period)
-    found = margins(rotor, Sampled(Proportional(), period, delay))
+    found = margins(closed_loop(rotor, Sampled(Proportional(), period, delay)))
     w = np.linspace(1e-3, math.pi / period, 200_001)
     ours = found.loop.transfer(w[::5000])[:, 0, 0]
     np.testing.assert_allclose(ours, [complex(by_hand(np.exp(1j * each * period))) for each in w[::5000]], rtol=1e-9, atol=1e-12)
@@ -151,21 +165,23 @@ def test_the_highest_gain_of_a_sampled_first_order_loop_is_known(rotor):
     # x+ = a x - K b x is on the unit circle where K b = 1 + a
     period = 0.3
     a, b = math.exp(-DRAG / J * period), (1 - math.exp(-DRAG / J * period)) / DRAG
-    assert margins(rotor, Sampled(Proportional(), period))["rotor.torque"].highest_gain == pytest.approx((1 + a) / (b * GAIN), rel=1e-9)
+    assert margins(closed_loop(rotor, Sampled(Proportional(), period)))["rotor.torque"].highest_gain == pytest.approx(
+        (1 + a) / (b * GAIN), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.13, 0.3])
 def test_the_delay_margin_of_a_sampled_loop_is_where_its_poles_reach_the_unit_circle(rotor, delay):
     law = WithIntegral(integral=1.0)
-    found = margins(rotor, Sampled(law, 0.1, delay))["rotor.torque"].delay_margin
+    found = margins(closed_loop(rotor, Sampled(law, 0.1, delay)))["rotor.torque"].delay_margin
     for more, stable in ((0.999, True), (1.001, False)):
-        assert margins(rotor, Sampled(law, 0.1, delay + more * found)).stable == stable
+        assert margins(closed_loop(rotor, Sampled(law, 0.1, delay + more * found))).stable == stable
 
 
 def test_fast_sampling_with_a_delay_has_the_margins_of_the_continuous_loop_less_the_delay(rotor):
     period, delay = 4e-3, 0.02
-    continuous = margins(rotor, Proportional())["rotor.torque"]
-    sampled = margins(rotor, Sampled(Proportional(), period, delay))["rotor.torque"]
+    continuous = margins(closed_loop(rotor, Proportional()))["rotor.torque"]
+    sampled = margins(closed_loop(rotor, Sampled(Proportional(), period, delay)))["rotor.torque"]
     assert sampled.delay_margin == pytest.approx(continuous.delay_margin - delay - period / 2, rel=1e-4)
 
 
@@ -201,16 +217,16 @@ def test_two_drives_that_do_not_meet_have_the_margins_of_each_alone():
         Sampled(OnSide("left", 3.0, name="one"), 0.3, 0.3),
         Sampled(OnSide("right", 1.0, name="two"), 0.3, 0.0),
     ]
-    found = margins(plant, laws)
+    found = margins(closed_loop(plant, laws))
     alone = [
-        margins(compose(Rotor(inertia=i)), Sampled(Proportional(gain=g), 0.3, d)).disk_margin
+        margins(closed_loop(compose(Rotor(inertia=i)), Sampled(Proportional(gain=g), 0.3, d))).disk_margin
         for i, g, d in ((J, 3.0, 0.3), (1.0, 1.0, 0.0))
     ]
     assert [row.disk_margin for row in found.loops] == pytest.approx(alone, rel=1e-9)
     assert found.disk_margin == pytest.approx(min(alone), rel=1e-6)
     assert "all, each its own" in str(found)
     assert found["right.torque"].delay_margin == pytest.approx(
-        margins(compose(Rotor(inertia=1.0)), Sampled(Proportional(gain=1.0), 0.3))["rotor.torque"].delay_margin, rel=1e-9
+        margins(closed_loop(compose(Rotor(inertia=1.0)), Sampled(Proportional(gain=1.0), 0.3)))["rotor.torque"].delay_margin, rel=1e-9
     )
 
 
@@ -234,7 +250,7 @@ class OnSide(Controller):
 
 @pytest.mark.slow
 def test_the_margins_of_a_drill_string_are_those_of_python_control_on_a_fine_grid(rig):
-    found = margins(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03))
+    found = margins(closed_loop(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03)))
     loop = control.ss(found.loop.A, found.loop.B, -found.loop.C, -found.loop.D, 0.01)
     disk, *_ = control.disk_margins(loop, np.geomspace(3.0, 4.5, 20_000), skew=0.0)
     assert found.disk_margin == pytest.approx(disk, rel=1e-6)
@@ -250,7 +266,7 @@ def test_the_margins_of_a_drill_string_are_those_of_python_control_on_a_fine_gri
 def test_the_loop_of_a_sampled_pi_is_that_of_its_transition_matrices(rig):
     # by hand: x = (twist, top, bit), z the integral; rock torque falls by W R (mu_s - mu_c) gamma exp(-gamma w) per rad/s
     speed, period, delay = 9.0, 0.01, 0.034
-    found = steady_loop(rig, Sampled(StiffPI(reference=speed), period, delay))
+    found = steady_loop(closed_loop(rig, Sampled(StiffPI(reference=speed), period, delay)))
     rock = -97_347.0 * 0.155575 * 0.3 * 0.9 * math.exp(-0.9 * speed)
     a = np.array([[0, 1, -1], [-473 / 2122, -(23.2 + 425) / 2122, 23.2 / 2122], [473 / 374, 23.2 / 374, -(23.2 + 50 + rock) / 374]])
     b = np.array([[0.0], [1 / 2122], [0.0]])
@@ -279,12 +295,12 @@ LAWS = {
 @pytest.mark.parametrize("label", LAWS)
 def test_the_machine_itself_loses_smooth_running_where_the_margin_says(rig, label, what):
     law = Sampled(LAWS[label], 0.01, 0.03)
-    row = margins(rig, law)["top.torque"]
+    row = margins(closed_loop(rig, law))["top.torque"]
 
     def grows(part):
         """(growth of what the bit does, growth of the linear loop) [1/s] with a part of the margin used up."""
         changed = with_gain(law, 1 + part * (row.highest_gain - 1)) if what == "gain" else with_delay(law, part * row.delay_margin)
-        point = steady_loop(rig, changed)
+        point = steady_loop(closed_loop(rig, changed))
         begin = {name: value / 0.98 if name in rig.states else value for name, value in point.start.items()}
         begin["chain.speed"] = begin["chain.speed"] * np.array([1.0, 1 - 1e-6])  # near enough that friction is a line
         held = {"top.torque": point.signals["top.torque"]}  # until the first command arrives
@@ -302,7 +318,7 @@ def test_the_machine_itself_loses_smooth_running_where_the_margin_says(rig, labe
 
 
 def test_a_relay_has_measured_margins_and_no_linear_ones(rig):
-    found = margins(rig, IdealSlidingMode(reference=6.0), inertia="chain.inertia.0", duration=40.0)
+    found = margins(closed_loop(rig, IdealSlidingMode(reference=6.0)), inertia="chain.inertia.0", duration=40.0)
     assert math.isnan(found.disk_margin) and not found.stable and "switches" in found.reason
     assert found.measured.highest_gain > 1.1 and math.isnan(found.measured.delay)
     assert found.measured.lowest_inertia < 0.8
@@ -310,13 +326,13 @@ def test_a_relay_has_measured_margins_and_no_linear_ones(rig):
 
 
 def test_measured_margins_of_a_linear_law_agree_with_its_linear_ones(rig):
-    found = margins(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03), measured=True)
+    found = margins(closed_loop(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03)), measured=True)
     assert found.measured.highest_gain == pytest.approx(found["top.torque"].highest_gain, rel=0.03)
     assert found.measured.delay == pytest.approx(found.delay_margin, rel=0.03)
 
 
 def test_a_loop_that_fails_as_it_is_has_no_measured_margin(rig):
-    found = margins(rig, Sampled(StiffPI(reference=3.0), 0.01), measured=True, duration=100.0)  # below its Hopf speed
+    found = margins(closed_loop(rig, Sampled(StiffPI(reference=3.0), 0.01)), measured=True, duration=100.0)  # below its Hopf speed
     assert not found.stable
     assert (found.measured.lowest_gain, found.measured.highest_gain, found.measured.delay) == (1.0, 1.0, 0.0)
 
@@ -332,22 +348,22 @@ def test_a_loop_that_fails_as_it_is_has_no_measured_margin(rig):
 )
 def test_a_law_without_a_derivative_says_why(rotor, law, why):
     given = Sampled(law, 0.01) if isinstance(law, Controller) else Sampled(law, 0.01, measures="rotor.speed", drives="rotor.torque")
-    found = margins(rotor, given, measured=False)
+    found = margins(closed_loop(rotor, given), measured=False)
     assert why in found.reason and math.isnan(found.disk_margin) and found.measured is None
-    assert margins(rotor, Sampled(Proportional(reference=0.0), 0.01), measured=False).reason == ""
+    assert margins(closed_loop(rotor, Sampled(Proportional(reference=0.0), 0.01)), measured=False).reason == ""
 
 
 def test_a_boundary_layer_has_a_slope_and_a_root_has_none(rig):
-    assert margins(rig, Sampled(SlidingMode(reference=5.0), 0.01), measured=False).stable
-    assert "not finite" in margins(rig, Sampled(SuperTwisting(reference=5.0), 0.01), measured=False).reason
-    assert "callable" in margins(rig, Sampled(LinearMPC(reference=5.0), 0.1), measured=False).reason
+    assert margins(closed_loop(rig, Sampled(SlidingMode(reference=5.0), 0.01)), measured=False).stable
+    assert "not finite" in margins(closed_loop(rig, Sampled(SuperTwisting(reference=5.0), 0.01)), measured=False).reason
+    assert "callable" in margins(closed_loop(rig, Sampled(LinearMPC(reference=5.0), 0.1)), measured=False).reason
 
 
 # --- what it says
 
 
 def test_the_result_prints_its_table_and_draws_the_disk(rig):
-    found = margins(rig, Sampled(SoftTorque(reference=5.0), 0.01, 0.03))
+    found = margins(closed_loop(rig, Sampled(SoftTorque(reference=5.0), 0.01, 0.03)))
     text = str(found)
     assert "SoftTorque, sampled every 10 ms with a delay of 30 ms at top.reference = 5 rad/s, top.torque = 9998 N m" in text
     assert f"{found.disk_margin:.3g}" in text and f"{found.peak_sensitivity:.3g}" in text
@@ -362,21 +378,23 @@ def test_the_disk_guarantees_its_gains_and_phases():
 
 
 def test_parameters_move_the_plant_and_not_the_law(rig):
-    lighter = margins(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03), parameters={"chain.inertia.0": 0.9 * 2122.0})
-    assert lighter.disk_margin < margins(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03)).disk_margin
+    lighter = margins(closed_loop(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03), parameters={"chain.inertia.0": 0.9 * 2122.0}))
+    assert lighter.disk_margin < margins(closed_loop(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03))).disk_margin
 
 
 def test_mistakes_are_told(rig):
-    with pytest.raises(SceneError, match="must be a control law"):
-        margins(rig, None)
+    with pytest.raises(SceneError, match="must hold a control law"):
+        margins(rig)
     with pytest.raises(SceneError, match="one period"):
         margins(
-            compose(Rotor(name="left"), Rotor(name="right")),
-            [Sampled(OnSide("left", name="one"), 0.1), Sampled(OnSide("right", name="two"), 0.2)],
+            closed_loop(
+                compose(Rotor(name="left"), Rotor(name="right")),
+                [Sampled(OnSide("left", name="one"), 0.1), Sampled(OnSide("right", name="two"), 0.2)],
+            )
         )
     with pytest.raises(SceneError, match="There are no margins of"):
-        margins(rig, SoftTorque(reference=5.0))["bottom.torque"]
+        margins(closed_loop(rig, SoftTorque(reference=5.0)))["bottom.torque"]
     with pytest.raises(SceneError, match="duration"):
-        margins(rig, SoftTorque(), duration=0.0)
+        margins(closed_loop(rig, SoftTorque()), duration=0.0)
     with pytest.raises(SceneError, match="inertia"):
-        margins(rig, SoftTorque(reference=5.0), measured=True, inertia="chain.inertia")
+        margins(closed_loop(rig, SoftTorque(reference=5.0)), measured=True, inertia="chain.inertia")

@@ -9,7 +9,7 @@ import pytest
 
 from controllers import LQG, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, wells
-from toolbox import Sampled, SceneError, compose, measure, simulate, worst_case
+from toolbox import Sampled, SceneError, closed_loop, compose, measure, simulate, worst_case
 from toolbox.robustness import cycle_phases
 
 pytestmark = pytest.mark.timeout(120)
@@ -32,9 +32,12 @@ def stuck(rig):
 def found(rig, stuck):
     law = Sampled(LQG(reference=REFERENCE, late=3, **LIMITS), 0.01, 0.03)
     return worst_case(
-        rig, law, 120.0, errors={"chain.inertia.0": (0.8, 1.2), "delay": 2.0}, corners=[{"bit.weight": 0.9, "chain.inertia.1": 1.1}],
+        closed_loop(rig, law),
+        120.0,
+        errors={"chain.inertia.0": (0.8, 1.2), "delay": 2.0},
+        corners=[{"bit.weight": 0.9, "chain.inertia.1": 1.1}],
         starts=cycle_phases(stuck, 2),
-    )  # fmt: skip
+    )
 
 
 def test_the_phases_go_once_round_the_cycle_from_the_release(stuck):
@@ -79,18 +82,20 @@ def test_a_drive_that_is_lighter_than_declared_is_the_worst_case_of_the_regulato
 
 
 def test_a_law_that_sticks_fails_by_more_than_one_that_swings(rig, stuck):
-    stiff = worst_case(rig, Sampled(StiffPI(reference=REFERENCE, **LIMITS), 0.01), 100.0, starts=cycle_phases(stuck, 2))
+    stiff = worst_case(closed_loop(rig, Sampled(StiffPI(reference=REFERENCE, **LIMITS), 0.01)), 100.0, starts=cycle_phases(stuck, 2))
     assert not stiff.survives and stiff.worst.stuck > 0.1 and stiff.worst.excess == math.inf
-    calm = worst_case(rig, Sampled(StiffPI(reference=REFERENCE, **LIMITS), 0.01), 100.0)  # from smooth running the same law is free
+    calm = worst_case(
+        closed_loop(rig, Sampled(StiffPI(reference=REFERENCE, **LIMITS), 0.01)), 100.0
+    )  # from smooth running the same law is free
     assert calm.survives and calm.worst.ripple < 0.01
 
 
 def test_seeds_are_used_where_there_is_noise(rig):
     law = Sampled(SoftTorque(reference=9.0), 0.01, noise={"top.speed": 0.01})
-    noisy = worst_case(rig, law, 60.0, seeds=(1, 2, 3))
+    noisy = worst_case(closed_loop(rig, law), 60.0, seeds=(1, 2, 3))
     assert [outcome.seed for outcome in noisy.outcomes] == [1, 2, 3]
     assert len({outcome.ripple for outcome in noisy.outcomes}) == 3
-    assert len(worst_case(rig, Sampled(SoftTorque(reference=9.0), 0.01), 60.0, seeds=(1, 2, 3)).outcomes) == 1
+    assert len(worst_case(closed_loop(rig, Sampled(SoftTorque(reference=9.0), 0.01)), 60.0, seeds=(1, 2, 3)).outcomes) == 1
 
 
 def test_the_result_draws_every_run(found):
@@ -108,11 +113,11 @@ def test_mistakes_are_told(rig, stuck):
         ({"errors": {"bit.weight": (0.8, "x")}}, "factor > 0"),
     ):
         with pytest.raises(SceneError, match=word):
-            worst_case(rig, law, 10.0, **arguments)
+            worst_case(closed_loop(rig, law), 10.0, **arguments)
     with pytest.raises(SceneError, match="continuously"):
-        worst_case(rig, SoftTorque(reference=REFERENCE), 10.0, errors={"delay": 2.0})
+        worst_case(closed_loop(rig, SoftTorque(reference=REFERENCE)), 10.0, errors={"delay": 2.0})
     with pytest.raises(SceneError, match="duration"):
-        worst_case(rig, law, 0.0)
+        worst_case(closed_loop(rig, law), 0.0)
     with pytest.raises(SceneError, match="count"):
         cycle_phases(stuck, 0)
     with pytest.raises(SceneError, match="release"):

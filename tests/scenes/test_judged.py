@@ -8,7 +8,7 @@ import pytest
 
 from controllers import StiffPI
 from models import BitRock, Exponential, wells
-from toolbox import Sampled, Scene, SceneError, compose, onset, severity_map, simulate, sweep, worst_case
+from toolbox import Sampled, Scene, SceneError, closed_loop, compose, onset, severity_map, simulate, sweep, worst_case
 from toolbox.onsets.checks import Checks
 from toolbox.robustness import cycle_phases
 
@@ -30,10 +30,10 @@ def run(rig):
 
 
 VERDICTS = {
-    "onset": lambda rig, run: onset(rig, "top.reference", (3.0, 14.0), controller=LAW),
-    "severity map": lambda rig, run: severity_map(rig, {"top.reference": (3.0, 14.0), **WEIGHTS}, controller=LAW),
-    "worst case": lambda rig, run: worst_case(rig, LAW, 60.0),
-    "sweep": lambda rig, run: sweep(rig, {"bit.weight": [60e3]}, 10.0, controller=LAW),
+    "onset": lambda rig, run: onset(closed_loop(rig, LAW), "top.reference", (3.0, 14.0)),
+    "severity map": lambda rig, run: severity_map(closed_loop(rig, LAW), {"top.reference": (3.0, 14.0), **WEIGHTS}),
+    "worst case": lambda rig, run: worst_case(closed_loop(rig, LAW), 60.0),
+    "sweep": lambda rig, run: sweep(closed_loop(rig, LAW), {"bit.weight": [60e3]}, 10.0),
     "scene": lambda rig, run: Scene.of(rig, 60.0, {"stiff PI": LAW}),
     "phases": lambda rig, run: cycle_phases(run, 2),
     "check": lambda rig, run: Checks("unused").no_stick_slip(run, 50.0),
@@ -51,6 +51,6 @@ def test_a_verdict_asks_which_of_several_contacts_it_is_about(rig, run, verdict)
 def test_it_is_about_the_contact_that_is_named(rig, run):
     hole = next(element.name for element in rig.elements if element.name != "bit")
     phases = cycle_phases(run, 2, "bit")
-    judged = {name: worst_case(rig, LAW, 60.0, starts=phases, element=name) for name in ("bit", hole)}
+    judged = {name: worst_case(closed_loop(rig, LAW, element=name), 60.0, starts=phases) for name in ("bit", hole)}
     assert not judged["bit"].survives and judged["bit"].worst.stuck > 0.2
     assert judged[hole].worst.stuck == 0.0

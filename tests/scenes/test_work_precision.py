@@ -10,7 +10,19 @@ import pytest
 from models import BitRock, BlockOnBelt, TorsionalChain, wells
 from studies.benchmarks import tradeoff
 from studies.benchmarks.cases import cases
-from toolbox import Component, Equations, Scene, SceneError, UnilateralContact, compose, quantity, simulate, state, work_precision
+from toolbox import (
+    Component,
+    Equations,
+    Scene,
+    SceneError,
+    UnilateralContact,
+    closed_loop,
+    compose,
+    quantity,
+    simulate,
+    state,
+    work_precision,
+)
 from toolbox.commands.command_line import main
 from toolbox.simulation import Smoothing
 
@@ -60,7 +72,9 @@ def test_steps_that_stand_in_for_taylor_series_do_not_count_as_such():
             x, v = state("ball.depth", "m"), state("ball.speed", "m/s")
             return Equations(flow={x: v, v: 1.0 - 50.0 * ca.fmax(x, 0.0) ** 1.5})  # no series where the contact closes
 
-    trade = work_precision(compose(Hertz()), 5.0, start={"ball.depth": -0.5}, methods=("taylor", "explicit"), accuracies=(1e-6,), repeats=1)
+    trade = work_precision(
+        closed_loop(compose(Hertz()), start={"ball.depth": -0.5}), 5.0, methods=("taylor", "explicit"), accuracies=(1e-6,), repeats=1
+    )
     assert ["no Taylor series at t = " in point.failed for point in trade.points] == [True, False]
     assert "no Taylor series" in str(trade)
 
@@ -95,7 +109,7 @@ def test_a_setting_that_fails_is_a_line_of_the_table():
             floor = UnilateralContact("floor", -x, -v, restitution=self.restitution)
             return Equations(flow={x: v, v: floor.force - 10.0}, elements=[floor])
 
-    trade = work_precision(compose(Ball()), 1.0, start={"ball.height": 1.0}, methods=("smoothed",), widths=(1e-3,), repeats=1)
+    trade = work_precision(closed_loop(compose(Ball()), start={"ball.height": 1.0}), 1.0, methods=("smoothed",), widths=(1e-3,), repeats=1)
     assert trade.points[0].failed == "The rigid contact `floor` cannot be smoothed: give it a `stiffness` in place of a restitution."
     assert "cannot be smoothed" in str(trade)
 

@@ -461,7 +461,7 @@ def test_a_law_that_jumps_agrees_with_scipy_stopped_at_every_switch():
 
 def test_steady_states_and_linearisation_know_contacts():
     plant = compose(Ball(stiffness=1e4, damping=10.0))
-    rest = equilibrium(plant, start={"ball.height": -1e-3})
+    rest = equilibrium(plant, guess={"ball.height": -1e-3})
     assert rest.modes == {"floor": "closed"}
     assert rest["ball.height"] == pytest.approx(-20.0 / 1e4)
     linear = linearise(plant, at=rest)

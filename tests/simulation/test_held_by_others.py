@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from studies.benchmarks.differential import BUDGET, arguments_of
+from studies.benchmarks.differential import BUDGET, loop_of
 from studies.benchmarks.enumerated_modes import Reference
 from studies.benchmarks.rubbing_machines import Machine, Sine, Table, Trial, given
 from toolbox import compose, simulate
@@ -16,7 +16,7 @@ def compared(trial, method, accuracy):
     times = np.linspace(0.0, trial.duration, 101)
     right = Reference(trial, 1e-12).run(times)
     run = simulate(
-        compose(trial.machine), trial.duration, output_times=times, method=method, accuracy=accuracy, budget=BUDGET, **arguments_of(trial)
+        loop_of(compose(trial.machine), trial), trial.duration, output_times=times, method=method, accuracy=accuracy, budget=BUDGET
     )
     found = np.column_stack([run[f"machine.{kind}{i}"] for kind in "xv" for i in range(3)])
     size = np.repeat([np.abs(right[:, :3]).max(), np.abs(right[:, 3:]).max()], 3)

@@ -31,11 +31,8 @@ SENSITIVE = {
 @functools.cache
 def truth(root, name, label, duration):
     scene = Scene.load(root / f"studies/scenes/{name}.toml")
-    case = scene.case(label) if label else scene.cases[0]
-    arguments = scene.arguments(case)
-    arguments.pop("accuracy")
-    plant = scene.plant()
-    return plant, arguments, simulate(plant, duration, accuracy=1e-11, **arguments)
+    loop = scene[label or scene.labels[0]]
+    return loop, simulate(loop, duration, accuracy=1e-11)
 
 
 # a law that searches its answer, to 1e-6 of the largest torque: where it ends differs from run to run by as much as that moves the states
@@ -44,8 +41,8 @@ SEARCHED = {("predictive", "nonlinear MPC"): 1e-7}
 
 def kept(root, name, label, duration, accuracy):
     """Run a case and check that its error is what `run.error` says; returns whether it is what was asked, within ten."""
-    plant, arguments, exact = truth(root, name, label, duration)
-    run = simulate(plant, duration, accuracy=accuracy, **arguments)
+    loop, exact = truth(root, name, label, duration)
+    run = simulate(loop, duration, accuracy=accuracy)
     made = run.difference(exact)
     # below 1e-10 the truth is not known; a run that is better by chance than the one at accuracy / 100 reports the error of that one
     assert made <= 10 * max(run.error, SEARCHED.get((name, label), 1e-11))
@@ -75,9 +72,9 @@ def test_every_case_of_a_scene_does_so_over_its_whole_length(root, name, accurac
 @pytest.mark.parametrize("name", SCENES)
 def test_the_other_methods_keep_a_loose_accuracy_or_say_that_they_cannot(root, name, method):
     duration = Scene.load(root / f"studies/scenes/{name}.toml").duration / (50 if name in ("whirl", "disk_stack") else 8)
-    plant, arguments, exact = truth(root, name, "", duration)
+    loop, exact = truth(root, name, "", duration)
     try:
-        run = simulate(plant, duration, method=method, accuracy=1e-2, **arguments)
+        run = simulate(loop, duration, method=method, accuracy=1e-2)
     except AccuracyError as failed:
         assert failed.run.difference(exact) <= 10 * failed.run.error
         return

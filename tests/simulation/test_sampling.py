@@ -529,7 +529,7 @@ def test_a_callable_without_a_period_is_refused():
 
 
 def test_a_period_without_a_controller_is_refused():
-    with pytest.raises(SceneError, match="controller"):
+    with pytest.raises(SceneError, match="control law"):
         simulate(rig, 1.0, sample_time=0.1)
 
 

@@ -10,7 +10,7 @@ import pytest
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Drop, wells
 from tests.simulation.test_contacts import Ball
-from toolbox import Budget, SceneError, Trajectory, compose, energy_audit, fit, measure, simulate
+from toolbox import Budget, SceneError, Trajectory, closed_loop, compose, energy_audit, fit, measure, simulate
 from toolbox.errors import BudgetError
 from toolbox.simulation import Smoothing
 from toolbox.simulation.saved_run import interpolated, points
@@ -192,7 +192,12 @@ def test_a_run_is_data_to_fit(through, tmp_path):
     data = through(run, tmp_path / "run.npz")
     for columns in ({"block.position": "block.position"}, {"block.speed": "block.speed [m/s]"}):
         found = fit(
-            compose(guess), data, "block.mass", {"block.mass": (0.8, 1.6)}, columns=columns, start={"block.position": 0.5}, starts=1
+            closed_loop(compose(guess), start={"block.position": 0.5}),
+            data,
+            "block.mass",
+            {"block.mass": (0.8, 1.6)},
+            columns=columns,
+            starts=1,
         )
         assert found["block.mass"] == pytest.approx(1.3, rel=1e-6)
     with pytest.raises(SceneError, match=r"must have `position`, but it is not there: did you mean `block.position`"):

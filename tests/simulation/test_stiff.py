@@ -12,7 +12,20 @@ from scipy.linalg import expm
 
 from controllers import LQG, LQR, PI, HInfinity
 from models import BitRock, BlockOnBelt, Exponential, Hyperbolic, TorsionalChain
-from toolbox import Component, DryFriction, Equations, Scene, compose, energy_audit, equilibrium, linearise, quantity, simulate, state
+from toolbox import (
+    Component,
+    DryFriction,
+    Equations,
+    Scene,
+    closed_loop,
+    compose,
+    energy_audit,
+    equilibrium,
+    linearise,
+    quantity,
+    simulate,
+    state,
+)
 from toolbox.compilation import work_layout
 from toolbox.compilation.implicit_step import FASTEST_GROWTH
 from toolbox.compilation.rosenbrock import RODAS5P
@@ -415,9 +428,9 @@ def test_a_law_in_python_is_asked_once_per_sample():
 
 def test_linear_analysis_does_not_depend_on_the_method():
     plant, inputs = PLANTS["bit"]
-    before = linearise(plant, at=equilibrium(plant, inputs={"top.torque": 30_000.0}))
+    before = linearise(plant, at=equilibrium(closed_loop(plant, inputs={"top.torque": 30_000.0})))
     simulate(plant, 1.0, inputs=inputs, method="stiff")
-    after = linearise(plant, at=equilibrium(plant, inputs={"top.torque": 30_000.0}))
+    after = linearise(plant, at=equilibrium(closed_loop(plant, inputs={"top.torque": 30_000.0})))
     np.testing.assert_array_equal(before.A, after.A)
 
 

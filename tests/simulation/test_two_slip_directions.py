@@ -19,6 +19,7 @@ from toolbox import (
     SimulationError,
     Trajectory,
     UnilateralContact,
+    closed_loop,
     compose,
     energy_audit,
     limit_cycle,
@@ -327,7 +328,7 @@ def test_what_knows_one_slip_direction_only_says_so_and_what_to_do():
     refused(lambda: simulate(plant, 1.0, method="smoothed"), ["located events"])
     refused(lambda: smoothed(plant, 0.1), ["located events"])
     refused(lambda: sensitivity(run, "puck.mass"), ["difference of two runs"])
-    refused(lambda: limit_cycle(plant, 2.0, inputs=ELLIPSE | {"puck.side": 0.0}), ["difference of two runs"])
+    refused(lambda: limit_cycle(closed_loop(plant, inputs=ELLIPSE | {"puck.side": 0.0}), 2.0), ["difference of two runs"])
     refused(lambda: onset(plant, "puck.mass", between=(1.0, 2.0)), ["sweep"])
     refused(lambda: running(plant, {"puck.v": 1.0}, "puck.pull"), ["equilibrium"])
     refused(lambda: Rollout(plant, ["puck.pull"], 0.1, 2), ["each direction"])
@@ -357,7 +358,7 @@ def test_a_saved_run_and_a_sweep_know_how_long_it_stuck(tmp_path):
     run.save(tmp_path / "run.npz")
     assert Trajectory.load(tmp_path / "run.npz").time_in("table", "stick") == run.time_in("table", "stick")
     loads = np.linspace(5.0, 15.0, 120)  # as many as would step side by side
-    stuck = sweep(plant, {"puck.load": loads}, 3.0, inputs=ELLIPSE, measures={"stuck": time_in("table", "stick")})["stuck"]
+    stuck = sweep(closed_loop(plant, inputs=ELLIPSE), {"puck.load": loads}, 3.0, measures={"stuck": time_in("table", "stick")})["stuck"]
     alone = simulate(plant, 3.0, inputs=ELLIPSE, parameters={"puck.load": loads[50]}).time_in("table", "stick")
     assert stuck[50] == pytest.approx(alone, rel=1e-6) and stuck[-1] > stuck[0]
 
@@ -414,7 +415,7 @@ def test_lengths_of_slip_and_force_are_measured_through_the_break_away():
         "severity": severity("table.slip"),
         "force": mean("table.force"),
     }
-    found = sweep(plant, {"puck.mass": (1.0, 1.0)}, 2.0, inputs=pull, measures=measures)
+    found = sweep(closed_loop(plant, inputs=pull), {"puck.mass": (1.0, 1.0)}, 2.0, measures=measures)
     for name, expected in {"highest": 2.0, "mean": 0.5, "severity": 2.0, "force": 1.5}.items():
         assert found[name] == pytest.approx(expected, rel=1e-6), name
 

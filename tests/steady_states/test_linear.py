@@ -13,9 +13,8 @@ import pytest
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, CubicStribeck, Exponential, TorsionalChain, wells
-from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, compose, quantity, simulate, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, closed_loop, compose, quantity, simulate, state
 from toolbox.modelling import Relay
-from toolbox.simulation.request import continuous_loop
 from toolbox.steady_states.linear import equilibrium, linearise
 
 pytestmark = pytest.mark.timeout(120)
@@ -75,7 +74,7 @@ class Drift(Component):
 
 # ------------------------------------------------------------------------------------------------------------------------------------- matrices
 def test_the_poles_of_two_inertias_are_those_of_the_matrix_written_by_hand(rig):
-    point = equilibrium(rig, inputs={"top.torque": 12_000.0})
+    point = equilibrium(closed_loop(rig, inputs={"top.torque": 12_000.0}))
     w = point["bit.speed"]
     slope = -TORQUE * 0.3 * 0.9 * math.exp(-0.9 * w)
     hand = np.array(
@@ -93,7 +92,7 @@ def test_the_poles_of_two_inertias_are_those_of_the_matrix_written_by_hand(rig):
 
 
 def test_the_steady_gain_from_torque_to_speed_is_one_over_all_drags(rig):
-    point = equilibrium(rig, inputs={"top.torque": 12_000.0})
+    point = equilibrium(closed_loop(rig, inputs={"top.torque": 12_000.0}))
     slope = -TORQUE * 0.3 * 0.9 * math.exp(-0.9 * point["bit.speed"])
     system = linearise(rig, point, inputs="top.torque", outputs=["top.speed", "bit.speed", "top.load"])
     assert system.input_labels == ["top_torque"] and system.output_labels == ["top_speed", "bit_speed", "top_load"]
@@ -114,7 +113,7 @@ def test_jacobians_agree_with_differences_of_the_right_hand_side():
 
 
 def test_a_small_step_of_the_plant_follows_the_linear_system_to_second_order(rig):
-    point = equilibrium(rig, inputs={"top.torque": 12_000.0})
+    point = equilibrium(closed_loop(rig, inputs={"top.torque": 12_000.0}))
     system = linearise(rig, point, inputs="top.torque", outputs="bit.speed")
     t = np.linspace(0.0, 30.0, 301)
     start = {"chain.twist": point["chain.twist"], "chain.speed": point["chain.speed"]}
@@ -136,7 +135,7 @@ def test_a_block_on_a_belt_loses_stability_at_the_hopf_speed_of_thomsen_and_fidl
 
     def growth(speed):
         changed = {"block.belt_speed": speed}
-        point = equilibrium(plant, parameters=changed)
+        point = equilibrium(closed_loop(plant, parameters=changed))
         assert point.modes == {"belt": "slip-"} and point["block.speed"] == 0.0
         return linearise(plant, point).poles().real.max()
 
@@ -156,11 +155,11 @@ def test_a_sticking_bit_leaves_the_top_drive_on_the_spring(rig):
 
 def test_a_steady_state_under_a_relay_is_on_its_surface_while_the_relay_is_strong_enough():
     plant = compose(SlidingMass())
-    point = equilibrium(plant, inputs={"mass.push": 4.0, "mass.target": 2.0})
+    point = equilibrium(closed_loop(plant, inputs={"mass.push": 4.0, "mass.target": 2.0}))
     assert point["mass.position"] == pytest.approx(2.0, rel=1e-14) and point["relay.force"] == pytest.approx(-4.0, rel=1e-14)
     assert linearise(plant, point).nstates == 1
     with pytest.raises(SceneError, match="`relay` in stick needs a force of 6, but its bound is 5"):
-        equilibrium(plant, inputs={"mass.push": 6.0})
+        equilibrium(closed_loop(plant, inputs={"mass.push": 6.0}))
     off = linearise(plant, {"mass.position": 1.0})
     np.testing.assert_array_equal(off.A, [[0.0, 1.0], [0.0, 0.0]])
 
@@ -202,7 +201,7 @@ def test_an_ideal_sliding_mode_has_the_pole_of_its_surface_and_rejects_the_distu
 # ------------------------------------------------------------------------------------------------------------------------------ steady states
 def test_with_coulomb_friction_the_steady_speed_is_torque_left_over_drag():
     plant = compose(wells.JANSEN_2, BitRock(friction=Coulomb(static=0.6, kinetic=0.5)))
-    point = equilibrium(plant, inputs={"top.torque": 12_000.0, "bit.weight": 80_000.0})
+    point = equilibrium(closed_loop(plant, inputs={"top.torque": 12_000.0, "bit.weight": 80_000.0}))
     speed = (12_000.0 - 80_000.0 * 0.155575 * 0.5) / (CR + CB)
     assert point["bit.speed"] == pytest.approx(speed, rel=1e-14)
     assert point["chain.twist"] == pytest.approx((12_000.0 - CR * speed) / K, rel=1e-13)
@@ -214,8 +213,8 @@ def test_falling_friction_has_two_steady_speeds_and_the_fast_one_is_found_withou
     def balance(w):
         return 475.0 * w + TORQUE * (0.5 + 0.3 * math.exp(-0.9 * w)) - 10_000.0
 
-    fast = equilibrium(rig, inputs={"top.torque": 10_000.0})
-    slow = equilibrium(rig, inputs={"top.torque": 10_000.0}, start={"bit.speed": 1.0, "top.speed": 1.0})
+    fast = equilibrium(closed_loop(rig, inputs={"top.torque": 10_000.0}))
+    slow = equilibrium(closed_loop(rig, inputs={"top.torque": 10_000.0}), guess={"bit.speed": 1.0, "top.speed": 1.0})
     assert slow["bit.speed"] < 2.39 < fast["bit.speed"]  # friction and drag together are least there
     for point in (fast, slow):
         assert balance(point["bit.speed"]) == pytest.approx(0.0, abs=1e-8)
@@ -223,33 +222,35 @@ def test_falling_friction_has_two_steady_speeds_and_the_fast_one_is_found_withou
 
 
 def test_backwards_is_the_mirror_image_of_forwards(rig):
-    forwards, backwards = (equilibrium(rig, inputs={"top.torque": t}) for t in (12_000.0, -12_000.0))
+    forwards, backwards = (equilibrium(closed_loop(rig, inputs={"top.torque": t})) for t in (12_000.0, -12_000.0))
     assert backwards["bit.speed"] == pytest.approx(-forwards["bit.speed"], rel=1e-13)
     assert backwards.modes == {"bit": "slip-"}
     np.testing.assert_allclose(linearise(rig, backwards).A, linearise(rig, forwards).A, rtol=1e-12)
 
 
 def test_a_parked_bit_is_a_steady_state_up_to_the_static_bound(rig):
-    point = equilibrium(rig, inputs={"top.torque": 9500.0}, mode={"bit": "stick"})
+    point = equilibrium(closed_loop(rig, inputs={"top.torque": 9500.0}), mode={"bit": "stick"})
     assert point["bit.speed"] == 0.0 and point["top.speed"] == 0.0
     assert point["bit.torque"] == pytest.approx(9500.0, rel=1e-13)
     with pytest.raises(SceneError, match="`bit` in stick needs a force of 12500 N m, but its bound is 12116"):
-        equilibrium(rig, inputs={"top.torque": 12_500.0}, mode={"bit": "stick"})
+        equilibrium(closed_loop(rig, inputs={"top.torque": 12_500.0}), mode={"bit": "stick"})
 
 
 def test_where_no_steady_state_exists_the_error_says_what_still_moves(rig):
     with pytest.raises(SceneError, match=r"There is no steady state for top\.torque = 9000.* with `bit` in slip\+: .*still changes by"):
-        equilibrium(rig, inputs={"top.torque": 9000.0})
+        equilibrium(closed_loop(rig, inputs={"top.torque": 9000.0}))
     with pytest.raises(SceneError, match=r"the only state found contradicts its mode: `bit` in slip- has the slip .* rad/s"):
-        equilibrium(compose(wells.JANSEN_2, BitRock(friction=Coulomb())), inputs={"top.torque": 20_000.0}, mode={"bit": "slip-"})
+        equilibrium(
+            closed_loop(compose(wells.JANSEN_2, BitRock(friction=Coulomb())), inputs={"top.torque": 20_000.0}), mode={"bit": "slip-"}
+        )
     with pytest.raises(SceneError, match=r"`cart\.speed` still changes by 2 m/s per second"):
-        equilibrium(compose(Drift()), inputs={"cart.push": 2.0})
+        equilibrium(closed_loop(compose(Drift()), inputs={"cart.push": 2.0}))
     with pytest.raises(SceneError, match=r"block\.position"):  # carried along by the belt
         equilibrium(compose(BlockOnBelt()), mode={"belt": "stick"})
 
 
 def test_a_steady_state_that_is_free_to_be_anywhere_is_accepted():
-    point = equilibrium(compose(Drift()), start={"cart.position": 4.0})
+    point = equilibrium(compose(Drift()), guess={"cart.position": 4.0})
     assert point["cart.position"] == 4.0 and point["cart.speed"] == 0.0
 
 
@@ -257,7 +258,7 @@ def test_a_long_chain_and_a_stiff_law_still_find_their_steady_state():
     n = 60
     chain = TorsionalChain(inertia=(50.0,) * n, stiffness=(3e4,) * (n - 1), damping=(5.0,) * (n - 1), top_drag=425.0, bit_drag=50.0)
     plant = compose(chain, BitRock(friction=Exponential(0.8, 0.5, 1e4)))
-    point = equilibrium(plant, inputs={"top.torque": 10_000.0})
+    point = equilibrium(closed_loop(plant, inputs={"top.torque": 10_000.0}))
     assert point["bit.speed"] == pytest.approx((10_000.0 - TORQUE * 0.5) / 475.0, rel=1e-11)
     assert linearise(plant, point).nstates == 2 * n - 1
 
@@ -282,16 +283,16 @@ def test_a_point_of_a_controlled_run_serves_the_plant_alone(rig):
 
 
 def test_inputs_given_with_values_set_the_point(rig):
-    heavy = linearise(rig, {"bit.speed": 2.0}, inputs={"bit.weight": 2 * 97_347.0}, outputs="bit.speed")
+    heavy = linearise(closed_loop(rig, inputs={"bit.weight": 2 * 97_347.0}), {"bit.speed": 2.0}, outputs="bit.speed")
     light = linearise(rig, {"bit.speed": 2.0, "bit.weight": 97_347.0}, outputs="bit.speed")
     slope = -TORQUE * 0.3 * 0.9 * math.exp(-1.8)
     assert light.A[2, 2] - heavy.A[2, 2] == pytest.approx(slope / J2, rel=1e-12)
-    overridden = linearise(rig, {"bit.speed": 2.0}, parameters={"bit.weight": 2 * 97_347.0})
+    overridden = linearise(closed_loop(rig, parameters={"bit.weight": 2 * 97_347.0}), {"bit.speed": 2.0})
     np.testing.assert_allclose(overridden.A, heavy.A, rtol=1e-15)
 
 
 def test_a_plant_with_other_parameters_is_linearised_with_them(rig):
-    point = equilibrium(rig, inputs={"top.torque": 12_000.0}, parameters={"chain.top_drag": 500.0})
+    point = equilibrium(closed_loop(rig, inputs={"top.torque": 12_000.0}, parameters={"chain.top_drag": 500.0}))
     assert linearise(rig, point).A[1, 1] == pytest.approx(-(C12 + 500.0) / J1, rel=1e-14)
     assert linearise(rig, {"bit.speed": 5.0}).A[1, 1] == pytest.approx(-(C12 + CR) / J1, rel=1e-14)
 
@@ -313,15 +314,15 @@ def test_the_result_is_at_home_in_python_control(rig):
 
 
 def test_bad_arguments_are_refused_by_name(rig):
-    other = equilibrium(compose(replace(wells.NAVARRO_LOPEZ_4), BitRock()), inputs={"top.torque": 12_000.0})
+    other = equilibrium(closed_loop(compose(replace(wells.NAVARRO_LOPEZ_4), BitRock()), inputs={"top.torque": 12_000.0}))
     run = simulate(rig, 1.0)
     law = compose(Drift())
     refused = [
-        (lambda: linearise("rig"), "Argument `plant` must be a plant made by `compose`"),
-        (lambda: equilibrium(rig, inputs={"top.torqe": 1.0}), r"There is no input `top\.torqe`: did you mean `top\.torque`"),
-        (lambda: equilibrium(rig, inputs={"bit.speed": 1.0}), "must not be an input"),
-        (lambda: equilibrium(rig, inputs={"top.torque": math.nan}), "must be a finite number"),
-        (lambda: equilibrium(rig, inputs={"bit.weight": -1.0}), r"Argument `bit\.weight` must be >= 0"),
+        (lambda: linearise("rig"), "Argument `loop` must be a plant made by `compose`"),
+        (lambda: equilibrium(closed_loop(rig, inputs={"top.torqe": 1.0})), r"There is no input `top\.torqe`: did you mean `top\.torque`"),
+        (lambda: equilibrium(closed_loop(rig, inputs={"bit.speed": 1.0})), "must not be an input"),
+        (lambda: equilibrium(closed_loop(rig, inputs={"top.torque": math.nan})), "must be a finite number"),
+        (lambda: equilibrium(closed_loop(rig, inputs={"bit.weight": -1.0})), r"Argument `bit\.weight` must be >= 0"),
         (lambda: equilibrium(rig, mode={"bitt": "stick"}), "There is no element `bitt`"),
         (lambda: equilibrium(rig, mode={"bit": "slide"}), "must be stick, slip. or slip- for `bit`"),
         (lambda: linearise(rig, {"bit.sped": 1.0}), r"There is no state `bit\.sped`"),
@@ -335,7 +336,7 @@ def test_bad_arguments_are_refused_by_name(rig):
         (lambda: linearise(law, run.at(0.5)), r"must hold the state `cart\.position`"),
         (lambda: linearise(rig, outputs="bit.sped"), r"There is no signal `bit\.sped`"),
         (lambda: linearise(rig, inputs=["top.speed"]), r"There is no input `top\.speed`"),
-        (lambda: equilibrium(rig, inputs={"top.torque": 1e4})["bit.sped"], r"There is no signal `bit\.sped`"),
+        (lambda: equilibrium(closed_loop(rig, inputs={"top.torque": 1e4}))["bit.sped"], r"There is no signal `bit\.sped`"),
         (lambda: linearise(simulate(rig, 1.0, controller=lambda t, y: 0.0, sample_time=0.1).program.system), "must not hold sampled laws"),
     ]
     for call, message in refused:
@@ -356,7 +357,7 @@ def test_a_law_with_torque_limits_has_the_steady_state_that_it_has_without_where
     rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
     states = []
     for limits in ({}, {"lowest_torque": 0.0, "highest_torque": 20e3}):
-        states.append(equilibrium(continuous_loop(rig, law(reference=reference, **limits))).states)
+        states.append(equilibrium(closed_loop(rig, law(reference=reference, **limits))).states)
     np.testing.assert_allclose(states[1], states[0], rtol=1e-9)
     assert states[1][1] == pytest.approx(reference, rel=1e-12)
 
@@ -364,7 +365,7 @@ def test_a_law_with_torque_limits_has_the_steady_state_that_it_has_without_where
 def test_a_law_closes_the_loop_of_a_steady_state_and_of_its_linear_system(rig):
     """Poles of [twist, top speed, bit speed, angle of the PI] from the matrix written by hand; a run that begins there stays there."""
     law, w = PI(reference=8.0, proportional=2000.0, integral=700.0), 8.0
-    rest = equilibrium(rig, controller=law, inputs={"top.reference": w})
+    rest = equilibrium(closed_loop(rig, law, inputs={"top.reference": w}))
     assert rest["bit.speed"] == pytest.approx(w, rel=1e-9)
     load = TORQUE * (0.5 + 0.3 * math.exp(-0.9 * w)) + CB * w
     assert rest["pi.angle"] * 700.0 == pytest.approx(CR * w + load, rel=1e-9)
@@ -377,20 +378,21 @@ def test_a_law_closes_the_loop_of_a_steady_state_and_of_its_linear_system(rig):
     ]
     by_hand = np.sort_complex(np.linalg.eigvals(matrix))
     for at in (rest, {"chain.speed": w}):
-        closed = linearise(rig, at=at, mode={"bit": "slip+"}, controller=law)
+        closed = linearise(closed_loop(rig, law), at=at, mode={"bit": "slip+"})
         np.testing.assert_allclose(np.sort_complex(closed.poles()), by_hand, rtol=1e-7)
         assert closed.input_labels == ["bit_weight", "top_reference"]
     run = simulate(rig, 20.0, start=rest, controller=law)
     assert np.abs(run["bit.speed"] - w).max() < 1e-6 and run.events == []
-    with pytest.raises(SceneError, match="continuous form"):
-        linearise(rig, controller=lambda t, y: 0.0)
+    for verb in (equilibrium, linearise):
+        with pytest.raises(SceneError, match="continuous form"):
+            verb(closed_loop(rig, lambda t, y: 0.0, sample_time=0.1))
 
 
 def test_a_plant_is_linearised_where_a_loop_holds_it(rig):
     """The plant alone at the steady state of a loop, against matrices written by hand; closed by the law again it has the poles of the loop."""
     law, w = PI(reference=8.0, proportional=2000.0, integral=700.0), 6.0
     for weight in (TORQUE / 0.155575, 0.8 * TORQUE / 0.155575):
-        rest = equilibrium(rig, controller=law, inputs={"top.reference": w, "bit.weight": weight})
+        rest = equilibrium(closed_loop(rig, law, inputs={"top.reference": w, "bit.weight": weight}))
         alone = linearise(rig, at=rest, inputs="top.torque", outputs=["top.speed", "bit.speed"])
         fall = weight * 0.155575 * 0.3 * 0.9 * math.exp(-0.9 * w)
         matrix = [[0, 1, -1], [-K / J1, -(C12 + CR) / J1, C12 / J1], [K / J2, C12 / J2, -(C12 + CB - fall) / J2]]
@@ -400,9 +402,9 @@ def test_a_plant_is_linearised_where_a_loop_holds_it(rig):
         k = control.tf([2000.0, 700.0], [1, 0])
         closed = control.feedback(alone[0, 0] * control.ss(k))
         np.testing.assert_allclose(
-            np.sort_complex(closed.poles()), np.sort_complex(linearise(rig, at=rest, controller=law).poles()), rtol=1e-6
+            np.sort_complex(closed.poles()), np.sort_complex(linearise(closed_loop(rig, law), at=rest).poles()), rtol=1e-6
         )
-    heavier = equilibrium(rig, controller=law, parameters={"chain.stiffness": (2 * K,)})
+    heavier = equilibrium(closed_loop(rig, law, parameters={"chain.stiffness": (2 * K,)}))
     assert linearise(rig, at=heavier).A[1, 0] == pytest.approx(-2 * K / J1, rel=1e-12)  # its numbers are those of the loop
     with pytest.raises(SceneError, match="or of a loop with it, but it belongs to another plant"):
         linearise(rig, at=equilibrium(compose(BlockOnBelt())))

@@ -11,7 +11,7 @@ import pytest
 
 from controllers import PI, IdealSlidingMode, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, TopDrive, TwoDisks, closed_forms, oscillators, wells
-from toolbox import Sampled, SceneError, compose, linearise, measure, simulate
+from toolbox import Sampled, SceneError, closed_loop, compose, linearise, measure, simulate
 from toolbox.inputs import sine
 from toolbox.steady_states.equilibria import equilibria
 from toolbox.steady_states.hopf import hopf_curve, hopf_points
@@ -71,7 +71,7 @@ def test_a_drive_that_holds_its_speed_leaves_only_the_damping_of_the_string():
     assert limit == pytest.approx(math.log(FALL / (23.2 + 50.0)) / 0.9, rel=1e-14)
     errors = []
     for gain in (1e6, 1e7):
-        point = only(hopf_points(plant, "top.reference", (2.0, 9.0), controller=PI(proportional=gain, integral=1.0)))
+        point = only(hopf_points(closed_loop(plant, PI(proportional=gain, integral=1.0)), "top.reference", (2.0, 9.0)))
         errors.append(abs(point.value - limit))
     # a proportional drive of gain P lets go of the torque c_r w + T by an error of 1 / P, and stiffens as 1 / P
     assert errors[1] < 0.11 * errors[0] < 0.02
@@ -79,7 +79,7 @@ def test_a_drive_that_holds_its_speed_leaves_only_the_damping_of_the_string():
 
 def test_under_a_pi_drive_the_quartic_of_hurwitz_agrees():
     law = StiffPI()
-    point = only(hopf_points(compose(*RIG), "top.reference", (2.0, 8.0), controller=law))
+    point = only(hopf_points(closed_loop(compose(*RIG), law), "top.reference", (2.0, 8.0)))
     (j1, j2), k, c = wells.JANSEN_2.inertia, 473.0, 23.2
     d1, d2 = 425.0 + law.proportional, 50.0 - FALL * math.exp(-0.9 * point.value)
     top, bit, tie = [j1, d1 + c, k + law.integral], [j2, d2 + c, k], [c, k]
@@ -92,12 +92,12 @@ def test_under_a_pi_drive_the_quartic_of_hurwitz_agrees():
 
 def test_a_drive_that_gives_way_moves_the_hopf_point_down():
     plant = compose(*RIG)
-    stiff, soft = (only(hopf_points(plant, "top.reference", (2.0, 9.0), controller=law)).value for law in (StiffPI(), SoftTorque()))
+    stiff, soft = (only(hopf_points(closed_loop(plant, law), "top.reference", (2.0, 9.0))).value for law in (StiffPI(), SoftTorque()))
     assert soft < 0.9 * stiff
 
 
 def test_on_the_ideal_sliding_surface_the_hopf_point_is_found_with_the_relay_in_its_slide():
-    point = only(hopf_points(compose(*RIG), "top.reference", (2.0, 9.0), controller=IdealSlidingMode()))
+    point = only(hopf_points(closed_loop(compose(*RIG), IdealSlidingMode()), "top.reference", (2.0, 9.0)))
     assert point.point.modes == {"bit": "slip+", "slidingmode": "stick"}
     poles = linearise(point.point.plant, point.point).poles()
     np.testing.assert_allclose(sorted(poles[np.abs(poles.imag) > 1e-6].imag), [-point.frequency, point.frequency], rtol=1e-9)
@@ -106,15 +106,15 @@ def test_on_the_ideal_sliding_surface_the_hopf_point_is_found_with_the_relay_in_
 
 def test_a_lag_in_the_drive_is_part_of_the_loop():
     # at the outermost point a pair is on the axis, and none beyond it
-    point = hopf_points(compose(*RIG, TopDrive(drive_lag=0.1)), "top.reference", (2.0, 9.0), controller=SoftTorque())[-1]
+    point = hopf_points(closed_loop(compose(*RIG, TopDrive(drive_lag=0.1)), SoftTorque()), "top.reference", (2.0, 9.0))[-1]
     poles = linearise(point.point.plant, point.point).poles()
     assert np.abs(poles.real).min() < 1e-9 and poles.real.max() < 1e-9
-    assert abs(point.value - only(hopf_points(compose(*RIG), "top.reference", (2.0, 9.0), controller=SoftTorque())).value) > 0.05
+    assert abs(point.value - only(hopf_points(closed_loop(compose(*RIG), SoftTorque()), "top.reference", (2.0, 9.0))).value) > 0.05
 
 
 def test_the_critical_speed_over_the_weight_on_bit_is_a_logarithm():
     weights = np.array([40e3, 60e3, 80e3, 100e3])
-    curve = hopf_curve(compose(*RIG), "top.reference", (1.0, 9.0), "bit.weight", weights, controller=StiffPI())
+    curve = hopf_curve(closed_loop(compose(*RIG), StiffPI()), "top.reference", (1.0, 9.0), "bit.weight", weights)
     # the slope at which the loop is lost does not depend on the speed, so W exp(-0.9 w) is constant
     np.testing.assert_allclose(weights * np.exp(-0.9 * curve), weights[0] * math.exp(-0.9 * curve[0]), rtol=1e-9)
 
@@ -147,7 +147,7 @@ def test_the_loss_of_veraszto_and_stepan_is_hard():
 
 
 def test_a_torque_has_a_fast_a_slow_and_a_stuck_steady_state():
-    points = equilibria(compose(*RIG), inputs={"top.torque": 10_000.0})
+    points = equilibria(closed_loop(compose(*RIG), inputs={"top.torque": 10_000.0}))
     assert [point.modes["bit"] for point in points] == ["slip+", "slip+", "stick"]
     for point in points[:2]:
         w = point["bit.speed"]
@@ -158,7 +158,7 @@ def test_a_torque_has_a_fast_a_slow_and_a_stuck_steady_state():
 
 
 def test_a_torque_beyond_the_static_bound_has_one_steady_state():
-    points = equilibria(compose(*RIG), inputs={"top.torque": 14_000.0})
+    points = equilibria(closed_loop(compose(*RIG), inputs={"top.torque": 14_000.0}))
     assert [point.modes["bit"] for point in points] == ["slip+"]
 
 
@@ -172,9 +172,9 @@ def test_the_slope_of_a_law_is_its_derivative_by_slip_speed():
 
 def test_the_poles_of_a_locus_follow_their_own_and_cross_at_the_hopf_point():
     plant = compose(*RIG)
-    point = only(hopf_points(plant, "top.reference", (2.0, 9.0), controller=StiffPI()))
+    point = only(hopf_points(closed_loop(plant, StiffPI()), "top.reference", (2.0, 9.0)))
     speeds = np.linspace(0.8, 1.2, 81) * point.value
-    locus = pole_locus(plant, "top.reference", speeds, controller=StiffPI())
+    locus = pole_locus(closed_loop(plant, StiffPI()), "top.reference", speeds)
     assert locus.shape == (81, 4)
     crossing = [j for j in range(4) if locus[0, j].real > 0 > locus[-1, j].real]
     assert len(crossing) == 2
@@ -183,7 +183,7 @@ def test_the_poles_of_a_locus_follow_their_own_and_cross_at_the_hopf_point():
 
 
 def test_a_bode_diagram_and_a_root_locus_come_from_the_linear_system_as_it_is():
-    point = equilibria(compose(*RIG), inputs={"top.torque": 12_000.0})[0]
+    point = equilibria(closed_loop(compose(*RIG), inputs={"top.torque": 12_000.0}))[0]
     system = linearise(point.plant, point, inputs="top.torque", outputs="top.speed")
     response = control.frequency_response(system, np.array([1e-6, 1e4]))
     slope = friction_slopes(point)["bit"]
@@ -262,19 +262,23 @@ def test_a_closed_form_is_refused_outside_of_its_range(call, word):
         ({"between": (3.0, math.nan)}, "between"),
         ({"between": 3.0}, "between"),
         ({"parameter": "chain.inertia"}, "chain.inertia.0"),
-        ({"controller": lambda t, y: 0.0}, "continuous form"),
+        ({"law": lambda t, y: 0.0, "sample_time": 0.1}, "continuous form"),
         ({"inputs": {"bit.wieght": 1.0}}, "bit.weight"),
     ],
 )
 def test_a_mistake_is_named(arguments, word):
+    asked = {"parameter": "top.reference", "between": (2.0, 8.0)}
+    others = {key: value for key, value in arguments.items() if key not in asked}
     with pytest.raises(SceneError, match=word):
-        hopf_points(compose(*RIG), **({"parameter": "top.reference", "between": (2.0, 8.0), "controller": StiffPI()} | arguments))
+        hopf_points(
+            closed_loop(compose(*RIG), **({"law": StiffPI()} | others)), **(asked | {k: arguments[k] for k in asked if k in arguments})
+        )
 
 
 @pytest.mark.parametrize("verb", [hopf_points, pole_locus])
 def test_a_sampled_law_is_not_taken_for_its_continuous_form_without_a_word(verb):
     given = (2.0, 8.0) if verb is hopf_points else [2.0, 8.0]
     with pytest.raises(SceneError, match="sample time and delay would be left out"):
-        verb(compose(*RIG), "top.reference", given, controller=Sampled(StiffPI(), 0.05, delay=0.3))
+        verb(closed_loop(compose(*RIG), Sampled(StiffPI(), 0.05, delay=0.3)), "top.reference", given)
     with pytest.raises(SceneError, match="sample time and delay would be left out"):
-        linearise(compose(*RIG), controller=[Sampled(StiffPI(), 0.05)])
+        linearise(closed_loop(compose(*RIG), [Sampled(StiffPI(), 0.05)]))

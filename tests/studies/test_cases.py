@@ -29,7 +29,7 @@ def truth():
 def test_every_case_keeps_the_accuracy_asked_within_ten_and_finds_the_same_switches(name, accuracy, truth):
     case = CASES[name]
     grid, reference = truth(name)
-    run = simulate(case.plant, case.duration, accuracy=accuracy, **case.arguments)
+    run = simulate(case.loop, case.duration, accuracy=accuracy)
     assert scaled_error(run.at(grid).states, reference.states) < 10 * accuracy
     assert [(e.element, e.before, e.after) for e in run.events] == [(s.contact, s.before, s.after) for s in reference.switches]
     times, theirs = [e.time for e in run.events], [s.time for s in reference.switches]
@@ -40,6 +40,6 @@ def test_every_case_keeps_the_accuracy_asked_within_ten_and_finds_the_same_switc
 def test_the_error_that_a_run_reports_is_the_error_it_made(name, truth):
     case = CASES[name]
     grid, reference = truth(name)
-    run = simulate(case.plant, case.duration, accuracy=1e-6, **case.arguments)
+    run = simulate(case.loop, case.duration, accuracy=1e-6)
     made = scaled_error(run.at(grid).states, reference.states)
     assert made / 10 < run.error < max(10 * made, 1e-10)

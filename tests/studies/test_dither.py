@@ -25,7 +25,7 @@ from models import (
     wells,
 )
 from studies.questions.dither import BRAKE, LEINE, STRING, cures, falling, judged
-from toolbox import Sampled, Scene, SceneError, compose, energy_audit, equilibrium, linearise, measure, simulate
+from toolbox import Sampled, Scene, SceneError, closed_loop, compose, energy_audit, equilibrium, linearise, measure, simulate
 from toolbox.inputs import sine, square
 
 NATURAL = 1.0 / (2.0 * math.pi)
@@ -113,7 +113,7 @@ def test_a_load_phased_with_the_slip_adds_the_damping_that_the_closed_form_says(
     mu, fall = 0.3 + 0.2 * math.exp(-0.8), 0.8 * math.exp(-0.8)
     plant = compose(BlockOnBelt(friction=law, load=10.0, mass=2.0, stiffness=100.0, belt_speed=0.2))
     phased = PhasedDither(load="block.load", speed="belt.slip", reference=-0.2, size=-0.5, depth=ratio * 0.5 * fall / mu)
-    poles = np.linalg.eigvals(linearise(plant, equilibrium(plant, controller=phased), controller=phased).A)
+    poles = np.linalg.eigvals(linearise(closed_loop(plant, phased), equilibrium(closed_loop(plant, phased))).A)
     np.testing.assert_allclose(poles.real, 10.0 * fall * (1.0 - ratio) / (2 * 2.0), atol=1e-12)
 
 
@@ -273,7 +273,7 @@ def test_on_the_string_dither_shakes_the_bit_into_smooth_drilling_which_then_nee
 def test_on_the_string_no_weight_dither_helps_where_smooth_drilling_is_unstable():
     # 6 rad/s: falling friction takes more than the string damps
     torque = 475.0 * 3.0 + 0.155575 * 97_347.0 * (0.5 + 0.3 * math.exp(-2.7))
-    rest = equilibrium(STRING.plant, inputs={"top.torque": torque}, start={"chain.speed": [3.0, 3.0], "chain.twist": [15.0]})
+    rest = equilibrium(closed_loop(STRING.plant, inputs={"top.torque": torque}), guess={"chain.speed": [3.0, 3.0], "chain.twist": [15.0]})
     assert linearise(STRING.plant, rest).poles().real.max() > 0.0
     law = NormalDither(load="bit.weight", depth=0.6, frequency=11.0 * STRING.natural)
     run = simulate(STRING.plant, 160.0 / STRING.natural, controller=law, inputs={"top.torque": torque})

@@ -32,7 +32,7 @@ def test_what_the_reference_moves_by_at_rest_is_no_error_of_a_run_that_rests():
     one, times = differential.trial(1, 1379, 0), np.linspace(0.0, 1.0, 101)
     right = differential.Reference(one, 1e-12).run(times)
     assert 0.0 < np.abs(right).max() < 1e-12  # its steps end in forces that balance to round-off only
-    run = simulate(compose(one.machine), 1.0, output_times=times, **differential.arguments_of(one))
+    run = simulate(differential.loop_of(compose(one.machine), one), 1.0, output_times=times)
     assert not run.states.any()
     assert differential._apart(run.states, right) == 0.0
     assert differential._apart(run.states + 1e-11, right) > 1e-6
@@ -44,7 +44,7 @@ def test_a_rest_that_a_weak_load_ends_for_a_moment_is_not_stepped_over_by_the_re
     times = np.linspace(0.0, one.duration, 101)
     reference = differential.Reference(one, 1e-12)
     right = reference.run(times)
-    run = simulate(compose(one.machine), one.duration, output_times=times, accuracy=1e-8, **differential.arguments_of(one))
+    run = simulate(differential.loop_of(compose(one.machine), one), one.duration, output_times=times, accuracy=1e-8)
     assert [event.time for event in run.events] == pytest.approx([each[0] for each in reference.events], abs=1e-7)
     assert differential._apart(run.states, right) < 1e-7
 

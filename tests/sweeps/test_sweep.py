@@ -20,7 +20,21 @@ import pytest
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, TorsionalChain, WhirlingCollar, wells
-from toolbox import Budget, Component, Equations, Sampled, Scene, SceneError, compose, measure, quantity, simulate, state, sweep
+from toolbox import (
+    Budget,
+    Component,
+    Equations,
+    Sampled,
+    Scene,
+    SceneError,
+    closed_loop,
+    compose,
+    measure,
+    quantity,
+    simulate,
+    state,
+    sweep,
+)
 from toolbox.errors import BudgetError
 from toolbox.measuring import measures
 from toolbox.modelling.inputs import sine
@@ -57,13 +71,10 @@ class Growth(Component):
 
 def test_measures_of_a_harmonic_motion_are_those_on_paper():
     w, after, until = np.array([1.0, 2.0, 7.3]), 3.21, 9.87
-    found = sweep(
-        compose(Spring()), {"mass.frequency": w}, duration=10.0, start={"mass.position": 1.0}, accuracy=1e-10,
-        measures={
+    found = sweep(closed_loop(compose(Spring()), start={"mass.position": 1.0}), {"mass.frequency": w}, duration=10.0, accuracy=1e-10, measures={
             "mean": measures.mean("mass.position", after, until), "high": measures.maximum("mass.square"), "low": measures.minimum("mass.position"),
             "square": measures.mean("mass.square", after, until), "end": measures.final("mass.speed"),
-        },
-    )  # fmt: skip
+        })  # fmt: skip
     span = until - after
     np.testing.assert_allclose(found["mean"], (np.sin(w * until) - np.sin(w * after)) / (w * span), atol=1e-8)
     np.testing.assert_allclose(found["square"], 0.5 + (np.sin(2 * w * until) - np.sin(2 * w * after)) / (4 * w * span), atol=1e-8)
@@ -143,7 +154,7 @@ def test_measures_in_machine_code_agree_with_those_of_the_trajectory(case, accur
 def test_node_values_alone_would_miss_the_peak():
     run = simulate(RIG, 60.0, controller=StiffPI())
     found = sweep(
-        RIG, {"bit.weight": [97_347.0]}, duration=60.0, controller=StiffPI(), measures={"peak": measures.maximum("bit.speed", 30.0)}
+        closed_loop(RIG, StiffPI()), {"bit.weight": [97_347.0]}, duration=60.0, measures={"peak": measures.maximum("bit.speed", 30.0)}
     )
     peak = measure.extent(run, "bit.speed", 30.0).maximum
     assert found["peak"][0] == pytest.approx(peak, rel=1e-6)
@@ -158,10 +169,7 @@ def test_functions_of_the_trajectory_and_laws_in_python_see_the_same_runs():
             return 1e4 * (8.0 - y[0])
 
     weights = [60e3, 97e3]
-    found = sweep(
-        RIG, {"bit.weight": weights}, duration=20.0, controller=Sampled(Brake(), 0.05), executor=ThreadPoolExecutor(2),
-        measures={"called": lambda run: measure.severity(run, after=10.0), "read": measures.severity("bit.speed", 10.0), "steps": lambda run: run.steps[0]},
-    )  # fmt: skip
+    found = sweep(closed_loop(RIG, Sampled(Brake(), 0.05)), {"bit.weight": weights}, duration=20.0, executor=ThreadPoolExecutor(2), measures={"called": lambda run: measure.severity(run, after=10.0), "read": measures.severity("bit.speed", 10.0), "steps": lambda run: run.steps[0]})  # fmt: skip
     for i, weight in enumerate(weights):
         run = simulate(RIG, 20.0, controller=Sampled(Brake(), 0.05), inputs={"bit.weight": weight})
         assert found["called"][i] == found["read"][i] == measure.severity(run, after=10.0)
@@ -175,17 +183,17 @@ def test_what_is_no_executor_is_refused():
 
 @pytest.mark.slow
 def test_laws_in_python_run_in_processes():
-    here = sweep(RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Gentle(), 0.05), measures=("mean", "stuck"))
+    here = sweep(closed_loop(RIG, Sampled(Gentle(), 0.05)), {"bit.weight": [60e3, 97e3]}, duration=5.0, measures=("mean", "stuck"))
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         there = sweep(
-            RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Gentle(), 0.05), measures=("mean", "stuck"), executor=pool
+            closed_loop(RIG, Sampled(Gentle(), 0.05)), {"bit.weight": [60e3, 97e3]}, duration=5.0, measures=("mean", "stuck"), executor=pool
         )
 
         class Local(Gentle):
             pass
 
         with pytest.raises(SceneError, match="must be importable"):
-            sweep(RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Local(), 0.05), executor=pool)
+            sweep(closed_loop(RIG, Sampled(Local(), 0.05)), {"bit.weight": [60e3, 97e3]}, duration=5.0, executor=pool)
     assert not there.errors
     np.testing.assert_array_equal(there["mean"], here["mean"])
 
@@ -202,10 +210,9 @@ class Gentle:
 def test_a_run_that_fails_is_recorded_and_the_others_are_not_touched():
     rates = [0.25, 0.5, 3.0, 0.0]
     found = sweep(
-        compose(Growth()),
+        closed_loop(compose(Growth()), start={"growth.size": 1.0}),
         {"growth.rate": rates},
         duration=1.0,
-        start={"growth.size": 1.0},
         accuracy=1e-10,
         measures={"x": measures.final("growth.size")},
     )
@@ -218,10 +225,7 @@ def test_a_run_that_fails_is_recorded_and_the_others_are_not_touched():
 
 def test_numbers_that_contradict_each_other_fail_alone():
     diameters = [0.15, 0.18, 0.22]
-    found = sweep(
-        rubbing(), {"collar.outer_diameter": diameters, "collar.hole_diameter": [0.20, 0.23]}, duration=0.05, start={"chain.speed": (24.0, 24.0)},
-        measures={"r": measures.maximum("collar.radius")},
-    )  # fmt: skip
+    found = sweep(closed_loop(rubbing(), start={"chain.speed": (24.0, 24.0)}), {"collar.outer_diameter": diameters, "collar.hole_diameter": [0.20, 0.23]}, duration=0.05, measures={"r": measures.maximum("collar.radius")})  # fmt: skip
     assert list(found.errors) == [4]
     assert "must increase" in found.errors[4]
     assert np.isfinite(found["r"].ravel()[[0, 1, 2, 3, 5]]).all()
@@ -260,11 +264,11 @@ def test_designs_that_make_no_sense_are_refused(design, arguments, message):
 
 def test_rows_and_grids_give_the_same_runs():
     asked = {"severity": measures.severity("bit.speed", 10.0)}
-    over = sweep(RIG, {"bit.weight": [60e3, 97e3], "pi.reference": [5.0, 9.0]}, duration=20.0, controller=StiffPI(), measures=asked)
+    over = sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [60e3, 97e3], "pi.reference": [5.0, 9.0]}, duration=20.0, measures=asked)
     rows = [{"bit.weight": w, "pi.reference": r} for w in (60e3, 97e3) for r in (5.0, 9.0)]
-    alone = sweep(RIG, rows, duration=20.0, controller=StiffPI(), measures=asked)
+    alone = sweep(closed_loop(RIG, StiffPI()), rows, duration=20.0, measures=asked)
     pandas = pytest.importorskip("pandas")
-    table = sweep(RIG, pandas.DataFrame(rows), duration=20.0, controller=StiffPI(), measures=asked)
+    table = sweep(closed_loop(RIG, StiffPI()), pandas.DataFrame(rows), duration=20.0, measures=asked)
     np.testing.assert_array_equal(over["severity"].ravel(), alone["severity"])
     np.testing.assert_array_equal(table["severity"], alone["severity"])
     assert over["severity"].shape == (2, 2)
@@ -272,7 +276,7 @@ def test_rows_and_grids_give_the_same_runs():
 
 
 def test_what_is_saved_comes_back(tmp_path):
-    found = sweep(RIG, {"bit.weight": [60e3, 97e3], "pi.reference": [5.0, 9.0, 12.0]}, duration=10.0, controller=StiffPI())
+    found = sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [60e3, 97e3], "pi.reference": [5.0, 9.0, 12.0]}, duration=10.0)
     for name in ("found.npz", "found.zarr"):
         if name.endswith("zarr"):
             pytest.importorskip("zarr")
@@ -325,10 +329,10 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path, monkeypatch):
     weights = {"bit.weight": np.linspace(50e3, 110e3, 500)}
     plant, law = compose(wells.JANSEN_2, BitRock()), Sampled(StiffPI(), 0.01)
     made = counted_runs(monkeypatch)
-    found = sweep(plant, weights, duration=60.0, controller=law, out=folder)
+    found = sweep(closed_loop(plant, law), weights, duration=60.0, out=folder)
     assert sum(made) == 500 - done.sum()  # what was there is kept
     np.testing.assert_array_equal(found["severity"][done], before[done])
-    whole = sweep(plant, weights, duration=60.0, controller=law)
+    whole = sweep(closed_loop(plant, law), weights, duration=60.0)
     for name in ("severity", "stuck_ratio"):
         np.testing.assert_array_equal(found[name], whole[name])
         np.testing.assert_array_equal(Sweep.load(folder)[name], whole[name])
@@ -342,7 +346,7 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path, monkeypatch):
         with pytest.raises(SceneError, match=f"other .*`{word}`"):
             sweep(plant, weights, **{"duration": 60.0, "controller": law, "out": folder, **other})
     with pytest.raises(SceneError, match="other `vary`"):
-        sweep(plant, {"bit.weight": np.linspace(50e3, 111e3, 500)}, duration=60.0, controller=law, out=folder)
+        sweep(closed_loop(plant, law), {"bit.weight": np.linspace(50e3, 111e3, 500)}, duration=60.0, out=folder)
 
 
 def counted_runs(monkeypatch):
@@ -353,7 +357,7 @@ def counted_runs(monkeypatch):
     return made
 
 
-GROWING = {"duration": 1.0, "start": {"growth.size": 1.0}, "measures": {"x": measures.final("growth.size")}}
+GROWING = {"duration": 1.0, "measures": {"x": measures.final("growth.size")}}
 
 
 def test_what_is_on_disk_is_what_was_found_failures_and_all(tmp_path):
@@ -479,7 +483,9 @@ def test_a_swept_sine_is_asked_for_where_it_is():
             sweep(*wrong)
     with pytest.raises(SceneError, match=r"`top\.torque` must be .* a shape .*: the swept sine is `toolbox\.inputs\.sweep`"):
         simulate(RIG, 1.0, inputs={"top.torque": sweep})
-    placed, named = (sweep(RIG, {"bit.weight": [60e3]}, *a, controller=StiffPI(), **k) for a, k in (((1.0,), {}), ((), {"duration": 1.0})))
+    placed, named = (
+        sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [60e3]}, *a, **k) for a, k in (((1.0,), {}), ((), {"duration": 1.0}))
+    )
     np.testing.assert_array_equal(placed["severity"], named["severity"])  # the duration may stand third, as it stands second in `simulate`
 
 
@@ -500,7 +506,7 @@ def test_the_budget_of_a_run_counts_all_its_events(monkeypatch):
 def test_a_folder_with_other_files_is_not_written_to(tmp_path):
     (tmp_path / "letter.txt").write_text("mine")
     with pytest.raises(SceneError, match="Argument `out` must be an empty or new folder"):
-        sweep(RIG, {"bit.weight": [60e3]}, duration=1.0, controller=StiffPI(), out=tmp_path)
+        sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [60e3]}, duration=1.0, out=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
 
 
@@ -508,19 +514,19 @@ def test_a_folder_with_other_files_is_not_written_to(tmp_path):
 def test_dask_workers_give_the_same_numbers():
     distributed = pytest.importorskip("distributed")
     weights = {"bit.weight": np.linspace(50e3, 110e3, 12)}
-    here = sweep(RIG, weights, duration=30.0, controller=Sampled(StiffPI(), 0.01))
+    here = sweep(closed_loop(RIG, Sampled(StiffPI(), 0.01)), weights, duration=30.0)
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
     ):
-        there = sweep(RIG, weights, duration=30.0, controller=Sampled(StiffPI(), 0.01), executor=client.get_executor())
+        there = sweep(closed_loop(RIG, Sampled(StiffPI(), 0.01)), weights, duration=30.0, executor=client.get_executor())
     np.testing.assert_array_equal(there["severity"], here["severity"])
     assert not there.errors
 
 
 def test_a_scene_brings_its_controller_its_window_and_its_inputs():
     scene = Scene.load(SCENES / "jansen_2.toml")
-    found = sweep(scene, {"bit.weight": [60e3, 97_347.0]}, controller="stiff PI", measures=("severity", "stuck"))
+    found = sweep(scene["stiff PI"], {"bit.weight": [60e3, 97_347.0]}, measures=("severity", "stuck"))
     run = scene.run("stiff PI")
     assert found["severity"][1] == pytest.approx(measure.severity(run, scene.signal, scene.after), rel=1e-6)
     assert found["stuck"][1] == pytest.approx(run.time_in("bit", "stick", scene.after), abs=1e-4)
@@ -543,7 +549,7 @@ def test_a_scene_brings_its_controller_its_window_and_its_inputs():
 )
 def test_variations_that_make_no_sense_are_refused_by_name(vary, message):
     with pytest.raises(SceneError, match=message):
-        sweep(RIG, vary, duration=1.0, controller=Sampled(StiffPI(), 0.01))
+        sweep(closed_loop(RIG, Sampled(StiffPI(), 0.01)), vary, duration=1.0)
 
 
 @pytest.mark.parametrize(
@@ -563,7 +569,7 @@ def test_variations_that_make_no_sense_are_refused_by_name(vary, message):
 )
 def test_measures_that_make_no_sense_are_refused_by_name(measures, message):
     with pytest.raises(SceneError, match=message):
-        sweep(RIG, {"bit.weight": [1e3]}, duration=1.0, controller=StiffPI(), measures=measures)
+        sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [1e3]}, duration=1.0, measures=measures)
 
 
 def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys, caplog, monkeypatch):

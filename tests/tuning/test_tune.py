@@ -97,7 +97,7 @@ def test_the_best_damped_pi_drive_on_a_free_string_is_the_optimum_of_jansen_and_
         return float(linearise(run.run.system, at=run.at(run.end)).poles().real.max())
 
     given = PI(proportional=2e4, integral=2e3)
-    found = tune(slip, given, {"growth [1/s]": least_damped}, {"proportional": (100.0, 1e5), "integral": (50.0, 5e4)}, runs=400)
+    found = tune(slip, given, {"growth [1/s]": least_damped}, {"pi.proportional": (100.0, 1e5), "pi.integral": (50.0, 5e4)}, runs=400)
     spring, damper = ActiveDamping.gains(473.0, 374.0, 2122.0)
     om = math.sqrt(473.0 / 374.0)
     optimum = -0.5 * om * math.sqrt(374.0 / 2122.0)  # real part of the double pair
@@ -154,7 +154,7 @@ def rig(weight=97_347.0):
 
 def test_tuning_frees_the_bit_that_the_stiff_drive_leaves_in_stick_slip_on_every_weight():
     scenes = {f"{weight / 1e3:g} kN": rig(weight) for weight in (90e3, 100e3)}
-    found = tune(scenes, "stiff, 100 Hz", "severity", {"proportional": (500.0, 5e4), "integral": (50.0, 2e4)}, runs=20)
+    found = tune(scenes, "stiff, 100 Hz", "severity", {"pi.proportional": (500.0, 5e4), "pi.integral": (50.0, 2e4)}, runs=20)
     assert all(value > 0.5 for (value,) in found.before.values)  # as given: stick-slip on both
     assert all(value < 0.02 for (value,) in found.best.values)
     law = found.law
@@ -177,15 +177,15 @@ def test_plants_stand_for_scenes_that_are_judged_as_a_scene_file_is():
     alone = tune(plants["2000 N"], Dials(), off_by, box, duration=0.1, runs=60)
     assert alone.law.torque == pytest.approx(2000.0, rel=1e-3)
     drive = PI(reference=9.95, proportional=20e3, integral=2e3)
-    found = tune(RIG, Sampled(drive, 0.01), ["settling", "stuck"], {"proportional": (300.0, 20e3)}, duration=60.0, runs=12)
+    found = tune(RIG, Sampled(drive, 0.01), ["settling", "stuck"], {"pi.proportional": (300.0, 20e3)}, duration=60.0, runs=12)
     assert (
         isinstance(found.controller, Sampled) and found.before.values[0][1] > 1.0
     )  # sticks as given; the law's own reference is the set-point
 
 
 def test_measures_of_the_verdict_are_those_of_the_study_and_may_be_given_as_functions():
-    by_name = tune(rig(), "stiff", ["severity", "peak"], {"proportional": (1e3, 1e5)}, runs=10)
-    by_function = tune(rig(), "stiff", [measure.severity, "peak"], {"proportional": (1e3, 1e5)}, runs=10)
+    by_name = tune(rig(), "stiff", ["severity", "peak"], {"pi.proportional": (1e3, 1e5)}, runs=10)
+    by_function = tune(rig(), "stiff", [measure.severity, "peak"], {"pi.proportional": (1e3, 1e5)}, runs=10)
     assert by_name.trials == by_function.trials and by_name.objectives == by_function.objectives
     run = rig().run("stiff")
     assert by_name.before.values == ((measure.severity(run, "bit.speed", after=40.0), measure.extent(run, "top.torque").maximum),)
@@ -202,7 +202,7 @@ def test_numbers_of_nested_laws_and_of_those_that_design_fills_in_can_be_free():
 
 
 def test_another_number_compiles_nothing(monkeypatch):
-    tune(rig(), "stiff", "severity", {"proportional": (1e3, 1e5)}, runs=10)
+    tune(rig(), "stiff", "severity", {"pi.proportional": (1e3, 1e5)}, runs=10)
     monkeypatch.setattr("toolbox.compilation.kernel.compiled_for", lambda *_: pytest.fail("compiled again"))
     monkeypatch.setattr("toolbox.compilation.emitter._object_code", lambda *_: pytest.fail("compiled again"))
     found = tune(rig(), "stiff", "severity", {"integral": (1e2, 1e4)}, runs=10, seed=4)

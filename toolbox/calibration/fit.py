@@ -18,7 +18,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -32,13 +32,10 @@ from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.messages import progress_bar
-from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.closed_loop import ClosedLoop, closed_loop, takes_loop
 from toolbox.modelling.laws import names as names_of
-from toolbox.modelling.start import place_start
+from toolbox.modelling.numbers import Number
 from toolbox.simulation.request import Request
-
-if TYPE_CHECKING:
-    from toolbox.scenes.scene import Scene
 
 SINGULAR = 1e-6
 """Ratio of singular values, columns of the Jacobian scaled to length one, below which numbers cannot be told apart."""
@@ -51,19 +48,16 @@ DRAWS = 10
 """Starts that are drawn for every one that is wanted, because some contradict themselves or cannot be simulated."""
 
 
+@takes_loop
 def fit(
-    machine: HybridSystem | Scene,
+    loop: ClosedLoop,
     data: Any,
     free: str | Sequence[str],
     bounds: Mapping[str, tuple[NumberOrText, NumberOrText]] | None = None,
     *,
     columns: Mapping[str, str] | None = None,
-    controller: Any = None,
     contact: str | None = None,
     still: float | None = None,
-    inputs: Mapping[str, Any] | None = None,
-    start: Mapping[str, Any] | None = None,
-    parameters: Mapping[str, Any] | None = None,
     noise: Mapping[str, float] | None = None,
     starts: int = 4,
     seed: int = 0,
@@ -78,24 +72,20 @@ def fit(
 
     Parameters
     ----------
-    machine
-        A plant, or a scene.
+    loop
+        A loop, or a plant; what of its inputs is measured takes the place of what they are.
     data, columns
         What was measured, and which of its columns are which signals; see `Recording.of`.
     free
-        Names of what is estimated: parameters (`bit.friction.static`), constant inputs (`top.torque`) and start values (`bit.speed`, `chain.twist.0`). Each
-        search begins at the declared value.
+        Names of what is estimated, any numbers of the loop: parameters (`bit.friction.static`), constant inputs (`top.torque`), start values (`bit.speed`,
+        `chain.twist.0`) and the others. Each search begins at their values in the loop.
     bounds
         Bounds {name: (low, high)}; by default those that the part declares.
-    controller
-        A law as in `simulate`, or the label of a controller of the scene; None leaves the plant to its inputs.
     contact
         Fit the friction law of this contact directly to measured force at measured slip, without simulation. The slip must be measured well: its own noise is
         not modelled.
     still
         Slip speeds up to this count as stick (with `contact`); by default a hundredth of the largest.
-    inputs, start, parameters
-        As in `simulate`; by default those of the scene. A simulation begins at rest unless `start` says otherwise.
     noise
         Standard deviations {signal: value}; estimated if not given.
     starts, seed
@@ -118,11 +108,9 @@ def fit(
     SimulationError
         If no start can be simulated.
     """
-    inputs, start, parameters = mapping("inputs", inputs), mapping("start", start), mapping("parameters", parameters)
     bounds = mapping("bounds", bounds)
     noise = None if noise is None else mapping("noise", noise)
     whole("seed", seed, 0)
-    plant, law, given, begin = _machine(machine, controller, inputs, start, parameters)
     names = names_of(free)
     if not names or len(set(names)) < len(names):
         raise SceneError(f"Argument `free` must name at least one number, and each once, but it is {names!r}.")
@@ -135,88 +123,68 @@ def fit(
         raise SceneError(f"Argument `starts` must be an integer >= 1, but it is {starts!r}.")
     misfit: Any
     if contact is not None:
-        for name in names:
-            plant._parameter(name)
-        misfit = MeasuredLoop(plant, Recording.of(data, plant, columns), names, contact, given, still)
+        alone = loop.bare
+        plant = alone.closed.plant
+        numbers = [_parameter(alone, name) for name in names]
+        misfit = MeasuredLoop(alone, Recording.of(data, plant, columns), numbers, contact, still)
     else:
-        closed = (
-            Request(plant, 0.0, controller=law).checked().system
-        )  # what drives an input of the plant in closed loop is an output of the loop
-        recording = Recording.of(data, closed, columns)
-        driving = {name: (recording.time, values) for name, values in recording.signals.items() if name in closed.inputs}
-        arguments = {"inputs": {**given, **driving}, "start": begin, "parameters": {}, "controller": law, "accuracy": accuracy}
-        Request(plant, float(recording.time[-1]), **arguments).checked()
-        misfit = Simulated(plant, recording, names, arguments)
+        bare = dataclasses.replace(loop, inputs={})  # what drives an input of the plant in closed loop is an output of the loop
+        recording = Recording.of(data, bare.system, columns)
+        driving = {name: (recording.time, values) for name, values in recording.signals.items() if name in bare.system.inputs}
+        driven = closed_loop(loop, inputs=driving)
+        Request(driven, float(recording.time[-1]), accuracy=accuracy).checked()
+        misfit = Simulated(driven, recording, [_free(driven, recording, name) for name in names], accuracy)
         if not misfit.outputs:
             raise SceneError(
                 "The data must hold an output to be compared with, but all their signals are inputs: " + ", ".join(recording.signals) + "."
             )
-    first, units = zip(*[_declared(misfit, name) for name in names], strict=True)
-    lowest, highest = _bounds(misfit, names, np.array(first), bounds or {})
-    found = LeastSquares(misfit, names, units, np.array(first), lowest, highest, noise, starts, seed, confidence).fit()
+    first, units = np.array([number.value for number in misfit.numbers]), tuple(number.unit for number in misfit.numbers)
+    lowest, highest = _bounds(misfit.numbers, bounds)
+    found = LeastSquares(misfit, names, units, first, lowest, highest, noise, starts, seed, confidence).fit()
     typed = [in_si(bounds[name], unit, name) for name, unit in zip(names, units, strict=True) if name in bounds]
-    return dataclasses.replace(found, asked={**machine.asked, **asked_units(typed, fields=(law,))})
+    return dataclasses.replace(found, asked={**loop.asked, **asked_units(typed)})
 
 
-def _machine(
-    machine: Any, controller: Any, inputs: Mapping[str, Any] | None, start: Mapping[str, Any] | None, parameters: Mapping[str, Any] | None
-) -> tuple[HybridSystem, Any, dict[str, Any], dict[str, Any]]:
-    """(plant, law, inputs, start) of a plant or a scene."""
-    from toolbox.scenes.cases import Case
-    from toolbox.scenes.scene import Scene
-
-    if isinstance(machine, Scene):
-        case = machine.case(controller) if isinstance(controller, str) else Case("given", controller)
-        given = {**machine.arguments(case)["inputs"], **(inputs or {})}
-        plant = machine.plant().with_parameters({**machine.parameters, **(parameters or {})})
-        return plant, case.controller, given, {**machine.start, **(start or {})}
-    return checked_plant(machine, "machine").with_parameters(parameters or {}), controller, dict(inputs or {}), dict(start or {})
-
-
-def _declared(misfit: Any, name: str) -> tuple[float, str]:
-    """(value to begin with, unit) of a free number; raises SceneError for unknown names, vectors and what is measured."""
-    plant = misfit.plant
-    kind = "parameters" if isinstance(misfit, MeasuredLoop) else misfit.kind(name)
-    if kind == "inputs":
-        value = misfit.arguments["inputs"][name]
-        if not is_finite_number(value):
-            raise SceneError(f"Argument `free` must hold constant inputs, but `{name}` varies in time or is measured.")
-        return float(value), plant.unit(name)
-    if kind == "start":
-        x = np.zeros(plant.x.numel())
-        place_start(plant, x, name, 1.0)
-        if x.sum() != 1.0:
-            raise SceneError(f"Argument `free` must hold single numbers, such as `{name}.0`, but `{name}` has {x.sum():g} entries.")
-        return float(misfit.arguments["start"].get(name, 0.0)), plant.unit(name)
-    entry = plant._parameter(name)
+def _parameter(loop: ClosedLoop, name: str) -> Number:
+    """A parameter of the plant by name; raises SceneError for any other name."""
+    entry = loop.plant._parameter(name)
     if entry.size is not None:
         raise SceneError(f"Argument `free` must hold single numbers, such as `{name}.0`, but `{name}` has {entry.size} entries.")
-    if name in misfit.recording.signals:
+    value = float(loop.closed.plant.values[entry.offset])
+    return Number(name, entry.unit, "parameter", value, entry.meaning, entry.bounds)
+
+
+def _free(loop: ClosedLoop, recording: Recording, name: str) -> Number:
+    """A number of the loop that is neither measured nor varies in time, or the start value of a measured state; raises SceneError for any other."""
+    number = loop.number(name)
+    if name in recording.signals and name not in loop.inputs and number.kind != "start":
         raise SceneError(f"Argument `free` must not hold `{name}`, because it is measured.")
-    return float(plant.parameter(name)) if name in plant.parameters else float(plant.values[entry.offset]), entry.unit
+    if not math.isfinite(number.value):
+        raise SceneError(f"Argument `free` must hold constant inputs, but `{name}` varies in time or is measured.")
+    return number
 
 
-def _bounds(misfit: Any, names: Sequence[str], first: np.ndarray, bounds: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """(low, high) of every free number: as given, or as the part declares."""
+def _bounds(numbers: Sequence[Number], bounds: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """(low, high) of every free number: as given, or as its part declares."""
+    names = [number.name for number in numbers]
     for name in bounds:
         if name not in names:
             raise SceneError(f"Argument `bounds` has `{name}`, which is not free: {suggest(name, names)}")
     low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
-    for i, name in enumerate(names):
-        if name in bounds:
-            pair = in_si(bounds[name], misfit.plant.unit(name), f"bounds.{name}")
+    for i, number in enumerate(numbers):
+        if number.name in bounds:
+            pair = number.in_si(f"bounds.{number.name}", bounds[number.name])
             if len(pair) != 2 or not all(is_finite_number(value) for value in pair) or not pair[0] < pair[1]:
                 raise SceneError(
-                    f"Argument `bounds` must give `{name}` two finite numbers (low, high) with low < high, but it is {pair!r}."
+                    f"Argument `bounds` must give `{number.name}` two finite numbers (low, high) with low < high, but it is {pair!r}."
                 )
             low[i], high[i] = pair
-        elif isinstance(misfit, MeasuredLoop) or misfit.kind(name) == "parameters":
-            declared = misfit.plant._parameter(name).bounds
-            lowest = [value for value in (declared["at_least"], declared["above"]) if value is not None]
+        elif number.bounds:
+            lowest = [value for value in (number.bounds["at_least"], number.bounds["above"]) if value is not None]
             low[i] = max(lowest, default=-np.inf)
-            high[i] = declared["at_most"] if declared["at_most"] is not None else np.inf
-            if declared["above"] is not None and declared["above"] == low[i]:
-                low[i] += 1e-12 * max(abs(first[i]), 1e-300)
+            high[i] = np.inf if number.bounds["at_most"] is None else number.bounds["at_most"]
+            if number.bounds["above"] is not None and number.bounds["above"] == low[i]:
+                low[i] += 1e-12 * max(abs(number.value), 1e-300)
     return low, high
 
 

@@ -22,8 +22,11 @@ import numpy as np
 from toolbox.calibration.columnwise import Columnwise
 from toolbox.calibration.recording import Recording
 from toolbox.errors import GrazingError, SceneError, SimulationError, suggest
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.inputs import Table
+from toolbox.modelling.numbers import Number
 from toolbox.modelling.start import place_start
 from toolbox.orbits.sensitivity import sensitivity
 from toolbox.simulation.simulate import simulate
@@ -43,16 +46,17 @@ BREAKAWAY_SAMPLES = 10
 class Simulated:
     """Outputs of a simulation against measured ones.
 
-    names: of the free parameters, inputs and start states;  arguments: of `simulate`, beside those that the names change.
+    loop: driven by the measured inputs;  numbers: of the loop, which are free.
     """
 
-    plant: HybridSystem
+    loop: ClosedLoop
     recording: Recording
-    names: Sequence[str]
-    arguments: dict[str, Any]
+    numbers: Sequence[Number]
+    accuracy: float
 
     def __post_init__(self) -> None:
-        self.outputs = [name for name in self.recording.signals if name not in self.arguments["inputs"]]
+        self.names = [number.name for number in self.numbers]
+        self.outputs = [name for name in self.recording.signals if name not in self.loop.inputs]
         self.time = dict.fromkeys(self.outputs, self.recording.time)
         self.measured = {name: self.recording.signals[name] for name in self.outputs}
         self.exact = True
@@ -65,7 +69,7 @@ class Simulated:
         """
         end = float(self.recording.time[-1])
         shorter = [
-            Simulated(self.plant, self.recording.between(0.0, part * end), self.names, self.arguments)
+            Simulated(self.loop, self.recording.between(0.0, part * end), self.numbers, self.accuracy)
             for part in HORIZONS
             if part * self.recording.time.size >= 10 * len(self.names)
         ]
@@ -73,35 +77,37 @@ class Simulated:
 
     def thinned(self) -> Simulated | None:
         """The misfit with every other sample of its measured inputs left out; None where no input is measured."""
-        given = self.arguments["inputs"]
-        measured = [name for name in self.recording.signals if name in given and isinstance(given[name], tuple)]
+        given = self.loop.values
+        measured = [name for name in self.recording.signals if isinstance(given.get(name), Table)]
         if not measured:
             return None
         keep = np.unique(np.append(np.arange(0, self.recording.time.size, 2), self.recording.time.size - 1))
-        fewer = {name: tuple(np.asarray(row)[keep] for row in given[name]) for name in measured}
-        return Simulated(self.plant, self.recording, self.names, {**self.arguments, "inputs": {**given, **fewer}})
+        fewer = {name: Table(given[name].times[keep], given[name].values[keep]) for name in measured}
+        return Simulated(self.loop.but(inputs={**self.loop.inputs, **fewer}), self.recording, self.numbers, self.accuracy)
 
     def trial(self) -> Simulated:
         """The misfit itself: a simulation needs every sample of its inputs."""
         return self
 
-    def kind(self, name: str) -> str:
-        """What of `simulate` a free name changes: "inputs", "parameters" or "start"."""
-        if name in self.arguments["inputs"]:
-            return "inputs"
-        return "start" if name not in self.plant.parameters and self.plant.has_signal(name) else "parameters"
+    @property
+    def plant(self) -> HybridSystem:
+        """The plant with its laws."""
+        return self.loop.system
+
+    def at(self, values: np.ndarray) -> ClosedLoop:
+        """The loop with the free numbers at given values; raises SceneError where they contradict each other."""
+        loop = self.loop
+        for number, value in zip(self.numbers, values.tolist(), strict=True):
+            loop = number.put(loop, value)
+        return loop
 
     def run(self, values: np.ndarray) -> Trajectory:
         """The simulation with the free numbers at given values; raises what `simulate` raises."""
-        given: dict[str, Any] = {word: dict(self.arguments[word]) for word in ("inputs", "parameters", "start")}
-        for name, value in zip(self.names, values, strict=True):
-            given[self.kind(name)][name] = float(value)
-        given |= {word: value for word, value in self.arguments.items() if word not in given}
-        return simulate(self.plant, float(self.recording.time[-1]), output_times=self.recording.time, **given)
+        return simulate(self.at(values), float(self.recording.time[-1]), output_times=self.recording.time, accuracy=self.accuracy)
 
     def allowed(self, values: np.ndarray) -> None:
         """Raise SceneError where the numbers contradict each other."""
-        self.plant.with_parameters({name: float(v) for name, v in zip(self.names, values, strict=True) if self.kind(name) == "parameters"})
+        self.at(values).closed  # noqa: B018
 
     def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """Simulated outputs at the measured times; where a signal jumps within half a sampling interval of a sample, the nearer side counts.
@@ -153,14 +159,14 @@ class MeasuredLoop:
 
     exact = True
 
-    def __init__(
-        self, plant: HybridSystem, recording: Recording, names: Sequence[str], contact: str, inputs: Mapping[str, Any], still: float | None
-    ):
+    def __init__(self, loop: ClosedLoop, recording: Recording, numbers: Sequence[Number], contact: str, still: float | None):
+        plant, inputs, names = loop.closed.plant, loop.values, [number.name for number in numbers]
         elements = [element.name for element in plant.elements]
         if contact not in elements or plant.elements[elements.index(contact)].law is None:
             raise SceneError(f"There is no contact with dry friction `{contact}`: {suggest(contact, elements)}")
         check_one_direction(plant.elements, "Measured friction", "fit the motion instead")
         self.plant, self.recording, self.names, self.place = plant, recording, names, elements.index(contact)
+        self.loop, self.numbers = loop, numbers
         element: Any = plant.elements[self.place]
         force = plant.F[self.place]
         self.output = self._holder(contact, force)
@@ -201,6 +207,10 @@ class MeasuredLoop:
         self.rows, self.released = rows, np.isin(rows, release)
         self.outputs = [self.output]
         self.time, self.measured = {self.output: recording.time[rows]}, {self.output: values[rows]}
+
+    def at(self, values: np.ndarray) -> ClosedLoop:
+        """The loop with the free numbers at given values."""
+        return self.loop.but(parameters={**self.loop.parameters, **dict(zip(self.names, values.tolist(), strict=True))})
 
     def horizons(self) -> list[MeasuredLoop]:
         """The misfit itself: samples of a loop do not know of each other."""

@@ -17,6 +17,7 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files import tables
 from toolbox.files.html import table
 from toolbox.files.unit_systems import reading
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
 
 
@@ -95,13 +96,19 @@ class Fit:
     @property
     def parameters(self) -> dict[str, float]:
         """{name: estimate} of those that are parameters of the plant."""
-        known = [name for name in self.names if isinstance(self.misfit, MeasuredLoop) or self.misfit.kind(name) == "parameters"]
-        return {name: self[name] for name in known}
+        loop = self.misfit.loop
+        taken = [each.name for each in self.misfit.numbers if each.kind == "parameter" or (each.is_input and each.name not in loop.inputs)]
+        return {name: self[name] for name in taken if loop.plant.has_parameter(name)}
+
+    @property
+    def loop(self) -> ClosedLoop:
+        """The calibrated loop, driven by what was measured."""
+        return self.misfit.at(self.values)
 
     @property
     def plant(self) -> HybridSystem:
         """The calibrated plant."""
-        return self.misfit.plant.with_parameters(self.parameters)
+        return self.loop.closed.plant.with_parameters(self.parameters)
 
     @property
     def white(self) -> bool:

@@ -55,7 +55,9 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.scenes.scene import Scene
 
     scene = Scene.load(given.scene)
-    plant = scene.plant()
+    loop = scene[given.controller or scene.labels[0]]
+    if given.controller is None:  # the plant alone, driven by what was measured
+        loop = dataclasses.replace(loop, laws=(), inputs={name: v for name, v in loop.inputs.items() if name in scene.inputs})
     bounds = {}
     names = []
     for text in given.free:
@@ -65,7 +67,7 @@ def run(given: argparse.Namespace) -> int:
             low, colon, high = limits.partition(":")
             if not colon:
                 raise SceneError(f"Argument `--free` must be NAME or NAME=LOW:HIGH, but it is `{text}`.")
-            bounds[name] = (_in_unit(plant, name, low), _in_unit(plant, name, high))
+            bounds[name] = (_in_unit(loop, name, low), _in_unit(loop, name, high))
     columns = {}
     for text in given.column:
         signal_name, equals, heading = text.partition("=")
@@ -75,12 +77,11 @@ def run(given: argparse.Namespace) -> int:
     with whole_folder(given.out, drawn_as(FIT_FILES, given.format), _earlier_fit) if given.out else nullcontext() as folder:
         try:
             found = fit(
-                scene,
+                loop,
                 given.data,
                 names,
                 bounds,
                 columns=columns or None,
-                controller=given.controller,
                 contact=given.contact,
                 starts=given.starts,
             )
@@ -98,17 +99,11 @@ def run(given: argparse.Namespace) -> int:
     return 0
 
 
-def _in_unit(plant: Any, name: str, text: str) -> float:
+def _in_unit(loop: Any, name: str, text: str) -> float:
     """A bound of a free number, SI or text with a unit."""
     from toolbox.files.units import parse
 
-    try:
-        unit = plant._parameter(name).unit
-    except SceneError:
-        if not plant.has_signal(name):
-            raise
-        unit = plant.unit(name)
-    return parse(plain(text), unit, f"--free {name}")
+    return parse(plain(text), loop.number(name).unit, f"--free {name}")
 
 
 def _earlier_fit(path: Path) -> set[str]:

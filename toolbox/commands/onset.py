@@ -40,11 +40,9 @@ def run(given: argparse.Namespace) -> int:
     """Find the borders of stick-slip. Returns the exit code."""
     from toolbox.errors import SimulationError
     from toolbox.files.units import parse
-    from toolbox.modelling.free_parameter import FreeParameter
     from toolbox.onsets.onset import onset
     from toolbox.onsets.report import Comparison
     from toolbox.scenes.scene import Scene
-    from toolbox.simulation.request import continuous_loop
 
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
@@ -53,14 +51,14 @@ def run(given: argparse.Namespace) -> int:
     known: set[str] = set()
     for label in labels:
         try:
-            loop = continuous_loop(scene.plant(), scene.case(label).controller)
-            known |= {*loop.parameters, *loop.inputs}
-            units[label] = FreeParameter.of(loop, given.parameter).unit
+            loop = scene[label].continuous
+            known |= loop.numbers().keys()
+            units[label] = loop.acting(given.parameter, "onset").unit
         except SceneError as error:
             reasons[label] = str(error)
     if not units:
         if known and given.parameter not in known:  # the law that has the nearest name need not be the first
-            raise SceneError(f"There is no parameter or input `{given.parameter}`: {suggest(given.parameter, known)}")
+            raise SceneError(f"There is no number `{given.parameter}`: {suggest(given.parameter, known)}")
         raise SceneError(reasons[labels[0]])
     unit = next(iter(units.values()))
     number = {
@@ -80,10 +78,10 @@ def run(given: argparse.Namespace) -> int:
                     failures[label] = reasons[label]
                     continue
                 try:
+                    loop = scene[label] if number["at"] is None else scene[label].at(given.parameter, number["at"])
                     onsets[label] = onset(
-                        scene, given.parameter, (number["from"], number["to"]), controller=label,
-                        values=given.values, tolerance=number["tolerance"], at=number["at"],
-                    )  # fmt: skip
+                        loop, given.parameter, (number["from"], number["to"]), values=given.values, tolerance=number["tolerance"]
+                    )
                 except (SceneError, SimulationError) as error:
                     if "Argument" in str(error):
                         raise

@@ -103,12 +103,7 @@ def _asked(given: argparse.Namespace) -> tuple[Any, Callable[[str], Any]]:
             stepped.check()
         return stepped, stepped.run
     scene = dataclasses.replace(loaded, **changes)
-    plant = scene.plant()
-
-    def simulated(label: str) -> Any:
-        return simulate(plant, scene.duration, method=given.method or "event", **scene.arguments(scene.case(label)))
-
-    return scene, simulated
+    return scene, lambda label: simulate(scene[label], method=given.method or "event")
 
 
 def _earlier(path: Path) -> set[str]:

@@ -17,7 +17,6 @@ from toolbox.files.unit_systems import asked_in
 from toolbox.messages import LOG
 
 if TYPE_CHECKING:
-    from toolbox.modelling.hybrid_system import HybridSystem
     from toolbox.sweeps.designs import Variations
 
 SAMPLINGS = ("grid", "random", "latin-hypercube", "sobol")
@@ -87,7 +86,7 @@ def run(given: argparse.Namespace) -> int:
     for label, stem in zip(labels, file_stems(labels), strict=True):
         variations, folder = _variations(given, scene, label), given.out / stem
         store = folder / "sweep.zarr" if goes_on else None
-        found = sweep(scene, variations, controller=label, measures=given.measure or ("severity", "stuck_ratio"), out=store)
+        found = sweep(scene[label], variations, measures=given.measure or ("severity", "stuck_ratio"), out=store)
         if store is None:
             folder_of(folder)
             found.save(folder / "sweep.npz")
@@ -152,10 +151,8 @@ def _rows(path: Path, scene: Any, label: str) -> Variations:
     from toolbox.files.tables import Column, read
     from toolbox.sweeps import designs
 
-    closed = _closed(scene, label)
-    units = {name: entry.unit for name, entry in closed.inputs.items()}
-    units |= {name: entry.unit for name, entry in closed.parameters.items() if entry.size is None}
-    return designs.listed(read(path, [Column(name, unit, required=False) for name, unit in units.items()]))
+    numbers = scene[label].numbers().values()
+    return designs.listed(read(path, [Column(number.name, number.unit, required=False) for number in numbers]))
 
 
 def run_map(given: argparse.Namespace) -> int:
@@ -170,7 +167,6 @@ def run_map(given: argparse.Namespace) -> int:
         raise SceneError(f"Argument `--shape` must be two numbers such as 50x50, but it is `{given.shape}`.")
     goes_on = _goes_on()
     failures: dict[str, str] = {}
-    unknown = []
     for label, stem in zip(labels, file_stems(labels), strict=True):
         over = {}
         for word, text in (("x", given.x), ("y", given.y)):
@@ -181,16 +177,15 @@ def run_map(given: argparse.Namespace) -> int:
             try:
                 over[name] = _ends(scene, label, name, ends)
             except SceneError as error:
-                unknown.append(error)
-                if "There is no parameter" not in str(error) or len(unknown) == len(labels):
-                    raise
                 failures[label] = str(error)
+                if name in scene[label].numbers() or len(failures) == len(labels):
+                    raise
                 break
         if label in failures:
             continue
         folder = given.out / stem
         try:
-            found = severity_map(scene, over, shape=(int(shape[0]), int(shape[1])), controller=label, out=folder if goes_on else None)
+            found = severity_map(scene[label], over, shape=(int(shape[0]), int(shape[1])), out=folder if goes_on else None)
         except SceneError as error:
             if "Argument" in str(error):
                 raise
@@ -219,17 +214,10 @@ def _earlier_map(path: Path) -> set[str]:
     return {name for name in drawn_as(MAP_FILES, *FORMATS) if (path / name).is_file()}
 
 
-def _closed(scene: Any, label: str) -> HybridSystem:
-    from toolbox.simulation.request import Request
-
-    return Request(scene.plant(), scene.duration, **scene.arguments(scene.case(label))).checked().system
-
-
 def _ends(scene: Any, label: str, name: str, ends: Sequence[str]) -> tuple[float, float]:
     """Both ends of the range of what varies under one controller, in SI; raises SceneError for an unknown name or unit."""
     from toolbox.files.units import parse
-    from toolbox.modelling.free_parameter import FreeParameter
 
-    unit = FreeParameter.of(_closed(scene, label), name).unit
+    unit = scene[label].number(name).unit
     low, high = (parse(plain(end.strip()), unit, name) for end in ends)
     return low, high

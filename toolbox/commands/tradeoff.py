@@ -45,12 +45,11 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.scenes.work_precision import work_precision
 
     scene = Scene.load(given.scene)
-    if given.controller:
-        scene.case(given.controller)
+    loop = scene[given.controller or scene.labels[0]]
     with whole_folder(given.out, drawn_as(TRADE_FILES, given.format), _earlier_tradeoff) if given.out else nullcontext() as folder:
         try:
             duration = None if given.duration is None else parse(given.duration, "s", "--duration")
-            found = work_precision(scene, duration, case=given.controller)
+            found = dataclasses.replace(work_precision(loop, duration), title=f"{scene.title}: {loop.label}")
         except SimulationError as error:
             return complaint(str(error), 1)
         if folder is not None:

@@ -27,7 +27,7 @@ def add(commands: Any) -> None:
         description="Search the free numbers of one control law for the smallest objective on all scenes, or for the front of several objectives, and print "
         "the numbers with the law as given beside them. The folder gets the report, a figure, every point tried (csv), and each scene with the "
         "law as given and the tuned one, ready for `stickslip study`: all of it, or nothing.",
-        epilog="example: stickslip tune studies/scenes/jansen_2.toml --law 'stiff PI' --free proportional=500:50e3 --free integral=50:20e3 "
+        epilog="example: stickslip tune studies/scenes/jansen_2.toml --law 'stiff PI' --free pi.proportional=500:50e3 --free pi.integral=50:20e3 "
         "--objective settling --out tuned",
     )
     tuning.add_argument("scenes", type=Path, nargs="+", metavar="SCENE.toml", help="one scene, or several that the law must do well on")
@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
         action="append",
         required=True,
         metavar="NAME=LOW:HIGH",
-        help="a number of the law and its range: SI, or with units, such as 'surface=0.05:1' or 'integral=0.05:20 kN m/rad'; may be repeated",
+        help="a number of the law and its range: SI, or with units, such as 'pi.proportional=500:50e3' or 'pi.integral=0.05:20 kN m/rad'; may be repeated",
     )
     tuning.add_argument(
         "--objective",
@@ -73,7 +73,7 @@ def run(given: argparse.Namespace) -> int:
     first = scenes[given.scenes[0]]
     if len(scenes) < len(given.scenes):
         raise SceneError("Argument `SCENE.toml` must name every scene once, but one is there twice.")
-    bounds = dict(_range(text, first.case(given.law).law) for text in given.free)
+    bounds = dict(_range(text, first[given.law]) for text in given.free)
     twice = next((text for text in given.free if sum(text.partition("=")[0] == other.partition("=")[0] for other in given.free) > 1), None)
     if twice is not None:
         raise SceneError(f"Argument `--free` must name every number once, but `{twice.partition('=')[0]}` is there twice.")
@@ -127,7 +127,7 @@ def _pool(processes: int) -> Iterator[Any]:
     pool.shutdown()
 
 
-def _range(text: str, law: Any) -> tuple[str, tuple[float, float]]:
+def _range(text: str, loop: Any) -> tuple[str, tuple[float, float]]:
     """(name, (low, high)) of `NAME=LOW:HIGH`; a unit behind HIGH is that of LOW, too, where it has none."""
     from toolbox.files.units import parse
     from toolbox.tuning.tune import unit_of
@@ -136,7 +136,7 @@ def _range(text: str, law: Any) -> tuple[str, tuple[float, float]]:
     if match is None:
         raise SceneError(f"Argument `--free` must be NAME=LOW:HIGH, but it is `{text}`.")
     name, low, high = match.groups()
-    unit = unit_of(law, name)
+    unit = unit_of(loop, name)
     if isinstance(plain(low), float) and not isinstance(plain(high), float):
         low += re.sub(r"^[-+0-9.eE_]+", "", high)
     return name, (parse(plain(low), unit, f"--free {name}"), parse(plain(high), unit, f"--free {name}"))

@@ -14,7 +14,7 @@ from toolbox.compilation.formulas import ClosedEquations, Formulas
 from toolbox.modelling.elements import Element
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.inputs import Shape
+from toolbox.modelling.inputs import ExpressionKey, Shape
 from toolbox.modelling.switching import Switching, depending, switching
 from toolbox.modelling.two_directions import resolution
 
@@ -49,6 +49,7 @@ class Program:
     groups: np.ndarray
     group_count: int
     outputs: dict[Any, Any]
+    signals: dict[str | ExpressionKey, ca.Function]
     updates: list[tuple[ca.SX, ca.SX, ca.SX]]
     expressions: tuple[ca.SX, ...]
     form: Switching
@@ -126,6 +127,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], formula
         groups=groups,
         group_count=group_count,
         outputs={},
+        signals={},
         updates=updates,
         expressions=(p, u, form.force),
         form=form,
@@ -295,16 +297,3 @@ def _stuck(elements: list[Element], expressions: list[ca.SX]) -> list[ca.SX]:
 def _hiding(form: Switching, i: int, element: Element) -> tuple[ca.SX, ...]:
     """What a contact hides from the states while it sticks: its force, and its bound where that is its own."""
     return (form.force[i],) if element.rigid else (form.force[i], form.static[i])
-
-
-@dataclass(frozen=True, eq=False)
-class ExpressionKey:
-    """A casadi expression of time as part of a program's key: equal where the expressions are."""
-
-    expression: ca.SX
-
-    def __hash__(self) -> int:
-        return hash(str(self.expression))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, ExpressionKey) and bool(ca.is_equal(self.expression, other.expression, 100))

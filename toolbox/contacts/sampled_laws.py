@@ -18,15 +18,14 @@ from toolbox.arguments import mapping
 from toolbox.contacts.problem import ContactProblem
 from toolbox.errors import SceneError
 from toolbox.files.units import in_si
-from toolbox.modelling.closed_loop import closed_loop
+from toolbox.modelling.closed_loop import ClosedLoop, laws_of
 from toolbox.modelling.components import Component, Equations, Signal
 from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import state
 from toolbox.modelling.elements import time as clock
 from toolbox.modelling.hybrid_system import HybridSystem, SampledUpdate
-from toolbox.modelling.inputs import Shape, Table
+from toolbox.modelling.inputs import Shape, Table, input_kinds
 from toolbox.modelling.laws import External, fresh
-from toolbox.simulation.request import input_kinds
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,8 @@ class Acting:
     def __init__(self, problem: ContactProblem, inputs: Any, times: np.ndarray, controller: Any = None, sample_time: Any = None):
         self.problem, self.times = problem, times
         plant = signals_of(problem, controller is not None)
-        self.system, self.clocks, laws, self.seeds = closed_loop(plant, plant, controller, in_si(sample_time, "s", "sample_time"))
+        closed = ClosedLoop(plant, laws_of(controller, in_si(sample_time, "s", "sample_time"))).closed
+        self.system, self.clocks, self.seeds = closed.system, closed.clocks, closed.seeds
         if len(self.system.parts) > 1 + len(self.clocks):
             raise SceneError(
                 "Argument `controller` must hold sampled laws: give `sample_time`, because steps of one length know no continuous ones."
@@ -76,7 +76,7 @@ class Acting:
             )
         self.values |= {name: np.zeros(times.size) for name in self.driven}
         externals = iter([part for part in self.system.parts if isinstance(part, External)])
-        callables = iter(laws)
+        callables = iter(closed.callables)
         self.laws = [
             _Law(self.system, update, seed, next(externals), fresh(next(callables))) if update.external else _Law(self.system, update, seed)
             for update, seed in zip(updates, self.seeds, strict=True)

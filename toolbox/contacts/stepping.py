@@ -18,14 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import is_finite_number, short
 from toolbox.contacts.contact_run import ContactRun, Energies
 from toolbox.contacts.newton import ContactSolver, Given, Solution
 from toolbox.contacts.problem import OPEN, SLIP, STICK, ContactProblem
 from toolbox.contacts.sampled_laws import Acting, constants
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.simulation.samples import short
 
 MOST_STEPS = 1_000_000
 

@@ -15,14 +15,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import replaced
-from toolbox.files.units import NumberOrText, in_si
-from toolbox.modelling.components import check_fields
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.components import check_fields, law_of, numbers_of, rebuilt
 from toolbox.modelling.elements import State, time
-from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
-from toolbox.modelling.laws import Controller, Sampled, designed, names
+from toolbox.modelling.laws import Controller, Sampled, names
 from toolbox.modelling.observers import Observer
 from toolbox.steady_states.linear import control_name
 
@@ -64,19 +62,28 @@ class OpenLaw:
         ]
 
 
-def opened(controller: Any, plant: HybridSystem | None, period: float | None) -> OpenLaw:
-    """A law designed on a plant (None: it is designed already), by itself. Raises SceneError where it has no equations of that kind."""
-    if period is not None and (not is_finite_number(period) or period <= 0):
-        raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
-    if plant is not None:
-        checked_plant(plant)
-    if not isinstance(controller, Controller):
-        beside = " with its `period` beside it" if isinstance(controller, Sampled) else ""
-        raise SceneError(f"Argument `controller` must be a Controller{beside}, but it is {controller!r}.")
-    law = controller if plant is None else designed(controller, plant)
-    title = type(controller).__name__
+def only_law(loop: ClosedLoop) -> tuple[Any, float | None]:
+    """The law of a loop as designed, with the numbers of the loop, and its period; None for a continuous one.
+
+    Raises SceneError unless there is exactly one law, and it is a Controller.
+    """
+    if len(loop.laws) != 1:
+        raise SceneError(f"Argument `loop` must hold exactly one law to be written down, but it holds {len(loop.laws)}.")
+    given = loop.laws[0]
+    if not isinstance(given.law if isinstance(given, Sampled) else given, Controller):
+        raise SceneError(f"Argument `loop` must hold a Controller to be written down, but its law is {given!r}.")
+    closed, law = loop.closed, loop.designed[0]
+    if isinstance(law, Controller) and any(not loop.plant.has_parameter(name) for name in loop.parameters):
+        *plant, part = closed.system.parts
+        law = law_of(rebuilt(part, closed.system.values, sum(len(numbers_of(each)) for each in plant)))
+    return law, float(given.period) if isinstance(given, Sampled) else None
+
+
+def opened(law: Any, period: float | None) -> OpenLaw:
+    """A law with all its numbers, by itself, sampled or (None) continuous. Raises SceneError where it has no equations of that kind."""
+    title = type(law).__name__
     if not isinstance(law, Controller):
-        raise SceneError(f"Argument `controller` must be a law that casadi expressions hold, but {title} is designed as a Python callable.")
+        raise SceneError(f"The law must be held by casadi expressions, but {title} is designed as a Python callable.")
     check_fields(law)
     reads: dict[str, tuple[ca.SX, str, float | None]] = {}
     driven = names(law.drives)
@@ -105,9 +112,7 @@ def opened(controller: Any, plant: HybridSystem | None, period: float | None) ->
 
 
 # --------------------------------------------------------------------------------------------------------------------------------- python-control
-def to_control(
-    controller: Any, plant: HybridSystem | None = None, *, period: float | None = None, outputs: str | Sequence[str] | None = None
-) -> Any:
+def to_control(law: Controller | Sampled | ClosedLoop, *, outputs: str | Sequence[str] | None = None) -> Any:
     """Return a linear law as `control.StateSpace` from what it reads to what it drives.
 
         z' = A z + B y,  u = C z + D y     or     z_(k+1) = A z_k + B y_k,  u_k = C z_k + D y_k
@@ -118,12 +123,8 @@ def to_control(
 
     Parameters
     ----------
-    controller
-        The law.
-    plant
-        What the law is designed on; leave it out for a law with all its numbers.
-    period
-        Sample time [s] of the sampled form (dt of the result); None takes the continuous form.
+    law
+        A loop with one law, which is designed on its plant, or a law with all its numbers; `Sampled` gives the sampled form with its period as dt.
     outputs
         Other signals that the law gives; of an observer, by default all estimates that are linear.
 
@@ -134,28 +135,30 @@ def to_control(
     """
     import control
 
-    law = opened(controller, plant, period)
-    law = settled(law)
-    known = ca.vertcat(law.z, law.y)
-    wanted = names(outputs) if outputs is not None else law.drives
+    given, period = (
+        only_law(law) if isinstance(law, ClosedLoop) else (law.law, float(law.period)) if isinstance(law, Sampled) else (law, None)
+    )
+    made = settled(opened(given, period))
+    known = ca.vertcat(made.z, made.y)
+    wanted = names(outputs) if outputs is not None else made.drives
     for name in wanted:
-        if name not in law.gives:
+        if name not in made.gives:
             raise SceneError(
-                f"Argument `outputs` must name signals that {law.title} gives, but `{name}` is none: {suggest(name, law.gives)}"
+                f"Argument `outputs` must name signals that {made.title} gives, but `{name}` is none: {suggest(name, made.gives)}"
             )
-    if outputs is None and isinstance(controller, Observer):
-        wanted = tuple(name for name in wanted if _linear(law.gives[name][0], known))
-    labels = [label for label, _ in law.labels]
-    for label, expression in [*zip(labels, ca.vertsplit(law.following), strict=True), *((name, law.gives[name][0]) for name in wanted)]:
+    if outputs is None and isinstance(given, Observer):
+        wanted = tuple(name for name in wanted if _linear(made.gives[name][0], known))
+    labels = [label for label, _ in made.labels]
+    for label, expression in [*zip(labels, ca.vertsplit(made.following), strict=True), *((name, made.gives[name][0]) for name in wanted)]:
         if not _linear(expression, known):
-            limited = ", which its torque limits make it: leave them out" if getattr(controller, "limits_known", False) else ""
-            raise SceneError(f"{law.title} must be a linear law, but `{label}` is not linear in what it reads{limited}.")
-    given = ca.vertcat(*[law.gives[name][0] for name in wanted]) if wanted else ca.SX(0, 1)
-    slopes = [ca.jacobian(each, by) for each in (law.following, given) for by in (law.z, law.y)]
+            limited = ", which its torque limits make it: leave them out" if getattr(given, "limits_known", False) else ""
+            raise SceneError(f"{made.title} must be a linear law, but `{label}` is not linear in what it reads{limited}.")
+    given_out = ca.vertcat(*[made.gives[name][0] for name in wanted]) if wanted else ca.SX(0, 1)
+    slopes = [ca.jacobian(each, by) for each in (made.following, given_out) for by in (made.z, made.y)]
     A, B, C, D = (np.array(ca.DM(ca.Function("slope", [], [ca.densify(slope)])()["o0"])) for slope in slopes)
     return control.ss(
-        A, B, C, D, dt=0 if period is None else period, inputs=[_entry(name) for name in law.reads],
-        outputs=[_entry(name) for name in wanted], states=[_entry(label) for label in labels] or None, name=law.title,
+        A, B, C, D, dt=0 if period is None else period, inputs=[_entry(name) for name in made.reads],
+        outputs=[_entry(name) for name in wanted], states=[_entry(label) for label in labels] or None, name=made.title,
     )  # fmt: skip
 
 
@@ -195,7 +198,8 @@ def _linear(expression: ca.SX, symbols: ca.SX) -> bool:
 
 
 # --------------------------------------------------------------------------------------------------------------------------------------------- C
-def export_c(controller: Any, plant: HybridSystem, period: NumberOrText, path: str | Path) -> tuple[Path, Path]:
+@takes_loop
+def export_c(loop: ClosedLoop, path: str | Path) -> tuple[Path, Path]:
     """Write a sampled law as C99: NAME.c, and NAME.h beside it.
 
         void NAME_start(double *memory);
@@ -209,12 +213,8 @@ def export_c(controller: Any, plant: HybridSystem, period: NumberOrText, path: s
 
     Parameters
     ----------
-    controller
-        The law.
-    plant
-        The plant on whose declared values the law is designed.
-    period
-        Sample time [s].
+    loop
+        A loop with one sampled law, which is written with its period and the numbers that it takes on the plant.
     path
         Either file, without suffix or with that of the other.
 
@@ -226,23 +226,24 @@ def export_c(controller: Any, plant: HybridSystem, period: NumberOrText, path: s
     Raises
     ------
     SceneError
-        If no casadi expression holds the law, it has no sampled form, the name is none in C, or a file cannot be written.
+        If the loop holds anything but one sampled Controller, no casadi expression holds the law, the name is none in C, or a file cannot be written.
     """
     c, h = c_paths(path)
-    declared_c(controller, plant, period, path)
+    declared_c(loop, path)
     return c, h
 
 
-def declared_c(controller: Any, plant: HybridSystem, period: NumberOrText, path: str | Path) -> Declared:
+def declared_c(loop: ClosedLoop, path: str | Path) -> Declared:
     """Write a law as `export_c` does, and return what its header lists."""
-    period = in_si(period, "s", "period")
-    if not is_finite_number(period) or period <= 0:
-        raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
+    made, period = only_law(loop)
+    if period is None:
+        raise SceneError(
+            "Argument `loop` must hold a sampled law to be written as C, but its law is continuous: give `sample_time` to `closed_loop`."
+        )
     c, h = c_paths(path)
-    made = designed(controller, plant) if isinstance(controller, Controller) and isinstance(plant, HybridSystem) else controller
     if hasattr(made, "export_c"):
         return made.export_c(c, h, period)
-    law = opened(controller, plant, period)
+    law = opened(made, period)
     driven = ca.vertcat(*[law.gives[name][0] for name in law.drives])
     step = ca.Function(f"{c.stem}_law", [law.y, law.z], [ca.densify(driven), law.following], ["y", "memory"], ["u", "next"])
     if step.has_free():

@@ -11,16 +11,15 @@ import os
 import shutil
 import sys
 from pathlib import Path
-from typing import Any
 
 from toolbox.errors import SceneError
 from toolbox.export.c_code import Declared, c_paths, declared_c
 from toolbox.files.atomic import replaced
-from toolbox.files.units import NumberOrText
-from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 
 
-def export_fmu(controller: Any, plant: HybridSystem, period: NumberOrText, path: str | Path) -> Path:
+@takes_loop
+def export_fmu(loop: ClosedLoop, path: str | Path) -> Path:
     """Write a sampled law as NAME.fmu, a co-simulation unit of FMI 2.0 for the machine that runs this.
 
     Its inputs are what the law measures and its set-points, with their defaults as start values; its outputs are what the law drives, and its memory can be
@@ -28,7 +27,7 @@ def export_fmu(controller: Any, plant: HybridSystem, period: NumberOrText, path:
 
     Parameters
     ----------
-    controller, plant, period
+    loop
         As in `export_c`.
     path
         The file, whose name without suffix is that of the unit.
@@ -59,7 +58,7 @@ def export_fmu(controller: Any, plant: HybridSystem, period: NumberOrText, path:
     suffix = {"linux": ".so", "darwin": ".dylib"}[sys.platform]
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
-        law = declared_c(controller, plant, period, folder / name)
+        law = declared_c(loop, folder / name)
         (folder / f"{name}_fmi.c").write_text(_interface(law), encoding="utf-8")
         parts = [path for path in folder.rglob("*.c") if path.parent.name != "inc"]
         includes = [f"-I{each}" for each in {path.parent for path in folder.rglob("*.h")}]

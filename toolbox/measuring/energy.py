@@ -95,8 +95,8 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
     nodes = run.nodes
     system = nodes.program.system
     terms = [*system.losses.values(), *system.supplies.values()]
-    power = output_function(nodes.program, "audit of power", ca.vertcat(*terms)) if terms else None
-    energy = output_function(nodes.program, "audit of energy", ca.vertcat(*system.stored.values())) if system.stored else None
+    power = output_function(nodes.program, ca.vertcat(*terms)) if terms else None
+    energy = output_function(nodes.program, ca.vertcat(*system.stored.values())) if system.stored else None
     total, moved = np.zeros(len(terms)), np.zeros(len(terms))
     begin, end = window(run, 0.0, None) if nodes.time[-1] > 0 else (0.0, 0.0)
     if power is not None:

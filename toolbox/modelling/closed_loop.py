@@ -1,69 +1,544 @@
-"""Closing the loop: a plant with its controllers as parts."""
+"""The closed loop: a plant, the laws that act on it, and what acts on both. Every verb takes one.
+
+    loop = closed_loop(rig, SoftTorque(reference="45 rpm"), sample_time="10 ms", inputs={...}, parameters={...}, start={...})
+    simulate(loop, "200 s");  onset(loop, "top.reference", ("30 rpm", "130 rpm"));  margins(loop);  print(loop)
+
+A law is designed once, on the declared plant; parameters and perturbations change the plant only, so that robustness is real. A loop never changes: `at`
+and `closed_loop(loop, ...)` give another one.
+"""
 
 from __future__ import annotations
 
 import copy
 import dataclasses
-from typing import Any
+import functools
+import inspect
+import pickle
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
+import casadi as ca
 import numpy as np
 
-from toolbox.errors import SceneError
-from toolbox.modelling.components import Component, checked, numbers_of, structure_of
+from toolbox.arguments import mapping
+from toolbox.errors import SceneError, suggest
+from toolbox.files.unit_systems import asked_units, reading
+from toolbox.files.units import NumberOrText, in_si
+from toolbox.modelling.components import Component, checked, fields_of, is_nested, law_of, numbers_of, structure_of
 from toolbox.modelling.composition import assembled
-from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.inputs import ExpressionKey, Shape, Table, extremes, input_kinds
 from toolbox.modelling.laws import Controller, Sampled, as_held_part, callable_law, designed
+from toolbox.modelling.numbers import Number, number_of, numbers_in
+from toolbox.modelling.regularisation import SmoothSystem, smoothed
+from toolbox.modelling.steady_point import Equilibrium
+
+
+class Closed(NamedTuple):
+    """A plant with its laws as parts.
+
+    Attributes
+    ----------
+    system
+        The closed system, with the numbers of the plant and of the laws.
+    plant
+        The plant alone with the same numbers.
+    clocks
+        (period, delay) of the sampled laws in order [s].
+    callables
+        The laws in Python.
+    seeds
+        Seeds of the noise of the sampled laws.
+    """
+
+    system: HybridSystem
+    plant: HybridSystem
+    clocks: list[tuple[float, float]]
+    callables: list[Any]
+    seeds: list[int]
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """A plant, its laws, and what acts on them; `closed_loop` makes it, every verb takes it, `print` shows the numbers that the laws took.
+
+    Two loops are equal where their plants, laws and numbers are; functions are equal where they are the same one.
+
+    Attributes
+    ----------
+    plant
+        The declared plant, on which the laws are designed.
+    laws
+        The laws in the order given: a `Controller` acts continuously, `Sampled` with its period, delay, sensors and seed.
+    inputs
+        {input, or parameter of the plant that changes in time: number, table, shape or expression of time}.
+    parameters
+        {parameter of the plant or of a law: value}.
+    start
+        {state: start value}; all other states start at 0.
+    label
+        What tables and pictures call it.
+    element, signal
+        The contact and the speed to judge; None where the only contact says it.
+    duration, after, accuracy
+        Length of a run [s], time from which on it is judged [s], and its accuracy, where a scene says so.
+    """
+
+    plant: HybridSystem
+    laws: tuple[Any, ...] = ()
+    inputs: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    start: Mapping[str, Any] = field(default_factory=dict)
+    label: str = ""
+    element: str | None = None
+    signal: str | None = None
+    duration: float | None = None
+    after: float | None = None
+    accuracy: float | None = None
+
+    # ------------------------------------------------------------------------------------------------------------------------------ what it becomes
+    @cached_property
+    def closed(self) -> Closed:
+        """The closed system with its clocks. Raises SceneError for numbers out of bounds, unknown names, and laws that do not fit the plant."""
+        own = {name: value for name, value in self.parameters.items() if self.plant.has_parameter(name)}
+        both = next((name for name in self.parameters if name in self.inputs), None)
+        if both is not None:
+            raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
+        plant = self.plant.with_parameters(own) if own else self.plant
+        declared, sharp = (each.sharp if isinstance(each, SmoothSystem) else each for each in (self.plant, plant))
+        found = closed_system(declared, sharp, self.laws, self.designed)
+        system = found.system
+        if len(own) < len(self.parameters):
+            system = system.with_parameters({name: value for name, value in self.parameters.items() if name not in own})
+        changing = [name for name in self.inputs if not system.has_signal(name) and declared.has_parameter(name)]
+        return found._replace(system=system.varying(changing) if changing else system, plant=plant)
+
+    @cached_property
+    def designed(self) -> list[Any]:
+        """The laws as designed on the declared plant, in order."""
+        return designed_laws(self.plant, self.laws)
+
+    def but(self, **changes: Any) -> ClosedLoop:
+        """The loop with other values of some of its fields; laws that stay keep their design."""
+        other = dataclasses.replace(self, **changes)
+        if "designed" in self.__dict__ and not {"plant", "laws"} & changes.keys():
+            other.__dict__["designed"] = self.designed
+        return other
+
+    @cached_property
+    def _given(self) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any], dict[str, Any]]:
+        kinds, values, typed = input_kinds(self.closed.system, self.inputs)
+        changing = [name for name in values if name in self.plant.parameters or not self.plant.has_signal(name)]
+        changing = [name for name in changing if self.plant.has_parameter(name) and not self.plant.has_signal(name)]
+        for extreme in (min, max):  # what parts demand of their fields must hold where all are lowest, and where all are highest
+            ends = {name: extreme(extremes(values[name])) for name in changing if extremes(values[name])}
+            if ends:
+                self.closed.plant.with_parameters(ends)
+        return kinds, values, typed
+
+    @property
+    def kinds(self) -> tuple[tuple[str, Any], ...]:
+        """How each input is given, which is structure."""
+        return self._given[0]
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """{input: its checked value}: a float, a `Table`, a `Shape` or an expression of time."""
+        return self._given[1]
+
+    @cached_property
+    def system(self) -> HybridSystem:
+        """The plant with its laws as parts, as they run: sampled ones with memory and held signals, and the smooth friction of a plant that is smooth."""
+        system, plant = self.closed.system, self.closed.plant
+        return smoothed(system, plant.widths, matched=plant.matched) if isinstance(plant, SmoothSystem) else system
+
+    @cached_property
+    def continuous(self) -> ClosedLoop:
+        """The same loop with every law in its continuous form, also where it runs sampled.
+
+        Raises SceneError for a law without one, such as a Python callable.
+        """
+        inner = tuple(law.law if isinstance(law, Sampled) else law for law in self.laws)
+        for law in inner:
+            if not isinstance(law, Controller):
+                raise SceneError(f"Argument `law` must be a Controller with a continuous form, but it is {law!r}.")
+        return self if inner == self.laws else self.with_laws(inner)
+
+    def unsampled(self) -> ClosedLoop:
+        """The loop itself, where no law samples; raises SceneError for a sample time, of which a continuous form knows nothing."""
+        if self.sampled:
+            raise SceneError(
+                "Argument `loop` must hold laws in their continuous form, but it holds a sampled one, whose sample time and delay would be left out: "
+                "give `loop.continuous` for the limit of fast sampling; `onset` and `margins` take it as it is."
+            )
+        return self.continuous
+
+    def with_laws(self, laws: Iterable[Any]) -> ClosedLoop:
+        """The loop with its laws sampled, sensed or wrapped otherwise, in their order, each designed as it is."""
+        other = dataclasses.replace(self, laws=tuple(laws))
+        other.__dict__["designed"] = self.designed
+        return other
+
+    @property
+    def bare(self) -> ClosedLoop:
+        """The loop without its laws, with those inputs and parameters that the plant alone has."""
+        own = {name: value for name, value in self.parameters.items() if self.plant.has_parameter(name)}
+        inputs = {name: value for name, value in self.inputs.items() if name in self.plant.inputs or self.plant.has_parameter(name)}
+        return dataclasses.replace(self, laws=(), parameters=own, inputs=inputs)
+
+    @property
+    def sampled(self) -> bool:
+        """Whether a law of the loop samples."""
+        return any(isinstance(law, Sampled) for law in self.laws)
+
+    def constant_inputs(self, word: str) -> dict[str, float]:
+        """The inputs as numbers; raises SceneError for one that varies in time, where `word` says what needs constants."""
+        moving = next((name for name, value in self.values.items() if not isinstance(value, float)), None)
+        if moving is not None:
+            raise SceneError(
+                f"Argument `{moving}` must be a number for {word}, but the loop varies it in time: give `loop.at({moving!r}, value)`."
+            )
+        return dict(self.values)
+
+    @cached_property
+    def asked(self) -> Mapping[str, str]:
+        """{unit: unit in which it was typed}, in which reports and figures answer."""
+        return {**self.plant.asked, **asked_units(self.inputs, self.parameters, fields=(self.laws,))}
+
+    @property
+    def title(self) -> str:
+        """Its label, else the kinds of its parts."""
+        return self.label or ", ".join(type(law_of(part)).__name__ for part in self.closed.system.parts)
+
+    # -------------------------------------------------------------------------------------------------------------------------------------- numbers
+    def numbers(self) -> dict[str, Number]:
+        """{name: every number of the loop that can be varied}, with unit, bounds, value, and the input that overrides it if one does."""
+        return numbers_in(self)
+
+    def number(self, name: str) -> Number:
+        """The number of that name; raises SceneError where there is none, with the nearest that there is."""
+        found = number_of(self, name)
+        if found is not None:
+            return found
+        if not isinstance(name, str):
+            raise SceneError(f"Argument `parameter` must be the name of a number of the loop, but it is {name!r}.")
+        known = self.numbers()
+        if name.endswith(".reference") and not any(each.endswith(".reference") for each in known):
+            raise SceneError(
+                f"There is no number `{name}`: a set-point belongs to a control law, and there is none: give it to `closed_loop`."
+            )
+        listed = [each for each in known if each.startswith(f"{name}.") and each[len(name) + 1 :].isdigit()]
+        if listed:
+            raise SceneError(f"Argument `{name}` must be one number, but it has {len(listed)} entries: name one, e.g. `{listed[0]}`.")
+        raise SceneError(f"There is no number `{name}` in this loop: {suggest(name, known)}")
+
+    def acting(self, name: str, verb: str) -> Number:
+        """An input or a parameter where it acts, for a verb that needs slopes by it; raises SceneError for a number of any other kind."""
+        number = self.number(name)
+        if number.kind not in ("input", "parameter"):
+            why = {
+                "design": "only the design of a law knows it, so that no equation of the loop has a slope by it: vary a gain that it gives",
+                "shape": "it shapes an input in time, and steady running has constant inputs",
+                "start": "it is a start value, of which steady running knows nothing",
+            }[number.kind]
+            raise SceneError(f"Argument `{name}` must be an input or a parameter for `{verb}`, but {why}.")
+        return number
+
+    def at(self, name: str, value: NumberOrText) -> ClosedLoop:
+        """The loop with another value of one number.
+
+        A number that acts in the loop is changed where it acts, and gains that were designed stay as they are; a number that only the design of a law knows
+        designs this law anew.
+
+        Parameters
+        ----------
+        name
+            A name of `numbers()`.
+        value
+            Its value in SI, or text with a unit.
+
+        Raises
+        ------
+        SceneError
+            If there is no such number, or the value is out of its bounds.
+        """
+        return self.number(name).put(self, value)
+
+    def with_parameters(self, given: Mapping[str, Any] | None) -> ClosedLoop:
+        """The loop with other values of parameters, whole tuples too, and of fields that only the design of a law knows; text may have units.
+
+        Raises SceneError for an unknown name, and for a value out of its bounds.
+        """
+        loop, values = self, dict(self.parameters)
+        for name, value in mapping("parameters", given).items():
+            number = None if self.plant.has_parameter(name) else number_of(self, name)
+            if number is not None and number.kind == "design":
+                loop = number.put(loop, value)
+            else:
+                owner = (
+                    self.plant if self.plant.has_parameter(name) else self.system
+                )  # a law may take the place of an input and its default
+                values[name] = in_si(value, owner._parameter(name).unit, name)
+        return loop.but(parameters=values)
+
+    # --------------------------------------------------------------------------------------------------------------------------------- as a value
+    @cached_property
+    def _key(self) -> tuple[Any, ...]:
+        plant = self.plant.sharp if isinstance(self.plant, SmoothSystem) else self.plant
+        smooth = (tuple(self.plant.widths.items()), self.plant.matched) if isinstance(self.plant, SmoothSystem) else None
+        inputs = tuple(sorted((name, _plain(value)) for name, value in self.values.items()))
+        numbers = tuple(tuple(sorted((name, _plain(value)) for name, value in given.items())) for given in (self.parameters, self.start))
+        named = (self.label, self.element, self.signal, self.duration, self.after, self.accuracy)
+        return tuple(map(structure_of, plant.parts)), plant.values.tobytes(), smooth, self.laws, inputs, numbers, named
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, ClosedLoop) and self._key == other._key)
+
+    def __hash__(self) -> int:
+        return hash((self._key[:3], self._key[4:]))
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        for words, things in (("law", self.laws), ("input", self.inputs.items()), ("start value", self.start.items())):
+            for thing in things:
+                try:
+                    pickle.dumps(thing)
+                except Exception as error:  # whatever an object that holds a lock, a lambda or a casadi expression raises
+                    raise pickle.PicklingError(f"The {words} {thing!r} of the loop cannot be pickled: {error}") from None
+        return state
+
+    def __str__(self) -> str:
+        plant = ", ".join(type(law_of(part)).__name__ for part in self.plant.parts)
+        lines = [f"Closed loop{' ' + repr(self.label) if self.label else ''}: {plant}" + ("" if self.laws else ", no law")]
+        parts = self.closed.system.parts[len(self.closed.plant.parts) :]
+        for given, part in zip(self.laws, parts, strict=True):
+            law = law_of(part)
+            lines.append(f"  {described(given)}" + (f": {self._numbers_of(law)}" if isinstance(law, Controller) else ""))
+        for word, given in (("inputs", self.inputs), ("parameters", self.parameters), ("start", self.start)):
+            if given:
+                lines.append(f"  {word}: " + ", ".join(f"{name} {self._read(name, value)}" for name, value in given.items()))
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def _numbers_of(self, law: Controller) -> str:
+        """The numbers that a law took on this machine, in the units of the question."""
+        words = []
+        for each in fields_of(type(law)):
+            value = getattr(law, each.name)
+            if each.numeric and value is not None and not isinstance(value, tuple):
+                factor, unit = reading(each.spec.metadata.get("unit", "1"), self.asked)
+                words.append(f"{each.name} {value * factor:.4g}" + ("" if unit == "1" else f" {unit}"))
+            elif is_nested(value):
+                words.append(f"{each.name} ({self._numbers_of(value)})")
+        return ", ".join(words) or "no numbers"
+
+    def _read(self, name: str, value: Any) -> str:
+        factor, unit = reading(self.system.unit(name), self.asked)
+        if isinstance(value, (int, float)):
+            return f"{value * factor:.6g}" + ("" if unit == "1" else f" {unit}")
+        return (
+            getattr(value, "shape", "")
+            if isinstance(value, (Table, Shape)) and value.shape
+            else "in time"
+            if name in self.inputs
+            else str(value)
+        )
 
 
 def closed_loop(
-    declared: HybridSystem, plant: HybridSystem, controller: Any, sample_time: float | None
-) -> tuple[HybridSystem, list[tuple[float, float]], list[Any], list[int]]:
-    """The plant with its controllers as parts, the (period, delay) of the sampled ones in order, the Python callables, and the seeds."""
-    if controller is None:
-        return plant, [], [], []
+    plant: HybridSystem | ClosedLoop,
+    law: Any = None,
+    *,
+    sample_time: NumberOrText | None = None,
+    inputs: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | Equilibrium | None = None,
+    element: str | None = None,
+    signal: str | None = None,
+    label: str | None = None,
+) -> ClosedLoop:
+    """Close a loop: a plant with the laws that act on it, and what acts on both.
+
+    Parameters
+    ----------
+    plant
+        A plant made by `compose`, or a loop, of which the new one keeps all that is not given anew.
+    law
+        A `Controller`, a callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them. None leaves the plant to its inputs.
+    sample_time
+        Sample time of the laws that are not `Sampled` themselves [s]; without it a `Controller` acts continuously.
+    inputs
+        Inputs {signal, or parameter of the plant that changes in time: value}. A value is a number, a table (times, values), a shape of `toolbox.inputs`, or a
+        casadi expression of `toolbox.time`.
+    parameters
+        {parameter of the plant, or number of a law: value}; laws stay as they were designed on the declared plant.
+    start
+        Start values {state, or signal that is a state: value}; all other states start at 0. Or an `equilibrium`, whose states are taken.
+    element, signal
+        The contact and the speed that verbs judge; by default the only contact and its speed.
+    label
+        What tables and pictures call the loop.
+
+    Returns
+    -------
+    ClosedLoop
+        The loop, which every verb takes; `print` shows it.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, a number is out of bounds, or a law does not fit the plant.
+    """
+    base = as_loop(plant, "plant")
+    changes: dict[str, Any] = {
+        word: given for word, given in (("element", element), ("signal", signal), ("label", label)) if given is not None
+    }
+    if law is not None or sample_time is not None:
+        changes["laws"] = laws_of(law if law is not None else base.laws, in_si(sample_time, "s", "sample_time"))
+    if start is not None:
+        changes["start"] = states_of(start, base.plant)
+    if inputs is not None or parameters is not None:
+        others = mapping("parameters", parameters)
+        changes["inputs"] = {name: value for name, value in base.inputs.items() if name not in others} | mapping("inputs", inputs)
+    loop = base.but(**changes).with_parameters(parameters)
+    return loop.but(inputs=loop._given[2])  # what is wrong is said here
+
+
+def as_loop(given: Any, argument: str = "loop") -> ClosedLoop:
+    """What is given as a loop, or as a bare plant; raises SceneError with the name of the argument for anything else."""
+    return given if isinstance(given, ClosedLoop) else ClosedLoop(checked_plant(given, argument))
+
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+FORMER = ("controller", "sample_time", "inputs", "parameters", "start", "element", "signal")
+"""Arguments that verbs took before they took a loop."""
+
+
+def takes_loop(
+    verb: Callable[Concatenate[ClosedLoop, Arguments], Result],
+) -> Callable[Concatenate[ClosedLoop | HybridSystem, Arguments], Result]:
+    """Let a verb take a bare plant in place of a loop, and say how a call is written whose arguments belong to the loop."""
+    own = inspect.signature(verb).parameters
+    first = next(iter(own))
+
+    @functools.wraps(verb)
+    def taking(machine: ClosedLoop | HybridSystem, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        refuse_former(verb.__name__, machine, [word for word in kwargs if word not in own])
+        return verb(as_loop(machine, first), *args, **kwargs)
+
+    return taking
+
+
+def refuse_former(verb: str, machine: Any, words: Iterable[str]) -> None:
+    """Raise the error of a call whose arguments belong to the loop, or that gives a scene or a law in its place, with the line to write.
+
+    Raises TypeError for arguments that nobody knows.
+    """
+    given = set(words)
+    unknown = next((word for word in given if word not in FORMER), None)
+    if unknown is not None:
+        raise TypeError(f"{verb}() got an unexpected keyword argument {unknown!r}")
+    if hasattr(machine, "cases"):
+        loop = 'scene["label of a case"]'
+    elif isinstance(machine, (Controller, Sampled)):
+        loop = "closed_loop(plant, law, sample_time=...)"
+    elif given:
+        loop = f"closed_loop(plant, {', '.join('law' if word == 'controller' else f'{word}=...' for word in FORMER if word in given)})"
+    else:
+        return
+    raise SceneError(f"`{verb}` takes a closed loop: write `{verb}({loop}, ...)`.")
+
+
+# --------------------------------------------------------------------------------------------------------------------------------- how it is made
+def laws_of(given: Any, period: float | None) -> tuple[Any, ...]:
+    """Control laws in order, each `Sampled` or continuous; raises SceneError where the sample time is none, or belongs to no law."""
+    everything = tuple(given) if isinstance(given, (list, tuple)) else () if given is None else (given,)
+    if period is not None and not everything:
+        raise SceneError("Argument `sample_time` must come with a control law, but there is none.")
+    if period is not None and everything and all(isinstance(each, Sampled) and each.period != period for each in everything):
+        raise SceneError(
+            f"Argument `sample_time` must be left out where every controller is Sampled, with a period of its own, but it is {period!r}."
+        )
+    return tuple(each if isinstance(each, Sampled) or period is None else Sampled(each, period) for each in everything)
+
+
+def states_of(start: Any, plant: HybridSystem) -> dict[str, Any]:
+    """Start values by state, of a mapping, of an equilibrium, or of one instant of a run, of which the states of the plant are taken."""
+    if isinstance(start, Equilibrium):
+        return {name: start[name] for name in start.plant.states}
+    if not hasattr(start, "program"):
+        return mapping("start", start)
+    if start.time.size != 1:
+        raise SceneError(f"Argument `start` must be one instant of a run, such as `run.at(12.5)`, but it holds {start.time.size} times.")
+    lacking = next((name for name in plant.states if name not in start), None)
+    if lacking is not None:
+        raise SceneError(f"Argument `start` must hold the state `{lacking}`, but the run it comes from has none.")
+    return {name: value_at(start, name, size) for name, (_, size, _) in plant.states.items()}
+
+
+def value_at(instant: Any, name: str, size: int | None) -> Any:
+    """A state at one instant of a run, as a start value."""
+    return np.squeeze(instant[name]) if size is None else np.ravel(instant[name])
+
+
+def designed_laws(declared: HybridSystem, laws: Sequence[Any]) -> list[Any]:
+    """Laws in order as they are designed on the declared plant, without what samples them."""
+    inner = [given.law if isinstance(given, Sampled) else given for given in laws]
+    return [designed(law, declared) if isinstance(law, Controller) else law for law in inner]
+
+
+def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[Any], made: Sequence[Any]) -> Closed:
+    """A plant with laws as its parts; made: the laws as they are designed on the declared plant."""
     parts: list[Component] = []
     clocks: list[tuple[float, float]] = []
-    laws: list[Any] = []
+    callables: list[Any] = []
     seeds: list[int] = []
-    everything = controller if isinstance(controller, (list, tuple)) else (controller,)
-    if sample_time is not None and everything and all(isinstance(given, Sampled) and given.period != sample_time for given in everything):
-        raise SceneError(
-            f"Argument `sample_time` must be left out where every controller is Sampled, with a period of its own, but it is {sample_time!r}."
-        )
-    for given in everything:
-        sampled = given
-        if not isinstance(given, Sampled):
-            sampled = Sampled(given, sample_time) if sample_time is not None else None
-        law = given.law if isinstance(given, Sampled) else given
+    for given, law in zip(laws, made, strict=True):
+        sampled = given.measured_by(declared.signal_unit) if isinstance(given, Sampled) else None
         if sampled is not None:
-            sampled = sampled.measured_by(declared.signal_unit)
             sampled.check()
-        if isinstance(law, Controller):
-            law = designed(law, declared)
-        if isinstance(law, Controller):
-            structure_of(law)  # the kinds of its fields, before `checked` compares their values
-            checked(law)
-            if sampled is not None and law.dt is not None and abs(sampled.period - law.dt) > 1e-9 * law.dt:
-                raise SceneError(
-                    f"Argument `sample_time` must be {law.dt:g} s, for which the law was designed, but it is {sampled.period:g} s."
-                )
-            parts.append(law if sampled is None else as_held_part(sampled, law))
-        elif type(law).__module__.partition(".")[0] == "control":
-            raise SceneError(
-                "Argument `controller` must be a law, but it is a system of python-control: give "
-                "`from_control(system, measures=..., drives=..., reference=...)`."
-            )
-        elif callable(law) and not isinstance(law, type):
-            if sampled is None:
-                raise SceneError("A callable controller must come with `sample_time`, but there is none.")
-            parts.append(callable_law(dataclasses.replace(sampled, law=law), declared))
-            laws.append(law)
-        else:
-            shown = f"the class {law.__name__}: give one of it, `{law.__name__}(...)`" if isinstance(law, type) else f"{law!r}"
-            raise SceneError(f"Argument `controller` must be a Controller, Sampled or a callable, but it is {shown}.")
-        if sampled is not None:
             clocks.append((float(sampled.period), float(sampled.delay)))
             seeds.append(sampled.seed)
+        parts.append(_part(law, sampled, declared))
+        if not isinstance(law, Controller):
+            callables.append(law)
+    if not parts:
+        return Closed(plant, plant, [], [], [])
+    return Closed(_assembled(plant, parts), plant, clocks, callables, seeds)
+
+
+def _part(law: Any, sampled: Sampled | None, declared: HybridSystem) -> Component:
+    """The part of the closed system that stands for a designed law."""
+    if isinstance(law, Controller):
+        structure_of(law)  # the kinds of its fields, before `checked` compares their values
+        checked(law)
+        if sampled is None:
+            return law
+        if law.dt is not None and abs(sampled.period - law.dt) > 1e-9 * law.dt:
+            raise SceneError(
+                f"Argument `sample_time` must be {law.dt:g} s, for which the law was designed, but it is {sampled.period:g} s."
+            )
+        return as_held_part(sampled, law)
+    if type(law).__module__.partition(".")[0] == "control":
+        raise SceneError(
+            "Argument `controller` must be a law, but it is a system of python-control: give "
+            "`from_control(system, measures=..., drives=..., reference=...)`."
+        )
+    if callable(law) and not isinstance(law, type):
+        if sampled is None:
+            raise SceneError("A callable controller must come with `sample_time`, but there is none.")
+        return callable_law(dataclasses.replace(sampled, law=law), declared)
+    shown = f"the class {law.__name__}: give one of it, `{law.__name__}(...)`" if isinstance(law, type) else f"{law!r}"
+    raise SceneError(f"Argument `controller` must be a Controller, Sampled or a callable, but it is {shown}.")
+
+
+def _assembled(plant: HybridSystem, parts: Sequence[Component]) -> HybridSystem:
+    """The closed system of a plant and laws as parts, with their numbers; its structure is made once."""
     key = ("closed", tuple(structure_of(part) for part in parts))
     found = plant.cache.get(key)
     if found is None:
@@ -87,4 +562,26 @@ def closed_loop(
         if first <= entry.offset < first + len(numbers):
             size = entry.size or 1
             entry.check(tuple(closed.values[entry.offset : entry.offset + size].tolist()))
-    return closed, clocks, laws, seeds
+    return closed
+
+
+def described(given: Any) -> str:
+    """A law and how it runs, in words."""
+    law = given.law if isinstance(given, Sampled) else given
+    name = getattr(law, "__name__", type(law).__name__)
+    if not isinstance(given, Sampled):
+        return f"{name}, continuous"
+    return f"{name}, sampled every {_time(given.period)}" + (f" with a delay of {_time(given.delay)}" if given.delay else "")
+
+
+def _time(value: float) -> str:
+    return f"{value:.3g} s" if value >= 1.0 else f"{1e3 * value:.3g} ms"
+
+
+def _plain(value: Any) -> Any:
+    """A value that compares and hashes by what it holds."""
+    if isinstance(value, Table):
+        return "table", value.times.tobytes(), value.values.tobytes()
+    if isinstance(value, ca.SX):
+        return ExpressionKey(value)
+    return tuple(np.ravel(value).tolist()) if isinstance(value, (np.ndarray, list, tuple)) else value

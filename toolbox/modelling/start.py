@@ -20,7 +20,7 @@ def place_starts(system: HybridSystem, x: np.ndarray, start: Mapping[str, Any]) 
         place_start(system, x, name, start[name])
 
 
-def _started(system: HybridSystem) -> list[str]:
+def started(system: HybridSystem) -> list[str]:
     """Names that a start value can be given to: states, and signals that are states."""
     known = list(system.states)
     for name, (expression, _) in system.signals.items():
@@ -48,7 +48,7 @@ def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> N
     if target is None:
         if name in system.signals:
             raise SceneError(f"Argument `{name}` must be a state to be given a start value, but it is computed from states.")
-        raise SceneError(f"There is no state `{name}`: {suggest(name, _started(system))}")
+        raise SceneError(f"There is no state `{name}`: {suggest(name, started(system))}")
     array = finite_array(in_si(value, system.unit(name), name))
     if array is None:
         raise SceneError(f"Argument `{name}` must be finite numbers, but it is {value!r}.")

@@ -17,6 +17,7 @@ import numpy as np
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.measuring import measure
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.onset import onset
 from toolbox.onsets.report import Onset
@@ -130,7 +131,9 @@ class Checks:
             self._fail("energy_balances", text, lambda: run.plot())
         return audit.relative
 
-    def onset_below(self, machine: Any, parameter: str, limit: float, between: tuple[float, float], **arguments: Any) -> Onset:
+    def onset_below(
+        self, loop: ClosedLoop | HybridSystem, parameter: str, limit: float, between: tuple[float, float], **arguments: Any
+    ) -> Onset:
         """From `limit` to the end of the range the machine is free: the borders of smooth running, of existing stick-slip and of standstill lie below.
 
         All other arguments are those of `toolbox.onset`. The borders count with their tolerance. Returns the onset.
@@ -138,7 +141,7 @@ class Checks:
         __tracebackhide__ = True
         if not is_finite_number(limit) or not between[0] < limit <= between[1]:
             raise SceneError(f"Argument `limit` must be in the range {between[0]:g} .. {between[1]:g}, but it is {limit!r}.")
-        found = onset(machine, parameter, between, **{"at": limit, **arguments})
+        found = onset(as_loop(loop).at(parameter, limit), parameter, between, **arguments)
         late = [(name, border) for name, border in found.borders if border.value + border.tolerance > limit]
         lasting = [
             name for name, branch in (("smooth running", found.smooth), ("stick-slip", found.sticking)) if branch[-1].verdict != "smooth"
@@ -155,8 +158,7 @@ class Checks:
 
     def robust(
         self,
-        plant: HybridSystem,
-        controller: Any,
+        loop: ClosedLoop,
         *,
         disk_margin: float | None = None,
         peak_sensitivity: float | None = None,
@@ -170,14 +172,14 @@ class Checks:
         - peak_sensitivity [1]: at most so much;
         - gain: (low, high), factors of each command that it bears;
         - delay [s]: more, that it bears;
-        - plant, controller, arguments: as in `toolbox.margins`.
+        - loop, arguments: as in `toolbox.margins`.
 
         A law without a linear loop is judged by what is measured on the machine: it has a gain and a delay, but neither a disk margin nor a sensitivity.
         """
         __tracebackhide__ = True
         if disk_margin is None and peak_sensitivity is None and gain is None and delay is None:
             raise SceneError("Something must be asked of the loop: `disk_margin`, `peak_sensitivity`, `gain` or `delay`.")
-        found = margins(plant, controller, **arguments)
+        found = margins(loop, **arguments)
         rows: Sequence[Any] = found.loops if found.loop is not None or found.measured is None else [found.measured]
         borne = found.delay_margin if found.loop is not None or found.measured is None else found.measured.delay
         low, high = max(row.lowest_gain for row in rows), min(row.highest_gain for row in rows)
@@ -195,13 +197,13 @@ class Checks:
             self._fail("robust", f"{text[0].upper()}{text[1:]}.\n{found}", found.plot)
         return found
 
-    def survives(self, plant: HybridSystem, controller: Any, duration: float, **arguments: Any) -> WorstCase:
+    def survives(self, loop: ClosedLoop, duration: float, **arguments: Any) -> WorstCase:
         """With every model error, from every start and with every seed the law ends free, at its speed and calm; returns the worst case.
 
         The arguments are those of `toolbox.worst_case`.
         """
         __tracebackhide__ = True
-        found = worst_case(plant, controller, duration, **arguments)
+        found = worst_case(loop, duration, **arguments)
         if not found.survives:
             self._fail("survives", f"Every run must end free, at its speed and calm, but not all do.\n{found}", found.plot)
         return found

@@ -12,24 +12,23 @@ import numpy as np
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in
-from toolbox.files.units import in_si
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring import measures
-from toolbox.modelling.components import law_of
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.elements import check_one_direction
-from toolbox.modelling.free_parameter import FreeParameter
-from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
-from toolbox.modelling.laws import Sampled
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import closed_signal, function_of, mode_numbers
 from toolbox.scenes.judged import judged_contact, judged_speed
-from toolbox.simulation.request import continuous_loop
+from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
-from toolbox.steady_states.linear import equilibrium, holding_elements, input_values, residual_functions, state_labels
+from toolbox.steady_states.linear import holding_elements, residual_functions, state_labels, steady_state
 from toolbox.sweeps.batch import Numbers, Task
 from toolbox.sweeps.designs import Variations
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store
-from toolbox.sweeps.variants import run_fingerprint, shared_run, varied_numbers
+from toolbox.sweeps.variants import run_fingerprint, varied_numbers
 
 SMOOTH, SWING, STICK_SLIP, STUCK, NONE = 0, 1, 2, 3, -1
 VERDICTS = {SMOOTH: "smooth", SWING: "swing", STICK_SLIP: "stick-slip", STUCK: "stuck", NONE: "none"}
@@ -45,23 +44,17 @@ FAINT = 1e-4
 """The same where it dies: so little that the unstable cycle near a hard loss of stability is not met."""
 
 
-@dataclass(frozen=True)
-class MapRequest:
-    """What `severity_map` is asked, as its arguments of these names."""
-
-    machine: Any
-    over: Any
-    duration: Any
-    after: Any
-    controller: Any
-    sample_time: Any
-    inputs: Any
-    parameters: Any
-    mode: Any
-    guess: Any
-    element: str | None
-    signal: str | None
-    accuracy: Any
+def _judged_time(loop: ClosedLoop, duration: NumberOrText | None, after: NumberOrText | None) -> tuple[float, float]:
+    """Begin and end of what is judged [s]; raises SceneError where there is no time between them."""
+    end = in_si((loop.duration or 120.0) if duration is None else duration, "s", "duration")
+    if not is_finite_number(end) or not end > 0:
+        raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {end!r}.")
+    if after is None:
+        return (loop.after if loop.after is not None and loop.after < end else end / 2), float(end)
+    begin = in_si(after, "s", "after")
+    if not is_finite_number(begin) or not 0 < begin < end:
+        raise SceneError(f"Argument `after` must be > 0 s and before the end at {end:g} s, but it is {begin!r}.")
+    return float(begin), float(end)
 
 
 @dataclass
@@ -69,8 +62,7 @@ class MapLoop:
     """The closed loop of a map: as it runs, and in its continuous form with its steady states."""
 
     title: str
-    names: tuple[str, str]
-    units: tuple[str, str]
+    numbers: tuple[Number, Number]
     ranges: tuple[tuple[float, float], ...]
     run: Run
     closed: HybridSystem
@@ -85,88 +77,73 @@ class MapLoop:
     asked: dict[str, str]
 
     @staticmethod
-    def of(asked: MapRequest) -> MapLoop:
-        """The loop that is asked for. Raises SceneError for what no map can be made of."""
-        over, duration, after, controller, sample_time = asked.over, asked.duration, asked.after, asked.controller, asked.sample_time
-        inputs, parameters, element, signal, accuracy = asked.inputs, asked.parameters, asked.element, asked.signal, asked.accuracy
-        from toolbox.scenes.scene import Scene
-
-        title = ""
-        if isinstance(asked.machine, Scene):
-            scene = asked.machine
-            case = scene.case(controller) if controller is not None else scene.cases[0]
-            given = scene.arguments(case)
-            inputs, parameters = {**given["inputs"], **(inputs or {})}, {**given["parameters"], **(parameters or {})}
-            plant, law, title = scene.plant(), case.controller, case.label
-            element, signal = element or scene.element, signal or scene.signal
-            duration = scene.duration if duration is None else duration
-            after = scene.after if after is None and scene.after < duration else after
-            accuracy = scene.accuracy if accuracy is None else accuracy
-        else:
-            plant, law = checked_plant(asked.machine, "machine"), controller
-        duration, after = in_si(120.0 if duration is None else duration, "s", "duration"), in_si(after, "s", "after")
-        if not is_finite_number(duration) or not duration > 0:
-            raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
-        after = duration / 2 if after is None else after
-        if not is_finite_number(after) or not 0 < after < duration:
-            raise SceneError(f"Argument `after` must be > 0 s and before the end at {duration:g} s, but it is {after!r}.")
+    def of(
+        loop: ClosedLoop,
+        over: Mapping[str, tuple[NumberOrText, NumberOrText]],
+        duration: NumberOrText | None,
+        after: NumberOrText | None,
+        mode: Mapping[str, str] | None,
+        guess: Mapping[str, Any] | None,
+    ) -> MapLoop:
+        """The loop with what is asked of it. Raises SceneError for what no map can be made of."""
+        begin, end = _judged_time(loop, duration, after)
         if not isinstance(over, Mapping) or len(over) != 2:
             raise SceneError(f"Argument `over` must map two names to (low, high), but it is {over!r}.")
-        laws = law if isinstance(law, (list, tuple)) or law is None else [law]
-        if any(isinstance(end, str) for ends in over.values() if isinstance(ends, (tuple, list)) for end in ends):
-            known = continuous_loop(plant, laws, inputs={k: v for k, v in (inputs or {}).items() if k not in over}, parameters=parameters)
-            over = {name: in_si(ends, FreeParameter.of(known, name).unit, name) for name, ends in over.items()}
-        for name, ends in over.items():
-            if not (isinstance(ends, (tuple, list)) and len(ends) == 2 and all(map(is_finite_number, ends)) and ends[0] < ends[1]):
-                raise SceneError(f"Argument `{name}` must be a range (low, high) with low < high, but it is {ends!r}.")
-        names: tuple[str, str] = tuple(over)
-        fixed = {name: value for name, value in (inputs or {}).items() if name not in names}
-        moving = next((name for name, value in fixed.items() if not is_finite_number(value)), None)
-        if moving is not None:
-            raise SceneError(f"Argument `{moving}` must be a number for a steady state to exist, but it varies in time.")
-        own = {name: value for name, value in (parameters or {}).items() if name not in names}
-        middle = np.array([(low + high) / 2 for low, high in over.values()])
-        run = shared_run(
-            plant, Variations(names, middle[None, :], (1,)), float(duration), inputs=fixed, parameters=own, controller=law, sample_time=sample_time,
-            accuracy=1e-6 if accuracy is None else accuracy,
-        )  # fmt: skip
-        closed = continuous_loop(plant, laws, inputs=fixed, parameters=own)
+        continuous = loop.continuous
+        free = [continuous.acting(name, "severity_map") for name in over]
+        ranges = tuple(number.between(over[number.name], number.name) for number in free)
+        middle = np.array([sum(ends) / 2 for ends in ranges])
+        for number, value in zip(free, middle.tolist(), strict=True):
+            continuous, loop = number.put(continuous, value), number.put(loop, value)
+        closed, inputs = continuous.system, continuous.constant_inputs("a steady state")
         check_one_direction(closed.elements, "A map", "judge runs of it, by `sweep`")
-        free_parameters = [FreeParameter.of(closed, name) for name in names]
-        here = {k.name: float(v) for k, v in zip(free_parameters, middle, strict=True) if k.is_input}
-        there = {k.name: float(v) for k, v in zip(free_parameters, middle, strict=True) if not k.is_input}
-        rest = equilibrium(closed, inputs={**fixed, **here}, parameters=there or None, mode=asked.mode, start=asked.guess)
-        contact = judged_contact(closed, element)
+        rest = steady_state(closed, inputs, guess, mode)
+        contact = judged_contact(continuous)
         m = mode_numbers(closed, rest.modes)
         if m[[e.name for e in closed.elements].index(contact)] == 0.0:
             raise SceneError(f"The contact `{contact}` must slip in the steady state in the middle of the map, but it sticks.")
-        speed = signal or judged_speed(closed, contact)
-        closed.signal_unit(speed)  # an unknown signal is refused here
+        speed = judged_speed(continuous, contact)
         notes = []
-        if sample_time is not None or any(isinstance(each, Sampled) for each in laws or []):
+        if loop.sampled:
             notes.append("the linear border is that of the continuous form of the law; the others are of the law as it runs, sampled")
         return MapLoop(
-            title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts), names=names,
-            units=(free_parameters[0].unit, free_parameters[1].unit), ranges=tuple(over.values()),
-            run=run, closed=closed, element=contact, signal=speed, after=float(after),
-            inputs=fixed, modes=m, middle=middle, rest=rest.states, notes=notes,
-            asked={free.unit: asked_in(over[free.name], free.unit) for free in reversed(free_parameters)},
-        )  # fmt: skip
+            title=loop.title,
+            numbers=(free[0], free[1]),
+            ranges=ranges,
+            run=Request(loop, end, accuracy=loop.accuracy or 1e-6).checked(),
+            closed=closed,
+            element=contact,
+            signal=speed,
+            after=begin,
+            inputs=inputs,
+            modes=m,
+            middle=middle,
+            rest=rest.states,
+            notes=notes,
+            asked={number.unit: asked_in(number.in_si(number.name, over[number.name]), number.unit) for number in reversed(free)},
+        )
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """Names of the two numbers."""
+        return self.numbers[0].name, self.numbers[1].name
+
+    @property
+    def units(self) -> tuple[str, str]:
+        """Their units."""
+        return self.numbers[0].unit, self.numbers[1].unit
 
     def _numbers(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Parameters and inputs of the continuous form at all points, one column each."""
         values = np.repeat(self.closed.values[:, None], len(points), axis=1)
-        free_parameters = [FreeParameter.of(self.closed, name) for name in self.names]
-        for free, column in zip(free_parameters, points.T, strict=True):
+        for free, column in zip(self.numbers, points.T, strict=True):
             if not free.is_input:
                 values[self.closed._parameter(free.name).offset] = column
         u = np.array(self.closed.input_defaults(values)).reshape(-1, len(points))
         names = list(self.closed.inputs)
-        if self.inputs:
-            input_values(self.closed, self.inputs)  # raises for unknown names
         for name, value in self.inputs.items():
             u[names.index(name)] = value
-        for free, column in zip(free_parameters, points.T, strict=True):
+        for free, column in zip(self.numbers, points.T, strict=True):
             if free.is_input:
                 u[names.index(free.name)] = column
         return values, u

@@ -15,8 +15,8 @@ How runs find the borders is told in `toolbox.onsets.search` and `inside`, how c
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -25,41 +25,28 @@ from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.messages import progress_bar
-from toolbox.modelling.components import law_of
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.elements import check_one_direction
-from toolbox.modelling.free_parameter import FreeParameter
-from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
-from toolbox.modelling.laws import Sampled
 from toolbox.onsets.cycles import exact
 from toolbox.onsets.inside import Inside
 from toolbox.onsets.report import PERIODS, Onset
 from toolbox.onsets.search import OnsetSearch, swing_period
 from toolbox.scenes.judged import judged_contact, judged_speed
-from toolbox.simulation.request import Request, continuous_loop
+from toolbox.simulation.request import Request
 from toolbox.steady_states.equilibria import EquilibriumBranch, state_values
-from toolbox.steady_states.hopf import HopfPoint, hopf_points
-from toolbox.steady_states.linear import input_values
-
-if TYPE_CHECKING:
-    from toolbox.scenes.scene import Scene
+from toolbox.steady_states.hopf import HopfPoint, hopf_points_of
 
 
+@takes_loop
 def onset(
-    machine: HybridSystem | Scene,
+    loop: ClosedLoop,
     parameter: str,
     between: tuple[NumberOrText, NumberOrText],
     *,
-    controller: Any = None,
-    sample_time: NumberOrText | None = None,
-    inputs: Mapping[str, NumberOrText] | None = None,
-    parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
     guess: Mapping[str, Any] | None = None,
-    element: str | None = None,
-    signal: str | None = None,
     values: int = 13,
     tolerance: NumberOrText | None = None,
-    at: NumberOrText | None = None,
     duration: NumberOrText | None = None,
     perturbation: float = 1e-3,
     accuracy: float | None = None,
@@ -76,29 +63,20 @@ def onset(
 
     Parameters
     ----------
-    machine
-        A plant, or a scene.
+    loop
+        A loop with constant inputs, or a plant. Its own value of the parameter is the working point.
     parameter
         What is varied: any input, or any parameter of the plant or of the law.
     between
         Range (low, high) of the parameter, in SI or text with units. Typed as ("20 rpm", "120 rpm"), report and figure answer in rpm.
-    controller, sample_time, parameters
-        As in `simulate`; of a scene, `controller` is the label of a case (the first one by default). A sampled law also needs its continuous form, for the
-        steady state.
-    inputs
-        Constant inputs {signal: number}.
     mode
         Modes of the steady state, as in `equilibrium`.
     guess
         Values {state: value} near the steady state at the working point. It is needed where none is found without it, as under a drive with limits.
-    element, signal
-        The contact and the speed to judge; by default those of the scene, or the only contact and its speed.
     values
         Number of values at which both branches are simulated.
     tolerance
         Tolerance of the borders in the unit of the parameter; by default a thousandth of the range.
-    at
-        The working point; by default the declared value.
     duration
         Length of a run [s]; by default 100 periods of the least damped motion.
     perturbation
@@ -116,35 +94,27 @@ def onset(
     SceneError
         If a name is unknown, the range is none, an input varies in time, or a law has no continuous form.
     """
-    asked = _asked(machine, controller, sample_time, inputs, parameters, element, signal, accuracy)
-    plant, law, given = asked.plant, asked.law, asked.inputs
-    closed = continuous_loop(plant, law, inputs=given, parameters=asked.parameters)
+    closed, inputs = loop.continuous.system, loop.constant_inputs("an onset to exist")
     check_one_direction(closed.elements, "`onset`", "judge runs of it, by `sweep`")
-    free = FreeParameter.of(closed, parameter)
+    free = loop.continuous.acting(parameter, "onset")
     low, high = free.between(between)
-    asked_unit = asked_in((*free.typed("between", tuple(between)), free.typed("at", at)), free.unit)
-    at, duration, tolerance = in_si(at, free.unit, "at"), in_si(duration, "s", "duration"), in_si(tolerance, free.unit, "tolerance")
+    asked_unit = asked_in(tuple(free.in_si("between", tuple(between))), free.unit)
+    duration, tolerance = in_si(duration, "s", "duration"), in_si(tolerance, free.unit, "tolerance")
+    at = free.value
     _check_numbers(values, tolerance=tolerance, duration=duration, perturbation=perturbation, at=at)
-    input_values(closed, given or {})
-    contact = judged_contact(closed, asked.element)
-    speed = asked.signal or judged_speed(closed, contact)
-    closed.signal_unit(speed)
-    at = free.declared(closed, given or {}) if at is None else float(at)
+    contact = judged_contact(loop.continuous)
+    speed = judged_speed(loop.continuous, contact)
     grid = np.linspace(low, high, values)
     if low < at < high and not np.isclose(grid, at, rtol=0, atol=1e-9 * (high - low)).any():
         grid = np.sort(np.append(grid, at))
-    laws = law if isinstance(law, (list, tuple)) or law is None else [law]
     search = OnsetSearch(
-        base=Request(
-            plant, 0.0, inputs={**(given or {}), **({parameter: low} if free.is_input else {})}, parameters=asked.parameters, controller=laws,
-            accuracy=1e-6 if asked.accuracy is None else asked.accuracy,
-        ).checked(),
+        base=Request(loop.at(parameter, low) if free.is_input else loop, 0.0, accuracy=accuracy or loop.accuracy or 1e-6).checked(),
         free=free,
-        followed=EquilibriumBranch(closed, free, given or {}, mode, guess),
+        followed=EquilibriumBranch(closed, free, inputs, mode, guess),
         element=contact,
         signal=speed,
         perturbation=float(perturbation),
-    )  # fmt: skip
+    )
     noises = {name: entry for name, entry in search.base.system.parameters.items() if name.endswith(".sensors.noise")}
     search.silence = {name: [0.0] * entry.size if entry.size else 0.0 for name, entry in noises.items()}
     if low <= at <= high:
@@ -153,57 +123,16 @@ def onset(
     if not steady:
         raise SceneError(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {free.unit}: {search.followed.reason}")
     try:
-        hopf = hopf_points(closed, parameter, (low, high), inputs=given, mode=mode, guess=state_values(closed, steady[-1].states))
+        hopf = hopf_points_of(closed, free, (low, high), inputs, mode, state_values(closed, steady[-1].states))
     except SceneError as error:
         hopf = []
         search.notes.append(f"no Hopf point: {error}")
     search.period = max(point.period for point in hopf) if hopf else float(np.median([swing_period(point) for point in steady]))
     search.duration = PERIODS * search.period if duration is None else float(duration)
-    sampled = any(isinstance(each, Sampled) for each in laws or [])
     tolerance = 1e-3 * (high - low) if tolerance is None else float(tolerance)
     with progress_bar(None, "onset") as search.bar:
-        found = _both_branches(search, asked.title, [float(value) for value in grid], at, hopf, tolerance, sampled)
+        found = _both_branches(search, loop, [float(value) for value in grid], at, hopf, tolerance)
     return replace(found, asked={free.unit: asked_unit})
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """What `onset` is asked about: a plant and its law, from a scene or as they are."""
-
-    plant: HybridSystem
-    law: Any
-    title: str
-    inputs: Mapping[str, NumberOrText] | None
-    parameters: Mapping[str, Any] | None
-    element: str | None
-    signal: str | None
-    accuracy: float | None
-
-
-def _asked(
-    machine: Any, controller: Any, sample_time: float | None, inputs: Any, parameters: Any, element: str | None, signal: str | None,
-    accuracy: float | None,
-) -> _Asked:  # fmt: skip
-    """The plant and the law of a scene or of the arguments. Raises SceneError for inputs of a scene that vary in time."""
-    from toolbox.scenes.scene import Scene
-
-    if not isinstance(machine, Scene):
-        plant, law = checked_plant(machine, "machine"), controller
-        if law is not None and sample_time is not None:
-            several = law if isinstance(law, (list, tuple)) else [law]
-            law = [each if isinstance(each, Sampled) else Sampled(each, sample_time) for each in several]
-        return _Asked(plant, law, "", inputs, parameters, element, signal, accuracy)
-    scene = machine
-    case = scene.case(controller) if controller is not None else scene.cases[0]
-    given = {**scene.inputs, **case.inputs, **(inputs or {})}
-    moving = next((name for name, value in given.items() if not is_finite_number(value)), None)
-    if moving is not None:
-        raise SceneError(f"Argument `{moving}` must be a number for an onset to exist, but the scene varies it in time.")
-    accuracy = scene.accuracy if accuracy is None else accuracy
-    return _Asked(
-        scene.plant(), case.controller, case.label, given, {**scene.parameters, **(parameters or {})}, element or scene.element,
-        signal or scene.signal, accuracy,
-    )  # fmt: skip
 
 
 def _check_numbers(values: Any, **numbers: Any) -> None:
@@ -218,7 +147,7 @@ def _check_numbers(values: Any, **numbers: Any) -> None:
 
 
 def _both_branches(
-    search: OnsetSearch, title: str, numbers: list[float], at: float, hopf: Sequence[HopfPoint], tolerance: float, sampled: bool
+    search: OnsetSearch, loop: ClosedLoop, numbers: list[float], at: float, hopf: Sequence[HopfPoint], tolerance: float
 ) -> Onset:
     """Runs from smooth running and from inside stick-slip at all values, and the borders between what they come to."""
     width = numbers[-1] - numbers[0]
@@ -230,12 +159,12 @@ def _both_branches(
     cycles = [exact(border, inside, width) for border in inside.ends(numbers, tolerance)]
     sticking = [inside.found[value] for value in numbers]
     breakaways = inside.breakaways(numbers, tolerance)
-    if sampled:
+    if loop.sampled:
         search.notes.append("Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled.")
     if search.silence:
         search.notes.append("Smooth running is judged without measurement noise, stick-slip with it.")
     return Onset(
-        title=title or ", ".join(type(law_of(part)).__name__ for part in search.base.system.parts),
+        title=loop.title,
         parameter=search.free.name,
         unit=search.free.unit,
         element=search.element,

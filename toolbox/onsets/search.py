@@ -18,8 +18,8 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SimulationError
-from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium, function_of
 from toolbox.onsets.report import STICKING, Border, Judged
 from toolbox.simulation.run import Run
@@ -46,7 +46,7 @@ class OnsetSearch:
     """
 
     base: Run
-    free: FreeParameter
+    free: Number
     followed: EquilibriumBranch
     element: str
     signal: str

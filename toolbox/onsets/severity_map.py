@@ -18,7 +18,7 @@ import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,16 +30,13 @@ from toolbox.files.html import table
 from toolbox.files.unit_systems import Reading, reading
 from toolbox.files.units import NumberOrText
 from toolbox.messages import progress_bar
-from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.onsets.borders import edges_of
 from toolbox.onsets.front import Front, Point
-from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop, MapRequest
+from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop
 from toolbox.onsets.regions import MEANINGS
 from toolbox.sweeps.designs import grid
 from toolbox.sweeps.store import folder_of
-
-if TYPE_CHECKING:
-    from toolbox.scenes.scene import Scene
 
 LINEAR_HALVINGS = 40
 
@@ -293,22 +290,16 @@ class SeverityMap:
             raise ValueError("its notes do not fit to its arrays")
 
 
+@takes_loop
 def severity_map(
-    machine: HybridSystem | Scene,
+    loop: ClosedLoop,
     over: Mapping[str, tuple[NumberOrText, NumberOrText]],
     *,
     shape: tuple[int, int] = (50, 50),
     duration: NumberOrText | None = None,
     after: NumberOrText | None = None,
-    controller: Any = None,
-    sample_time: NumberOrText | None = None,
-    inputs: Mapping[str, Any] | None = None,
-    parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
     guess: Mapping[str, Any] | None = None,
-    element: str | None = None,
-    signal: str | None = None,
-    accuracy: float | None = None,
     halvings: int = 3,
     executor: concurrent.futures.Executor | None = None,
     out: str | Path | None = None,
@@ -321,23 +312,16 @@ def severity_map(
 
     Parameters
     ----------
-    machine
-        A plant, or a scene.
+    loop
+        A loop with constant inputs, or a plant. A sampled law also needs its continuous form, for the steady state.
     over
         The two ranges {name: (low, high)}, in SI or text with units; the first name gives the rows of all arrays.
     shape
         Number of points of the grid along both axes.
     duration, after
         Length of a run, and the time from which on it is judged [s]; by default those of the scene, or 120 s and half of it.
-    controller, sample_time, inputs, parameters
-        As in `simulate`, with numbers as inputs; of a scene, `controller` is the label of a case (the first one by default). A sampled law also needs its
-        continuous form, for the steady state.
     mode, guess
         Modes of the steady state in the middle of the map and values near it, as in `onset`.
-    element, signal
-        The contact and the speed to judge.
-    accuracy
-        Accuracy of the runs, as in `simulate`.
     halvings
         How often an edge of the grid across a border is halved, from 0 to 20.
     executor, out
@@ -354,14 +338,13 @@ def severity_map(
         If a name is unknown, a range is none, or there is no steady running in the middle of the map.
     """
     began = clock.perf_counter()
-    asked = MapRequest(machine, over, duration, after, controller, sample_time, inputs, parameters, mode, guess, element, signal, accuracy)
-    loop = MapLoop.of(asked)
+    mapped = MapLoop.of(loop, over, duration, after, mode, guess)
     if not isinstance(shape, Sequence) or len(shape) != 2 or not all(isinstance(n, int) and n >= 2 for n in shape):
         raise SceneError(f"Argument `shape` must be two integers >= 2, but it is {shape!r}.")
     if isinstance(halvings, bool) or not isinstance(halvings, int) or not 0 <= halvings <= 20:
         raise SceneError(f"Argument `halvings` must be an integer from 0 to 20, but it is {halvings!r}.")
-    axes = tuple(np.linspace(*ends, n) for ends, n in zip(loop.ranges, shape, strict=True))
-    points = grid(dict(zip(loop.names, axes, strict=True))).points
+    axes = tuple(np.linspace(*ends, n) for ends, n in zip(mapped.ranges, shape, strict=True))
+    points = grid(dict(zip(mapped.names, axes, strict=True))).points
     stages = iter(range(1000))
     count = 0
     failures: dict[int, str] = {}
@@ -369,7 +352,7 @@ def severity_map(
     def verdicts_of(points: np.ndarray, stopped: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         nonlocal count, failures
         path = None if out is None else Path(out) / f"stage_{next(stages):02d}.zarr"
-        severity, ratio, verdict, failures = loop.verdicts(points, stopped, executor, path)
+        severity, ratio, verdict, failures = mapped.verdicts(points, stopped, executor, path)
         count += len(points)
         return severity, ratio, verdict
 
@@ -378,8 +361,8 @@ def severity_map(
     both = np.repeat([False, True], len(points))
     columns = verdicts_of(np.vstack([points, points]), both)
     first = failures
-    growth = loop.growth(points)
-    front = Front(loop, points, shape)
+    growth = mapped.growth(points)
+    front = Front(mapped, points, shape)
     smooth, inside = ([column[part] for column in columns] for part in (slice(0, len(points)), slice(len(points), None)))
     verdicts = inside[2].copy()
     with progress_bar(None, "map, near borders") as front.bar:
@@ -396,20 +379,35 @@ def severity_map(
 
     def lost(points: np.ndarray) -> np.ndarray:
         """Whether smooth running is lost."""
-        return loop.growth(points) > 0 if not loop.sampled else verdicts_of(points, np.zeros(len(points), bool))[2] != SMOOTH
+        return mapped.growth(points) > 0 if not mapped.sampled else verdicts_of(points, np.zeros(len(points), bool))[2] != SMOOTH
 
     with progress_bar(None, "map, borders") as front.bar:
-        places = (edges[0].halved(lost, halvings if loop.sampled else LINEAR_HALVINGS), front.halved(edges[1], halvings))
-    borders = {name: each.segments(place) for name, each, place in zip(names, edges, places, strict=True)}
+        halved = (edges[0].halved(lost, halvings if mapped.sampled else LINEAR_HALVINGS), front.halved(edges[1], halvings))
+    borders = {name: each.segments(place) for name, each, place in zip(names, edges, halved, strict=True)}
     linear = edges_of(axes, growth > 0, np.isfinite(growth))
-    borders = {"linear": linear.segments(linear.halved(lambda points: loop.growth(points) > 0, LINEAR_HALVINGS)), **borders}
+    borders = {"linear": linear.segments(linear.halved(lambda points: mapped.growth(points) > 0, LINEAR_HALVINGS)), **borders}
+    places = {i: (names[i // len(points)], *map(int, np.unravel_index(i % len(points), shape))) for i in first}
     found = SeverityMap(
-        title=loop.title, names=loop.names, units=loop.units, axes=axes, element=loop.element, signal=loop.signal, smooth=branches[0], sticking=branches[1],  # type: ignore[arg-type]
-        growth=growth, borders=borders, duration=loop.run.duration, after=loop.after, accuracy=loop.run.accuracy, resolution=0.5**halvings,
+        title=mapped.title,
+        names=mapped.names,
+        units=mapped.units,
+        axes=axes,  # type: ignore[arg-type]
+        element=mapped.element,
+        signal=mapped.signal,
+        smooth=branches[0],
+        sticking=branches[1],
+        growth=growth,
+        borders=borders,
+        duration=mapped.run.duration,
+        after=mapped.after,
+        accuracy=mapped.run.accuracy,
+        resolution=0.5**halvings,
         runs=count + front.runs,
-        seconds=clock.perf_counter() - began, notes=tuple(loop.notes),
-        asked=loop.asked, errors={(names[i // len(points)], *map(int, np.unravel_index(i % len(points), shape))): text for i, text in first.items()},  # type: ignore[misc]
-    )  # fmt: skip
+        seconds=clock.perf_counter() - began,
+        notes=tuple(mapped.notes),
+        asked=mapped.asked,
+        errors={places[i]: text for i, text in first.items()},  # type: ignore[misc]
+    )
     if out is not None:
         found.save(Path(out) / "map.npz")
     return found

@@ -83,7 +83,8 @@ class ArcWalk:
 
     def _shot(self, u: np.ndarray) -> tuple[Trajectory, np.ndarray, float]:
         arguments = with_value(self.base, self.parameter, float(u[-1] * self.scale[-1]))
-        self.orbit.run = dataclasses.replace(self.orbit.run, inputs=arguments.inputs, system=arguments.system, plant=arguments.plant)
+        taken = {word: getattr(arguments, word) for word in ("inputs", "system", "plant", "loop")}
+        self.orbit.run = dataclasses.replace(self.orbit.run, **taken)
         x = self.rest.copy()
         x[self.kept] = u[: self.kept.size] * self.scale[: self.kept.size]
         period = self._period(u, arguments)

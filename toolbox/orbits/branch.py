@@ -11,6 +11,7 @@ import numpy as np
 
 from toolbox.arguments import BoolArray, FloatArray
 from toolbox.files.unit_systems import reading
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.orbits.orbit import Cycle
 
 
@@ -56,6 +57,11 @@ class Branch:
     bifurcations: list[Bifurcation] = field(default_factory=list)
     ended: str = ""
     asked: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def loop(self) -> ClosedLoop | None:
+        """The loop of the first cycle; that of each one is its own `loop`, with its value of the parameter."""
+        return self.cycles[0].loop
 
     @property
     def periods(self) -> FloatArray:

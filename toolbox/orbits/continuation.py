@@ -30,6 +30,7 @@ from toolbox.arguments import is_finite_number, number, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, in_si
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.orbits.arclength import ArcWalk
 from toolbox.orbits.branch import Bifurcation, Branch
 from toolbox.orbits.orbit import Cycle, signature_of
@@ -162,7 +163,7 @@ def _solved(branch: Branch, near: float) -> float:
     away = 2.0 * abs(near - branch.values[-1]) + 1e-6 * abs(near)
     middle = {name: np.mean(cycle.run[name], axis=0) for name in run.system.states}
     try:
-        found = hopf_points(run.system, branch.parameter, (near - away, near + away), inputs=run.inputs, guess=middle, values=5)
+        found = hopf_points(ClosedLoop(run.system, inputs=run.inputs), branch.parameter, (near - away, near + away), guess=middle, values=5)
     except (SceneError, SimulationError):
         return near
     return min((point.value for point in found), key=lambda value: abs(value - near), default=near)

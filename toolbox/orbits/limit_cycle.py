@@ -15,7 +15,6 @@ one: the period must be a whole multiple of every sample time, and a free cycle,
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ import numpy as np
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, in_si
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
 from toolbox.orbits.orbit import Cycle, CycleError, Orbit
@@ -32,32 +32,25 @@ from toolbox.simulation.trajectory import Trajectory
 
 
 def limit_cycle(
-    plant: HybridSystem | Trajectory,
+    loop: ClosedLoop | HybridSystem | Trajectory,
     settle: NumberOrText | None = None,
     *,
     period: NumberOrText | None = None,
-    start: Mapping[str, Any] | None = None,
-    inputs: Mapping[str, Any] | None = None,
-    parameters: Mapping[str, Any] | None = None,
-    controller: Any = None,
-    sample_time: NumberOrText | None = None,
     accuracy: float = 1e-11,
+    **former: Any,
 ) -> Cycle:
     """Find the periodic motion near the end of a run, attracting or not, to 1e-10 of its size.
 
     Parameters
     ----------
-    plant
-        A plant, which is first simulated for `settle` seconds with the other arguments, as in `simulate`; or a trajectory that has settled, such as
-        `scene.run(label)`.
+    loop
+        A loop or a plant, which is first simulated for `settle` seconds; or a trajectory that has settled, such as `scene.run(label)`.
     settle
-        Length of the first run of a plant [s].
+        Length of the first run of a loop [s].
     period
         Of a driven machine, the period of its forcing or a multiple of it [s]; by default that of its sines. Of a free machine, a guess, which together with
-        `start` needs no settling and finds unstable cycles as well; by default the time after which the run comes round. With a sampled law, the period of
-        the reference or load that alternates, a whole multiple of the sample time.
-    start, inputs, parameters, controller, sample_time
-        As in `simulate`.
+        a start of the loop needs no settling and finds unstable cycles as well; by default the time after which the run comes round. With a sampled law,
+        the period of the reference or load that alternates, a whole multiple of the sample time.
     accuracy
         Accuracy of the runs inside.
 
@@ -75,28 +68,20 @@ def limit_cycle(
     SceneError
         If an argument is wrong.
     """
+    refuse_former("limit_cycle", loop, former)
     settle, period = in_si(settle, "s", "settle"), in_si(period, "s", "period")
-    if isinstance(plant, Trajectory):
-        if settle is not None or start or inputs or parameters or controller is not None or sample_time is not None:
-            raise SceneError("Argument `plant` must be a plant for the other arguments to apply, but it is a trajectory, which has them.")
-        run = plant
+    if isinstance(loop, Trajectory):
+        if settle is not None:
+            raise SceneError("Argument `settle` must be left out for a trajectory, which has settled.")
+        run = loop
     else:
         length = period if settle is None else settle
         if length is None:
             raise SceneError(
-                "Argument `settle` must be given for a plant: the seconds in which its motion settles, some tens of periods, as in "
-                "`limit_cycle(plant, 200.0)`; or a guess of the `period` with a `start` near the cycle."
+                "Argument `settle` must be given for a loop: the seconds in which its motion settles, some tens of periods, as in "
+                "`limit_cycle(loop, 200.0)`; or a guess of the `period`, with a start of the loop near the cycle."
             )
-        run = simulate(
-            plant,
-            length,
-            start=start,
-            inputs=inputs,
-            parameters=parameters,
-            controller=controller,
-            sample_time=sample_time,
-            accuracy=1e-8,
-        )
+        run = simulate(as_loop(loop), length, accuracy=1e-8)
     if not is_finite_number(accuracy) or not 1e-13 <= accuracy <= 0.1:
         raise SceneError(f"Argument `accuracy` must be a number between 1e-13 and 0.1, but it is {accuracy!r}.")
     if period is not None and not (is_finite_number(period) and period > 0):
@@ -106,17 +91,17 @@ def limit_cycle(
         given = forcing_period(orbit.run) if period is None else float(period)
         if given is None and orbit.clocked and not orbit.variational.forced:
             raise SceneError(
-                "Argument `controller` must act continuously for a free cycle: a sampled law comes round with it only where the period is a whole multiple of "
+                "The laws of the loop must act continuously for a free cycle: a sampled law comes round with it only where the period is a whole multiple of "
                 "the sample time. Leave out `sample_time`; or give such a `period`, where the machine is driven or its cycle has locked to the clock."
             )
         if given is None:
             raise SceneError("Argument `period` must be given for a driven machine whose inputs are not sines of one frequency.")
         given = orbit.whole(given)
-        rounds = np.floor(run.end / given * (1 + 1e-12)) if settle is not None or isinstance(plant, Trajectory) else 0.0
+        rounds = np.floor(run.end / given * (1 + 1e-12)) if settle is not None or run is loop else 0.0
         if orbit.clocked and rounds * given > run.end * (1 - 1e-9):
             rounds -= 1.0  # at its end a run takes no sample
         return orbit.solved(orbit.within(run, max(rounds, 0.0) * given), given)
-    guessed = period is not None and settle is None and run is not plant
+    guessed = period is not None and settle is None and run is not loop
     try:
         begin, length = (0.0, float(period)) if guessed and period is not None else _round(run, orbit, period)
         anchor = anchored(run, begin, begin + length, orbit)

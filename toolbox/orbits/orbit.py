@@ -13,6 +13,7 @@ import numpy as np
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.html import table
 from toolbox.files.unit_systems import reading
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
 from toolbox.orbits.sampled_memory import check_laws
 from toolbox.orbits.sensitivity import parameter_column
@@ -63,6 +64,11 @@ class Cycle:
     step: float
     iterations: int
     period_error: float
+
+    @property
+    def loop(self) -> ClosedLoop | None:
+        """The loop whose motion it is, with the numbers at which the cycle was found."""
+        return self.run.run.loop
 
     @property
     def start(self) -> np.ndarray:

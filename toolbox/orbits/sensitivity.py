@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError, suggest
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.laws import names
 from toolbox.modelling.start import place_start
@@ -49,6 +50,11 @@ class Sensitivity:
         self._own = order.size - len(columns)
         self._tangent = tangent
         self.event_times: np.ndarray = tangent.event_times[:, order]
+
+    @property
+    def loop(self) -> ClosedLoop | None:
+        """The loop that was run."""
+        return self.run.run.loop
 
     @cached_property
     def states(self) -> np.ndarray:
@@ -300,13 +306,14 @@ def with_value(run: Run, name: str, value: float) -> Run:
         bounds = run.system.parameters.get(name)
         if bounds is not None:
             bounds.check(value)
-        return dataclasses.replace(run, inputs={**run.inputs, name: float(value)})
+        return _with_input(run, name, float(value))
     head, _, tail = name.rpartition(".")
     shape = run.inputs.get(head)
     if isinstance(shape, Shape) and tail in COEFFICIENTS.get(shape.kind, ()):
         numbers = list(shape.coefficients)
         numbers[COEFFICIENTS[shape.kind].index(tail)] = float(value)
-        return dataclasses.replace(run, inputs={**run.inputs, head: Shape(shape.kind, tuple(numbers))})
+        named = {**shape.numbers, tail: float(value)} if shape.numbers else {}
+        return _with_input(run, head, dataclasses.replace(shape, coefficients=tuple(numbers), numbers=named))
     system = copy.copy(run.system)
     entry = system._parameter(name)
     entry.check(value)
@@ -317,7 +324,13 @@ def with_value(run: Run, name: str, value: float) -> Run:
         if name.rpartition(".")[0] in run.plant.parameters or name in run.plant.parameters
         else run.plant
     )
-    return dataclasses.replace(run, system=system, plant=plant)
+    loop = run.loop and run.loop.but(parameters={**run.loop.parameters, name: float(value)})
+    return dataclasses.replace(run, system=system, plant=plant, loop=loop)
+
+
+def _with_input(run: Run, name: str, value: Any) -> Run:
+    loop = run.loop and run.loop.but(inputs={**run.loop.inputs, name: value})
+    return dataclasses.replace(run, inputs={**run.inputs, name: value}, loop=loop)
 
 
 def value_of(run: Run, name: str) -> float:

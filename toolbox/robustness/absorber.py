@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from toolbox.arguments import checked_range
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.steady_states.linear import linearise
 from toolbox.steady_states.running import running
 
@@ -65,22 +64,21 @@ class Absorber:
         return f"An ideal absorber keeps `{self.signal}` smooth down to {shown(self.speed, self.unit)}: {taken}"
 
 
+@takes_loop
 def absorber_limit(
-    plant: HybridSystem,
+    loop: ClosedLoop,
     between: tuple[NumberOrText, NumberOrText],
     *,
     signal: str = "top.speed",
     drives: str = "top.torque",
     own_inertia: bool = False,
-    inputs: Mapping[str, NumberOrText] | None = None,
-    parameters: Mapping[str, Any] | None = None,
 ) -> Absorber:
     """Find the lowest set-point of a speed at which the best spring, damper and inertia on it keep steady running stable, to a part in a thousand.
 
     Parameters
     ----------
-    plant
-        The plant.
+    loop
+        A plant, or a loop without the law that is asked about, with constant inputs.
     between
         Range (low, high) in which the set-point is looked for, in SI or text such as ("10 rpm", "120 rpm"); stability is taken to be lost once on the way
         down.
@@ -88,8 +86,6 @@ def absorber_limit(
         The speed, and the force that acts on it.
     own_inertia
         Whether the inertia of the drive stays as it is, and only spring and damper are tuned.
-    inputs, parameters
-        As in `running`.
 
     Returns
     -------
@@ -101,12 +97,12 @@ def absorber_limit(
     SceneError
         If there is no steady running, or the force does not act on that speed.
     """
-    unit = checked_plant(plant).signal_unit(signal)
+    unit = loop.unsampled().system.signal_unit(signal)
     between = in_si(between, unit, "between")
     low, high = checked_range(between)
 
     def best(speed: float) -> tuple[float, np.ndarray, Mapping[str, str]]:
-        point = running(plant, {signal: speed}, drives, inputs=inputs, parameters=parameters)
+        point = running(loop, {signal: speed}, drives)
         linear = linearise(point.plant, point, inputs=drives, outputs=signal)
         return *tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], own_inertia), point.asked
 

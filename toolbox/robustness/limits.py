@@ -22,7 +22,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -30,7 +29,7 @@ from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import names
 from toolbox.robustness.loop import zero_order_hold
 from toolbox.steady_states.linear import linearise
@@ -87,23 +86,22 @@ class PerformanceLimit:
         )
 
 
+@takes_loop
 def performance_limit(
-    plant: HybridSystem,
+    loop: ClosedLoop,
     at: Mapping[str, NumberOrText],
     *,
     measures: str | Sequence[str] = "top.speed",
     drives: str = "top.torque",
     period: NumberOrText | None = None,
     delay: NumberOrText = 0.0,
-    inputs: Mapping[str, NumberOrText] | None = None,
-    parameters: Mapping[str, Any] | None = None,
 ) -> PerformanceLimit:
     """Compute the best disk margin and peak sensitivity that any linear law can have at a set-point, with what it measures and its delay.
 
     Parameters
     ----------
-    plant
-        The plant.
+    loop
+        A plant, or a loop without the law that is asked about, with constant inputs.
     at
         Where the plant runs steadily, {signal: value}, such as {"top.speed": 3.0}.
     measures
@@ -114,8 +112,6 @@ def performance_limit(
         Sample time [s]; None for continuous laws.
     delay
         Delay of the commands [s], for sampled laws only.
-    inputs, parameters
-        As in `running`.
 
     Returns
     -------
@@ -127,7 +123,7 @@ def performance_limit(
     SceneError
         If there is no steady running, more than one input is driven, or a delay is given without a period.
     """
-    checked_plant(plant)
+    plant = loop.unsampled().system
     if not isinstance(drives, str):
         raise SceneError(
             f"Argument `drives` must be the name of one input, but it is {drives!r}: with several the limits are not known in this form."
@@ -138,7 +134,7 @@ def performance_limit(
     if not is_finite_number(delay) or delay < 0 or (delay > 0 and period is None):
         raise SceneError(f"Argument `delay` must be >= 0 s, and 0 without a `period`, but it is {delay!r}.")
     drives, seen = plant.routes.get(drives, drives), [plant.routes.get(name, name) for name in names(measures)]
-    point = running(plant, at, drives, inputs=inputs, parameters=parameters)
+    point = running(loop, at, drives)
     linear = linearise(point.plant, point, inputs=drives, outputs=seen)
     A, B, C, D = (np.asarray(each, float) for each in (linear.A, linear.B, linear.C, linear.D))
     late = 0

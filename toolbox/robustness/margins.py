@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,14 +11,11 @@ from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
-from toolbox.modelling.laws import Sampled
+from toolbox.modelling.closed_loop import ClosedLoop, described, takes_loop
 from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
 from toolbox.robustness.loop import LinearLoop, NoDerivative
 from toolbox.robustness.measured import MeasuredMargins, measured_margins
-from toolbox.robustness.steady_loop import input_defaults, law_list, smooth_start, steady_loop
-from toolbox.simulation.request import Request
-from toolbox.simulation.run import Run
+from toolbox.robustness.steady_loop import input_defaults, smooth_start, steady_loop
 from toolbox.steady_states.linear import input_values
 
 
@@ -132,14 +129,11 @@ class Margins:
         return margins_diagram(self.loop, self.loops, axes=axes)
 
 
+@takes_loop
 def margins(
-    plant: HybridSystem,
-    controller: Any,
+    loop: ClosedLoop,
     *,
-    sample_time: NumberOrText | None = None,
-    inputs: Mapping[str, NumberOrText] | None = None,
-    parameters: Mapping[str, Any] | None = None,
-    start: Mapping[str, Any] | None = None,
+    guess: Mapping[str, Any] | None = None,
     measured: bool | None = None,
     inertia: str | None = None,
     duration: NumberOrText = 60.0,
@@ -152,11 +146,9 @@ def margins(
 
     Parameters
     ----------
-    plant, controller, sample_time, parameters
-        As in `simulate`; a law is designed on the declared plant.
-    inputs
-        Constant inputs {signal: number}, such as another weight on bit or set-point.
-    start
+    loop
+        A loop with at least one law and constant inputs, such as another weight on bit or set-point.
+    guess
         Values {state: value} near steady running, for laws about which nothing else tells where that is.
     measured
         Whether the gain, delay and inertia at which the machine fails are also found by simulation (a few seconds). By default only where there is no linear
@@ -174,74 +166,55 @@ def margins(
     Raises
     ------
     SceneError
-        If an argument is wrong as in `simulate`, laws have different periods, or measured margins are needed but no steady running is known: give `start`.
+        If an argument is wrong as in `simulate`, laws have different periods, or measured margins are needed but no steady running is known: give `guess`.
     """
-    checked_plant(plant)
     duration = in_si(duration, "s", "duration")
     if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
-    laws = law_list(plant, controller, sample_time)
-    title = titled(laws, controller)
-    run = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=laws).checked()
+    plant, system, title = loop.plant, loop.system, "; ".join(map(described, loop.laws))
     reason, found = "", None
     try:
-        found = steady_loop(plant, laws, inputs=inputs, parameters=parameters, start=start)
-        loop = found.loop(0.0)
+        found = steady_loop(loop, guess)
+        linear = found.loop(0.0)
     except NoDerivative as none:
         reason = str(none)
     if found is None:
-        drives = [name for name in plant.inputs if name not in run.system.inputs]
-        result = Margins(title, False, tuple(LoopMargins(name) for name in drives), reason=reason, asked=run.asked)
+        drives = [name for name in plant.inputs if name not in system.inputs]
+        result = Margins(title, False, tuple(LoopMargins(name) for name in drives), reason=reason, asked=loop.asked)
     else:
-        late = found.loop if loop.period is not None else None
+        late = found.loop if linear.period is not None else None
         rows = tuple(
-            loop_margins(loop.alone(i), None if late is None else (lambda delay, i=i: _one_later(found.loop, i, delay)))  # type: ignore[misc]
-            for i in range(len(loop.drives))
+            loop_margins(linear.alone(i), None if late is None else (lambda delay, i=i: _one_later(found.loop, i, delay)))  # type: ignore[misc]
+            for i in range(len(linear.drives))
         )
-        joint = joint_margins(loop) if len(rows) > 1 else None
-        asked = _set_points(run)
-        units = {name: run.system.signal_unit(name) for name in (*asked, *loop.drives)}
-        result = Margins(title, loop.stable, rows, joint, {**asked, **found.signals}, units, "", None, loop, run.asked)
+        joint = joint_margins(linear) if len(rows) > 1 else None
+        set_points = _set_points(loop)
+        units = {name: system.signal_unit(name) for name in (*set_points, *linear.drives)}
+        result = Margins(title, linear.stable, rows, joint, {**set_points, **found.signals}, units, "", None, linear, loop.asked)
     if measured is None:
         measured = found is None
     if not measured:
         return result
-    given = mapping("inputs", inputs), mapping("parameters", parameters)
     held: Mapping[str, float] = {}
-    begin = mapping("start", start)
+    begin = mapping("guess", guess)
     if found is not None:
         begin, held = dict(found.start), input_defaults(plant, found.signals)
     elif not begin:
-        begin, held = smooth_start(plant, laws, *given)
-    changed = {**held, **given[1]}
-    bears = measured_margins(plant, laws, begin, inputs=given[0], parameters=changed, duration=float(duration), inertia=inertia)
+        begin, held = smooth_start(loop)
+    begun = loop.but(parameters={**held, **loop.parameters}, start=begin)
+    bears = measured_margins(begun, duration=float(duration), inertia=inertia)
     return Margins(**{**result.__dict__, "measured": bears})
 
 
-def _set_points(run: Run) -> dict[str, float]:
+def _set_points(loop: ClosedLoop) -> dict[str, float]:
     """{signal: value} of what laws are asked to keep, as it is given, or as the laws declare it."""
-    values = zip(run.system.inputs, input_values(run.system, run.inputs).tolist(), strict=True)
+    values = zip(loop.system.inputs, input_values(loop.system, loop.values).tolist(), strict=True)
     return {name: value for name, value in values if name.endswith(".reference")}
 
 
 def _one_later(loop: Any, i: int, delay: float) -> LinearLoop:
     """The loop of command i alone, which comes some delay later, with all others closed as they are."""
     return loop(delay, only=i).alone(i)
-
-
-def titled(laws: Sequence[Any], controller: Any) -> str:
-    """Laws as they were given, and how they run, in words. laws: as designed."""
-    given = controller if isinstance(controller, (list, tuple)) else [controller]
-    return "; ".join(described(law, each) for law, each in zip(laws, given, strict=True))
-
-
-def described(law: Any, given: Any) -> str:
-    """A law and how it runs, in words."""
-    inner = given.law if isinstance(given, Sampled) else given
-    name = getattr(inner, "__name__", type(inner).__name__)
-    if not isinstance(law, Sampled):
-        return f"{name}, continuous"
-    return f"{name}, sampled every {_time(law.period)}" + (f" with a delay of {_time(law.delay)}" if law.delay else "")
 
 
 def _shown(value: float) -> str:

@@ -18,6 +18,7 @@ import numpy as np
 
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.measuring import measure
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Equations, Signal, Update
 from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -104,27 +105,20 @@ def with_delay(law: Any, delay: float) -> Any:
     return dataclasses.replace(law, delay=law.delay + delay) if isinstance(law, Sampled) else law
 
 
-def measured_margins(
-    plant: HybridSystem,
-    laws: Sequence[Any],
-    start: Mapping[str, Any],
-    *,
-    inputs: Mapping[str, float],
-    parameters: Mapping[str, Any],
-    duration: float,
-    inertia: str | None = None,
-    severity: float = 0.05,
-) -> MeasuredMargins:
+def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None = None, severity: float = 0.05) -> MeasuredMargins:
     """Gain, delay and inertia at which a closed loop that starts from smooth running fails.
 
     A run fails where it cannot be finished, or where in its second half a contact sticks, the severity of its speed is above `severity`, or a
     command swings by more than RIPPLE.
 
-    - laws: designed, from `law_list`;  start: {state: value} of smooth running, of the plant and of the memory of laws;
+    - loop: its start is smooth running, of the plant and of the memory of laws;
     - duration [s] of a run;  inertia: name of a parameter that is one number.
 
     Raises SceneError for an unknown `inertia` and for a plant without a contact.
     """
+    plant, system = loop.plant, loop.system
+    made = zip(loop.laws, loop.designed, strict=True)
+    laws = [dataclasses.replace(given, law=law) if isinstance(given, Sampled) else law for given, law in made]
     contacts = [element.name for element in plant.elements if element.law is not None]
     if not contacts and not plant.modeless:
         raise SceneError("The plant must have a contact with dry friction to be judged, but it has none.")
@@ -138,14 +132,13 @@ def measured_margins(
     after = duration / 2
 
     def run(gain: float, delay: float, factor: float) -> Trajectory:
-        controller = [with_delay(with_gain(law, gain), delay) for law in laws]
-        changed = dict(parameters)
+        changed = dataclasses.replace(loop, laws=tuple(with_delay(with_gain(law, gain), delay) for law in laws))
         if inertia is not None and factor != 1.0:
-            changed[inertia] = factor * float((plant.with_parameters(parameters) if parameters else plant).parameter(inertia))
-        return simulate(plant, duration, controller=controller, start=start, inputs=inputs, parameters=changed, budget=Budget(seconds=60.0))
+            changed = changed.with_parameters({inertia: factor * float(system.parameter(inertia))})
+        return simulate(changed, duration, budget=Budget(seconds=60.0))
 
     def ripples(done: Trajectory) -> np.ndarray:
-        return np.array([measure.severity(done, name, after) for name in plant.inputs if name not in done.run.system.inputs])
+        return np.array([measure.severity(done, name, after) for name in plant.inputs if name not in system.inputs])
 
     swings: list[np.ndarray] = []
 

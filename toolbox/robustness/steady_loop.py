@@ -20,14 +20,14 @@ import numpy as np
 
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError, SimulationError
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Equations, Signal
 from toolbox.modelling.elements import check_one_direction
-from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
-from toolbox.modelling.laws import Controller, Sampled, designed
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_starts
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
 from toolbox.robustness.loop import LinearLoop, NoDerivative, acts, checked_smooth, zero_order_hold
-from toolbox.simulation.request import Request
 from toolbox.simulation.run import Budget
 from toolbox.simulation.simulate import simulate
 from toolbox.steady_states.linear import equilibrium, input_values, linearise
@@ -67,11 +67,10 @@ class Broken(Controller):
         return dataclasses.replace(equations, gives=given)
 
 
-def continuous_steady_loop(
-    plant: HybridSystem, laws: Sequence[Any], inputs: Mapping[str, float], parameters: Mapping[str, Any], start: Mapping[str, Any]
-) -> SteadyLoop:
+def continuous_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> SteadyLoop:
     """The loop of laws that all act continuously; raises NoDerivative where one switches or commands the same whatever happens."""
-    point = equilibrium(plant, inputs=inputs, parameters=parameters, controller=list(laws), start=start or None)
+    plant, inputs = loop.plant, loop.constant_inputs("a linear loop")
+    point = equilibrium(loop, guess=guess or None)
     closed = point.plant
     own = {element.name for element in plant.elements}
     for element in closed.elements:
@@ -82,19 +81,20 @@ def continuous_steady_loop(
         _slope(closed, point),
         point.states,
     )
-    system = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=[Broken(law) for law in laws]).checked().system
-    drives = tuple(name for law in laws for name in law.drives)
+    broken = dataclasses.replace(loop, laws=tuple(Broken(law) for law in loop.designed))
+    drives = tuple(name for law in loop.designed for name in law.drives)
     commands = {plant.routes.get(name, name): float(point[plant.routes.get(name, name)]) for name in drives}
     state = {name: point[name] for name in closed.states}
+    system = broken.system
     linear = linearise(
-        system, {**state, **{n: v for n, v in commands.items() if n in system.inputs}, **dict(inputs)},
+        broken, {**state, **{n: v for n, v in commands.items() if n in system.inputs}, **dict(inputs)},
         mode={name: word for name, word in point.modes.items() if name in own},
         inputs=tuple(commands), outputs=tuple(f"broken.{name}" for name in drives),
     )  # fmt: skip
-    loop = LinearLoop(linear.A, linear.B, linear.C, linear.D, tuple(commands))
-    acts(loop)
+    opened = LinearLoop(linear.A, linear.B, linear.C, linear.D, tuple(commands))
+    acts(opened)
     start_of_run = {name: (1.0 - KICK) * point[name] if name in plant.states else point[name] for name in closed.states}
-    return SteadyLoop(commands | _scalars(closed, point.states), loop.drives, lambda delay=0.0, only=None: loop, start_of_run)
+    return SteadyLoop(commands | _scalars(closed, point.states), opened.drives, lambda delay=0.0, only=None: opened, start_of_run)
 
 
 def _slope(closed: HybridSystem, point: Equilibrium) -> np.ndarray:
@@ -265,25 +265,22 @@ class SampledPoint:
         )
 
 
-def sampled_steady_loop(
-    plant: HybridSystem, laws: Sequence[Any], inputs: Mapping[str, float], parameters: Mapping[str, Any], start: Mapping[str, Any]
-) -> SteadyLoop:
+def sampled_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> SteadyLoop:
     """The loop of sampled laws, with continuous ones as a part of the plant; raises NoDerivative where a law has none at steady running."""
-    exact = [dataclasses.replace(law, noise={}, resolution={}) if isinstance(law, Sampled) else law for law in laws]
-    run = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=exact).checked()
-    system = run.system
+    exact = loop.with_laws(dataclasses.replace(law, noise={}, resolution={}) if isinstance(law, Sampled) else law for law in loop.laws)
+    plant, inputs, system, clocks = loop.plant, loop.constant_inputs("a linear loop"), exact.system, exact.closed.clocks
     check_one_direction(system.elements, "The linear loop of a sampled law", "let the law act continuously")
     if any(update.external for update in system.updates):
         raise NoDerivative("the law is a Python callable")
-    periods = {period for period, _ in run.clocks}
+    periods = {period for period, _ in clocks}
     if len(periods) > 1:
         raise SceneError(
             f"Argument `controller` must hold laws of one period to have a linear loop, but their periods are {sorted(periods)} s."
         )
-    point = SampledPoint(system, plant, run.clocks, inputs)
-    q, reason = None, "no steady running was found at which the law is smooth (where there is one, give a `start` near to it)"
-    for guess in _guesses(point, plant, exact, inputs, parameters, start):
-        q = point.solved(guess)
+    point = SampledPoint(system, plant, clocks, inputs)
+    q, reason = None, "no steady running was found at which the law is smooth (where there is one, give a `guess` near to it)"
+    for begin in _guesses(point, exact, guess):
+        q = point.solved(begin)
         if q is not None:
             break
     if q is None:
@@ -306,14 +303,12 @@ def sampled_steady_loop(
     )
 
 
-def _guesses(
-    point: SampledPoint, plant: HybridSystem, laws: Sequence[Any], inputs: Any, parameters: Any, start: Any
-) -> Iterator[np.ndarray]:
+def _guesses(point: SampledPoint, loop: ClosedLoop, guess: Mapping[str, Any]) -> Iterator[np.ndarray]:
     """Where to look for steady running: where the continuous forms are steady, where the set-points are kept, at the start, and where a run goes from there.
 
     Sets the modes of `point` to those of each guess.
     """
-    candidates = smooth_points(plant, point.system, laws, inputs, parameters, start)
+    plant, candidates = loop.plant, smooth_points(loop, guess)
     for known in candidates:
         states = {name: known[name] for name in plant.states}
         memory = {name: known[name] for update in point.system.updates for name in update.places if name in known.plant.states}
@@ -323,15 +318,13 @@ def _guesses(
             {element.name: mode for element, mode in zip(known.plant.elements, mode_numbers(known.plant, known.modes), strict=True)},
         ):
             yield point.with_outputs(states, memory)
-    states = {name: value for name, value in start.items() if point.system.rows(name) is not None or name in point.system.signals}
+    states = {name: value for name, value in guess.items() if point.system.rows(name) is not None or name in point.system.signals}
     states = states or ({name: candidates[-1][name] for name in plant.states} if candidates else {})
     if point.placed(states, {}, {}):
         yield point.with_outputs(states, {})
     duration = SETTLING * max(period for period, _ in point.clocks)
     try:
-        run = simulate(
-            plant, duration, controller=list(laws), inputs=inputs, parameters=parameters, start=states, budget=Budget(seconds=20.0)
-        )
+        run = simulate(loop, duration, start=states, budget=Budget(seconds=20.0))
     except SimulationError:
         return
     recorded = run.at(np.linspace(0.5, 1.0, 501) * duration)
@@ -342,22 +335,15 @@ def _guesses(
             yield point.with_outputs(states, memory)
 
 
-def smooth_points(
-    plant: HybridSystem,
-    system: HybridSystem,
-    laws: Sequence[Any],
-    inputs: Mapping[str, float],
-    parameters: Mapping[str, Any],
-    start: Mapping[str, Any],
-) -> list[Equilibrium]:
+def smooth_points(loop: ClosedLoop, guess: Mapping[str, Any]) -> list[Equilibrium]:
     """Steady running that is known before the loop is: that of the continuous forms, and that of the plant at the set-points of the laws.
 
-    system: the closed loop. A set-point is an input of it: `top.reference` is that of the signal `top.speed`.
+    A set-point is an input of the closed loop: `top.reference` is that of the signal `top.speed`.
     """
-    alone = [law.law if isinstance(law, Sampled) else law for law in laws]
+    plant, system, inputs = loop.plant, loop.system, loop.constant_inputs("steady running")
     found: list[Equilibrium] = []
     with contextlib.suppress(SceneError):
-        found.append(equilibrium(plant, inputs=inputs, parameters=parameters, controller=alone, start=start or None))
+        found.append(equilibrium(loop, guess=guess or None))
     wanted = {}
     for name, value in zip(system.inputs, input_values(system, inputs).tolist(), strict=True):
         part, _, kind = name.rpartition(".")
@@ -366,66 +352,43 @@ def smooth_points(
     drives = tuple(name for name in plant.inputs if name not in system.inputs)
     known = {name: value for name, value in inputs.items() if name in plant.inputs}
     with contextlib.suppress(SceneError):
-        found.append(running(plant, wanted, drives, inputs=known, parameters=parameters))
+        found.append(running(dataclasses.replace(loop.bare, inputs=known), wanted, drives))
     return found
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------- both kinds
-def steady_loop(
-    plant: HybridSystem,
-    controller: Any,
-    sample_time: float | None = None,
-    *,
-    inputs: Mapping[str, float] | None = None,
-    parameters: Mapping[str, Any] | None = None,
-    start: Mapping[str, Any] | None = None,
-) -> SteadyLoop:
-    """The loop of a plant and its laws at steady running. Raises SceneError as `simulate` does, NoDerivative where there is no linear loop.
+def steady_loop(loop: ClosedLoop, guess: Mapping[str, Any] | None = None) -> SteadyLoop:
+    """A loop at steady running; guess: states of the plant near to it.
 
-    plant, controller, sample_time, parameters: as in `simulate`;  inputs: numbers;  start: states of the plant near steady running.
+    Raises SceneError as `simulate` does and where there is no law, NoDerivative where there is no linear loop.
     """
-    checked_plant(plant)
-    given = law_list(plant, controller, sample_time)
-    arguments = plant, given, mapping("inputs", inputs), mapping("parameters", parameters), mapping("start", start)
-    Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=given, start=start).checked()
-    if any(isinstance(law, Sampled) for law in given):
-        return sampled_steady_loop(*arguments)
-    return continuous_steady_loop(*arguments)
+    near = mapping("guess", guess)
+    if not loop.laws:
+        raise SceneError("Argument `loop` must hold a control law, but there is none.")
+    place_starts(loop.system, np.zeros(loop.system.x.numel()), {name: value for name, value in near.items() if not _remembered(loop, name)})
+    return (sampled_steady_loop if loop.sampled else continuous_steady_loop)(loop, near)
 
 
-def law_list(plant: HybridSystem, controller: Any, sample_time: float | None) -> list[Any]:
-    """Control laws as a list, each designed on the plant, and `Sampled` where `sample_time` says so. Raises SceneError where there is none."""
-    everything = list(controller) if isinstance(controller, (list, tuple)) else [] if controller is None else [controller]
-    if not everything:
-        raise SceneError("Argument `controller` must be a control law, but there is none.")
-    found: list[Any] = []
-    for given in everything:
-        law = given if isinstance(given, Sampled) or sample_time is None else Sampled(given, sample_time)
-        inner = law.law if isinstance(law, Sampled) else law
-        if isinstance(inner, Controller):
-            made = designed(inner, plant)
-            law = dataclasses.replace(law, law=made) if isinstance(law, Sampled) else made
-        found.append(law)
-    return found
+def _remembered(loop: ClosedLoop, name: str) -> bool:
+    """Whether a sampled law has a state of that name."""
+    return any(name in update.places for update in loop.system.updates)
 
 
-def smooth_start(
-    plant: HybridSystem, laws: Sequence[Any], inputs: Mapping[str, float], parameters: Mapping[str, Any] | None = None
-) -> tuple[dict[str, Any], dict[str, float]]:
+def smooth_start(loop: ClosedLoop) -> tuple[dict[str, Any], dict[str, float]]:
     """Start values of a run near smooth running, and the defaults of its commands, which late laws leave there until their first output arrives.
 
     With the memory of the laws where their loop is linear, of the plant alone where it is not. Raises SceneError where no steady running is known.
     """
+    plant = loop.plant
     with contextlib.suppress(NoDerivative, SceneError):
-        found = steady_loop(plant, list(laws), inputs=inputs, parameters=parameters)
+        found = steady_loop(loop)
         return dict(found.start), input_defaults(plant, found.signals)
-    system = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=list(laws)).checked().system
-    points = smooth_points(plant, system, laws, inputs, parameters or {}, {})
+    points = smooth_points(loop, {})
     if not points:
         raise SceneError(
-            "No steady running of this loop is known to begin from: give the states of the plant there, as `start` or `starts`."
+            "No steady running of this loop is known to begin from: give the states of the plant there, as `guess` or `starts`."
         )
-    commands = {name: float(points[0][name]) for name in plant.inputs if name not in system.inputs}
+    commands = {name: float(points[0][name]) for name in plant.inputs if name not in loop.system.inputs}
     return {name: points[0][name] for name in plant.states}, input_defaults(plant, commands)
 
 

@@ -19,12 +19,11 @@ from toolbox.arguments import finite_array, is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring import measures
-from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.closed_loop import ClosedLoop, described, states_of, takes_loop
+from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Sampled
-from toolbox.robustness.margins import titled
-from toolbox.robustness.steady_loop import law_list, smooth_start
+from toolbox.robustness.steady_loop import smooth_start
 from toolbox.scenes.judged import judged_contact, judged_speed
-from toolbox.simulation.request import Request
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.linear import input_values
 from toolbox.sweeps.sweep import sweep
@@ -134,17 +133,15 @@ class WorstCase:
         return worst_case_diagram(rows, axes=axes)
 
 
-def cycle_phases(run: Trajectory, count: int = 8, element: str | None = None) -> list[dict[str, Any]]:
+def cycle_phases(run: Trajectory, count: int = 8) -> list[dict[str, Any]]:
     """Return states of the plant at equal parts of the last whole stick-slip cycle of a run, as starts of other runs.
 
     Parameters
     ----------
     run
-        A run that sticks and slips to its end, such as that of a stiff drive.
+        A run that sticks and slips to its end, such as that of a stiff drive; its loop says which contact is judged.
     count
         Number of phases, the first of which is the release.
-    element
-        The contact; by default the only one.
 
     Returns
     -------
@@ -158,7 +155,7 @@ def cycle_phases(run: Trajectory, count: int = 8, element: str | None = None) ->
     """
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise SceneError(f"Argument `count` must be an integer >= 1, but it is {count!r}.")
-    contact = judged_contact(run.run.system, element)
+    contact = judged_contact(run.run.system, run.run.loop.element)
     releases = [event.time for event in run.events if event.element == contact and event.before == "stick" and event.after != "stick"]
     if len(releases) < 2:
         raise SceneError(
@@ -172,19 +169,16 @@ def cycle_phases(run: Trajectory, count: int = 8, element: str | None = None) ->
     ]
 
 
+@takes_loop
 def worst_case(
-    plant: HybridSystem,
-    controller: Any,
+    loop: ClosedLoop,
     duration: NumberOrText,
     *,
     errors: Mapping[str, float | Sequence[float]] | None = None,
     corners: Sequence[Mapping[str, float]] = (),
     starts: Sequence[Mapping[str, Any]] | None = None,
     seeds: Sequence[int] = (0,),
-    sample_time: NumberOrText | None = None,
-    inputs: Mapping[str, NumberOrText] | None = None,
     after: NumberOrText | None = None,
-    element: str | None = None,
     target: NumberOrText | None = None,
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
@@ -196,8 +190,8 @@ def worst_case(
 
     Parameters
     ----------
-    plant, controller, sample_time, inputs
-        As in `simulate`; a law is designed on the declared plant, and errors change the plant only.
+    loop
+        A loop with constant inputs. A law is designed on the declared plant, and errors change the plant only.
     duration
         Length of a run [s].
     errors
@@ -210,8 +204,6 @@ def worst_case(
         Seeds of the noise of `Sampled`, used where it has any.
     after
         Time from which on a run is judged [s]; by default its last 30 %.
-    element
-        The contact that is judged; by default the only one.
     target
         Target of the mean speed of the judged contact; by default the set-point of the law.
     mean_within, ripple_within
@@ -227,21 +219,19 @@ def worst_case(
     SceneError
         If a name is unknown, or a number is none.
     """
-    checked_plant(plant)
     duration, after = in_si(duration, "s", "duration"), in_si(after, "s", "after")
     if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
     window = 0.7 * duration if after is None else after
-    laws = law_list(plant, controller, sample_time)
-    noisy = any(isinstance(law, Sampled) and law.noise for law in laws)
-    system = Request(plant, 0.0, inputs=inputs, controller=laws).checked().system
-    contact = judged_contact(system, element)
-    speed = judged_speed(system, contact)
+    plant, system, inputs = loop.plant, loop.system, loop.constant_inputs("its errors to be factors")
+    noisy = any(isinstance(law, Sampled) and law.noise for law in loop.laws)
+    contact = judged_contact(system, loop.element)
+    speed = loop.signal or judged_speed(system, contact)
     drives = [name for name in plant.inputs if name not in system.inputs]
-    wanted = _set_point(system, inputs or {}) if target is None else float(in_si(target, system.signal_unit(speed), "target"))
+    wanted = _set_point(system, inputs) if target is None else float(in_si(target, system.signal_unit(speed), "target"))
     cases = _cases(errors, corners)
     names = sorted({name for case in cases.values() for name in case if name != DELAY})
-    declared = {name: _declared(system, name, inputs or {}) for name in names}
+    declared = {name: _declared(system, name, inputs) for name in names}
     if not declared:  # a sweep varies something
         entry = next(entry for entry in plant.parameters.values() if entry.size is None)
         declared = {entry.name: float(plant.parameter(entry.name))}
@@ -255,7 +245,7 @@ def worst_case(
     begins = list(starts or ())
     held: dict[str, float] = {}
     if starts is None:
-        smooth, held = smooth_start(plant, laws, inputs or {})
+        smooth, held = smooth_start(loop)
         begins = [smooth]
     found: list[Outcome] = []
     seconds = 0.0
@@ -263,9 +253,10 @@ def worst_case(
         own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late}
         rows = [{name: value * case.get(name, 1.0) for name, value in declared.items()} for case in own.values()]
         for seed in seeds if noisy else (0,):
-            running = [_as_run(law, late, seed) for law in laws]
+            running = loop.with_laws(_as_run(law, late, seed) for law in loop.laws)
             for k, begin in enumerate(begins):
-                done = sweep(plant, rows, duration, controller=running, start=begin, inputs=inputs, parameters=held, measures=asked)
+                started = running.but(start=states_of(begin, plant), parameters={**held, **loop.parameters})
+                done = sweep(started, rows, duration, measures=asked)
                 seconds += done.seconds
                 for i, label in enumerate(own):
                     numbers = {name: float(done[name][i]) for name in asked}
@@ -274,7 +265,7 @@ def worst_case(
     found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
     begun = "smooth running (a stick-slip that exists: `starts=cycle_phases(...)`)" if starts is None else f"{len(begins)} given start(s)"
     way = f"runs of {duration:g} s from {begun}; `{contact}` judged from {window:g} s on"
-    return WorstCase(titled(laws, controller), way, tuple(found), seconds)
+    return WorstCase("; ".join(map(described, loop.laws)), way, tuple(found), seconds)
 
 
 def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import short
 from toolbox.contacts.contact_run import ContactRun
 from toolbox.contacts.problem import ContactBody, ContactProblem
 from toolbox.contacts.sampled_laws import Acting, signals_of
@@ -18,7 +19,6 @@ from toolbox.files.units import parse
 from toolbox.scenes import catalogue, keys, scene_file
 from toolbox.scenes.cases import Case, Labelled, Waveform
 from toolbox.scenes.scene import Scene
-from toolbox.simulation.samples import short
 
 
 @dataclass(frozen=True)

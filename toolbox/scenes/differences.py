@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from toolbox.arguments import short
 from toolbox.errors import SceneError, suggest
 from toolbox.files.html import table
 from toolbox.files.unit_systems import reading
@@ -14,7 +15,6 @@ from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.measuring.severity import severity_of
 from toolbox.scenes.scene import Scene
 from toolbox.simulation.recorded import Recorded
-from toolbox.simulation.samples import short
 
 SPEEDS = ("rad/s", "m/s")
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from toolbox.errors import SceneError, suggest
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
 
 
@@ -35,13 +36,15 @@ def judged_element(names: Sequence[str], element: str | None, argument: str = "e
     return element or next(iter(names), None)
 
 
-def judged_contact(closed: HybridSystem, element: str | None, argument: str = "element", sticks: bool = True) -> str:
-    """The contact with dry friction whose sticking is judged: the one named, or the only one. Raises SceneError for any other case.
+def judged_contact(closed: ClosedLoop | HybridSystem, element: str | None = None, argument: str = "element", sticks: bool = True) -> str:
+    """The contact with dry friction whose sticking is judged: the one named, here or by the loop, or the only one. Raises SceneError for any other case.
 
     sticks: False for what is judged by a speed alone, which a contact without modes has, too.
     """
-    names = [each.name for each in closed.elements if each.law is not None]
-    found = judged_element([*closed.modeless] if element in closed.modeless else names or [*closed.modeless], element, argument)
+    system = closed.system if isinstance(closed, ClosedLoop) else closed
+    element = element or closed.element if isinstance(closed, ClosedLoop) else element
+    names = [each.name for each in system.elements if each.law is not None]
+    found = judged_element([*system.modeless] if element in system.modeless else names or [*system.modeless], element, argument)
     if found is None:
         raise SceneError("The plant must have a contact with dry friction for stick-slip to exist, but it has none.")
     if sticks and found in closed.modeless:
@@ -49,9 +52,16 @@ def judged_contact(closed: HybridSystem, element: str | None, argument: str = "e
     return found
 
 
-def judged_speed(closed: HybridSystem, contact: str) -> str:
-    """The speed of what rubs where that is its slip, as at a bit; else the slip, whose mean is not zero."""
+def judged_speed(closed: ClosedLoop | HybridSystem, contact: str) -> str:
+    """The speed that a loop names to be judged, else that of what rubs where that is its slip, as at a bit; else the slip, whose mean is not zero.
 
+    Raises SceneError where a loop names a signal that there is not.
+    """
+    if isinstance(closed, ClosedLoop):
+        if closed.signal is not None:
+            closed.system.signal_unit(closed.signal)
+            return closed.signal
+        closed = closed.system
     slips = {each.name: each.slip for each in closed.elements}
     speed, slip = f"{contact}.speed", slips[contact] if contact in slips else closed.expression(f"{contact}.slip")
     return speed if speed in closed.signals and ca.is_equal(ca.SX(closed.signals[speed][0]), slip, 4) else f"{contact}.slip"

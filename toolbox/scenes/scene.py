@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,8 @@ import numpy as np
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units
+from toolbox.messages import LOG
+from toolbox.modelling.closed_loop import ClosedLoop, laws_of
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -177,9 +180,42 @@ class Scene(Labelled):
 
     def plant(self) -> HybridSystem:
         """The composed plant, with the declared parameters; answers about it are in the units of the scene."""
+        return self._plant
+
+    @cached_property
+    def _plant(self) -> HybridSystem:
         plant = compose(*self.parts)
         plant.told = self.asked
         return plant
+
+    @cached_property
+    def _loops(self) -> dict[str, ClosedLoop]:
+        return {}
+
+    def __getitem__(self, label: str) -> ClosedLoop:
+        """The closed loop of one case, which every verb takes, with what is judged of it; it is closed once.
+
+        Raises SceneError where there is no case of that label, and for a number of a law that does not exist.
+        """
+        if label not in self._loops:
+            case = self.case(label)
+            inputs = {
+                name: value.build() if isinstance(value, Waveform) else value for name, value in {**self.inputs, **case.inputs}.items()
+            }
+            own = {name: value for name, value in self.parameters.items() if self.plant().has_parameter(name)}
+            loop = ClosedLoop(
+                self.plant(), laws_of(case.controller, None), inputs, own, self.start, case.label, self.element, self.signal, self.duration,
+                self.after, self.accuracy,
+            )  # fmt: skip
+            self._loops[label] = (
+                loop.with_parameters({k: v for k, v in self.parameters.items() if k not in own})
+                if len(own) < len(self.parameters)
+                else loop
+            )
+        return self._loops[label]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @property
     def asked(self) -> dict[str, str]:
@@ -188,11 +224,9 @@ class Scene(Labelled):
         inputs = (self.inputs, *(case.inputs for case in self.cases))
         return asked_units(self.reference, self.standstill, inputs, self.parameters, fields=(laws, self.parts))
 
-    def run(self, case: str | Case) -> Trajectory:
-        """Simulate one case, by its label, or another one than the scene has. Raises what `simulate` raises."""
-        if not isinstance(case, (str, Case)):
-            raise SceneError(f"Argument `case` must be the label of a case, such as {self.labels[0]!r}, or a Case, but it is {case!r}.")
-        return simulate(self.plant(), self.duration, **self.arguments(self.case(case) if isinstance(case, str) else case))
+    def run(self, label: str) -> Trajectory:
+        """Simulate one case, by its label. Raises what `simulate` raises, and SceneError where there is no such case."""
+        return simulate(self[label])
 
     @property
     def contact(self) -> str:
@@ -227,11 +261,8 @@ class Scene(Labelled):
         """
         from toolbox.modelling.dependencies import Dependencies, Dependency, dependencies_of
 
-        plant, asked = self.plant(), self.measures if measures is None else measures
-        found = [
-            dependencies_of(Request(plant, self.duration, **self.arguments(case)).checked().system, asked, len(self.parts))
-            for case in self.cases
-        ]
+        asked = self.measures if measures is None else measures
+        found = [dependencies_of(self[label].system, asked, len(self.parts)) for label in self.labels]
         parts = tuple(
             Dependency(
                 same[0].part, same[0].states, same[0].elements, tuple(name for name in asked if any(name in need.measures for need in same))
@@ -259,19 +290,21 @@ class Scene(Labelled):
         self._check_cases()
         for name, value in self.start.items():
             place_start(plant, np.zeros(plant.x.numel()), name, value)
-        for case in self.cases:
+        for label in self.labels:
             try:
-                Request(plant, self.duration, **self.arguments(case)).checked()
+                Request(self[label], self.duration, accuracy=self.accuracy).checked()
             except SceneError as error:
-                raise SceneError(f"Controller `{case.label}`: {error}") from None
+                raise SceneError(f"Controller `{label}`: {error}") from None
+            for note in self._without_effect(label):
+                LOG.warning("controller `%s`: %s", label, note)
 
-    def arguments(self, case: Case) -> dict[str, Any]:
-        """What `simulate` takes for one case beside the plant and the duration."""
-        given = {name: value.build() if isinstance(value, Waveform) else value for name, value in {**self.inputs, **case.inputs}.items()}
-        return {
-            "start": self.start,
-            "inputs": given,
-            "parameters": self.parameters,
-            "controller": case.controller,
-            "accuracy": self.accuracy,
-        }
+    def _without_effect(self, label: str) -> list[str]:
+        """What is said of numbers of a law that an input takes the place of; the set-point of the scene, which only judges then, is none."""
+        loop = self[label]
+        own = [entry for name, entry in loop.system.parameters.items() if name not in loop.plant.parameters and entry.size is None]
+        found = [loop.number(entry.name) for entry in own] if loop.inputs else []
+        return [
+            f"`{number.name}` has no effect, because the input `{number.overridden}` takes its place."
+            for number in found
+            if number.overridden and number.value != self.reference
+        ]

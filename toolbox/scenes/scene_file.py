@@ -21,6 +21,7 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import replaced
 from toolbox.files.reading import SCENE, text_of
 from toolbox.files.units import TypedNumber, parse
+from toolbox.modelling.closed_loop import ClosedLoop, laws_of
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import TURNED, FrictionLaw
@@ -29,7 +30,6 @@ from toolbox.modelling.inputs import UNITS
 from toolbox.scenes import catalogue, keys
 from toolbox.scenes.cases import Case, Number, Waveform
 from toolbox.scenes.judged import judged_effort, judged_signal
-from toolbox.simulation.request import Request
 
 _SHAPES = {**UNITS, "table": {"times": "s", "values": ""}}
 """Units of the numbers of each shape of an input; empty for the unit of the signal."""
@@ -195,18 +195,18 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
             raise SceneError(f"The key `{key}` of `{label}` must come with `sample_time`, but there is none.")
     sensors = {key: _readings(data.get(key, {}), f"{label}.{key}", plant) for key in ("noise", "resolution")}
     case = Case(label, law, sample_time, parse(data.get("delay", 0.0), "s", f"{label}.delay"), seed=data.get("seed", 0), **sensors)
-    try:
-        closed = Request(plant, 1.0, controller=case.controller).checked().system
-    except SceneError as error:
-        raise SceneError(f"Controller `{label}`: {error}") from None
-    return dataclasses.replace(case, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", closed))
+    inputs = data.get("inputs", {})
+    return dataclasses.replace(case, inputs=_inputs(inputs, f"{label}.inputs", _asking(plant, [case], inputs)))
 
 
 def _asking(plant: HybridSystem, cases: Sequence[Case], names: Any) -> HybridSystem:
     """The plant, or where its laws ask for an input that it has not, such as `top.reference`, the plant with the first of them."""
-    if not cases or all(name in plant.inputs or name in plant.signals for name in names):
+    if not cases or not isinstance(names, Mapping) or all(plant.has_signal(name) or plant.has_parameter(name) for name in names):
         return plant
-    return Request(plant, 1.0, controller=cases[0].controller).checked().system
+    try:
+        return ClosedLoop(plant, laws_of(cases[0].controller, None)).system
+    except SceneError as error:
+        raise SceneError(f"Controller `{cases[0].label}`: {error}") from None
 
 
 def _readings(data: Any, where: str, plant: HybridSystem) -> dict[str, float]:

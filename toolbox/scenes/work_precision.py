@@ -22,9 +22,9 @@ from toolbox.errors import SceneError, SimulationError
 from toolbox.files import tables
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.messages import progress_bar
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import names
-from toolbox.scenes.scene import Scene
 from toolbox.simulation.methods import METHODS, Smoothing, TimeStepping
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
@@ -116,7 +116,7 @@ class WorkPrecision:
 
 
 def work_precision(
-    plant: HybridSystem | Scene | Mapping[str, HybridSystem],
+    loop: ClosedLoop | HybridSystem | Mapping[str, ClosedLoop | HybridSystem],
     duration: NumberOrText | None = None,
     *,
     methods: Sequence[str] = ("taylor", "explicit", "stiff", "time-stepping", "smoothed"),
@@ -124,18 +124,17 @@ def work_precision(
     steps: Iterable[float] | None = None,
     widths: Iterable[float] = WIDTHS,
     signals: Sequence[str] = (),
-    case: str | None = None,
     repeats: int = 5,
-    **arguments: Any,
+    **former: Any,
 ) -> WorkPrecision:
     """Measure error against time for every method and every one of its settings, against a truth that is computed twice.
 
     Parameters
     ----------
-    plant
-        A plant, a scene, or {label: plant} for levels of detail, of which the first is the truth.
+    loop
+        A loop or a plant, or {label: loop} for levels of detail, of which the first is the truth.
     duration
-        Length of the runs [s]; by default that of the scene.
+        Length of the runs [s]; by default that of the loop, where a scene gives it one.
     methods
         Names of the methods. "taylor" fails where a plant, or a point that a run comes to, has no Taylor series.
     accuracies
@@ -146,12 +145,8 @@ def work_precision(
         Widths for regularised friction, in parts of the largest slip.
     signals
         Signals whose difference counts, in place of all states; needed for several plants.
-    case
-        Label of a case of the scene; by default the first.
     repeats
         Number of runs, of which the shortest counts.
-    arguments
-        Further arguments of `simulate`.
 
     Returns
     -------
@@ -165,11 +160,17 @@ def work_precision(
     SimulationError
         If no truth can be computed.
     """
-    title, plants, duration, arguments = _resolved(plant, duration, case, arguments)
-    duration = in_si(duration, "s", "duration")
+    refuse_former("work_precision", loop, list(former))
+    if former:
+        raise TypeError(f"work_precision() got an unexpected keyword argument {next(iter(former))!r}")
+    loops = {label: as_loop(each) for label, each in (loop if isinstance(loop, Mapping) else {"": loop}).items()}
+    if not loops:
+        raise SceneError("Argument `loop` must hold at least one level of detail, but it is empty.")
+    first = next(iter(loops.values()))
+    duration = in_si(first.duration if duration is None else duration, "s", "duration")
     if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
-    if len(plants) > 1 and not signals:
+    if len(loops) > 1 and not signals:
         raise SceneError("Argument `signals` must name what the levels of detail have in common, but it is empty.")
     for method in names(methods):
         if method not in METHODS:
@@ -180,12 +181,12 @@ def work_precision(
     shares = numbers("widths", widths)
     signals = names(signals)
     for name in signals:
-        for each in plants.values():
-            each.signal_unit(name)
-    runs = {label: Request(each, duration, **arguments).checked() for label, each in plants.items()}
-    first = next(iter(runs.values()))
-    truth, used = _truth(first, "explicit")
-    second, other = _truth(first, "stiff")
+        for each in loops.values():
+            each.system.signal_unit(name)
+    runs = {label: Request(each, duration).checked() for label, each in loops.items()}
+    true = next(iter(runs.values()))
+    truth, used = _truth(true, "explicit")
+    second, other = _truth(true, "stiff")
     disagreement = _difference(second, truth, signals)
     settings = [
         (run, label, method, varied, setting, changes)
@@ -198,30 +199,7 @@ def work_precision(
         for run, label, method, varied, setting, changes in settings:
             points.append(_point(run, label, method, varied, setting, changes, truth, signals, repeats))
             bar.update()
-    return WorkPrecision(title, duration, tuple(points), disagreement, (used, other))
-
-
-def _resolved(
-    plant: Any, duration: float | None, case: str | None, arguments: dict[str, Any]
-) -> tuple[str, dict[str, HybridSystem], float, dict]:
-    if isinstance(plant, Scene):
-        label = case or plant.labels[0]
-        title = f"{plant.title}: {label}"
-        return (
-            title,
-            {"": plant.plant()},
-            plant.duration if duration is None else duration,
-            {**plant.arguments(plant.case(label)), **arguments},
-        )
-    if case is not None:
-        raise SceneError(f"Argument `case` must come with a scene, but there is none and it is {case!r}.")
-    plants = dict(plant) if isinstance(plant, Mapping) else {"": plant}
-    if duration is None:
-        raise SceneError("Argument `duration` must be given for a plant, but it is None.")
-    first = next(iter(plants.values()), None)
-    if not isinstance(first, HybridSystem):
-        raise SceneError(f"Argument `plant` must be a plant, a scene or {{label: plant}}, but it is {plant!r}.")
-    return ", ".join(type(part).__name__ for part in first.parts), plants, duration, arguments
+    return WorkPrecision(first.title, duration, tuple(points), disagreement, (used, other))
 
 
 def _truth(run: Run, method: str) -> tuple[Trajectory, str]:

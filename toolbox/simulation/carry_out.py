@@ -209,7 +209,7 @@ def _sound(run: Trajectory, program: Program) -> Trajectory:
     if program.varying:
         names = [program.system.elements[i].name for i in program.varying]
         expression = ca.vertcat(*[program.system.elements[i].static for i in program.varying])
-        bounds = np.atleast_2d(run.computed("varying bounds", expression).T)
+        bounds = np.atleast_2d(run.computed(expression).T)
         wrong = bounds < -1e-9 * np.abs(bounds).max(axis=1, keepdims=True)
         wrong[:, 2:] = wrong[:, 2:] & wrong[:, 1:-1] & wrong[:, :-2]
         wrong[:, :2] = False

@@ -73,7 +73,7 @@ def _rising_friction(program: Program, places: Iterable[int], point: Any, work: 
         if not element.slides or element.second:
             continue
         at_rest = element.kinetic if element.directions == 1 else ca.substitute(element.kinetic, element.speed, 0)
-        sizes = output_function(program, f"friction of {element.name}", ca.vertcat(at_rest, element.static))
+        sizes = output_function(program, ca.vertcat(at_rest, element.static))
         kinetic, static = np.array(sizes(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()
         if kinetic > (1.0 + 1e-9) * static:
             return SimulationError(
@@ -90,7 +90,7 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
     names = [element.name for element in program.system.elements]
     point = Trajectory.point(run, program, t, work.x, work.m, work.p)
     if status in (work_layout.INCONSISTENT, work_layout.ENDLESS):
-        bounds = np.array(output_function(program, "bounds of elements", ca.vertcat(*[e.static for e in program.system.elements]))(
+        bounds = np.array(output_function(program, ca.vertcat(*[e.static for e in program.system.elements]))(
             t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip
         if (bounds < 0).any():
             name = names[int(np.argmin(bounds))]
@@ -144,7 +144,7 @@ def _sharing(program: Program, point: Any, work: Any, t: float) -> str:
     """What to add where the slip of one element follows from those of others at this state; plants whose gain is constant were asked when composed."""
     elements = program.system.elements
     sliding = [i for i, element in enumerate(elements) if element.slides]
-    gain = output_function(program, "gain of elements", ca.densify(program.system.switching.gain))
+    gain = output_function(program, ca.densify(program.system.switching.gain))
     matrix = np.array(gain(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m))[np.ix_(sliding, sliding)]
     size = np.sqrt(np.abs(np.diag(matrix)))
     if not (np.isfinite(matrix).all() and size.all()):

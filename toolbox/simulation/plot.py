@@ -17,6 +17,7 @@ from matplotlib.legend import Legend
 from matplotlib.patches import FancyArrowPatch, Patch, Rectangle
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
+from toolbox.arguments import short
 from toolbox.errors import SceneError, suggest
 from toolbox.figures import curves
 from toolbox.figures.style import (
@@ -33,7 +34,7 @@ from toolbox.figures.style import (
     name_axis,
 )
 from toolbox.files.units import NumberOrText
-from toolbox.simulation.samples import Event, scalar, short, window
+from toolbox.simulation.samples import Event, scalar, window
 
 
 class Pictured(Protocol):

@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import in_si
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.methods import Method, method_of
@@ -87,8 +86,8 @@ class Run:
         Function that carries the run out and returns a Trajectory.
     resume
         (memory of the sampled laws, held signals) with which the run begins, as an earlier run left them; None begins at zero.
-    question
-        (plant, inputs, parameters, law) as they were asked for; they know the units in which they were typed.
+    loop
+        The loop that is run, which knows the units in which it was typed.
     """
 
     plant: HybridSystem
@@ -106,16 +105,13 @@ class Run:
     method: Method
     budget: Budget
     solver: Callable[[Run], Any]
+    loop: ClosedLoop
     resume: tuple[np.ndarray, np.ndarray] | None = None
-    question: tuple[Any, ...] = ()
 
-    @cached_property
+    @property
     def asked(self) -> Mapping[str, str]:
         """{unit: unit in which the question was typed}, in which reports and figures answer."""
-        if not self.question:
-            return {}
-        plant, *given, law = self.question
-        return {**plant.asked, **asked_units(*given, fields=(law,))}
+        return self.loop.asked
 
     def again(self, **changes: Any) -> Any:
         """The trajectory of the same run with some of its fields changed, for example another accuracy."""

@@ -9,9 +9,10 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import FloatArray, is_finite_number
+from toolbox.arguments import FloatArray, is_finite_number, short
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
+from toolbox.modelling.inputs import ExpressionKey
 
 
 class Event(NamedTuple):
@@ -85,12 +86,6 @@ class Modes(dict[str, Any]):
         raise self.unknown(name) if self.unknown else SceneError(f"There is no element `{name}`: {suggest(name, self)}")
 
 
-def short(value: Any) -> str:
-    """A value as it stands in an error message, cut where it is long."""
-    text = repr(value)
-    return text if len(text) < 60 else text[:56] + " ..."
-
-
 class Samples(Generic[Read]):
     """Signals of a closed system at given times: `samples["bit.speed"]`, an array of shape (nt,), or (nt, n) for a vector state.
 
@@ -150,9 +145,9 @@ class Samples(Generic[Read]):
             return float(values[0]) if values.ndim == 1 else values[0]  # type: ignore[return-value]
         return values  # type: ignore[return-value]
 
-    def computed(self, name: str, expression: ca.SX | None = None) -> np.ndarray:
-        """Values of a signal, or of an expression in the plant's symbols that is kept under `name`, at all times."""
-        function = output_function(self.program, name, expression)
+    def computed(self, wanted: str | ca.SX) -> np.ndarray:
+        """Values of a signal by name, or of an expression in the plant's symbols, at all times."""
+        function = output_function(self.program, wanted)
         if not self.time.size:
             return np.empty(0)
         # casadi maps over columns
@@ -161,23 +156,22 @@ class Samples(Generic[Read]):
         return values[0] if values.shape[0] == 1 else values.T
 
 
-def output_function(program: Any, name: str, expression: ca.SX | None = None) -> ca.Function:
-    """casadi Function (t, x, constants, held, m) -> signal of a program; raises SceneError for an unknown name."""
+def output_function(program: Any, wanted: str | ca.SX) -> ca.Function:
+    """casadi Function (t, x, constants, held, m) -> signal or expression of a program; raises SceneError for an unknown name."""
     system = program.system
-    found = program.outputs.get(name) if isinstance(name, str) else None
+    key = ExpressionKey(wanted) if isinstance(wanted, ca.SX) else wanted if isinstance(wanted, str) else None
+    found = program.signals.get(key)
     if found is not None:
         return found
     p, u, force = program.expressions
-    if expression is None:
-        expression = system.expression(name)
-    expression = ca.densify(ca.SX(expression))
+    expression = ca.densify(ca.SX(wanted if isinstance(wanted, ca.SX) else system.expression(wanted)))
     if system.elements:
         expression = ca.substitute(expression, system.F, force)
     if system.inputs:
         expression = ca.substitute(expression, system.u, u)
     first = program.first_held
     arguments = [system.t, system.x, p[:first], p[first:], system.m]
-    made = program.outputs[name] = ca.Function("signal", arguments, [expression])
+    made = program.signals[key] = ca.Function("signal", arguments, [expression])
     return made
 
 

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from toolbox.files.units import NumberOrText
+    from toolbox.modelling.closed_loop import ClosedLoop
     from toolbox.modelling.hybrid_system import HybridSystem
     from toolbox.modelling.steady_point import Equilibrium
     from toolbox.simulation.methods import Method
@@ -21,8 +22,8 @@ FORMER = {"step": "method=TimeStepping(step=...)", "width": "method=Smoothing(wi
 
 
 def simulate(
-    plant: HybridSystem,
-    duration: NumberOrText,
+    loop: HybridSystem | ClosedLoop,
+    duration: NumberOrText | None = None,
     *,
     start: Mapping[str, Any] | Samples | Equilibrium | None = None,
     inputs: Mapping[str, Any] | None = None,
@@ -30,23 +31,24 @@ def simulate(
     controller: Any = None,
     sample_time: NumberOrText | None = None,
     method: Method | str = "event",
-    accuracy: float = 1e-6,
+    accuracy: float | None = None,
     output_times: Sequence[float] | np.ndarray | None = None,
     budget: Budget | None = None,
     **former: Any,
 ) -> Trajectory:
-    """Simulate a plant for `duration` seconds; every switch between stick and slip is located as an event.
+    """Simulate a closed loop, or a plant, for `duration` seconds; every switch between stick and slip is located as an event.
 
-    The run begins at rest unless a start is given.
+    The run begins at rest unless a start is given. `simulate(plant, duration, controller=law, ...)` is short for
+    `simulate(closed_loop(plant, law, ...), duration)`; what is given beside a loop takes the place of what the loop holds.
 
     Every number in `duration`, `start`, `inputs`, `parameters` and `sample_time` is in SI, or text with its unit: "2 min", "95 rpm", "10 kN m".
 
     Parameters
     ----------
-    plant
-        A plant made by `compose`, or smoothed by `smoothed`.
+    loop
+        A loop made by `closed_loop`, or a plant made by `compose` or smoothed by `smoothed`.
     duration
-        Length of the run [s], >= 0.
+        Length of the run [s], >= 0; of a loop out of a scene, the duration of the scene by default.
     start
         Start values {state, or signal that is a state: value}; all other states are 0. Or one instant of another run (`run.at(12.5)`), or an `equilibrium`,
         whose states are taken.
@@ -54,7 +56,7 @@ def simulate(
         Inputs {signal, or parameter of the plant that changes in time: value}. A value is a number, a table (times, values), a shape of `toolbox.inputs`
         (`step`, `ramp`, `sine`, `square`, `triangle`, `inputs.sweep`), or a casadi expression of `toolbox.time`.
     parameters
-        Parameters {name: value} for this run only; the controller keeps the declared values of the plant.
+        Parameters {name: value} for this run only, of the plant or of a law; the controller keeps the design on the declared values of the plant.
     controller
         A `Controller`, a callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them.
     sample_time
@@ -65,7 +67,7 @@ def simulate(
         locates none; `Smoothing(width)`, short "smoothed", regularises friction; both refine their option until the accuracy is met, unless it is given.
         "auto" takes the cheapest method and says why in `run.why`.
     accuracy
-        Target for the global error, where every state is scaled by its size; between 1e-13 and 0.1.
+        Target for the global error, where every state is scaled by its size; between 1e-13 and 0.1. By default that of the scene, or 1e-6.
     output_times
         Increasing times [s] at which the run is recorded, shape (nt,), as right-hand limits at events. Without them every step is recorded, and both sides of
         every event.
@@ -88,13 +90,21 @@ def simulate(
     """
     if former:
         _refuse(former)
-    from toolbox.simulation.request import Request  # here, so that a script pays for the machinery of runs with its first run
+    # here, so that a script pays for the machinery of runs with its first run
+    from toolbox.errors import SceneError
+    from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
+    from toolbox.simulation.request import Request
+    from toolbox.simulation.samples import Samples
 
-    return (
-        Request(plant, duration, start, inputs, parameters, controller, sample_time, method, accuracy, output_times, budget)
-        .checked()
-        .again()
-    )
+    at = start if isinstance(start, Samples) else None
+    begin = None if isinstance(start, Samples) else start
+    if not isinstance(loop, ClosedLoop) or any(each is not None for each in (controller, sample_time, inputs, parameters, begin)):
+        loop = closed_loop(loop, controller, sample_time=sample_time, inputs=inputs, parameters=parameters, start=begin)
+    duration = loop.duration if duration is None else duration
+    if duration is None:
+        raise SceneError("Argument `duration` must be given: only a loop out of a scene has one of its own.")
+    accuracy = (loop.accuracy or 1e-6) if accuracy is None else accuracy
+    return Request(loop, duration, at, method, accuracy, output_times, budget).checked().again()
 
 
 def _refuse(former: Mapping[str, Any]) -> NoReturn:

@@ -8,16 +8,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
+import casadi as ca
 import numpy as np
 
-from toolbox.arguments import FloatArray
+from toolbox.arguments import FloatArray, short
 from toolbox.compilation.work_layout import Nodes
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.modelling.components import law_of
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.run import UNHURRIED, Budget
-from toolbox.simulation.samples import Event, Samples, short
+from toolbox.simulation.samples import Event, Samples
 from toolbox.simulation.saved_run import SavedRun
 
 
@@ -222,7 +223,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         rows: Samples[Any] = Samples(
             nodes.program, times, nodes.states[before], nodes.mode[before], nodes.held[before], nodes.parameters, False
         )
-        return rows.computed(f"{element}.rate", elements[element].rate)
+        return rows.computed(ca.SX(elements[element].rate))
 
     @property
     def _legends(self) -> dict[str, dict[int, str]]:

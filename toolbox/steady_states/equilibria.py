@@ -9,26 +9,20 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import mapping
-from toolbox.errors import SceneError
-from toolbox.files.units import NumberOrText
-from toolbox.modelling.free_parameter import FreeParameter
+from toolbox.errors import NoSteadyState, SceneError
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.numbers import Number
 from toolbox.modelling.start import place_starts
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
-from toolbox.simulation.request import continuous_loop
-from toolbox.steady_states.linear import _free, _frictionless, _modes_at, equilibrium, input_values, residual_functions
+from toolbox.steady_states.linear import _free, _frictionless, _modes_at, input_values, residual_functions, steady_state
 
 MANY_MODES = 81
 """Combinations of modes above which `equilibria` tries only those in which all contacts do the same."""
 
 
-def equilibria(
-    plant: HybridSystem,
-    *,
-    inputs: Mapping[str, NumberOrText] | None = None,
-    parameters: Mapping[str, Any] | None = None,
-    controller: Any = None,
-) -> list[Equilibrium]:
+@takes_loop
+def equilibria(loop: ClosedLoop) -> list[Equilibrium]:
     """Find the steady states over the modes of all contacts and a row of guesses; slipping ones come first.
 
     The guesses are the state that the plant would have without friction, scaled by 1, 1/2, ... 1/64 and 0, so that the slow steady states of falling friction
@@ -37,7 +31,7 @@ def equilibria(
 
     Parameters
     ----------
-    plant, inputs, parameters, controller
+    loop
         As in `equilibrium`.
 
     Returns
@@ -50,18 +44,18 @@ def equilibria(
     SceneError
         If an argument is wrong, as in `equilibrium`; never for an empty result.
     """
-    plant = continuous_loop(plant, controller, parameters=parameters)
+    plant, inputs = loop.continuous.system, loop.constant_inputs("a steady state")
     contacts = [element for element in plant.elements if element.law is not None]
     holding = [element.name for element in contacts]
     words = [(legend[1], legend.get(-1, legend[1]), legend[0]) for legend in (element.legend for element in contacts)]
     combinations = list(zip(*words, strict=True)) if 3 ** len(holding) > MANY_MODES else list(dict.fromkeys(itertools.product(*words)))
-    smooth = _frictionless(plant, _free(plant), input_values(plant, inputs or {}))
+    smooth = _frictionless(plant, _free(plant), input_values(plant, inputs))
     found: list[Equilibrium] = []
     for combination in combinations:
         for factor in (1.0, 0.5, 0.25, 0.125, 1 / 16, 1 / 32, 1 / 64, 0.0):
             start = state_values(plant, factor * smooth)
             try:
-                point = equilibrium(plant, inputs=inputs, start=start, mode=dict(zip(holding, combination, strict=True)))
+                point = steady_state(plant, inputs, start, dict(zip(holding, combination, strict=True)), loop.asked)
             except SceneError:
                 continue
             if not any(_same(point, other) for other in found):
@@ -93,7 +87,7 @@ class EquilibriumBranch:
     def __init__(
         self,
         closed: HybridSystem,
-        free: FreeParameter,
+        free: Number,
         inputs: Mapping[str, float],
         mode: Mapping[str, str] | None,
         guess: Mapping[str, Any] | None = None,
@@ -121,10 +115,9 @@ class EquilibriumBranch:
     def _found(self, value: float, start: np.ndarray | None) -> Equilibrium | None:
         begin = None if start is None else state_values(self.closed, start)
         try:
-            return equilibrium(self.closed, start=begin, mode=self.mode, **self.free.arguments(value, self.inputs))
-        except SceneError as error:
-            if "no steady state" not in str(error):
-                raise
+            plant, inputs = self.free.varied(self.closed, self.inputs, value)
+            return steady_state(plant, inputs, begin, self.mode)
+        except NoSteadyState as error:
             self.reason = str(error)
             return None
 
@@ -145,9 +138,8 @@ class EquilibriumBranch:
 
     def _relaxed(self, value: float) -> np.ndarray:
         """Where implicit Euler steps of growing length lead from rest with all contacts in slip: limits and layers of a law do not stop them."""
-        arguments = self.free.arguments(value, self.inputs)
-        plant = self.closed.with_parameters(arguments["parameters"]) if arguments["parameters"] else self.closed
-        u = input_values(plant, arguments["inputs"])
+        plant, inputs = self.free.varied(self.closed, self.inputs, value)
+        u = input_values(plant, inputs)
         residual, slopes = residual_functions(plant)
         x = plant.begin.copy()
         m = _modes_at(plant, x, u, self.mode, resting=True)

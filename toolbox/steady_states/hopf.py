@@ -24,16 +24,15 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import numbers, whole
-from toolbox.errors import SceneError
+from toolbox.errors import NoSteadyState, SceneError
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
-from toolbox.modelling.free_parameter import FreeParameter
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.laws import check_unsampled
+from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
-from toolbox.simulation.request import continuous_loop
 from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes, state_values
-from toolbox.steady_states.linear import equilibrium, holding_elements
+from toolbox.steady_states.linear import holding_elements, steady_state
 
 
 @dataclass(frozen=True)
@@ -87,14 +86,12 @@ class HopfPoint:
         )
 
 
+@takes_loop
 def hopf_points(
-    plant: HybridSystem,
+    loop: ClosedLoop,
     parameter: str,
     between: tuple[NumberOrText, NumberOrText],
     *,
-    controller: Any = None,
-    inputs: Mapping[str, NumberOrText] | None = None,
-    parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
     guess: Mapping[str, Any] | None = None,
     values: int = 33,
@@ -106,16 +103,12 @@ def hopf_points(
 
     Parameters
     ----------
-    plant
-        The plant.
+    loop
+        A loop of laws in their continuous form with constant inputs, or a plant.
     parameter
         A parameter of the plant or of its law, or an input, such as `top.reference`, `bit.weight`, `block.damping` or `chain.stiffness.0`.
     between
         Range (low, high) of the parameter, in SI or text with units.
-    controller
-        Laws in their continuous form.
-    inputs, parameters
-        As in `equilibrium`.
     mode
         Modes of the steady state, as in `equilibrium`.
     guess
@@ -133,16 +126,32 @@ def hopf_points(
     SceneError
         If a name is unknown, the range is none, or the plant has no steady state in the range.
     """
-    check_unsampled(controller)
-    closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
-    free = FreeParameter.of(closed, parameter)
-    low, high = free.between(between)
-    followed = EquilibriumBranch(closed, free, inputs or {}, mode, guess)
-    grid = np.linspace(low, high, whole("values", values, 2))
+    loop = loop.unsampled()
+    free = loop.acting(parameter, "hopf_points")
+    found = hopf_points_of(
+        loop.system, free, free.between(between), loop.constant_inputs("steady running"), mode, guess, whole("values", values, 2)
+    )
+    asked = {free.unit: asked_in(free.in_si("between", between), free.unit)}
+    return [replace(point, asked=asked) for point in found]
+
+
+def hopf_points_of(
+    closed: HybridSystem,
+    free: Number,
+    between: tuple[float, float],
+    inputs: Mapping[str, float],
+    mode: Mapping[str, str] | None = None,
+    guess: Mapping[str, Any] | None = None,
+    values: int = 33,
+) -> list[HopfPoint]:
+    """`hopf_points` of a plant whose laws are parts of it. Raises NoSteadyState where it has no steady state in the range."""
+    low, high = between
+    followed = EquilibriumBranch(closed, free, inputs, mode, guess)
+    grid = np.linspace(low, high, values)
     for value in (*grid, *grid):  # twice: what fails alone may be reached from its neighbours
         followed(float(value))
     if not any(followed.known.values()):
-        raise SceneError(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {free.unit}: {followed.reason}")
+        raise NoSteadyState(f"There is no steady running for `{free.name}` from {low:g} to {high:g} {free.unit}: {followed.reason}")
     found = []
     for a, b in itertools.pairwise(map(float, grid)):
         left, right = followed.growths(a), followed.growths(b)
@@ -159,33 +168,30 @@ def hopf_points(
             near = _crossing(followed, k, a, b)
             if near is not None:
                 found.append(_solved(followed, near, "below" if counts[0] < counts[1] else "above"))
-    asked = {free.unit: asked_in(free.typed("between", between), free.unit)}
-    return [replace(point, asked=asked) for point in sorted(found, key=lambda point: point.value)]
+    return sorted(found, key=lambda point: point.value)
 
 
+@takes_loop
 def hopf_curve(
-    plant: HybridSystem,
+    loop: ClosedLoop,
     parameter: str,
     between: tuple[NumberOrText, NumberOrText],
     over: str,
     values: Sequence[NumberOrText],
     *,
-    controller: Any = None,
-    inputs: Mapping[str, NumberOrText] | None = None,
-    parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
 ) -> np.ndarray:
     """Find the Hopf value of one parameter as a function of another: the critical speed over weight on bit, over damping, over a gain.
 
     Parameters
     ----------
-    plant
-        The plant.
+    loop
+        As in `hopf_points`.
     parameter, between
         The first parameter or input, and the range (low, high) in which its Hopf value is looked for.
     over, values
         The other parameter or input, and its values.
-    controller, inputs, parameters, mode
+    mode
         As in `hopf_points`.
 
     Returns
@@ -198,18 +204,16 @@ def hopf_curve(
     SceneError
         As `hopf_points` does.
     """
-    check_unsampled(controller)
-    closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
-    other, free = FreeParameter.of(closed, over), FreeParameter.of(closed, parameter)
-    free.between(between)
+    loop = loop.unsampled()
+    closed, inputs = loop.system, loop.constant_inputs("steady running")
+    other, free = loop.acting(over, "hopf_curve"), loop.acting(parameter, "hopf_curve")
+    within = free.between(between)
     curve = []
-    for value in numbers("values", other.typed("values", values)):
-        arguments = other.arguments(value, inputs or {})
+    for value in numbers("values", other.in_si("values", values)):
+        system, given = other.varied(closed, inputs, value)
         try:
-            points = hopf_points(closed, parameter, between, mode=mode, **arguments)
-        except SceneError as error:
-            if "no steady running" not in str(error):
-                raise
+            points = hopf_points_of(system, free, within, given, mode)
+        except NoSteadyState:
             points = []
         curve.append(points[-1].value if points else math.nan)
     return np.array(curve)
@@ -274,15 +278,13 @@ def _solved(followed: EquilibriumBranch, guess: float, stable: str) -> HopfPoint
             f"The Hopf point near `{free.name}` = {guess:g} {free.unit} could not be solved: {left:.1e} of its equations is left."
         )
     value = float(z[n])
-    point = equilibrium(closed, start=state_values(closed, z[:n]), mode=near.modes, **free.arguments(value, inputs))
+    point = steady_state(*free.varied(closed, inputs, value), state_values(closed, z[:n]), near.modes)
     vector = z[n + 2 : 2 * n + 2] + 1j * z[2 * n + 2 :]
     coefficient = _lyapunov_coefficient(point, m, float(z[n + 1]), vector) if not sticking.size else math.nan
     return HopfPoint(free.name, free.unit, value, float(z[n + 1]), point, stable, coefficient, left)
 
 
-def _extended(
-    plant: HybridSystem, free: FreeParameter, given: tuple[str, ...], sticking: tuple[int, ...]
-) -> tuple[ca.Function, ca.Function]:
+def _extended(plant: HybridSystem, free: Number, given: tuple[str, ...], sticking: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
     """Functions (z, u, p, m, c) -> residual of the extended system and its Jacobian by z = (x, q, w, Re v, Im v)."""
     key = ("hopf", free.name, free.is_input, given, sticking)
     found = plant.cache.get(key)

@@ -16,9 +16,9 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import is_finite_number, mapping
-from toolbox.errors import SceneError, suggest
-from toolbox.files.unit_systems import asked_units
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.errors import NoSteadyState, SceneError, suggest
+from toolbox.files.units import in_si
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.components import structure_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
@@ -30,35 +30,22 @@ if TYPE_CHECKING:
     import control
 
 
-def equilibrium(
-    plant: HybridSystem,
-    *,
-    inputs: Mapping[str, NumberOrText] | None = None,
-    start: Mapping[str, Any] | None = None,
-    mode: Mapping[str, str] | None = None,
-    parameters: Mapping[str, Any] | None = None,
-    controller: Any = None,
-) -> Equilibrium:
+@takes_loop
+def equilibrium(loop: ClosedLoop, *, guess: Mapping[str, Any] | None = None, mode: Mapping[str, str] | None = None) -> Equilibrium:
     """Find the steady state dx/dt = 0 for constant inputs in given modes, where every sliding element slides the way its mode says.
 
-    Time, where the plant depends on it, is 0.
+    Laws take part in their continuous form. Time, where the plant depends on it, is 0.
 
     Parameters
     ----------
-    plant
-        The plant.
-    inputs
-        Constant inputs {signal: number}; the others are at their defaults.
-    start
+    loop
+        A loop with constant inputs, or a plant.
+    guess
         Where the search begins: {state, or signal that is a state: value}. By default it begins at the steady state that the plant would have without
         friction, which leads to the fastest one where a falling friction characteristic has several.
     mode
         {element: "slip+", "slip-" or "stick"}. By default contacts slide the way they do at the start ("slip+" at zero slip), and relays are on their
         surface.
-    parameters
-        Other parameter values {name: value}.
-    controller
-        Laws in their continuous form, as parts of the plant.
 
     Returns
     -------
@@ -67,13 +54,26 @@ def equilibrium(
 
     Raises
     ------
+    NoSteadyState
+        If no steady state is found, or the one found contradicts its modes.
     SceneError
-        If no steady state is found, the one found contradicts its modes, or an argument is wrong as in `simulate`.
+        If an argument is wrong as in `simulate`.
     """
+    loop = loop.continuous
+    return steady_state(loop.system, loop.constant_inputs("a steady state"), guess, mode, loop.asked)
+
+
+def steady_state(
+    plant: HybridSystem,
+    inputs: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | None = None,
+    mode: Mapping[str, str] | None = None,
+    asked: Mapping[str, str] | None = None,
+) -> Equilibrium:
+    """`equilibrium` of a plant whose laws are parts of it; asked: {unit: unit that was typed}."""
     from scipy.optimize import root
 
-    declared = _closed(plant, controller)
-    plant = _checked(declared, parameters)
+    plant = _checked(plant)
     u = input_values(plant, inputs or {})
     given = plant.begin.copy()
     place_starts(plant, given, mapping("start", start))
@@ -119,37 +119,25 @@ def equilibrium(
             reason = f"the only state found contradicts its mode: {contradiction}"
             continue
         modes = {element.name: element.legend[int(v)] for element, v in zip(plant.elements, m, strict=True)}
-        typed = [in_si(value, plant.inputs[name].unit, name) for name, value in (inputs or {}).items()]
-        typed += [in_si(value, plant._parameter(name).unit, name) for name, value in (parameters or {}).items()]
-        return Equilibrium(plant, x, u, modes, {**declared.asked, **asked_units(typed, fields=(controller,))})
+        return Equilibrium(plant, x, u, modes, plant.asked if asked is None else asked)
     given_inputs = ", ".join(f"{name} = {value:g}" for name, value in zip(plant.inputs, u, strict=True)) or "no inputs"
     tried = [f"`{e.name}` in {e.legend[int(v)]}" for e, v in zip(plant.elements, m, strict=True) if e.law is not None]
     tried = tried if len(tried) <= 3 else [f"{len(tried)} contacts in their modes"]
     words = f" with {', '.join(tried)}" if tried else ""
-    raise SceneError(
-        f"There is no steady state for {given_inputs}{words}: {reason}. Give other `inputs`, a `mode`, or a `start` nearer to it."
+    raise NoSteadyState(
+        f"There is no steady state for {given_inputs}{words}: {reason}. Give other `inputs`, a `mode`, or a `guess` nearer to it."
     )
 
 
-def _closed(plant: HybridSystem, controller: Any) -> HybridSystem:
-    """The plant with its controllers as parts, each in its continuous form."""
-    if controller is None:
-        return plant
-    from toolbox.simulation.request import continuous_loop
-
-    return continuous_loop(plant, controller)
-
-
+@takes_loop
 def linearise(
-    plant: HybridSystem,
+    loop: ClosedLoop,
     at: Mapping[str, Any] | Equilibrium | Samples | None = None,
     mode: Mapping[str, str] | None = None,
-    inputs: str | Sequence[str] | Mapping[str, NumberOrText] | None = None,
+    inputs: str | Sequence[str] | None = None,
     outputs: str | Sequence[str] | None = None,
-    parameters: Mapping[str, Any] | None = None,
-    controller: Any = None,
 ) -> control.StateSpace:
-    """Linearise a plant around a point: a `control.StateSpace` with named states, inputs and outputs, and exact Jacobians.
+    """Linearise a plant or a closed loop around a point: a `control.StateSpace` with named states, inputs and outputs, and exact Jacobians.
 
     A point that is no steady state is allowed: the matrices then describe the deviation from the motion through it, at frozen time. One state per sticking
     element is left out (see the module); other states that sticking determines are set by it, unless `at` gives them. Names have "_" for ".", which
@@ -157,22 +145,18 @@ def linearise(
 
     Parameters
     ----------
-    plant
-        The plant.
+    loop
+        A plant, or a loop of laws in their continuous form.
     at
         The point: an `equilibrium(...)`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or input: value}, with all else 0 and
-        inputs at their defaults. At the steady state of a loop that holds the plant, the plant alone is linearised.
+        inputs as in the loop, else at their defaults. At the steady state of a loop that holds the plant, the plant alone is linearised.
     mode
         {element: "slip+", "slip-" or "stick"}. By default that of `at`, else the direction of slip; at zero slip contacts slide forwards and relays are on
         their surface.
     inputs
-        Names of the inputs to keep; by default all. A mapping {name: value} keeps all and gives their values at the point.
+        Names of the inputs to keep; by default all.
     outputs
         Names of the signals to keep; by default all scalar ones.
-    parameters
-        Other parameter values {name: value}.
-    controller
-        Laws in their continuous form, which close the loop.
 
     Returns
     -------
@@ -186,11 +170,12 @@ def linearise(
     """
     import control
 
-    from toolbox.modelling.laws import check_unsampled
-
-    check_unsampled(controller)
-    plant = _closed(plant, controller)
-    if isinstance(at, Equilibrium) and plant is not at.plant and parameters is None:
+    if isinstance(inputs, Mapping):
+        raise SceneError(
+            "Argument `inputs` must name the inputs to keep; their values belong to the loop: `closed_loop(plant, inputs={...})`."
+        )
+    plant, constant = loop.unsampled().system, loop.constant_inputs("a linear system")
+    if isinstance(at, Equilibrium) and plant is not at.plant and not loop.parameters:
         if plant.cache is at.plant.cache:
             plant = at.plant
         elif {structure_of(part) for part in plant.parts} <= {
@@ -200,8 +185,8 @@ def linearise(
             plant = plant.with_parameters(shared)
         else:
             raise SceneError("Argument `at` must be a steady state of `plant`, or of a loop with it, but it belongs to another plant.")
-    plant = _checked(plant, parameters)
-    t, x, u, m = _point(plant, at, mode, inputs if isinstance(inputs, Mapping) else {})
+    plant = _checked(plant)
+    t, x, u, m = _point(plant, at, mode, constant)
     kept_inputs = _kept(plant, inputs, list(plant.inputs), "input")
     scalar = [name for name, (expression, _) in plant.signals.items() if expression.numel() == 1]
     kept_outputs = _kept(plant, outputs, scalar, "signal", known=[*plant.signals, *plant.inputs])
@@ -242,11 +227,11 @@ def linearise(
 
 
 # ---------------------------------------------------------------------------------------------------------------------------- points and modes
-def _checked(plant: HybridSystem, parameters: Mapping[str, Any] | None) -> HybridSystem:
+def _checked(plant: HybridSystem) -> HybridSystem:
     checked_plant(plant)
     if plant.updates:
         raise SceneError("Argument `plant` must not hold sampled laws: compose their continuous form to linearise the loop.")
-    return plant.with_parameters(parameters) if parameters else plant
+    return plant
 
 
 def input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:

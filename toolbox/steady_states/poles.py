@@ -11,11 +11,8 @@ import numpy as np
 
 from toolbox.arguments import numbers
 from toolbox.files.units import NumberOrText
-from toolbox.modelling.free_parameter import FreeParameter
-from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.laws import check_unsampled
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.steady_point import Equilibrium, function_of, mode_numbers
-from toolbox.simulation.request import continuous_loop
 from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes
 from toolbox.steady_states.linear import holding_elements, linearise
 
@@ -62,27 +59,19 @@ def critical_pole(point: Equilibrium) -> tuple[complex, np.ndarray]:
     return complex(values[best]), vectors[:, best]
 
 
-def pole_locus(
-    plant: HybridSystem,
-    parameter: str,
-    values: Sequence[NumberOrText],
-    *,
-    controller: Any = None,
-    inputs: Mapping[str, NumberOrText] | None = None,
-    parameters: Mapping[str, Any] | None = None,
-    mode: Mapping[str, str] | None = None,
-) -> np.ndarray:
+@takes_loop
+def pole_locus(loop: ClosedLoop, parameter: str, values: Sequence[NumberOrText], *, mode: Mapping[str, str] | None = None) -> np.ndarray:
     """Compute the poles of steady running while a parameter varies.
 
     For the locus over a loop gain, or a Bode diagram, give what `linearise` returns to `control`.
 
     Parameters
     ----------
-    plant
-        The plant.
+    loop
+        A loop of laws in their continuous form, or a plant.
     parameter, values
         The parameter or input, and its values.
-    controller, inputs, parameters, mode
+    mode
         As in `equilibrium`.
 
     Returns
@@ -92,13 +81,12 @@ def pole_locus(
     """
     from scipy.optimize import linear_sum_assignment
 
-    check_unsampled(controller)
-    closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
-    free = FreeParameter.of(closed, parameter)
-    followed = EquilibriumBranch(closed, free, inputs or {}, mode)
+    loop = loop.unsampled()
+    free = loop.acting(parameter, "pole_locus")
+    followed = EquilibriumBranch(loop.system, free, loop.constant_inputs("steady running"), mode)
     rows: list[np.ndarray | None] = []
     before: np.ndarray | None = None
-    for value in numbers("values", free.typed("values", values)):
+    for value in numbers("values", free.in_si("values", values)):
         point = followed(value)
         if point is None:
             rows.append(None)

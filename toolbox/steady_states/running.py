@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,36 +12,26 @@ from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText, in_si
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.elements import check_one_direction
-from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names
 from toolbox.modelling.steady_point import Equilibrium, closed_signal, function_of
 from toolbox.steady_states.equilibria import state_values
-from toolbox.steady_states.linear import equilibrium, input_values
+from toolbox.steady_states.linear import input_values, steady_state
 
 
-def running(
-    plant: HybridSystem,
-    at: Mapping[str, NumberOrText],
-    drives: str | Sequence[str],
-    *,
-    inputs: Mapping[str, NumberOrText] | None = None,
-    parameters: Mapping[str, Any] | None = None,
-) -> Equilibrium:
+@takes_loop
+def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], drives: str | Sequence[str]) -> Equilibrium:
     """Find the steady state in which signals have given values and every contact slides forwards, and the inputs that keep it there.
 
     Parameters
     ----------
-    plant
-        The plant.
+    loop
+        A plant, or a loop of laws in their continuous form.
     at
         Values {signal: value} in SI or text with a unit, such as {"top.speed": "95 rpm"}.
     drives
         The inputs that are sought, as many as there are signals, such as "top.torque".
-    inputs
-        The other inputs {signal: number}; by default at their defaults.
-    parameters
-        Other parameter values {name: value}.
 
     Returns
     -------
@@ -54,8 +43,9 @@ def running(
     SceneError
         If there is no such state, or a name is unknown.
     """
-    check_one_direction(checked_plant(plant).elements, "`running`", "give its inputs and a `start` to `equilibrium`")
-    declared, plant = plant, plant.with_parameters(parameters) if parameters else plant
+    loop = loop.unsampled()
+    plant, inputs = loop.system, loop.constant_inputs("a steady state")
+    check_one_direction(plant.elements, "`running`", "give its inputs and a `guess` to `equilibrium`")
     driven = names(drives)
     wanted = {
         name: in_si(value, plant.signal_unit(name), name) if isinstance(value, str) else value for name, value in mapping("at", at).items()
@@ -65,7 +55,7 @@ def running(
             raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")
     if len(driven) != len(wanted) or not all(is_finite_number(value) for value in wanted.values()):
         raise SceneError(f"Argument `at` must give a number for {len(driven)} signal(s), as many as `drives` has, but it is {at!r}.")
-    u = input_values(plant, {name: value for name, value in (inputs or {}).items() if name not in driven})
+    u = input_values(plant, {name: value for name, value in inputs.items() if name not in driven})
     columns = [list(plant.inputs).index(name) for name in driven]
     target = np.array(list(wanted.values()), float)
     n, k = plant.x.numel(), len(driven)
@@ -93,12 +83,10 @@ def running(
     asked = ", ".join(f"{name} = {value:g} {plant.signal_unit(name)}" for name, value in wanted.items())
     found = dict(zip(plant.inputs, u.tolist(), strict=True)) | dict(zip(driven, q[n : n + k].tolist(), strict=True))
     try:
-        point = equilibrium(plant, inputs=found, start=state_values(plant, q[:n]))
+        point = steady_state(plant, found, state_values(plant, q[:n]))
     except SceneError as error:
         raise SceneError(f"There is no steady running at {asked}: {error}") from None
     reached = np.array([point[name] for name in wanted])
     if not (np.abs(reached - target) <= 1e-6 * np.maximum(np.abs(target), np.abs(reached))).all():
         raise SceneError(f"There is no steady running at {asked} that `{'`, `'.join(driven)}` can keep.")
-    typed = [in_si(value, plant.inputs[name].unit, name) for name, value in (inputs or {}).items()]
-    typed += [in_si(value, plant._parameter(name).unit, name) for name, value in (parameters or {}).items()]
-    return dataclasses.replace(point, asked={**declared.asked, **asked_units(wanted, typed)})
+    return dataclasses.replace(point, asked={**loop.asked, **asked_units(wanted)})

@@ -21,6 +21,8 @@ from toolbox.compilation.program import program_of
 from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SimulationError
 from toolbox.measuring.measures import Measure, RunningMeasures
+from toolbox.modelling.inputs import Shape
+from toolbox.modelling.numbers import Number
 from toolbox.simulation.carry_out import carry_out, compiled_loop, formulas_of
 from toolbox.simulation.failures import exhausted, failure
 from toolbox.simulation.run import UNHURRIED, Run
@@ -224,8 +226,14 @@ def single(task: Task, i: int) -> Run:
     program = program_of(base.system, base.kinds, formulas_of(base))
     inputs = dict(base.inputs)
     for name, kind in base.kinds:
+        slot = program.coefficient_slot.get(name, 0)
         if kind == "number":
-            inputs[name] = float(numbers[program.coefficient_slot[name]])
+            inputs[name] = float(numbers[slot])
+        elif isinstance(inputs[name], Shape):
+            values = numbers[slot : slot + len(inputs[name].coefficients)].tolist()
+            inputs[name] = dataclasses.replace(
+                inputs[name], coefficients=tuple(values), numbers=dict(zip(inputs[name].numbers, values, strict=True))
+            )
     start: dict[str, Any] = dict(base.start)
     if task.starts is not None:
         x = task.starts[i]
@@ -257,7 +265,14 @@ def numbers_of_run(run: Run) -> np.ndarray:
     return work_arrays(run, program).p[: program.first_held].copy()
 
 
-def slots(run: Run, names: Sequence[str]) -> list[int]:
-    """Where inputs and parameters stand among the numbers of a task; an input must be given as a number."""
+def slots(run: Run, numbers: Sequence[Number]) -> list[int]:
+    """Where inputs, numbers of shapes and parameters stand among the numbers of a task; an input must be given as a number."""
     program = program_of(run.system, run.kinds, formulas_of(run))
-    return [program.coefficient_slot[name] if name in run.system.inputs else run.system._parameter(name).offset for name in names]
+    places = []
+    for number in numbers:
+        if number.kind == "parameter":
+            places.append(run.system._parameter(number.name).offset)
+            continue
+        name, key = (number.name, "") if number.kind == "input" else number.in_input(run.inputs)
+        places.append(program.coefficient_slot[name] + (list(run.inputs[name].numbers).index(key) if key else 0))
+    return places

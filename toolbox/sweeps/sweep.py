@@ -1,6 +1,6 @@
-"""A scene thousands of times: over grids, lists and random designs, on all cores or a cluster, with nothing lost when it is interrupted.
+"""A loop thousands of times: over grids, lists and random designs, on all cores or a cluster, with nothing lost when it is interrupted.
 
-    found = sweep(plant, {"bit.weight": weights, "top.reference": speeds}, duration=120.0, controller=law, measures=("severity",))
+    found = sweep(closed_loop(rig, law), {"bit.weight": weights, "top.reference": speeds}, 120.0, measures=("severity",))
     found["severity"]          array of shape (len(weights), len(speeds))
 
 Everything is checked and compiled once; then only numbers change. Measures are read off the runs in machine code (`toolbox.measuring.measures`), so that no
@@ -13,20 +13,17 @@ from __future__ import annotations
 
 import concurrent.futures
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring.measures import STANDARD, Measure
-from toolbox.modelling.components import law_of
-from toolbox.modelling.free_parameter import FreeParameter
-from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.methods import Method
-from toolbox.simulation.request import Request
 from toolbox.simulation.run import UNHURRIED, Budget
 from toolbox.sweeps.batch import Call, Task
 from toolbox.sweeps.designs import variations_of
@@ -35,11 +32,8 @@ from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store
 from toolbox.sweeps.variants import held_defaults, run_fingerprint, shared_run, start_states, varied_numbers
 
-if TYPE_CHECKING:
-    from toolbox.scenes.scene import Scene
 
-
-def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Scene | None) -> dict[str, Measure | Call]:
+def named_measures(given: Any, loop: ClosedLoop, duration: float) -> dict[str, Measure | Call]:
     """{name: measure} from names, a mapping, or None; raises SceneError for what is none."""
     if given is None:
         given = ("severity", "stuck_ratio")
@@ -56,12 +50,11 @@ def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Sce
         if isinstance(value, str):
             if value not in STANDARD:
                 raise SceneError(f"There is no measure `{value}`: {suggest(value, STANDARD)}")
-            element = judged_contact(closed, scene.element if scene else None, "measures", sticks=False)
-            value = STANDARD[value](
-                scene.signal if scene else judged_speed(closed, element), element, scene.after if scene else duration / 2
-            )
+            element = judged_contact(loop, argument="measures", sticks=False)
+            after = loop.after if loop.after is not None and loop.after < duration else duration / 2
+            value = STANDARD[value](judged_speed(loop, element), element, after)
         if isinstance(value, Measure):
-            value.check(closed, duration)
+            value.check(loop.system, duration)
         elif not callable(value):
             raise SceneError(
                 f"Argument `{name}` must be a measure of `toolbox.measuring.measures` or a function of the run, but it is {value!r}."
@@ -70,16 +63,13 @@ def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Sce
     return found
 
 
+@takes_loop
 def sweep(
-    machine: HybridSystem | Scene,
+    loop: ClosedLoop,
     vary: Any,
     duration: NumberOrText | None = None,
-    *others: Any,
-    controller: Any = None,
-    sample_time: NumberOrText | None = None,
-    start: Any = None,
-    inputs: Mapping[str, Any] | None = None,
-    parameters: Mapping[str, Any] | None = None,
+    *,
+    start: Callable[[Mapping[str, float]], Mapping[str, Any]] | None = None,
     measures: Any = None,
     method: Method | str = "event",
     accuracy: float | None = None,
@@ -87,27 +77,27 @@ def sweep(
     executor: concurrent.futures.Executor | None = None,
     out: str | Path | None = None,
 ) -> Sweep:
-    """Simulate a machine once for every variation of some numbers, and measure every run.
+    """Simulate a loop once for every variation of some of its numbers, and measure every run.
 
-    Whether the stiff method pays is decided once, on the middle variation. All runs see the same measurement noise.
+    Whether the stiff method pays is decided once, on the middle variation. All runs see the same measurement noise. A law is designed anew for every value of
+    what only its design knows; all other numbers are changed where they act, and gains that were designed stay.
 
     Parameters
     ----------
-    machine
-        A plant, or a scene.
+    loop
+        A loop, or a plant.
     vary
         What varies: {name: values} for a grid, or rows of {name: value}, in SI or text with units; a pandas table; or one of the designs `latin_hypercube`,
-        `sobol` and `uniform` of this module. A name is an input (held constant), a parameter of the plant, or a numeric field of the law, as designed on the
-        declared plant (`pi.integral`). What varies wins over `inputs` and `parameters`.
-    duration, sample_time, inputs, parameters, method, accuracy
+        `sobol` and `uniform` of this module. A name is any of `loop.numbers()` except a sample time and what a table holds; an input is held constant.
+    duration
         As in `simulate`.
-    controller
-        As in `simulate`; of a scene, the label of a case (the first one by default).
     start
-        As in `simulate`, or a function {name: value of what varies} -> {state: value}.
+        A function {name: value of what varies} -> {state: start value}, which wins over what the loop starts from.
     measures
         Names of `toolbox.measuring.measures.STANDARD`, or {name: a measure of that module, or any function of the trajectory}. By default severity and
-        stuck ratio of the only contact in the second half of the run, or what the scene judges.
+        stuck ratio of the judged contact, from the time that the loop says or in the second half of the run.
+    method, accuracy
+        As in `simulate`.
     budget
         What one run may spend, as in `simulate`.
     executor
@@ -125,50 +115,31 @@ def sweep(
     Raises
     ------
     SceneError
-        If a name is unknown, a value is out of bounds, a sample time is varied, or `out` holds anything but this sweep.
+        If a name is unknown, a value is out of bounds, a sample time or an entry of a table is varied, or `out` holds anything but this sweep.
     OSError
         If the disk is full.
     ImportError
         If `out` is given without the extra `batch`.
     """
-    from toolbox.scenes.scene import Scene
-
-    if others or is_finite_number(machine):
+    if start is not None and not callable(start):
         raise SceneError(
-            "`sweep` varies the numbers of a machine, `sweep(machine, {name: values}, duration)`, and its other arguments are named; "
-            "the swept sine of an input is `toolbox.inputs.sweep`."
+            "Argument `start` must be a function of what varies; start values belong to the loop: `closed_loop(plant, start=...)`."
         )
-    scene, title = None, ""
-    if isinstance(machine, Scene):
-        scene = machine
-        case = scene.case(controller) if controller is not None else scene.cases[0]
-        given = scene.arguments(case)
-        inputs, parameters = {**given["inputs"], **(inputs or {})}, {**given["parameters"], **(parameters or {})}
-        start = given["start"] if start is None else start
-        accuracy = scene.accuracy if accuracy is None else accuracy
-        duration = scene.duration if duration is None else duration
-        plant, law, title = scene.plant(), case.controller, case.label
-    else:
-        plant, law = checked_plant(machine, "machine"), controller
-    duration = in_si(duration, "s", "duration")
-    variations = variations_of(_in_si(vary, plant, law, sample_time, inputs))
+    duration = in_si(loop.duration if duration is None else duration, "s", "duration")
+    variations = variations_of(_in_si(vary, loop))
     if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
-    begin = start if callable(start) else None
-    run = shared_run(
-        plant, variations, float(duration), start=None if begin else start, inputs=inputs, parameters=parameters, controller=law, sample_time=sample_time,
-        method=method, accuracy=1e-6 if accuracy is None else accuracy, budget=budget,
-    )  # fmt: skip
-    chosen = named_measures(measures, run.system, run.duration, scene)
+    accuracy = (loop.accuracy or 1e-6) if accuracy is None else accuracy
+    run = shared_run(loop, variations, float(duration), method=method, accuracy=accuracy, budget=budget)
+    chosen = named_measures(measures, run.loop, run.duration)
     taken = next((name for name in chosen if name in {"run", "status", "error", *variations.names} or "/" in name), None)
     if taken is not None:
         raise SceneError(f"Argument `measures` must use names that are free, without a slash, but one is `{taken}`.")
     numbers, broken = varied_numbers(run, variations)
-    starts = None if begin is None else start_states(run, variations, begin)
-    task = Task(run, numbers, tuple(chosen.values()), starts, held=held_defaults(run, variations))
-    units = tuple(FreeParameter.of(run.system, name).unit for name in variations.names)
+    task = Task(run, numbers, tuple(chosen.values()), start_states(run, variations, start), held=held_defaults(run, variations))
+    units = tuple(run.loop.number(name).unit for name in variations.names)
     sheet = Sweep(
-        title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts),
+        title=loop.title,
         names=variations.names,
         units=units,
         points=variations.points,
@@ -186,8 +157,8 @@ def sweep(
     return dataclasses.replace(sheet, measures=found, errors=errors, seconds=seconds)
 
 
-def _in_si(vary: Any, plant: HybridSystem, law: Any, sample_time: Any, inputs: Mapping[str, Any] | None) -> Any:
-    """What varies, with text in the unit of its input or parameter as numbers; all else is left to `variations_of`."""
+def _in_si(vary: Any, loop: ClosedLoop) -> Any:
+    """What varies, with text in the unit of its number as numbers; all else is left to `variations_of`."""
     rows = (
         [vary]
         if isinstance(vary, Mapping)
@@ -203,7 +174,6 @@ def _in_si(vary: Any, plant: HybridSystem, law: Any, sample_time: Any, inputs: M
     }
     if not typed:
         return vary
-    closed = Request(plant, 1.0, controller=law, sample_time=sample_time).checked().system
-    units = {name: FreeParameter.of(closed, name).unit for name in typed}
+    units = {name: loop.number(name).unit for name in typed}
     made = [{name: in_si(given, units[name], name) if name in typed else given for name, given in row.items()} for row in rows]
     return made[0] if isinstance(vary, Mapping) else made

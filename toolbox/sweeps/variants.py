@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import mapping
 from toolbox.errors import SceneError
 from toolbox.measuring.measures import Measure
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Component, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of
 from toolbox.modelling.elements import FrictionLaw
-from toolbox.modelling.free_parameter import FreeParameter
-from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.inputs import Table
-from toolbox.modelling.laws import Held
+from toolbox.modelling.inputs import Table, extremes
+from toolbox.modelling.laws import Controller, Held
+from toolbox.modelling.numbers import Number, designed_law
 from toolbox.modelling.start import place_starts
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
@@ -24,50 +24,52 @@ from toolbox.sweeps.batch import Numbers, Task, numbers_of_run, slots
 from toolbox.sweeps.designs import Variations
 
 
-def shared_run(plant: HybridSystem, variations: Variations, duration: float, **arguments: Any) -> Run:
+def shared_run(loop: ClosedLoop, variations: Variations, duration: float, **arguments: Any) -> Run:
     """The run that all variations share, with what is varied as inputs given as numbers. Raises SceneError as `simulate` does."""
-    arguments["inputs"] = {name: v for name, v in mapping("inputs", arguments.get("inputs")).items() if name not in variations.names}
-    arguments["parameters"] = {
-        name: v for name, v in mapping("parameters", arguments.get("parameters")).items() if name not in variations.names
-    }
     if len(set(variations.names)) < len(variations.names):
         raise SceneError("Argument `vary` must name every number once.")
-    closed = Request(plant, duration, **arguments).checked().system
-    free_parameters = [FreeParameter.of(closed, name) for name in variations.names]
+    kept = [{name: v for name, v in given.items() if name not in variations.names} for given in (loop.inputs, loop.parameters)]
+    loop = loop.but(inputs=kept[0], parameters=kept[1])
     middle = variations.points[len(variations.points) // 2].tolist()
-    arguments["inputs"] |= {free.name: value for free, value in zip(free_parameters, middle, strict=True) if free.is_input}
-    return Request(plant, duration, **arguments).checked()
+    numbers = [loop.number(name) for name in variations.names]
+    return Request(
+        loop.but(inputs={**loop.inputs, **{each.name: v for each, v in zip(numbers, middle, strict=True) if each.is_input}}),
+        duration,
+        **arguments,
+    ).checked()
 
 
 def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int, str]]:
-    """The numbers of every run, in the layout of a `Task`, and {run: why its numbers contradict each other}.
+    """The numbers of every run but its start values, in the layout of a `Task`, and {run: why its numbers contradict each other}.
 
-    Raises SceneError for a value out of its bounds, and for the sample time of a law.
+    Raises SceneError for a value out of its bounds, for the sample time of a law, and for the nodes of a table.
     """
-    system = run.system
+    loop, system = run.loop, run.system
+    numbers = [loop.number(name) for name in variations.names]
+    for k, (number, column) in enumerate(zip(numbers, variations.points.T, strict=True)):
+        _check_values(loop, number, np.unique(variations.axes[k] if variations.axes else column))
+    acting = [k for k, number in enumerate(numbers) if number.kind not in ("design", "start")]
+    places, points = slots(run, [numbers[k] for k in acting]), variations.points[:, acting]
     offset, touched = 0, []
-    places = slots(run, variations.names)
-    free_parameters = [FreeParameter.of(system, name) for name in variations.names]
     for part in system.parts:
         size = len(numbers_of(part))
-        own = [k for k, place in zip(free_parameters, places, strict=True) if not k.is_input and offset <= place < offset + size]
-        if isinstance(part, Held) and any(
-            place == offset + size - 1 for k, place in zip(free_parameters, places, strict=True) if not k.is_input
-        ):
-            raise SceneError(f"Argument `{own[-1].name}` must not be varied: a sample time is structure; make one sweep for each.")
+        own = [k for k, place in zip(acting, places, strict=True) if offset <= place < offset + size]
+        if isinstance(part, Held) and offset + size - 1 in places:
+            raise SceneError(
+                f"Argument `{variations.names[own[-1]]}` must not be varied: a sample time is structure; make one sweep for each."
+            )
         if own and _has_check(part):
             touched.append((part, offset))
         offset += size
-    for k, (free, column) in enumerate(zip(free_parameters, variations.points.T, strict=True)):
-        entry = system.parameters.get(free.name) if free.is_input else system._parameter(free.name)
-        if entry is not None:
-            entry.check(np.unique(variations.axes[k] if variations.axes else column))
-    numbers = Numbers(numbers_of_run(run), places, variations.points)
     broken: dict[int, str] = {}
+    gains, gained = _designs(loop, numbers, variations.points, broken)
+    left = [j for j, place in enumerate(gains) if place not in places]  # a gain that is varied itself stays as it is given
+    places, points = [*places, *(gains[j] for j in left)], np.hstack([points, gained[:, left]])
+    found = Numbers(numbers_of_run(run), places, points)
     for part, first in touched:
         own_columns = [j for j, place in enumerate(places) if first <= place < first + len(numbers_of(part))]
-        rows, which = np.unique(variations.points[:, own_columns], axis=0, return_inverse=True)
-        row = numbers.same.copy()
+        rows, which = np.unique(points[:, own_columns], axis=0, return_inverse=True)
+        row = found.same.copy()
         for k, values in enumerate(rows):
             row[[places[j] for j in own_columns]] = values
             try:
@@ -75,14 +77,77 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
             except SceneError as error:
                 for i in np.flatnonzero(which.ravel() == k).tolist():
                     broken.setdefault(i, str(error))
-    return numbers, broken
+    return found, broken
 
 
-def start_states(run: Run, variations: Variations, begin: Callable[[Mapping[str, float]], Mapping[str, Any]]) -> np.ndarray:
-    """Start states of every run, shape (runs, states), from a function of what is varied."""
+def _check_values(loop: ClosedLoop, number: Number, values: np.ndarray) -> None:
+    """Raise SceneError where a number must not have one of the values, or cannot be varied within one sweep."""
+    if number.kind in ("input", "parameter"):
+        entry = loop.system.parameters.get(number.name) if number.kind == "input" else loop.system._parameter(number.name)
+        if entry is not None:
+            entry.check(values)
+    elif number.kind == "shape":
+        name, _ = number.in_input(loop.values)
+        if isinstance(loop.values[name], Table):
+            raise SceneError(
+                f"Argument `{number.name}` must not be varied in a sweep: `{name}` is a table, whose times and values all runs share; simulate "
+                "`loop.at(name, value)` for each."
+            )
+        for value in values.tolist():
+            shape = number.put(loop, value).inputs[name]
+            if name in loop.system.parameters:
+                loop.system.parameters[name].check(np.array(extremes(shape)))
+    elif number.kind == "design":
+        for value in values.tolist():
+            number.check(value)
+
+
+def _designs(loop: ClosedLoop, numbers: Sequence[Number], points: np.ndarray, broken: dict[int, str]) -> tuple[list[int], np.ndarray]:
+    """(places, numbers there, shape (runs, places)) of the laws designed anew for every distinct combination of what only their design knows.
+
+    What cannot be designed is noted in `broken`. Raises SceneError where a design gives a law of another structure.
+    """
+    places: list[int] = []
+    columns = [np.zeros((len(points), 0))]
+    structure = [structure_of(part) for part in loop.system.parts]
+    found = {k: designed_law(loop, number.name) for k, number in enumerate(numbers) if number.kind == "design"}
+    of = {k: index for k, index in found.items() if index is not None}
+    for law in dict.fromkeys(of.values()):
+        own = [k for k, index in of.items() if index == law]
+        if not isinstance(loop.designed[law], Controller):
+            raise SceneError(
+                f"Argument `{numbers[own[0]].name}` must not be varied in a sweep: the law is designed as a function of Python, which all runs share; "
+                "simulate `loop.at(name, value)` for each."
+            )
+        rows, which = np.unique(points[:, own], axis=0, return_inverse=True)
+        gains = np.tile(loop.system.values, (len(rows), 1))
+        for i, row in enumerate(rows.tolist()):
+            try:
+                system = functools.reduce(lambda made, k: made.at(numbers[own[k]].name, row[k]), range(len(own)), loop).system
+            except SceneError as error:
+                broken |= {j: str(error) for j in np.flatnonzero(which.ravel() == i).tolist()}
+                continue
+            if [structure_of(part) for part in system.parts] != structure:
+                raise SceneError(
+                    f"Argument `{numbers[own[0]].name}` must not be varied in a sweep: it changes the structure of the law that is designed."
+                )
+            gains[i] = system.values
+        changed = np.flatnonzero((gains != loop.system.values).any(axis=0)).tolist()
+        places += changed
+        columns.append(gains[which.ravel()][:, changed])
+    return places, np.hstack(columns)
+
+
+def start_states(run: Run, variations: Variations, begin: Callable[[Mapping[str, float]], Mapping[str, Any]] | None) -> np.ndarray | None:
+    """Start states of every run, shape (runs, states): what a function of what is varied says, and start values that vary; None where all begin alike."""
+    varied = [name for name in variations.names if run.loop.number(name).kind == "start"]
+    if begin is None and not varied:
+        return None
     starts = np.tile(run.system.begin, (len(variations.points), 1))
     for x, point in zip(starts, variations.points.tolist(), strict=True):
-        place_starts(run.system, x, begin(dict(zip(variations.names, point, strict=True))))
+        row = dict(zip(variations.names, point, strict=True))
+        place_starts(run.system, x, {**run.start, **(begin(row) if begin else {})})
+        place_starts(run.system, x, {name: row[name] for name in varied})
     return starts
 
 
@@ -98,7 +163,7 @@ def _has_check(part: Any) -> bool:
 def held_defaults(run: Run, variations: Variations) -> np.ndarray | None:
     """What the signals of late laws have until the first output arrives, where it varies; else None."""
     plant, updates = run.plant, run.system.updates
-    names = [name for name in variations.names if name not in run.system.inputs and _owned(plant, name)]
+    names = [name for name in variations.names if name not in run.system.inputs and plant.has_parameter(name)]
     if not names or not any(delay > 0 for _, delay in run.clocks):
         return None
     held = np.zeros((len(variations.points), run.system.held.numel()))
@@ -112,14 +177,6 @@ def held_defaults(run: Run, variations: Variations) -> np.ndarray | None:
             if delay > 0:
                 held[i, update.first_held : update.first_held + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
     return held
-
-
-def _owned(plant: HybridSystem, name: str) -> bool:
-    try:
-        plant._parameter(name)
-    except SceneError:
-        return False
-    return True
 
 
 def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> dict[str, str]:

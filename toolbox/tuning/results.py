@@ -20,7 +20,7 @@ from toolbox.scenes.scene import Scene
 
 @dataclass(frozen=True)
 class Free:
-    """A free number: field of the law, unit, range, whether its logarithm is searched, and its value in the given law (None: left to `design`)."""
+    """A free number: its name among the numbers of the loop, unit, range, whether its logarithm is searched, and its given value (None: left to `design`)."""
 
     name: str
     unit: str
@@ -330,7 +330,7 @@ def with_numbers(law: Any, free: Sequence[Free], numbers: Sequence[float | None]
         return dataclasses.replace(law, law=with_numbers(law.law, free, numbers))
     for each, number in zip(free, numbers, strict=True):
         if number is not None:
-            law = _replaced(law, each.name.split("."), number)
+            law = _replaced(law, each.name.split(".")[1:], number)  # behind the name of the law
     return law
 
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, SimulationError
-from toolbox.scenes.cases import Case
 from toolbox.scenes.scene import Scene
 from toolbox.scenes.verdicts import measured
+from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.executors import travelling
 from toolbox.tuning.journal import Journal
@@ -31,12 +31,13 @@ class Spent(Exception):
 
 
 def trial_objectives(
-    scene: Scene, case: Case, free: tuple[Free, ...], numbers: tuple[float | None, ...], objectives: tuple[Objective, ...], strict: bool
+    scene: Scene, label: str, free: tuple[Free, ...], numbers: tuple[float | None, ...], objectives: tuple[Objective, ...], strict: bool
 ) -> tuple[tuple[float, ...], str]:
     """The objectives of one scene under a law with other numbers, and why it failed. strict: let what is wrong with the law itself be raised."""
     refused = () if strict else (SceneError, np.linalg.LinAlgError)
     try:
-        run = scene.run(dataclasses.replace(case, law=with_numbers(case.law, free, numbers)))
+        loop = scene[label]
+        run = simulate(dataclasses.replace(loop, laws=tuple(with_numbers(law, free, numbers) for law in loop.laws)))
         values = [float(measured(scene, run, each) if isinstance(each, str) else each(run)) for each in objectives]
     except (SimulationError, *refused) as error:
         return (math.inf,) * len(objectives), f"{type(error).__name__}: {error}"
@@ -58,10 +59,10 @@ class TuningSearch:
     """Points of the unit cube as trials: simulated once, here or by an executor, or taken from the journal."""
 
     def __init__(
-        self, scenes: list[Scene], cases: list[Case], free: tuple[Free, ...], objectives: dict[str, Objective], over: Any, runs: int, journal: Journal | None,
+        self, scenes: list[Scene], label: str, free: tuple[Free, ...], objectives: dict[str, Objective], over: Any, runs: int, journal: Journal | None,
         executor: concurrent.futures.Executor | None = None,
     ):  # fmt: skip
-        self.scenes, self.cases, self.free, self.objectives = scenes, cases, free, objectives
+        self.scenes, self.label, self.free, self.objectives = scenes, label, free, objectives
         self.over, self.runs, self.journal, self.executor = over, runs, journal, executor
         self.trials: dict[tuple[float | None, ...], Trial] = {}
         self.simulated = 0
@@ -112,7 +113,7 @@ class TuningSearch:
         self, points: list[tuple[float | None, ...]], strict: bool
     ) -> Generator[list[tuple[tuple[float, ...], str]], None, None]:
         """What `judged` says of every point in every scene, one point after the other."""
-        objectives, pairs = tuple(self.objectives.values()), list(zip(self.scenes, self.cases, strict=True))
+        objectives, pairs = tuple(self.objectives.values()), [(scene, self.label) for scene in self.scenes]
         if self.executor is None:
             for numbers in points:
                 yield [trial_objectives(*pair, self.free, numbers, objectives, strict) for pair in pairs]

@@ -27,6 +27,7 @@ from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, TypedNumber, in_si
 from toolbox.measuring import measure
 from toolbox.messages import progress_bar
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import bounds_broken, fields_of, is_nested
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
@@ -72,7 +73,8 @@ def tune(
         What is made small: a column of the verdict ("stuck" [s], "severity", "settling" [s], "overshoot", "peak"; `measure.severity` is the same as
         "severity"), judged as the scene says, or a function run -> float. A sequence or {label: objective} asks for a front.
     bounds
-        {numeric field of the law: (low, high)}, in SI or text with units; a dot leads into nested laws ("law.detuning") and tuples ("gain.0").
+        {number of the law: (low, high)}, in SI or text with units, by its name among the numbers of the loop: "pi.proportional", "softtorque.detuning",
+        "lqr.gain.0". The law is designed anew at every point.
     duration
         Length of the runs of plants [s].
     over
@@ -102,10 +104,13 @@ def tune(
         arguments.
     """
     scenes = _scenes(scene, controller, in_si(duration, "s", "duration"))
-    cases = [_case(each, controller) for each in scenes.values()]
-    free = _free(cases[0], bounds)
-    for label, case in zip(scenes, cases, strict=True):
-        for first, here in zip(free, _free(case, bounds), strict=True):
+    scenes = {label: _with_case(each, controller) for label, each in scenes.items()}
+    chosen = controller if isinstance(controller, str) else "tuned"
+    cases = [each.case(chosen) for each in scenes.values()]
+    loops = [each[chosen] for each in scenes.values()]
+    free = _free(loops[0], bounds)
+    for label, loop in zip(scenes, loops, strict=True):
+        for first, here in zip(free, _free(loop, bounds), strict=True):
             if here.given != first.given:
                 words = f"{plain_number(first.given)} in `{next(iter(scenes))}` and {plain_number(here.given)} in `{label}`"
                 raise SceneError(f"Argument `controller` must start from the same `{here.name}` in every scene, but it is {words}.")
@@ -130,7 +135,7 @@ def tune(
             },
             lambda result: is_result(result, len(scenes), len(objectives)),
         )
-    search = TuningSearch(list(scenes.values()), cases, free, objectives, over, runs, kept, executor)
+    search = TuningSearch(list(scenes.values()), chosen, free, objectives, over, runs, kept, executor)
     with _bar(runs, progress) as search.bar:
         search.given()
         with contextlib.suppress(Spent):
@@ -186,33 +191,48 @@ def _scene(plant: HybridSystem, controller: Any, duration: Any) -> Scene:
     return Scene.of(plant, duration, {"tuned": controller}, signal=scalar)
 
 
-def _case(scene: Scene, controller: Any) -> Case:
+def _with_case(scene: Scene, controller: Any) -> Scene:
+    """The scene of the one case whose law is tuned."""
     if isinstance(controller, str):
         case = scene.case(controller)
     elif isinstance(controller, (Controller, Sampled)):
         case = Case.of("tuned", controller)
     else:
         raise SceneError(f"Argument `controller` must be the label of a case, a Controller, or Sampled with one, but it is {controller!r}.")
-    dataclasses.replace(scene, cases=(case,)).check()
-    return case
+    scene = dataclasses.replace(scene, cases=(case,))
+    scene.check()
+    return scene
 
 
-def unit_of(law: Any, name: str) -> str:
-    """Unit of a number of a law; raises SceneError where there is no such number."""
-    fields = dict(_numbers(law))
-    if name not in fields:
-        raise SceneError(f"There is no number `{name}` in {type(law).__name__}: {suggest(name, fields)}")
-    return str(fields[name][1].get("unit", "1"))
+def numbers_of_law(loop: ClosedLoop) -> dict[str, tuple[float | None, Mapping[str, Any]]]:
+    """{name: (value, what its field declares)} of every number of the law of a loop, and of those that `design` would fill in."""
+    if not loop.laws:
+        raise SceneError("Argument `controller` must name a case with a law, but it has none.")
+    law = loop.laws[0].law if isinstance(loop.laws[0], Sampled) else loop.laws[0]
+    return dict(_numbers(law, f"{getattr(law, 'name', None) or type(law).__name__.lower()}."))
 
 
-def _free(case: Case, bounds: Any) -> tuple[Free, ...]:
-    """The free numbers of the law of a case, checked."""
+def unit_of(loop: ClosedLoop, name: str) -> str:
+    """Unit of a number of the law of a loop; raises SceneError where there is no such number, or it belongs to the machine."""
+    fields = numbers_of_law(loop)
+    if name in fields:
+        return str(fields[name][1].get("unit", "1"))
+    full = next((each for each in fields if each.partition(".")[2] == name), None)
+    if full is not None:
+        raise SceneError(f"There is no number `{name}`: a number of a law has its name before it, `{full}`.")
+    if name in loop.numbers():
+        raise SceneError(f"Argument `bounds` must hold numbers of the law that is tuned, but `{name}` is none: vary it by `sweep`.")
+    raise SceneError(f"There is no number `{name}` in this law: {suggest(name, fields)}")
+
+
+def _free(loop: ClosedLoop, bounds: Any) -> tuple[Free, ...]:
+    """The free numbers of the law of a loop, checked."""
     if not isinstance(bounds, Mapping) or not bounds:
-        raise SceneError(f"Argument `bounds` must map fields of the law to (low, high), but it is {bounds!r}.")
-    fields = dict(_numbers(case.law))
+        raise SceneError(f"Argument `bounds` must map numbers of the law to (low, high), but it is {bounds!r}.")
+    fields = numbers_of_law(loop)
     free = []
     for name, pair in bounds.items():
-        unit = unit_of(case.law, str(name))
+        unit = unit_of(loop, str(name))
         given, spec = fields[name]
         pair = in_si(pair, unit, f"bounds.{name}")
         if not isinstance(pair, Sequence) or len(pair) != 2 or not all(map(is_finite_number, pair)) or not pair[0] < pair[1]:
@@ -226,10 +246,8 @@ def _free(case: Case, bounds: Any) -> tuple[Free, ...]:
     return tuple(free)
 
 
-def _numbers(law: Any, path: str = "") -> list[tuple[str, tuple[float | None, Mapping[str, Any]]]]:
+def _numbers(law: Any, path: str) -> list[tuple[str, tuple[float | None, Mapping[str, Any]]]]:
     """(dotted name, (value, what its field declares)) of every number of a law, and of those that `design` would fill in."""
-    if law is None:
-        raise SceneError("Argument `controller` must name a case with a law, but it has none.")
     found: list[tuple[str, tuple[float | None, Mapping[str, Any]]]] = []
     for declared in fields_of(type(law)):
         value, name = getattr(law, declared.name), f"{path}{declared.name}"

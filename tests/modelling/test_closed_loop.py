@@ -1,0 +1,188 @@
+"""A closed loop is one value: it prints what its laws took, compares by what it holds, travels, and gives changed loops by the name of a number."""
+
+import dataclasses
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+import toolbox
+from controllers import LQR, PI, LinearMPC, SoftTorque, StiffPI
+from models import BitRock, BlockOnBelt, wells
+from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, simulate
+from toolbox.inputs import sine, step
+from toolbox.modelling.closed_loop import as_loop
+
+RIG = compose(wells.JANSEN_2, BitRock(weight="97.347 kN"))
+LOOP = closed_loop(RIG, SoftTorque(reference="45 rpm"), sample_time="10 ms", label="soft torque")
+
+
+def proportional(t, y):
+    """A law in Python that can be pickled by its name."""
+    return 900.0 * (5.0 - y[0])
+
+
+def test_a_loop_prints_the_gains_that_one_types_into_the_drive():
+    k, below, top = 473.0, 374.0, 2122.0
+    text = str(LOOP)
+    assert f"proportional {math.sqrt(k * below):.4g} N m s/rad" in text
+    assert f"integral {k / below * top:.4g} N m/rad" in text
+    assert "reference 45 rpm" in text and "every 10 ms" in text and "'soft torque'" in text
+    assert "proportional 900 N m s/rad" in str(LOOP.at("pi.proportional", 900.0))
+
+
+def test_loops_are_equal_where_plant_laws_and_numbers_are():
+    assert (
+        closed_loop(
+            compose(wells.JANSEN_2, BitRock(weight=97_347.0)), SoftTorque(reference="45 rpm"), sample_time=0.01, label="soft torque"
+        )
+        == LOOP
+    )
+    assert hash(pickle.loads(pickle.dumps(LOOP))) == hash(LOOP)
+    others = [
+        closed_loop(LOOP, SoftTorque(reference="46 rpm"), sample_time=0.01), closed_loop(LOOP, SoftTorque(reference="45 rpm"), sample_time=0.02),
+        closed_loop(LOOP, inputs={"bit.weight": 9e4}), closed_loop(LOOP, parameters={"bit.friction.static": 0.7}), closed_loop(LOOP, start={"bit.speed": 1.0}),
+        closed_loop(LOOP, label="other"), closed_loop(RIG),
+    ]  # fmt: skip
+    assert all(other != LOOP for other in others) and LOOP != "soft torque"
+    lambdas = [lambda t, y: 0.0 for _ in range(2)]
+    assert (
+        closed_loop(RIG, lambdas[0], sample_time=0.1)
+        == closed_loop(RIG, lambdas[0], sample_time=0.1)
+        != closed_loop(RIG, lambdas[1], sample_time=0.1)
+    )
+    for given in (sine("8 kN m", 500.0, 0.1), step(8e3, 9e3, 10.0), 9e3 + 10 * toolbox.time):
+        assert closed_loop(RIG, inputs={"top.torque": given}) == closed_loop(RIG, inputs={"top.torque": given})
+    assert closed_loop(RIG, inputs={"top.torque": "8 kN m"}) == closed_loop(RIG, inputs={"top.torque": 8e3})
+
+
+def test_a_loop_travels_or_says_what_of_it_cannot():
+    for loop in (
+        LOOP,
+        closed_loop(RIG, proportional, sample_time=0.1),
+        closed_loop(RIG, inputs={"top.torque": sine("8 kN m", 500.0, 0.1)}),
+    ):
+        assert pickle.loads(pickle.dumps(loop)) == loop
+    with pytest.raises(pickle.PicklingError, match=r"The law .*lambda.* of the loop cannot be pickled"):
+        pickle.dumps(closed_loop(RIG, lambda t, y: 0.0, sample_time=0.1))
+
+
+def test_a_loop_cannot_be_changed():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        LOOP.label = "other"
+
+
+def test_the_short_form_of_simulate_is_the_loop():
+    short = simulate(RIG, "5 s", controller=SoftTorque(reference="45 rpm"), sample_time="10 ms", inputs={"bit.weight": 9e4})
+    long = simulate(closed_loop(LOOP, inputs={"bit.weight": 9e4}), "5 s")
+    np.testing.assert_array_equal(short.states, long.states)
+    assert simulate(LOOP, "1 s").run.loop is LOOP
+    with pytest.raises(SceneError, match="`duration` must be given"):
+        simulate(LOOP)
+
+
+def test_a_loop_of_a_loop_keeps_what_is_not_given_anew():
+    first = closed_loop(RIG, PI(), inputs={"bit.weight": 9e4}, parameters={"bit.friction.static": 0.7}, start={"bit.speed": 2.0})
+    second = closed_loop(first, StiffPI(), parameters={"bit.friction.kinetic": 0.4})
+    assert isinstance(second.laws[0], StiffPI) and second.inputs == first.inputs and second.start == first.start
+    assert second.parameters == {"bit.friction.static": 0.7, "bit.friction.kinetic": 0.4}
+    assert closed_loop(first, parameters={"bit.weight": 8e4}).number("bit.weight").value == 8e4
+
+
+# name, kind, unit, and another value of every kind of number
+KINDS = [
+    ("bit.weight", "input", "N", 9e4), ("top.reference", "input", "rad/s", 6.0), ("bit.friction.static", "parameter", "1", 0.7),
+    ("chain.inertia.0", "parameter", "kg m2", 2000.0), ("pi.proportional", "parameter", "N m s/rad", 900.0), ("softtorque.detuning", "design", "1", 2.0),
+    ("bit.speed", "start", "rad/s", 3.0),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "kind", "unit", "value"), KINDS, ids=[row[0] for row in KINDS])
+def test_every_kind_of_number_has_name_unit_and_value_and_can_be_put(name, kind, unit, value):
+    number = LOOP.numbers()[name]
+    assert (number.name, number.kind, number.unit) == (name, kind, unit) and number == LOOP.number(name) and number.value != value
+    changed = LOOP.at(name, value)
+    assert changed.number(name).value == value and changed != LOOP and LOOP.number(name) == number
+    assert changed.at(name, number.value).number(name).value == number.value
+
+
+def test_numbers_of_shapes_and_tables_are_numbers_of_the_loop():
+    loop = closed_loop(RIG, inputs={"top.torque": sine("8 kN m", 500.0, 0.1), "bit.weight": ([0.0, 10.0], [9e4, 8e4])})
+    assert loop.number("top.torque.amplitude").unit == "N m" and loop.number("top.torque.frequency").unit == "Hz"
+    assert loop.at("top.torque.amplitude", "1 kN m") == closed_loop(loop, inputs={"top.torque": sine("8 kN m", 1000.0, 0.1)})
+    assert loop.at("bit.weight.values.1", "85 kN") == closed_loop(loop, inputs={"bit.weight": ([0.0, 10.0], [9e4, 85e3])})
+    assert math.isnan(loop.number("top.torque").value) and loop.at("top.torque", 9e3).number("top.torque").value == 9e3
+
+
+def test_a_number_that_only_the_design_knows_designs_the_law_anew():
+    detuned = LOOP.at("softtorque.detuning", 2.0)
+    assert detuned == closed_loop(LOOP, SoftTorque(reference="45 rpm", detuning=2.0), sample_time="10 ms")
+    assert detuned.number("pi.proportional").value == pytest.approx(LOOP.number("pi.proportional").value / 2, rel=1e-14)
+    assert closed_loop(LOOP, parameters={"softtorque.detuning": 2.0}) == detuned
+    with pytest.raises(SceneError, match=r"`softtorque.detuning` must be an input or a parameter for `hopf_points`, but only the design"):
+        LOOP.acting("softtorque.detuning", "hopf_points")
+
+
+def test_a_gain_is_changed_where_it_acts_and_the_design_stays():
+    loop = closed_loop(RIG, LQR(reference=8.0))
+    gains = [name for name, number in loop.numbers().items() if number.kind == "parameter" and name.startswith("lqr.")]
+    changed = loop.at("bit.weight", 5e4)
+    assert gains and all(changed.number(name).value == loop.number(name).value for name in gains)
+
+
+def test_a_parameter_that_an_input_overrides_says_so():
+    loop = closed_loop(RIG, PI(reference=8.0))
+    assert loop.number("pi.reference").overridden is None
+    assert loop.at("top.reference", 6.0).number("pi.reference").overridden == "top.reference"
+
+
+def test_numbers_out_of_bounds_and_unknown_names_are_refused():
+    with pytest.raises(SceneError, match=r"`bit.weight` must be >= 0 N, but it is -5"):
+        LOOP.at("bit.weight", -5.0)
+    with pytest.raises(SceneError, match=r"There is no number `bit.wheight` in this loop: did you mean `bit.weight`"):
+        LOOP.at("bit.wheight", 5.0)
+    with pytest.raises(SceneError, match=r"`chain.inertia` must be one number, but it has 2 entries: name one, e.g. `chain.inertia.0`"):
+        LOOP.number("chain.inertia")
+    with pytest.raises(SceneError, match="a set-point belongs to a control law"):
+        closed_loop(RIG).number("top.reference")
+    with pytest.raises(SceneError, match=r"`bit.weight` must be in N"):
+        LOOP.at("bit.weight", "5 m")
+
+
+def test_a_loop_may_stand_for_its_limit_of_fast_sampling():
+    assert not LOOP.continuous.sampled and LOOP.sampled and LOOP.continuous.laws == (LOOP.laws[0].law,)
+    rest = equilibrium(LOOP)
+    assert rest["top.speed"] == pytest.approx(45 * math.pi / 30, rel=1e-9)
+    with pytest.raises(SceneError, match="must hold laws in their continuous form"):
+        LOOP.unsampled()
+    with pytest.raises(SceneError, match="continuous form"):
+        _ = closed_loop(RIG, proportional, sample_time=0.1).continuous
+
+
+def test_what_is_no_loop_is_refused_and_a_former_call_shows_the_new_line():
+    with pytest.raises(SceneError, match=r"Argument `loop` must be a plant made by `compose`.*`compose\(BlockOnBelt\(...\)\)`"):
+        as_loop(BlockOnBelt())
+    with pytest.raises(SceneError, match=r"write `equilibrium\(closed_loop\(plant, law, inputs=...\), ...\)`"):
+        equilibrium(RIG, controller=PI(), inputs={"bit.weight": 9e4})
+    with pytest.raises(SceneError, match="sample_time"):
+        closed_loop(RIG, lambda t, y: 0.0)
+    with pytest.raises(SceneError, match="every controller is Sampled"):
+        closed_loop(RIG, Sampled(PI(), 0.01), sample_time=0.02)
+    with pytest.raises(SceneError, match="in `inputs` or in `parameters`"):
+        closed_loop(RIG, inputs={"bit.weight": 9e4}, parameters={"bit.weight": 8e4})
+
+
+def test_a_law_is_designed_once_per_loop(monkeypatch):
+    count = 0
+    design = LinearMPC.design
+
+    def counted(self, plant):
+        nonlocal count
+        count += 1
+        return design(self, plant)
+
+    monkeypatch.setattr(LinearMPC, "design", counted)
+    loop = closed_loop(RIG, LinearMPC(reference=8.0), sample_time=0.1)
+    loop.at("bit.weight", 9e4).at("bit.speed", 1.0).system  # noqa: B018
+    assert count == 1

@@ -1,0 +1,292 @@
+"""Every number of a closed loop that can be varied: one name for each, known to every verb.
+
+    input        a signal that nobody gives, held constant                       top.torque, top.reference
+    parameter    a number of a part or of a law, where it acts                   bit.weight, chain.inertia.0, pi.proportional
+    design       a field of a law that only its design knows                     softtorque.detuning
+    shape        a number of the shape that an input has, or of its table        top.torque.amplitude, top.torque.values.2
+    start        the start value of a state                                      bit.speed
+
+An input and a parameter of one name are one number: the input, whose default the parameter is.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import checked_range
+from toolbox.errors import SceneError
+from toolbox.files.units import NumberOrText, in_si
+from toolbox.modelling import inputs as shapes
+from toolbox.modelling.components import bounds_broken, fields_of, is_nested
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import Controller, Sampled
+from toolbox.modelling.start import place_start, started
+
+if TYPE_CHECKING:
+    from toolbox.modelling.closed_loop import ClosedLoop
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of a closed loop.
+
+    Attributes
+    ----------
+    name
+        Its name, by which every verb knows it.
+    unit
+        Its unit in SI.
+    kind
+        "input", "parameter", "design", "shape" or "start" (see `toolbox.modelling.numbers`).
+    value
+        Its value in the loop, in SI; NaN for an input that varies in time.
+    meaning
+        What it is, as its part declares it.
+    bounds
+        {"at_least", "above", "at_most": bound or None}.
+    usual
+        (low, high) between which every sound number lies; None where nothing is said.
+    overridden
+        The input that takes the place of this number, so that it has no effect; None for none.
+    """
+
+    name: str
+    unit: str
+    kind: str
+    value: float
+    meaning: str = ""
+    bounds: Mapping[str, float | None] = field(default_factory=dict)
+    usual: tuple[float, float] | None = None
+    overridden: str | None = None
+
+    @property
+    def is_input(self) -> bool:
+        """Whether it is an input that is held constant."""
+        return self.kind == "input"
+
+    def in_si(self, word: str, given: Any) -> Any:
+        """What an argument of it holds, with text as numbers in its unit."""
+        return in_si(given, self.unit, word)
+
+    def between(self, given: Any, word: str = "between") -> tuple[float, float]:
+        """A range of it, numbers in SI or text with units. Raises SceneError unless it is (low, high) in that order."""
+        return checked_range(self.in_si(word, given))
+
+    def check(self, value: Any) -> None:
+        """Raise SceneError unless a value is finite and within the bounds."""
+        broken = bounds_broken(value, self.bounds)
+        if broken:
+            raise SceneError(f"Argument `{self.name}` must be {broken}{'' if self.unit == '1' else f' {self.unit}'}, but it is {value!r}.")
+
+    def varied(self, system: HybridSystem, inputs: Mapping[str, float], value: float) -> tuple[HybridSystem, dict[str, float]]:
+        """A system and its constant inputs with this value of an input, or of a parameter where it acts."""
+        if self.kind == "input":
+            return system, {**inputs, self.name: value}
+        return system.with_parameters({self.name: value}), dict(inputs)
+
+    def put(self, loop: ClosedLoop, value: NumberOrText) -> ClosedLoop:
+        """The loop with this value; raises SceneError where it is out of bounds."""
+        value = self.in_si(self.name, value)
+        self.check(value)
+        if self.kind == "input":
+            kept = {name: given for name, given in loop.parameters.items() if name != self.name}
+            return loop.but(inputs={**loop.inputs, self.name: value}, parameters=kept)
+        if self.kind == "parameter":
+            kept = {name: given for name, given in loop.inputs.items() if name != self.name}
+            return loop.but(parameters={**loop.parameters, self.name: value}, inputs=kept)
+        if self.kind == "start":
+            return loop.but(start={**loop.start, self.name: value})
+        if self.kind == "design":
+            return _redesigned(loop, self.name, value)
+        name, key = self.in_input(loop.values)
+        return loop.but(inputs={**loop.inputs, name: _reshaped(loop.values[name], key, value)})
+
+    def in_input(self, inputs: Iterable[str]) -> tuple[str, str]:
+        """(input, name of the number in its shape or table), for the number of a shape."""
+        name = max((each for each in inputs if self.name.startswith(f"{each}.")), key=len)
+        return name, self.name[len(name) + 1 :]
+
+
+def numbers_in(loop: ClosedLoop) -> dict[str, Number]:
+    """Every number of a loop by name: inputs, parameters of parts and laws, design fields, shapes, start values."""
+    system = loop.system
+    names = [*system.inputs]
+    for name, entry in system.parameters.items():
+        names += [name] if entry.size is None else [f"{name}.{i}" for i in range(entry.size)]
+    names += [name for i in range(len(loop.laws)) for name in _design_fields(loop, i)]
+    for name, value in loop.values.items():
+        names += [f"{name}.{key}" for key in _shape_numbers(value)]
+    for name in started(system):
+        size = system.states[name][1] if name in system.states else None
+        names += [name] if size is None else [f"{name}.{i}" for i in range(size)]
+    found = {name: number_of(loop, name) for name in dict.fromkeys(names)}
+    return {name: number for name, number in found.items() if number is not None}
+
+
+def number_of(loop: ClosedLoop, name: str) -> Number | None:
+    """The number of that name, or None."""
+    system = loop.system
+    if not isinstance(name, str):
+        return None
+    if name in system.inputs:
+        entry = system.parameters.get(name)
+        usual = _usual(system, name) if entry is not None else None
+        return Number(name, system.inputs[name].unit, "input", _input_value(loop, name), entry.meaning if entry is not None else "",
+                      entry.bounds if entry is not None else {}, usual)  # fmt: skip
+    design = designed_law(loop, name)
+    if design is not None:
+        spec, value = _design_fields(loop, design)[name]
+        return Number(name, spec.get("unit", "1"), "design", float(value), spec.get("meaning", ""), _bounds(spec), spec.get("usual"))
+    if system.has_parameter(name):
+        entry = system._parameter(name)
+        if entry.size is not None:
+            return None
+        return Number(
+            name,
+            entry.unit,
+            "parameter",
+            float(system.parameter(name)),
+            entry.meaning,
+            entry.bounds,
+            _usual(system, name),
+            overridden(loop, name),
+        )
+    for given, value in loop.values.items():
+        key = name[len(given) + 1 :]
+        if name.startswith(f"{given}.") and key in _shape_numbers(value):
+            unit = shapes.UNITS.get(value.shape, {}).get(key, "s" if key.startswith("times.") else "")
+            return Number(name, unit or system.inputs[given].unit, "shape", float(_shape_numbers(value)[key]))
+    if _row(system, name) is not None:
+        x = system.begin.copy()
+        for each, given in loop.start.items():
+            if system.has_signal(each):
+                place_start(system, x, each, given)
+        return Number(name, system.signal_unit(name), "start", float(x[_row(system, name)]))
+    return None
+
+
+def overridden(loop: ClosedLoop, name: str) -> str | None:
+    """The given input that takes the place of a parameter, which is its default and acts nowhere else; None for none."""
+    system = loop.system
+    if not loop.values or not system.has_parameter(name):
+        return None
+    symbol = system.p[system._parameter(name).offset]
+    for given in loop.values:
+        if given in system.inputs and ca.depends_on(system.inputs[given].default, symbol):
+            rest = [entry.default for each, entry in system.inputs.items() if each not in loop.values]
+            return None if _acts(system, name, rest) else given
+    return None
+
+
+def acts(loop: ClosedLoop, name: str) -> bool:
+    """Whether a parameter of the closed system enters its motion, or the default of an input that is not given."""
+    rest = [entry.default for each, entry in loop.system.inputs.items() if each not in loop.values]
+    return _acts(loop.system, name, rest)
+
+
+def _acts(system: HybridSystem, name: str, more: list[ca.SX]) -> bool:
+    entry = system._parameter(name)
+    symbol = system.p[entry.offset : entry.offset + (entry.size or 1)]
+    used = system.cache.get("motion")
+    if used is None:
+        of_elements = [getattr(element, kind) for element in system.elements for kind in element.expressions]
+        of_laws = [each for update in system.updates for each in (update.following, update.outputs)]
+        used = system.cache["motion"] = ca.vertcat(system.flow, *(ca.vec(ca.SX(each)) for each in (*of_elements, *of_laws)))
+    return bool(ca.depends_on(used, symbol) or (more and ca.depends_on(ca.vertcat(*more), symbol)))
+
+
+def _input_value(loop: ClosedLoop, name: str) -> float:
+    if name in loop.values:
+        value = loop.values[name]
+        return value if isinstance(value, float) else float("nan")
+    system = loop.system
+    return float(np.array(system.input_defaults(system.values)).ravel()[list(system.inputs).index(name)])
+
+
+def _usual(system: HybridSystem, name: str) -> tuple[float, float] | None:
+    entry = system.parameters.get(name) or system.parameters.get(name.rpartition(".")[0])
+    return entry.bounds.get("usual") if entry is not None else None  # type: ignore[return-value]
+
+
+def _bounds(spec: Mapping[str, Any]) -> dict[str, float | None]:
+    return {word: spec.get(word) for word in ("at_least", "above", "at_most")}
+
+
+def _row(system: HybridSystem, name: str) -> int | None:
+    """The row of a scalar state, or of a signal that is one; None for any other name."""
+    rows = system.rows(name)
+    if rows is not None:
+        return rows[0] if rows[1] is None else None
+    if name not in system.signals or name not in started(system):
+        return None
+    return int(np.flatnonzero(np.array(ca.DM(ca.jacobian(system.x, system.signals[name][0]))))[0])
+
+
+# ------------------------------------------------------------------------------------------------------------------------------- shapes of inputs
+def _shape_numbers(value: Any) -> dict[str, float]:
+    """{name of a number of an input's shape, or of a node of its table: its value}."""
+    if isinstance(value, (shapes.Table, shapes.Shape)) and value.shape:
+        return dict(value.numbers)
+    if isinstance(value, shapes.Table):
+        rows = (("times", value.times), ("values", value.values))
+        return {f"{word}.{i}": float(number) for word, row in rows for i, number in enumerate(row)}
+    return {}
+
+
+def _reshaped(value: Any, key: str, number: float) -> Any:
+    """An input with one number of its shape changed."""
+    if value.shape:
+        return getattr(shapes, value.shape)(**{**value.numbers, key: number})
+    word, _, place = key.partition(".")
+    rows = {"times": value.times.copy(), "values": value.values.copy()}
+    rows[word][int(place)] = number
+    return shapes.Table.of(key, rows["times"], rows["values"])
+
+
+# ------------------------------------------------------------------------------------------------------------------------------- fields of a design
+def _design_fields(loop: ClosedLoop, index: int) -> dict[str, tuple[Mapping[str, Any], float]]:
+    """{name: (declaration, value)} of the fields of a declared law that its design alone knows, because they act nowhere in the closed system."""
+    given = loop.laws[index]
+    law = given.law if isinstance(given, Sampled) else given
+    if not isinstance(law, Controller) or type(law).design is Controller.design:
+        return {}
+    prefix = law.name or type(law).__name__.lower()
+    fields: dict[str, tuple[Mapping[str, Any], float]] = {}
+    _collect(law, f"{prefix}.", fields)
+    system = loop.system
+    return {name: entry for name, entry in fields.items() if not (system.has_parameter(name) and acts(loop, name))}
+
+
+def designed_law(loop: ClosedLoop, name: str) -> int | None:
+    """Which law of a loop a field of that name belongs to that its design alone knows; None for none."""
+    return next((index for index in range(len(loop.laws)) if name in _design_fields(loop, index)), None)
+
+
+def _collect(node: Any, path: str, found: dict[str, tuple[Mapping[str, Any], float]]) -> None:
+    for each in fields_of(type(node)):
+        value = getattr(node, each.name)
+        if is_nested(value):
+            _collect(value, f"{path}{each.name}.", found)
+        elif each.numeric and isinstance(value, (int, float)):
+            found[f"{path}{each.name}"] = (each.spec.metadata, value)
+
+
+def _redesigned(loop: ClosedLoop, name: str, value: float) -> ClosedLoop:
+    """The loop with one field of a declared law changed, which is designed anew."""
+    index = designed_law(loop, name)
+    assert index is not None
+    given = loop.laws[index]
+    law = _replaced(given.law if isinstance(given, Sampled) else given, name.split(".")[1:], value)
+    laws = (*loop.laws[:index], dataclasses.replace(given, law=law) if isinstance(given, Sampled) else law, *loop.laws[index + 1 :])
+    return loop.but(laws=laws)
+
+
+def _replaced(node: Any, path: list[str], value: float) -> Any:
+    head, *tail = path
+    return dataclasses.replace(node, **{head: _replaced(getattr(node, head), tail, value) if tail else value})

@@ -47,8 +47,8 @@ def judged_contact(closed: ClosedLoop | HybridSystem, element: str | None = None
     found = judged_element([*system.modeless] if element in system.modeless else names or [*system.modeless], element, argument)
     if found is None:
         raise SceneError("The plant must have a contact with dry friction for stick-slip to exist, but it has none.")
-    if sticks and found in closed.modeless:
-        raise closed.no_element(found)
+    if sticks and found in system.modeless:
+        raise system.no_element(found)
     return found
 
 

@@ -17,7 +17,7 @@ from toolbox.compilation.program import Program, program_of
 from toolbox.compilation.taylor import LACKING, Taylor
 from toolbox.errors import SimulationError
 from toolbox.messages import LOG, progress_bar
-from toolbox.modelling.laws import External, fresh
+from toolbox.modelling.laws import External
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.simulation.deadline import OutOfTime, until
 from toolbox.simulation.failures import exhausted, failure, trajectory_so_far
@@ -83,7 +83,7 @@ def carry_out(run: Run) -> Trajectory:
     advance = compiled_loop(run, program)
     work = work_arrays(run, program)
     began = clock.perf_counter()
-    laws = [fresh(law) for law in run.laws]
+    laws = run.start.continued(run.laws)
     answers: list[list[np.ndarray]] = [[] for _ in laws]
     bar: Any = None
     look = progress(work)
@@ -124,7 +124,7 @@ def carry_out(run: Run) -> Trajectory:
                 if bar is None and spent > 1.0:
                     bar = progress_bar(run.duration, "simulate", unit="s", unit_scale=True, delay=0.0)
                 if bar is not None:
-                    bar.update(float(work.reals[work_layout.TIME]) - bar.n)
+                    bar.update(float(work.reals[work_layout.TIME]) - run.start.time - bar.n)
             elif isinstance(program.pair, Taylor) and status in (work_layout.NO_SERIES, work_layout.UNDERFLOW) and not run.laws:
                 left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
                 again = carry_out(dataclasses.replace(run, method=Explicit(), budget=left))

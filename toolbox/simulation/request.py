@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import FunctionType
 from typing import Any
 
 import casadi as ca
@@ -23,6 +24,7 @@ from toolbox.modelling.steady_point import Equilibrium
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.methods import Method, Smoothing, TimeStepping, method_of
 from toolbox.simulation.run import UNHURRIED, Budget, Run
+from toolbox.simulation.run_state import RunState
 from toolbox.simulation.samples import Samples, short
 
 
@@ -32,7 +34,7 @@ class Request:
 
     plant: HybridSystem
     duration: float | str
-    start: Mapping[str, Any] | Samples | Equilibrium | None = None
+    start: Mapping[str, Any] | Samples | Equilibrium | RunState | None = None
     inputs: Mapping[str, Any] | None = None
     parameters: Mapping[str, Any] | None = None
     controller: Any = None
@@ -47,14 +49,11 @@ class Request:
         duration = in_si(self.duration, "s", "duration")
         period = in_si(self.sample_time, "s", "sample_time")
         method = self._checked_numbers(duration)
-        grid = _checked_times(self.output_times, duration)
         begin, instant = self._checked_start()
+        grid = _checked_times(self.output_times, begin.time if isinstance(begin, RunState) else 0.0, duration)
         declared, plant = self.plant, self._varied_plant(period)
         original, sharp = (each.sharp if isinstance(each, SmoothSystem) else each for each in (declared, plant))
         system, clocks, laws, seeds = closed_loop(original, sharp, self.controller, period)
-        if instant is not None:
-            known = instant.program.system.states
-            begin |= {name: _value(instant, name, size) for name, (_, size, _) in system.states.items() if name in known}
         inputs = self.inputs or {}
         changing = [name for name in inputs if not system.has_signal(name) and declared.has_parameter(name)]
         if changing:
@@ -72,6 +71,12 @@ class Request:
         if isinstance(plant, SmoothSystem):
             system = smoothed(system, plant.widths, matched=plant.matched)
         kinds, values, typed = input_kinds(system, inputs)
+        if isinstance(begin, RunState):
+            begin.check(system, clocks, laws)
+        else:
+            if instant is not None:
+                begin |= _remembered(instant, system, clocks, laws)
+            begin = RunState.begun(system, plant, clocks, begin)
         if changing:  # what parts demand of their fields must hold where all are lowest, and where all are highest
             for extreme in (min, max):
                 plant.with_parameters({name: extreme(_range(values[name])) for name in changing if _range(values[name])})
@@ -103,9 +108,12 @@ class Request:
             raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
         return method
 
-    def _checked_start(self) -> tuple[dict[str, Any], Samples | None]:
-        """The start by state, and the instant of a run from which it is taken, if it is."""
+    def _checked_start(self) -> tuple[dict[str, Any] | RunState, Samples | None]:
+        """The start by state or as a whole, and the instant of a run from which it is taken, if it is."""
         start, instant = self.start, None
+        if isinstance(start, RunState):
+            mapping("inputs", self.inputs), mapping("parameters", self.parameters)
+            return start, None
         if isinstance(start, Samples):
             instant = start
             start = _states_of(self.plant, instant)
@@ -136,19 +144,19 @@ class Request:
             raise
 
 
-def _checked_times(given: Any, duration: float) -> np.ndarray | None:
-    """The output times, shape (nt,); None where every step is recorded."""
+def _checked_times(given: Any, begin: float, duration: float) -> np.ndarray | None:
+    """The output times, shape (nt,), of a run that begins at a time and lasts so long; None where every step is recorded."""
     if given is None:
         return None
     grid = finite_array(given)
-    if grid is None or grid.ndim != 1 or not grid.size or (np.diff(grid) <= 0).any() or grid[0] < 0 or grid[-1] > duration:
+    if grid is None or grid.ndim != 1 or not grid.size or (np.diff(grid) <= 0).any() or grid[0] < begin or grid[-1] > begin + duration:
         raise SceneError(
-            f"Argument `output_times` must be increasing times between 0 and {duration:g} s, but {_wrong_with(grid, duration)}."
+            f"Argument `output_times` must be increasing times between {begin:g} and {begin + duration:g} s, but {_wrong_with(grid, begin)}."
         )
     return grid
 
 
-def _wrong_with(grid: np.ndarray | None, duration: float) -> str:
+def _wrong_with(grid: np.ndarray | None, begin: float) -> str:
     """What is wrong with output times."""
     if grid is None or grid.ndim != 1 or not grid.size:
         return "they are " + ("no finite numbers" if grid is None else f"an array of shape {grid.shape}")
@@ -156,7 +164,7 @@ def _wrong_with(grid: np.ndarray | None, duration: float) -> str:
     if late.size:
         before, after = grid[late[0] : late[0] + 2].tolist()
         return f"{before!r} s is followed by {after!r} s"
-    return f"they begin at {grid[0]:g} s" if grid[0] < 0 else f"they end at {float(grid[-1])!r} s"
+    return f"they begin at {grid[0]:g} s" if grid[0] < begin else f"they end at {float(grid[-1])!r} s"
 
 
 def _states_of(plant: HybridSystem, instant: Samples) -> dict[str, Any]:
@@ -167,6 +175,22 @@ def _states_of(plant: HybridSystem, instant: Samples) -> dict[str, Any]:
         if name not in instant:
             raise SceneError(f"Argument `start` must hold the state `{name}`, but the run it comes from has none.")
     return {name: _value(instant, name, size) for name, (_, size, _) in plant.states.items()}
+
+
+def _remembered(instant: Samples, system: HybridSystem, clocks: Sequence[tuple[float, float]], laws: Sequence[Any]) -> dict[str, Any]:
+    """What continuous laws remember at an instant of a run, by state.
+
+    Raises SceneError where sampled laws of that run, and of the one that is to begin there, remember something: the record of a run does not hold it.
+    """
+    before = instant.program.system
+    remember = any(update.memory.numel() for update in system.updates) or any(delay > 0.0 for _, delay in clocks)
+    if before.updates and (remember or not all(isinstance(law, FunctionType) for law in laws)):
+        raise SceneError(
+            "Argument `start` must be `run.last` for a run to go on where its laws are sampled, because an instant such as `run.at(12.5)` does not "
+            "hold what they remember: end the run there. Where the laws shall begin anew, give the states by name, `{name: run.at(12.5)[name] for "
+            "name in plant.states}`."
+        )
+    return {name: _value(instant, name, size) for name, (_, size, _) in system.states.items() if name in before.states}
 
 
 def _value(instant: Samples, name: str, size: int | None) -> Any:

@@ -16,6 +16,7 @@ from toolbox.files.units import in_si
 from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.methods import Method, method_of
+from toolbox.simulation.run_state import RunState
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Run:
     duration
         Length of the run [s].
     start
-        {state: value} at the beginning.
+        The state in which it begins.
     inputs, kinds
         Values of the inputs, and how each of them is given, which is structure.
     clocks
@@ -85,8 +86,6 @@ class Run:
         What the run may spend.
     solver
         Function that carries the run out and returns a Trajectory.
-    resume
-        (memory of the sampled laws, held signals) with which the run begins, as an earlier run left them; None begins at zero.
     question
         (plant, inputs, parameters, law) as they were asked for; they know the units in which they were typed.
     """
@@ -94,7 +93,7 @@ class Run:
     plant: HybridSystem
     system: HybridSystem
     duration: float
-    start: dict[str, Any]
+    start: RunState
     inputs: dict[str, Any]
     kinds: tuple[tuple[str, Any], ...]
     clocks: list[tuple[float, float]]
@@ -106,7 +105,6 @@ class Run:
     method: Method
     budget: Budget
     solver: Callable[[Run], Any]
-    resume: tuple[np.ndarray, np.ndarray] | None = None
     question: tuple[Any, ...] = ()
 
     @cached_property
@@ -116,6 +114,11 @@ class Run:
             return {}
         plant, *given, law = self.question
         return {**plant.asked, **asked_units(*given, fields=(law,))}
+
+    @property
+    def end(self) -> float:
+        """The time at which the run ends [s]."""
+        return self.start.time + self.duration
 
     def again(self, **changes: Any) -> Any:
         """The trajectory of the same run with some of its fields changed, for example another accuracy."""

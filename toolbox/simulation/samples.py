@@ -26,6 +26,7 @@ class Event(NamedTuple):
 class Stays:
     """How long elements of a run stay in their modes, by its events."""
 
+    begin: float
     end: float
     events: list[Event]
 
@@ -45,7 +46,7 @@ class Stays:
         own = [event for event in self.events if event.element == element]
         end = self.end
         mode = own[0].before if own else self._at_last(element)
-        out, begin = [], 0.0
+        out, begin = [], self.begin
         for event in own:
             out.append((begin, event.time, mode))
             begin, mode = event.time, event.after
@@ -182,7 +183,7 @@ def window(run: Any, after: NumberOrText, until: NumberOrText | None) -> tuple[f
     run
         The trajectory.
     after, until
-        The window asked for [s]; None for the end of the run.
+        The window asked for [s]; from the begin of the run where `after` lies before it, None for its end.
 
     Raises
     ------
@@ -192,10 +193,11 @@ def window(run: Any, after: NumberOrText, until: NumberOrText | None) -> tuple[f
     check_run(run)
     after, until = in_si(after, "s", "after"), in_si(until, "s", "until")
     last = float(run.nodes.time[-1])
-    if last == 0.0:
+    if last <= run.begin:
         raise SceneError("Argument `run` must last longer than 0 s to be measured, but it ends where it begins.")
     if not is_finite_number(after) or not 0 <= after < last:
         raise SceneError(f"Argument `after` must be >= 0 s and before the end of the run at {last:g} s, but it is {after!r}.")
+    after = max(after, run.begin)
     if until is None:
         return float(after), last
     if not is_finite_number(until) or not after < until <= last:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from toolbox.modelling.steady_point import Equilibrium
     from toolbox.simulation.methods import Method
     from toolbox.simulation.run import Budget
+    from toolbox.simulation.run_state import RunState
     from toolbox.simulation.samples import Samples
     from toolbox.simulation.trajectory import Trajectory
 
@@ -24,7 +25,7 @@ def simulate(
     plant: HybridSystem,
     duration: NumberOrText,
     *,
-    start: Mapping[str, Any] | Samples | Equilibrium | None = None,
+    start: Mapping[str, Any] | Samples | Equilibrium | RunState | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
@@ -46,10 +47,11 @@ def simulate(
     plant
         A plant made by `compose`, or smoothed by `smoothed`.
     duration
-        Length of the run [s], >= 0.
+        Length of the run [s], >= 0, from the time of `start` on.
     start
-        Start values {state, or signal that is a state: value}; all other states are 0. Or one instant of another run (`run.at(12.5)`), or an `equilibrium`,
-        whose states are taken.
+        Start values {state, or signal that is a state: value}; all other states are 0, and the time is 0. Or one instant of another run (`run.at(12.5)`), or an
+        `equilibrium`, whose states are taken. Or `run.last`: the run goes on where that one ended, at the same absolute time, with the memory of all laws and
+        what is on its way to the plant, so that the pieces are one run; inputs are those of that time, and `run.time` begins there.
     inputs
         Inputs {signal, or parameter of the plant that changes in time: value}. A value is a number, a table (times, values), a shape of `toolbox.inputs`
         (`step`, `ramp`, `sine`, `square`, `triangle`, `inputs.sweep`), or a casadi expression of `toolbox.time`.
@@ -67,8 +69,8 @@ def simulate(
     accuracy
         Target for the global error, where every state is scaled by its size; between 1e-13 and 0.1.
     output_times
-        Increasing times [s] at which the run is recorded, shape (nt,), as right-hand limits at events. Without them every step is recorded, and both sides of
-        every event.
+        Increasing times [s] between begin and end at which the run is recorded, shape (nt,), as right-hand limits at events. Without them every step is
+        recorded, and both sides of every event.
     budget
         What the run may spend at most; None takes `Budget()`.
 

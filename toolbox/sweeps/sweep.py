@@ -27,13 +27,13 @@ from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.methods import Method
 from toolbox.simulation.request import Request
-from toolbox.simulation.run import UNHURRIED, Budget
+from toolbox.simulation.run import UNHURRIED, Budget, Run
 from toolbox.sweeps.batch import Call, Task
 from toolbox.sweeps.designs import Variations, grid, latin_hypercube, listed, sobol, uniform, variations_of
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store
-from toolbox.sweeps.variants import held_defaults, run_fingerprint, shared_run, start_states, varied_numbers
+from toolbox.sweeps.variants import run_fingerprint, shared_run, start_states, varied_held, varied_numbers
 
 if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 __all__ = ["Sweep", "Variations", "grid", "latin_hypercube", "listed", "sobol", "sweep", "uniform"]
 
 
-def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Scene | None) -> dict[str, Measure | Call]:
+def named_measures(given: Any, run: Run, scene: Scene | None) -> dict[str, Measure | Call]:
     """{name: measure} from names, a mapping, or None; raises SceneError for what is none."""
     if given is None:
         given = ("severity", "stuck_ratio")
@@ -54,16 +54,19 @@ def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Sce
     if not given:
         raise SceneError("Argument `measures` must hold at least one measure, but it is empty.")
     found: dict[str, Measure | Call] = {}
+    closed = run.system
     for name, value in given.items():
         if isinstance(value, str):
             if value not in STANDARD:
                 raise SceneError(f"There is no measure `{value}`: {suggest(value, STANDARD)}")
             element = judged_contact(closed, scene.element if scene else None, "measures")
             value = STANDARD[value](
-                scene.signal if scene else judged_speed(closed, element), element, scene.after if scene else duration / 2
+                scene.signal if scene else judged_speed(closed, element),
+                element,
+                scene.after if scene else run.start.time + run.duration / 2,
             )
         if isinstance(value, Measure):
-            value.check(closed, duration)
+            value.check(closed, run.end)
         elif not callable(value):
             raise SceneError(
                 f"Argument `{name}` must be a measure of `toolbox.measuring.measures` or a function of the run, but it is {value!r}."
@@ -161,13 +164,13 @@ def sweep(
         plant, variations, float(duration), start=None if begin else start, inputs=inputs, parameters=parameters, controller=law, sample_time=sample_time,
         method=method, accuracy=1e-6 if accuracy is None else accuracy, budget=budget,
     )  # fmt: skip
-    chosen = named_measures(measures, run.system, run.duration, scene)
+    chosen = named_measures(measures, run, scene)
     taken = next((name for name in chosen if name in {"run", "status", "error", *variations.names} or "/" in name), None)
     if taken is not None:
         raise SceneError(f"Argument `measures` must use names that are free, without a slash, but one is `{taken}`.")
     numbers, broken = varied_numbers(run, variations)
     starts = None if begin is None else start_states(run, variations, begin)
-    task = Task(run, numbers, tuple(chosen.values()), starts, held=held_defaults(run, variations))
+    task = Task(run, numbers, tuple(chosen.values()), starts, held=varied_held(run, variations))
     units = tuple(FreeParameter.of(run.system, name).unit for name in variations.names)
     sheet = Sweep(
         title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts),

@@ -358,6 +358,13 @@ def smooth_points(
     found: list[Equilibrium] = []
     with contextlib.suppress(SceneError):
         found.append(equilibrium(plant, inputs=inputs, parameters=parameters, controller=alone, start=start or None))
+    with contextlib.suppress(SceneError):
+        found.append(at_set_points(plant, system, inputs, parameters))
+    return found
+
+
+def at_set_points(plant: HybridSystem, system: HybridSystem, inputs: Mapping[str, float], parameters: Mapping[str, Any]) -> Equilibrium:
+    """Steady running of a plant at the set-points of its laws, which are inputs of the closed loop; raises SceneError where there is none."""
     wanted = {}
     for name, value in zip(system.inputs, input_values(system, inputs).tolist(), strict=True):
         part, _, kind = name.rpartition(".")
@@ -365,9 +372,7 @@ def smooth_points(
             wanted[f"{part}.speed"] = value
     drives = tuple(name for name in plant.inputs if name not in system.inputs)
     known = {name: value for name, value in inputs.items() if name in plant.inputs}
-    with contextlib.suppress(SceneError):
-        found.append(running(plant, wanted, drives, inputs=known, parameters=parameters))
-    return found
+    return running(plant, wanted, drives, inputs=known, parameters=parameters)
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------- both kinds

@@ -26,6 +26,7 @@ from toolbox.simulation.method_choice import cheapest_method
 from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing
 from toolbox.simulation.refinement import refined, tolerance
 from toolbox.simulation.run import Run
+from toolbox.simulation.samples import read_signals
 from toolbox.simulation.stiffness import FIRST_LOOK, pays, progress
 from toolbox.simulation.trajectory import Stepped, Trajectory
 from toolbox.simulation.work_arrays import grown, work_arrays
@@ -181,12 +182,12 @@ def _sample(run: Run, program: Program, work: Any, laws: list[Any], answers: lis
     row = work.samplers[c]
     index = [i for i, update in enumerate(program.system.updates) if update.external].index(c)
     part = [part for part in run.system.parts if isinstance(part, External)][index]
-    point = Trajectory.point(run, program, work.reals[work_layout.TIME], work.x, work.m, work.p)
+    t = float(work.reals[work_layout.TIME])
     first = row[work_layout.FIRST_STATE] + row[work_layout.STATES]
     channels = program.system.updates[c].channels
     noise = {name: normal(work.keys[first + i], row[work_layout.TAKEN]) for i, name in enumerate(channels)}
     with until(began + run.budget.seconds):
-        u = part.answer(laws[index], float(work.reals[work_layout.TIME]), (point[place] for place in part.measures), noise)
+        u = part.answer(laws[index], t, read_signals(program, part.measures, t, work), noise)
     work.queue[c, row[work_layout.TAKEN] % work.queue.shape[1], : u.size] = u
     answers[index].append(u)
     row[work_layout.TAKEN] += 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterator
 from functools import cached_property
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -10,6 +11,8 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import FloatArray, is_finite_number
+from toolbox.compilation.bodies import plain_body
+from toolbox.compilation.emitter import compiled, function_text
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
 
@@ -172,6 +175,28 @@ def output_function(program: Any, name: str, expression: ca.SX | None = None) ->
     arguments = [system.t, system.x, p[:first], p[first:], system.m]
     made = program.outputs[name] = ca.Function("signal", arguments, [expression])
     return made
+
+
+def read_signals(program: Any, names: tuple[str, ...], t: float, work: Any) -> np.ndarray:
+    """Scalar signals of a run under way, by machine code: a law in Python asks for them at every sample."""
+    key = f"reader of {names}"
+    reader = program.outputs.get(key)
+    if reader is None:
+        system = program.system
+        p, u, force = program.expressions
+        rows = [system.rows(name) for name in names]
+        expressions = ca.vertcat(
+            *[system.expression(name) if row is None else system.x[row[0]] for name, row in zip(names, rows, strict=True)]
+        )
+        expressions = ca.substitute(expressions, system.F, force) if system.elements else expressions
+        expressions = ca.substitute(expressions, system.u, u) if system.inputs else expressions
+        body = plain_body(ca.Function("signals", [system.t, system.x, p, system.m], [ca.densify(expressions)]), 0)
+        made = compiled("\n".join([function_text("signals", body), *sorted(body.declarations)]), ["signals"], body.count)
+        kind = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[ctypes.c_void_p] * 5)
+        reader = program.outputs[key] = kind(made["signals"])
+    values = np.empty(len(names))
+    reader(t, 0.0, *(array.ctypes.data for array in (work.x, work.k, work.p, work.m, values)))
+    return values
 
 
 # ------------------------------------------------------------------------------------------------------------------- sampling inside the steps

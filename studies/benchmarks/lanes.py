@@ -36,7 +36,6 @@ from toolbox.compilation.program import program_of
 from toolbox.lanes.lanes import has_series, run_lanes
 from toolbox.lanes.loop import begin, scalar_address
 from toolbox.measuring import measures
-from toolbox.modelling.start import place_start
 from toolbox.simulation.carry_out import formulas_of
 from toolbox.simulation.methods import Explicit, TaylorSeries
 from toolbox.simulation.request import Request
@@ -80,10 +79,7 @@ def scenarios(run: Run, spread: dict[str, tuple[float, float]], count: int) -> t
     for name, (low, high) in spread.items():
         entry = system.parameters[name]
         parameters[:, entry.offset : entry.offset + (entry.size or 1)] *= random.uniform(low, high, (count, entry.size or 1))
-    start = np.zeros(system.x.numel())
-    for name, value in run.start.items():
-        place_start(system, start, name, value)
-    return parameters, np.tile(start, (count, 1))
+    return parameters, np.tile(run.start.states, (count, 1))
 
 
 @dataclass(frozen=True)

@@ -118,29 +118,14 @@ def lost(branch: Branch) -> tuple[str, float]:
     return first.kind, first.value
 
 
-def carried(run: Any) -> dict[str, Any]:
-    """Where a run ends, as the start of another: states of plant and law, and what a sampled law remembers."""
-    system = run.program.system
-    start = {
-        name: run.states[-1, row] if size is None else run.states[-1, row : row + size] for name, (row, size, _) in system.states.items()
-    }
-    place = 0
-    for update in system.updates:
-        for name, (first, size) in update.places.items():
-            start[name] = run.memory[place + first] if size is None else run.memory[place + first : place + first + size]
-        place += update.memory.numel()
-    return start
-
-
-def swept(drive: Drive, references: Sequence[float], start: dict[str, Any] | None, length: float = 250.0) -> np.ndarray:
+def swept(drive: Drive, references: Sequence[float], start: Any, length: float = 250.0) -> np.ndarray:
     """Smallest and largest bit speed once settled, each run from the end of the one before with a bit 1 % slower, shape (references, 2)."""
     ends = []
     for reference in references:
         run = simulate(drive.at(float(reference)), length, start=start, accuracy=1e-7)
-        found = measure.extent(run, "bit.speed", 0.8 * length)
+        found = measure.extent(run, "bit.speed", run.begin + 0.8 * length)
         ends.append((found.minimum, found.maximum))
-        start = carried(run)
-        start["chain.speed"] = start["chain.speed"] * (1.0, 0.99) if start["chain.speed"][1] > 0.0 else start["chain.speed"]
+        start = run.last.with_values({"chain.speed": run.last["chain.speed"] * (1.0, 0.99)})
     return np.array(ends)
 
 
@@ -175,7 +160,7 @@ def draw(grid: np.ndarray) -> Any:
             panel.annotate(kind, (value, fastest), (7, 0), textcoords="offset points", va="center", fontsize=8.0)
         up = swept(drive, grid, {"chain.speed": (float(grid[0]), 0.0)})
         calm = simulate(drive.at(RANGE[1]), 300.0, start={"chain.speed": (RANGE[1], RANGE[1]), "chain.twist": 17.0}, accuracy=1e-9)
-        down = swept(drive, grid[::-1], carried(calm))
+        down = swept(drive, grid[::-1], calm.last)
         for ends, values, marker, word in ((up, grid, "^", "sweep up"), (down, grid[::-1], "v", "sweep down")):
             for side in (0, 1):
                 panel.plot(

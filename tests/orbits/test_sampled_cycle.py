@@ -41,7 +41,7 @@ def differences(cycle, law, sample_time, inputs, by=1e-6):
                 sample_time=sample_time,
                 accuracy=1e-13,
             )
-            ends.append(np.concatenate([run.states[-1], run.memory[:1]]))
+            ends.append(np.concatenate([run.states[-1], run.last.memory[:1]]))
         columns.append((ends[0] - ends[1]) / (2 * by * max(1.0, abs(begin[i]))))
     values = np.linalg.eigvals(np.array(columns).T).astype(complex)
     return values[np.argsort(-np.abs(values))]
@@ -110,7 +110,7 @@ def test_a_drill_string_under_a_sampled_drive_has_the_multipliers_that_differenc
     # what is left of a long run comes to it
     run = simulate(RIG, 200 * period, inputs=inputs, controller=law, sample_time=h, accuracy=1e-9)
     np.testing.assert_allclose(run.states[-1], cycle.start, atol=1e-5 * np.abs(cycle.start).max())
-    np.testing.assert_allclose(run.memory, cycle.memory, atol=1e-5 * np.abs(cycle.memory).max())
+    np.testing.assert_allclose(run.last.memory, cycle.memory, atol=1e-5 * np.abs(cycle.memory).max())
 
 
 def test_fast_sampling_leaves_the_multipliers_of_the_continuous_law():

@@ -74,6 +74,8 @@ class Lanes:
         system = run.system
         if run.laws:
             raise SceneError("Argument `run` must have no law in Python to be run in lanes.")
+        if run.start.carried:
+            raise SceneError("Argument `run` must not go on from an earlier run to be run in lanes.")
         check_one_direction(system.elements, "A block of lanes", "run it alone")
         for measure in measures:
             measure.check(system, run.duration)

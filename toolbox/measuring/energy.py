@@ -98,7 +98,7 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
     power = output_function(nodes.program, ca.vertcat(*terms)) if terms else None
     energy = output_function(nodes.program, ca.vertcat(*system.stored.values())) if system.stored else None
     total, moved = np.zeros(len(terms)), np.zeros(len(terms))
-    begin, end = window(run, 0.0, None) if nodes.time[-1] > 0 else (0.0, 0.0)
+    begin, end = window(run, 0.0, None) if nodes.time[-1] > run.begin else (0.0, 0.0)
     if power is not None:
         for weights, samples in gauss(run, begin, end):
             values = _evaluated(power, samples)

@@ -124,8 +124,10 @@ class Sampled:
     law
         A `Controller`, or any callable (t, y) -> u. y is in the order of what it measures, u a number or a sequence in the order of what it drives. With an
         attribute `defaults` {signal: (value, unit)} these signals follow in y, as inputs that take that value where nobody gives them, such as
-        `top.reference`. A callable object is copied for every run, so that each run starts from the state it was given in; a plain function is called as it
-        is and should keep no state.
+        `top.reference`. A callable object is copied (`copy.deepcopy`) for every run, so that each run starts from the state it was given in; a plain
+        function is called as it is and should keep no state. What a run remembers at its end, `run.last`, holds a copy of the object, or, where it has the
+        methods `get_memory() -> array of numbers` and `set_memory(array)`, these numbers: all that its next answers depend on, the number of samples so far
+        if need be. Then the object need not be copied, and how a disturbance grows can be told from differences.
     period
         Sample time [s], > 0.
     delay

@@ -13,11 +13,11 @@ import dataclasses
 from toolbox.errors import SceneError, SimulationError
 from toolbox.onsets.inside import Inside
 from toolbox.onsets.report import Border
-from toolbox.onsets.search import End, OnsetSearch
+from toolbox.onsets.search import OnsetSearch
 from toolbox.orbits.branch import Branch
 from toolbox.orbits.continuation import follow
 from toolbox.orbits.limit_cycle import limit_cycle
-from toolbox.steady_states.equilibria import state_values
+from toolbox.simulation.run_state import RunState
 
 SETTLED = 60
 """Periods for which a run settles before its cycle is looked for."""
@@ -51,7 +51,7 @@ def exact(border: Border, inside: Inside, width: float) -> Border:
     return found
 
 
-def followed(search: OnsetSearch, begin: End, origin: float, goal: float, width: float, points: int = 80) -> Branch | None:
+def followed(search: OnsetSearch, begin: RunState, origin: float, goal: float, width: float, points: int = 80) -> Branch | None:
     """The branch of the cycle in which stick-slip at `origin` settles, towards `goal`; None where no cycle is found, as under a sampled law."""
     run = search.plain(origin, begin, SETTLED * search.period)
     if run is None:
@@ -72,7 +72,7 @@ def _lasts_only_to(value: float, border: Border, branch: Branch, inside: Inside,
     middle, search = (value + border.value) / 2, inside.search
     if sign * (border.value - value) < 0:  # the cycle goes on where runs were shaken off
         near = min(range(len(branch.values)), key=lambda k: abs(branch.values[k] - middle))
-        start = End(state_values(search.base.system, branch.cycles[near].start), None)
+        start = branch.cycles[near].run.run.start
         return search.run(branch.values[near], start, longer=5.0)[0].verdict == "stick-slip"
     origin = max((v for v in inside.cycling if sign * (value - v) >= 0), key=lambda v: sign * v)
     return search.run(middle, search.walked(inside.cycling[origin], origin, middle), longer=20.0)[0].verdict != "stick-slip"

@@ -20,9 +20,9 @@ from toolbox.measuring import measure
 from toolbox.onsets.borders import Edges
 from toolbox.onsets.inside import FINEST, outward
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop
-from toolbox.onsets.search import sampled_state, whole
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.run import Run
+from toolbox.simulation.run_state import RunState
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.batch import Task, single
 from toolbox.sweeps.designs import Variations
@@ -48,8 +48,7 @@ class Point:
     severity: float
     ratio: float
     verdict: int
-    state: np.ndarray
-    resume: tuple[np.ndarray, np.ndarray] | None
+    last: RunState
     cycle: float
 
 
@@ -79,7 +78,7 @@ class Front:
         verdict = (STUCK if ratio > 1 - 1e-9 else STICK_SLIP) if lasts else SWING if late > max(floor, 0.95 * early) else SMOOTH
         rounds = np.diff([a for a, _ in sticks])
         cycle = float(np.median(rounds)) if len(rounds) else length / 10
-        return Point(measure.severity(run, loop.signal, after), ratio, verdict, run.states[-1], sampled_state(run), cycle)
+        return Point(measure.severity(run, loop.signal, after), ratio, verdict, run.last, cycle)
 
     def _carried(self, run: Run, duration: float) -> Point | None:
         self.runs += 1
@@ -93,8 +92,7 @@ class Front:
     def _at(self, place: np.ndarray, point: Point) -> Run:
         """The run at a place of the plane from where another one ended."""
         numbers, _ = varied_numbers(self.loop.run, Variations(self.loop.names, place[None, :], (1,)))
-        memory, held = (None, None) if point.resume is None else (point.resume[0][None, :], point.resume[1][None, :])
-        return single(Task(self.loop.run, numbers, (), point.state[None, :], memory, held), 0)
+        return dataclasses.replace(single(Task(self.loop.run, numbers, ()), 0), start=point.last)
 
     def led(self, point: Point, begin: np.ndarray, end: np.ndarray, longer: float = LONGER) -> Point | None:
         """What the machine does after it was led along the line from one place to another; None where a run fails."""
@@ -105,7 +103,7 @@ class Front:
                 trajectory = carry_out(run)
             except SimulationError:
                 return None
-            here = Point(0.0, 0.0, NONE, trajectory.states[-1], sampled_state(trajectory), point.cycle)
+            here = Point(0.0, 0.0, NONE, trajectory.last, point.cycle)
         return self._carried(self._at(end, here), longer * self.loop.run.duration)
 
     # ------------------------------------------------------------------------------------------------------------------------------------ all points
@@ -223,6 +221,5 @@ class Front:
 
 
 def run_of(run: Run, duration: float) -> Run:
-    """The run with another duration, in whole sample times."""
-    length = whole(run, duration)
-    return dataclasses.replace(run, duration=length, output_times=None, longest_step=length / 256)
+    """The run with another duration."""
+    return dataclasses.replace(run, duration=duration, output_times=None, longest_step=duration / 256)

@@ -18,7 +18,8 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.modelling.steady_point import Equilibrium, function_of
 from toolbox.onsets.report import STICKING, Border, Judged
-from toolbox.onsets.search import ROUNDS, End, OnsetSearch, mode_codes
+from toolbox.onsets.search import ROUNDS, OnsetSearch, mode_codes
+from toolbox.simulation.run_state import RunState
 from toolbox.steady_states.equilibria import EquilibriumBranch
 
 OUTWARD = (0.01, 0.03, 0.06, 0.1, 0.15, 0.25, 0.4, 0.6, 0.8)
@@ -48,8 +49,8 @@ class Inside:
 
     search: OnsetSearch
     rest: EquilibriumBranch
-    cycling: dict[float, End] = field(default_factory=dict)
-    standing: dict[float, End] = field(default_factory=dict)
+    cycling: dict[float, RunState] = field(default_factory=dict)
+    standing: dict[float, RunState] = field(default_factory=dict)
     found: dict[float, Judged] = field(default_factory=dict)
     became: dict[float, str] = field(default_factory=dict)
     outer: list[float] = field(default_factory=list)
@@ -63,7 +64,7 @@ class Inside:
         return Inside(search, rest, ends["stick-slip"], ends["stuck"])
 
     # ------------------------------------------------------------------------------------------------------------------------------- beginnings
-    def starts(self, value: float) -> list[End]:
+    def starts(self, value: float) -> list[RunState]:
         """Beginnings from which stick-slip may start: the steady state with the contact stopped, and the whole machine at rest."""
         search, begins = self.search, []
         point = search.followed(value)
@@ -73,9 +74,9 @@ class Inside:
             project = function_of(plant, ("project",), lambda: [plant.switching.projected])
             stopped = np.array(project(0.0, point.states, point.inputs, plant.values, m)).ravel()
             begins = [search.begin(point, stopped)]
-        return [*begins, End(dict(search.base.start), None)]
+        return [*begins, search.base.start]
 
-    def standstill(self, value: float) -> End | None:
+    def standstill(self, value: float) -> RunState | None:
         """The steady state with the contact stuck, where there is one that stays."""
         if value not in self.standing:
             point = self._stuck_state(value)
@@ -93,7 +94,7 @@ class Inside:
             return None
 
     # ---------------------------------------------------------------------------------------------------------------------------------- stick-slip
-    def tried(self, value: float, begin: End, **changes: float) -> Judged:
+    def tried(self, value: float, begin: RunState, **changes: float) -> Judged:
         """A run from a beginning, with where it ends kept by what it ends in."""
         judged, end = self.search.run(value, begin, **changes)
         if end is not None and judged.verdict == "stick-slip":
@@ -104,7 +105,7 @@ class Inside:
             self.found[value] = judged
         return judged
 
-    def seek(self, value: float) -> End | None:
+    def seek(self, value: float) -> RunState | None:
         """Stick-slip at a value from all beginnings, until one leads into it."""
         for begin in () if value in self.cycling else self.starts(value):
             if self.tried(value, begin).verdict == "stick-slip":
@@ -143,7 +144,7 @@ class Inside:
                 self.seek(value)
                 self.found.setdefault(value, Judged("none"))
         for row in (sorted({*values, *self.outer}), sorted({*values, *self.outer}, reverse=True)):
-            carried: list[End] = []
+            carried: list[RunState] = []
             for before, value in itertools.pairwise(row):
                 carried = [*([self.cycling[before]] if before in self.cycling else []), *carried[:1]]
                 if value not in self.cycling:

@@ -23,18 +23,10 @@ from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium, function_of
 from toolbox.onsets.report import STICKING, Border, Judged
 from toolbox.simulation.run import Run
+from toolbox.simulation.run_state import RunState
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes, state_values
-from toolbox.steady_states.linear import state_labels
 from toolbox.steady_states.poles import critical_pole
-
-
-@dataclass
-class End:
-    """Where a run ended, for the next one to begin there."""
-
-    start: dict[str, Any]
-    resume: tuple[np.ndarray, np.ndarray] | None
 
 
 @dataclass
@@ -56,16 +48,16 @@ class OnsetSearch:
     duration: float = 0.0
     runs: int = 0
     notes: list[str] = field(default_factory=list)
-    led: dict[float, tuple[str, End]] = field(default_factory=dict)
+    led: dict[float, tuple[str, RunState]] = field(default_factory=dict)
     bar: Any = None
 
     def run(
-        self, value: float, begin: End, others: Mapping[str, Any] | None = None, /, longer: float = 1.0, finer: float = 1.0
-    ) -> tuple[Judged, End | None]:
+        self, value: float, begin: RunState, others: Mapping[str, Any] | None = None, /, longer: float = 1.0, finer: float = 1.0
+    ) -> tuple[Judged, RunState | None]:
         """One run at a value of the free parameter, and with other numbers, and where it ended."""
-        changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume, "accuracy": self.base.accuracy * finer}
+        changes: dict[str, Any] = {"start": begin, "accuracy": self.base.accuracy * finer}
         changes |= self.numbers(value, others)
-        duration = whole(self.base, longer * self.duration)
+        duration = longer * self.duration
         self.runs += 1
         if self.bar is not None:
             self.bar.update()
@@ -80,11 +72,11 @@ class OnsetSearch:
             duration *= 4  # a cycle so slow that too few stick phases fit: look at it for longer
         else:
             judged = dataclasses.replace(judged, verdict="stuck")
-        return judged, End(state_values(run.program.system, run.states[-1]), sampled_state(run))
+        return judged, run.last
 
-    def plain(self, value: float, begin: End, duration: float) -> Trajectory | None:
+    def plain(self, value: float, begin: RunState, duration: float) -> Trajectory | None:
         """A run that is only to settle, at an accuracy at which its cycle can be told; None where it fails."""
-        changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume, "accuracy": min(self.base.accuracy, 1e-9)}
+        changes: dict[str, Any] = {"start": begin, "accuracy": min(self.base.accuracy, 1e-9)}
         try:
             return self.base.again(duration=duration, longest_step=duration / 256, **changes, **self.numbers(value))
         except SimulationError:
@@ -96,25 +88,24 @@ class OnsetSearch:
             return {"inputs": {**self.base.inputs, self.free.name: value}, "system": self.base.system.with_parameters(others or {})}
         return {"system": self.base.system.with_parameters({self.free.name: value, **(others or {})})}
 
-    def walked(self, begin: End, origin: float, value: float) -> End:
+    def walked(self, begin: RunState, origin: float, value: float) -> RunState:
         """Where the machine is after the free parameter went from one value to another in small steps: a jump at once would shake it out of its cycle."""
         if value == origin:
             return begin
         for k in range(1, STEPS):
             middle = origin + (value - origin) * k / STEPS
-            changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume, **self.numbers(middle)}
             try:
-                run = self.base.again(duration=whole(self.base, 2.3 * self.period), longest_step=self.period / 256, **changes)
+                run = self.base.again(start=begin, **self.numbers(middle), duration=2.3 * self.period, longest_step=self.period / 256)
             except SimulationError:
                 return begin
-            begin = End(state_values(run.program.system, run.states[-1]), sampled_state(run))
+            begin = run.last
         return begin
 
     def judged_run(self, run: Trajectory, value: float) -> Judged:
         """The verdict on the second half of a run."""
         from toolbox.measuring import measure
 
-        half = run.end / 2
+        half = run.begin + run.duration / 2
         shortest = max(10 * self.base.accuracy, 1e-6) * self.period
         sticks = [(a, b) for a, b in measure.stick_intervals(run, self.element, half) if b - a > shortest]
         longest = max((b - a for a, b in sticks), default=0.0)
@@ -134,7 +125,7 @@ class OnsetSearch:
         if rest is None:
             return Judged("swing" if swing else "smooth", severity, len(sticks), longest)
         target = float(np.ravel(rest[self.signal])[0])
-        early = measure.extent(run, self.signal, 0.0, min(2 * self.period, half))
+        early = measure.extent(run, self.signal, run.begin, min(run.begin + 2 * self.period, half))
         first, late = (max(abs(e.maximum - target), abs(e.minimum - target)) for e in (early, found))
         calm = late < first or late <= 10 * self.base.accuracy * max(abs(target), abs(found.maximum), abs(found.minimum))
         return Judged("smooth" if calm else "swing", severity, len(sticks), longest)
@@ -154,7 +145,7 @@ class OnsetSearch:
         """Whether smooth running is stable at a value."""
         return self.smooth(value, **changes).verdict == "smooth"
 
-    def disturbed(self, rest: Equilibrium) -> End:
+    def disturbed(self, rest: Equilibrium) -> RunState:
         """The steady state moved along its least damped motion, until the slip of the judged contact changes by the perturbation at most."""
         plant = rest.plant
         _, vector = critical_pole(rest)
@@ -170,24 +161,16 @@ class OnsetSearch:
             x = rest.states + self.perturbation * abs(slip or 1.0) * np.real(vector / phase)
         return self.begin(rest, x)
 
-    def begin(self, rest: Equilibrium, x: np.ndarray) -> End:
+    def begin(self, rest: Equilibrium, x: np.ndarray) -> RunState:
         """A state of the continuous loop as the beginning of a run: states of sampled laws become their memory, what they drive is held."""
-        system = self.base.system
-        named = dict(zip([name for name, _ in state_labels(rest.plant)], x.tolist(), strict=True))
-        start = {name: value for name, value in state_values(rest.plant, x).items() if name in system.states}
-        if not system.updates:
-            return End(start, None)
-        memory, held = [], np.zeros(system.held.numel())
+        system, known = self.base.system, state_values(rest.plant, x)
         for update in system.updates:
-            symbols = [update.memory[i].name() for i in range(update.memory.numel())]
-            unknown = [name for name in symbols if name not in named]
+            unknown = [name for name in update.places if name not in known]
             note = f"the memory {', '.join(unknown)} of a sampled law is no state of its continuous form, and begins at zero"
             if unknown and note not in self.notes:
                 self.notes.append(note)
-            memory += [*(named.get(name, 0.0) for name in symbols), *[0.0] * len(update.channels)]
-            for i, name in enumerate(update.names):
-                held[update.first_held + i] = rest[name]
-        return End(start, (np.array(memory, float), held))
+            known |= {name: rest[name] for name in update.names}
+        return RunState.begun(system, self.base.plant, self.base.clocks).with_values(known)
 
     # ---------------------------------------------------------------------------------------------------------------------------------- borders
     def borders(self, values: Sequence[float], safe: Sequence[bool], test: Callable[..., bool], tolerance: float) -> list[Border]:
@@ -233,20 +216,6 @@ STEPS = 12
 
 ROUNDS = 6
 """How often the search for a border is taken up again, with runs five times as long."""
-
-
-def whole(run: Run, duration: float) -> float:
-    """A duration rounded to whole sample times of the slowest law, so that the next run takes its samples where they are due."""
-    slowest = max((sample_time for sample_time, _ in run.clocks), default=0.0)
-    return max(round(duration / slowest), 1) * slowest if slowest else duration
-
-
-def sampled_state(run: Trajectory) -> tuple[np.ndarray, np.ndarray] | None:
-    """What sampled laws remember at the end of a run, and the signals that they hold; None without any."""
-    if not run.program.system.updates or run.memory is None:
-        return None
-    first = run.program.held_slot - run.program.first_held
-    return run.memory, run.held[-1][first : first + run.program.system.held.numel()].copy()
 
 
 def mode_codes(rest: Equilibrium) -> np.ndarray:

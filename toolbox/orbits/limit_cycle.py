@@ -144,7 +144,7 @@ def _dies_out(run: Trajectory, orbit: Orbit) -> bool:
     """Whether the last two thirds of a run shrink to nothing, without a switch: what is left of the swing, extrapolated from its three thirds, is less than
     half of the last (Aitken; exactly 0 for a geometric decay, and 0.8 of it where 1/sqrt(t) is on its way to a cycle born at a Hopf point); or has shrunk below
     what the run resolves."""
-    begin = run.end / 3
+    begin = run.begin + (run.end - run.begin) / 3
     if any(event.time > begin for event in run.events):
         return False
     states = run.at(np.linspace(begin, run.end, 6000)).states[:, orbit.returning] / orbit.scale[orbit.returning]
@@ -154,7 +154,7 @@ def _dies_out(run: Trajectory, orbit: Orbit) -> bool:
 
 def _round(run: Trajectory, orbit: Orbit, guess: float | None) -> tuple[float, float]:
     """Begin and length of the last round that a settled run makes: between crossings of mid-level by the state that swings most."""
-    times = np.linspace(run.end / 3, run.end, 6000)
+    times = np.linspace(run.begin + (run.end - run.begin) / 3, run.end, 6000)
     states = run.at(times).states[:, orbit.returning]
     swing = np.ptp(states, axis=0)
     size = np.abs(states).max(axis=0) + 1e-300

@@ -19,8 +19,8 @@ from toolbox.orbits.sampled_memory import check_laws
 from toolbox.orbits.sensitivity import parameter_column
 from toolbox.simulation.methods import Explicit
 from toolbox.simulation.run import Run
+from toolbox.simulation.run_state import RunState
 from toolbox.simulation.trajectory import Trajectory
-from toolbox.simulation.work_arrays import begun
 
 CONVERGED = 1e-10
 """Newton step, relative to the size of states and period, at which a cycle counts as found."""
@@ -78,7 +78,7 @@ class Cycle:
     @property
     def memory(self) -> np.ndarray:
         """Memory of the sampled laws at time 0 of the cycle, one law after the other."""
-        return begun(self.run.run, self.run.program.system)[0]
+        return self.run.run.start.memory
 
     @property
     def stable(self) -> bool:
@@ -227,7 +227,7 @@ class Orbit:
             size.append(np.abs(run.held[:, read]).max(axis=0))
         scale = np.concatenate(size)
         scale[scale == 0.0] = 1.0
-        held = begun(run.run, run.program.system)[1]
+        held = run.run.start.held
         return Orbit(arguments, variational, columns, returning, variational.forced or variational.laws is not None, scale, held, read)  # type: ignore[arg-type]
 
     @property
@@ -260,8 +260,7 @@ class Orbit:
             return run.at(t).states[0]
         system = run.program.system
         if t == 0.0:
-            memory, held = begun(run.run, system)
-            return np.concatenate([run.nodes.states[0], memory, held[self.read]])
+            return np.concatenate([run.nodes.states[0], run.run.start.memory, run.run.start.held[self.read]])
         at, before = run.at(t * (1 + 1e-15)), run.at(t * (1 - 1e-13))
         self.held = before.held[0, : self.held.size].copy()
         places = [update.first_held + len(update.names) + np.arange(update.memory.numel()) for update in system.updates]
@@ -275,14 +274,19 @@ class Orbit:
         """The point at the end of a shot."""
         if not self.clocked:
             return run.states[-1]
-        return np.concatenate([run.states[-1], run.memory, run.held[-1, self.read]])
+        return np.concatenate([run.states[-1], run.last.memory, run.held[-1, self.read]])
 
     def shot(self, x: np.ndarray, period: float) -> tuple[Trajectory, np.ndarray]:
         """The run over a period from a point, and derivatives of its end, shape (point, point + parameters)."""
         if not np.isfinite(x).all() or not 0.0 < period < np.inf:
             raise CycleError("The search for a cycle diverges.")
-        system, n = self.run.system, self.variational.plant
-        start = {name: (x[row] if size is None else x[row : row + size]) for name, (row, size, _) in system.states.items()}
+        n = self.variational.plant
+        start = dataclasses.replace(
+            RunState.begun(self.run.system, self.run.plant, self.run.clocks),
+            states=x[:n].copy(),
+            memory=x[n : x.size - self.read.size].copy(),
+            carried=True,
+        )
         if not self.clocked:
             run = self.run.again(start=start, duration=float(period), longest_step=period / 64)
             tangent = self.variational.along(run, np.eye(x.size))
@@ -291,7 +295,7 @@ class Orbit:
         laws, every = self.variational.laws, np.eye(x.size)
         behind, held = n + laws.memory, self.held.copy()
         held[self.read] = x[behind:]
-        run = self.run.again(start=start, resume=(x[n:behind].copy(), held), duration=float(period), longest_step=period / 64)
+        run = self.run.again(start=dataclasses.replace(start, held=held), duration=float(period), longest_step=period / 64)
         first = np.zeros((held.size, x.size))
         first[self.read] = every[behind:]
         tangent = self.variational.along(run, every[:n], memory=every[n:behind], held_first=first)

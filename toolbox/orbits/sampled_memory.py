@@ -71,40 +71,43 @@ class SampledTangent:
     """
 
     def __init__(self, laws: SampledLaws, nodes: Trajectory, memory: np.ndarray, own: int):
-        from toolbox.simulation.work_arrays import begun
         from toolbox.stepping.noise import channel_key
 
         self.laws, self.nodes, self.own = laws, nodes, own
         system, run = laws.program.system, nodes.run
-        first, self.value = begun(run, system)
+        start = run.start
+        self.value = start.held.copy()
         self.z, self.tangent, place = [], [], 0
         for at, update in zip(laws.places, system.updates, strict=True):
             size = update.memory.numel()
-            self.z.append(first[place : place + size].copy())
+            self.z.append(start.memory[place : place + size].copy())
             self.tangent.append(memory[at : at + size].copy())
             place += size + len(update.channels)
         self.keys = [
             [channel_key(seed, zlib.crc32(name.encode())) for name in update.channels]
             for seed, update in zip(run.seeds, system.updates, strict=True)
         ]
-        self.waiting: list[dict[int, Waiting]] = [{} for _ in system.updates]
+        self.waiting: list[dict[int, Waiting]] = [
+            {s: Waiting(row, np.zeros((row.size, memory.shape[1]))) for s, row in enumerate(rows, start.applied[c])}
+            for c, rows in enumerate(start.waiting)
+        ]
         self.due: dict[int, list[tuple[bool, int, int]]] = {}
         self._planned()
         self._kept_apart()
 
     def _planned(self) -> None:
         """Which law samples, and which output is held, at which node; samples of one instant before holds, laws in their order, as in the loop."""
-        time, end, instants = self.nodes.time, self.nodes.end, []
+        time, end, instants, start = self.nodes.time, self.nodes.end, [], self.nodes.run.start
         planned: list[tuple[int, bool, int, int]] = []
         for c, (period, delay) in enumerate(self.nodes.run.clocks):
-            count = int(end / period) + 2
-            taken = np.arange(count) * period
-            taken = taken[(taken < self.nodes.run.duration) & (taken <= end)]
-            held = np.arange(taken.size) * period + delay
+            first, applied = start.taken[c], start.applied[c]
+            taken = np.arange(first, int(end / period) + 2) * period
+            taken = taken[(taken < self.nodes.run.end) & (taken <= end)]
+            held = np.arange(applied, first + taken.size) * period + delay
             held = held[held <= end]
-            for late, times in ((False, taken), (True, held)):
+            for late, times, number in ((False, taken, first), (True, held, applied)):
                 place = np.searchsorted(time, times * (1 + 1e-13) + 1e-300, side="right") - 1
-                planned += [(int(k), late, c, s) for s, k in enumerate(place)]
+                planned += [(int(k), late, c, s) for s, k in enumerate(place, number)]
             instants.append(np.unique(np.concatenate([taken, held])))
         self.instants = instants
         for k, late, c, s in sorted(planned):
@@ -221,7 +224,7 @@ def default_slopes(run: Any, program: Program, columns: tuple[int, ...]) -> np.n
     """Derivatives of the signals held before the first sample, which are defaults where outputs are late, with respect to parameters: (held, columns)."""
     system, plant = program.system, run.plant
     slopes = np.zeros((system.held.numel(), len(columns)))
-    if run.resume is not None:
+    if run.start.carried:
         return slopes
     for update, (_, delay) in zip(system.updates, run.clocks, strict=True):
         for row, name in enumerate(update.names, update.first_held):

@@ -340,10 +340,17 @@ def smooth_points(loop: ClosedLoop, guess: Mapping[str, Any]) -> list[Equilibriu
 
     A set-point is an input of the closed loop: `top.reference` is that of the signal `top.speed`.
     """
-    plant, system, inputs = loop.plant, loop.system, loop.constant_inputs("steady running")
     found: list[Equilibrium] = []
     with contextlib.suppress(SceneError):
         found.append(equilibrium(loop, guess=guess or None))
+    with contextlib.suppress(SceneError):
+        found.append(at_set_points(loop))
+    return found
+
+
+def at_set_points(loop: ClosedLoop) -> Equilibrium:
+    """Steady running of a plant at the set-points of its laws, which are inputs of the closed loop; raises SceneError where there is none."""
+    plant, system, inputs = loop.plant, loop.system, loop.constant_inputs("steady running")
     wanted = {}
     for name, value in zip(system.inputs, input_values(system, inputs).tolist(), strict=True):
         part, _, kind = name.rpartition(".")
@@ -351,9 +358,7 @@ def smooth_points(loop: ClosedLoop, guess: Mapping[str, Any]) -> list[Equilibriu
             wanted[f"{part}.speed"] = value
     drives = tuple(name for name in plant.inputs if name not in system.inputs)
     known = {name: value for name, value in inputs.items() if name in plant.inputs}
-    with contextlib.suppress(SceneError):
-        found.append(running(dataclasses.replace(loop.bare, inputs=known), wanted, drives))
-    return found
+    return running(dataclasses.replace(loop.bare, inputs=known), wanted, drives)
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------- both kinds

@@ -16,7 +16,7 @@ from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program, program_of
 from toolbox.errors import BudgetError, SimulationError
 from toolbox.messages import LOG, progress_bar
-from toolbox.modelling.laws import External, fresh
+from toolbox.modelling.laws import External
 from toolbox.modelling.regularisation import SmoothSystem
 from toolbox.simulation.deadline import OutOfTime, until
 from toolbox.simulation.failures import exhausted, failure, trajectory_so_far
@@ -25,6 +25,7 @@ from toolbox.simulation.method_choice import cheapest_method
 from toolbox.simulation.methods import Explicit, Implicit, Method
 from toolbox.simulation.refinement import refined, with_tolerance
 from toolbox.simulation.run import Run
+from toolbox.simulation.samples import read_signals
 from toolbox.simulation.stiffness import FIRST_LOOK, pays, progress
 from toolbox.simulation.trajectory import Stepped, Trajectory
 from toolbox.simulation.work_arrays import grown, work_arrays
@@ -97,7 +98,7 @@ class Course:
         self.advance = compiled_loop(run, self.program)
         self.work = work_arrays(run, self.program)
         self.began = clock.perf_counter()
-        self.laws = [fresh(law) for law in run.laws]
+        self.laws = run.start.continued(run.laws)
         self.answers: list[list[np.ndarray]] = [[] for _ in self.laws]
         self.bar: Any = None
         self.look = progress(self.work)
@@ -178,7 +179,7 @@ class Course:
         if self.bar is None and spent > 1.0:
             self.bar = progress_bar(self.run.duration, "simulate", unit="s", unit_scale=True, delay=0.0)
         if self.bar is not None:
-            self.bar.update(float(self.work.reals[work_layout.TIME]) - self.bar.n)
+            self.bar.update(float(self.work.reals[work_layout.TIME]) - self.run.start.time - self.bar.n)
         return False
 
     def _sample(self) -> None:
@@ -186,16 +187,15 @@ class Course:
         from toolbox.stepping.noise import normal  # here, because numba is slow to import
 
         run, program, work = self.run, self.program, self.work
-        c, t = int(work.ints[work_layout.CULPRIT]), work.reals[work_layout.TIME]
+        c, t = int(work.ints[work_layout.CULPRIT]), float(work.reals[work_layout.TIME])
         row = work.samplers[c]
         index = [i for i, update in enumerate(program.system.updates) if update.external].index(c)
         part = [part for part in run.system.parts if isinstance(part, External)][index]
-        point = Trajectory.point(run, program, t, work.x, work.m, work.p)
         first = row[work_layout.FIRST_STATE] + row[work_layout.STATES]
         channels = program.system.updates[c].channels
         noise = {name: normal(work.keys[first + i], row[work_layout.TAKEN]) for i, name in enumerate(channels)}
         with until(self.began + run.budget.seconds):
-            u = part.answer(self.laws[index], float(t), (point[place] for place in part.measures), noise)
+            u = part.answer(self.laws[index], t, read_signals(program, part.measures, t, work), noise)
         work.queue[c, row[work_layout.TAKEN] % work.queue.shape[1], : u.size] = u
         self.answers[index].append(u)
         row[work_layout.TAKEN] += 1

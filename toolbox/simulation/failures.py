@@ -18,6 +18,7 @@ from toolbox.simulation.run import Run
 from toolbox.simulation.samples import output_function
 from toolbox.simulation.stiffness import progress
 from toolbox.simulation.trajectory import Records, Smoothed, Stepped, Trajectory
+from toolbox.simulation.work_arrays import state_of
 
 
 def trajectory_so_far(run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
@@ -34,7 +35,7 @@ def trajectory_so_far(run: Run, program: Program, work: Any, began: float, answe
         last_mode=work.m,
         end=float(work.reals[work_layout.TIME]),
         answers=answers,
-        memory=work.memory.copy(),
+        last=state_of(run, program, work),
         steps=(int(work.ints[work_layout.ACCEPTED]), int(work.ints[work_layout.REJECTED])),
         merged=int(work.ints[work_layout.MERGED]),
         wall_time=clock.perf_counter() - began,
@@ -62,7 +63,7 @@ def exhausted(
         cause = f"most of them are of `{names[int(np.argmax(often))]}`"
     if before + events > run.budget.events:
         so_far.end_before(int(run.budget.events) - before)
-    return BudgetError(f"The run used {spent} and reached t = {t:.9g} s of {run.duration:g} s: {cause}.", so_far)
+    return BudgetError(f"The run used {spent} and reached t = {t:.9g} s of {run.end:g} s: {cause}.", so_far)
 
 
 def _rising_friction(program: Program, places: Iterable[int], point: Any, work: Any, so_far: Trajectory) -> SimulationError | None:

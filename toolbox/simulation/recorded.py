@@ -79,7 +79,11 @@ class Recorded(Stays):
     def _repr_html_(self) -> str:
         title, *others = self._headlines
         stays = [(element, mode, self.time_in(element, mode)) for element, words in self._legends.items() for mode in words.values()]
-        modes = [(element, mode, seconds, f"{100 * seconds / (self.end or 1.0):.1f}") for element, mode, seconds in stays if seconds > 0]
+        modes = [
+            (element, mode, seconds, f"{100 * seconds / ((self.end - self.begin) or 1.0):.1f}")
+            for element, mode, seconds in stays
+            if seconds > 0
+        ]
         tables = (
             [table(title, ("element", "mode", "time [s]", "part of the run [%]"), modes, others)]
             if modes
@@ -92,8 +96,10 @@ class Recorded(Stays):
         """Signals at any time(s) within the run, with the full accuracy of a step; right-hand limits at events."""
         numbers = finite_array(in_si(time, "s", "time"))
         times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
-        if numbers is None or times.ndim != 1 or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
-            raise SceneError(f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {short(time)}.")
+        if numbers is None or times.ndim != 1 or (times < self.begin).any() or (times > self.end).any():
+            raise SceneError(
+                f"Argument `time` must be a number or a row of numbers between {self.begin:g} and {self.end:g} s, but it is {short(time)}."
+            )
         nodes = self.nodes
         row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
         return nodes.inside(row, times, np.ndim(time) == 0)

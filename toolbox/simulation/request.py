@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,12 @@ from toolbox.errors import SceneError
 from toolbox.files.units import in_si
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, value_at
 from toolbox.modelling.elements import check_one_direction
+from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.regularisation import SmoothSystem, checked_widths
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.methods import Method, Smoothing, TimeStepping, method_of
 from toolbox.simulation.run import UNHURRIED, Budget, Run
+from toolbox.simulation.run_state import RunState
 from toolbox.simulation.samples import Samples
 
 
@@ -26,7 +29,7 @@ class Request:
 
     loop: ClosedLoop
     duration: float | str
-    start: Samples | None = None
+    start: Samples | RunState | None = None
     method: Method | str = "event"
     accuracy: float = 1e-6
     output_times: Sequence[float] | np.ndarray | None = None
@@ -36,15 +39,17 @@ class Request:
         """The run that is asked for, with all names resolved; raises SceneError as `simulate` does."""
         duration = in_si(self.duration, "s", "duration")
         method = self._checked_numbers(duration)
-        grid = _checked_times(self.output_times, duration)
-        loop = self.loop
-        begin = dict(loop.start)
-        if self.start is not None:
-            begin = states_of(self.start, loop.plant)
+        loop, start = self.loop, self.start
         closed, system = loop.closed, loop.closed.system
-        if self.start is not None:
-            known = self.start.program.system.states
-            begin |= {name: value_at(self.start, name, size) for name, (_, size, _) in system.states.items() if name in known}
+        grid = _checked_times(self.output_times, start.time if isinstance(start, RunState) else 0.0, duration)
+        if isinstance(start, RunState):
+            start.check(system, closed.clocks, closed.callables)
+            begin = start
+        else:
+            states = dict(loop.start)
+            if start is not None:
+                states = states_of(start, loop.plant) | _remembered(start, system, closed.clocks, closed.callables)
+            begin = RunState.begun(system, closed.plant, closed.clocks, states)
         if isinstance(method, TimeStepping):
             check_one_direction(
                 system.elements, f"`method={method.text!r}`", "locate its events, by 'event', or give a ContactProblem to `step_contacts`"
@@ -79,19 +84,19 @@ class Request:
         return method
 
 
-def _checked_times(given: Any, duration: float) -> np.ndarray | None:
-    """The output times, shape (nt,); None where every step is recorded."""
+def _checked_times(given: Any, begin: float, duration: float) -> np.ndarray | None:
+    """The output times, shape (nt,), of a run that begins at a time and lasts so long; None where every step is recorded."""
     if given is None:
         return None
     grid = finite_array(given)
-    if grid is None or grid.ndim != 1 or not grid.size or (np.diff(grid) <= 0).any() or grid[0] < 0 or grid[-1] > duration:
+    if grid is None or grid.ndim != 1 or not grid.size or (np.diff(grid) <= 0).any() or grid[0] < begin or grid[-1] > begin + duration:
         raise SceneError(
-            f"Argument `output_times` must be increasing times between 0 and {duration:g} s, but {_wrong_with(grid, duration)}."
+            f"Argument `output_times` must be increasing times between {begin:g} and {begin + duration:g} s, but {_wrong_with(grid, begin)}."
         )
     return grid
 
 
-def _wrong_with(grid: np.ndarray | None, duration: float) -> str:
+def _wrong_with(grid: np.ndarray | None, begin: float) -> str:
     """What is wrong with output times."""
     if grid is None or grid.ndim != 1 or not grid.size:
         return "they are " + ("no finite numbers" if grid is None else f"an array of shape {grid.shape}")
@@ -99,4 +104,20 @@ def _wrong_with(grid: np.ndarray | None, duration: float) -> str:
     if late.size:
         before, after = grid[late[0] : late[0] + 2].tolist()
         return f"{before!r} s is followed by {after!r} s"
-    return f"they begin at {grid[0]:g} s" if grid[0] < 0 else f"they end at {float(grid[-1])!r} s"
+    return f"they begin at {grid[0]:g} s" if grid[0] < begin else f"they end at {float(grid[-1])!r} s"
+
+
+def _remembered(instant: Samples, system: HybridSystem, clocks: Sequence[tuple[float, float]], laws: Sequence[Any]) -> dict[str, Any]:
+    """What continuous laws remember at an instant of a run, by state.
+
+    Raises SceneError where sampled laws of that run, and of the one that is to begin there, remember something: the record of a run does not hold it.
+    """
+    before = instant.program.system
+    remember = any(update.memory.numel() for update in system.updates) or any(delay > 0.0 for _, delay in clocks)
+    if before.updates and (remember or not all(isinstance(law, FunctionType) for law in laws)):
+        raise SceneError(
+            "Argument `start` must be `run.last` for a run to go on where its laws are sampled, because an instant such as `run.at(12.5)` does not "
+            "hold what they remember: end the run there. Where the laws shall begin anew, give the states by name, `{name: run.at(12.5)[name] for "
+            "name in plant.states}`."
+        )
+    return {name: value_at(instant, name, size) for name, (_, size, _) in system.states.items() if name in before.states}

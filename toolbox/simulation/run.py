@@ -15,6 +15,7 @@ from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.methods import Method, method_of
+from toolbox.simulation.run_state import RunState
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class Run:
     duration
         Length of the run [s].
     start
-        {state: value} at the beginning.
+        The state in which it begins.
     inputs, kinds
         Values of the inputs, and how each of them is given, which is structure.
     clocks
@@ -84,8 +85,6 @@ class Run:
         What the run may spend.
     solver
         Function that carries the run out and returns a Trajectory.
-    resume
-        (memory of the sampled laws, held signals) with which the run begins, as an earlier run left them; None begins at zero.
     loop
         The loop that is run, which knows the units in which it was typed.
     """
@@ -93,7 +92,7 @@ class Run:
     plant: HybridSystem
     system: HybridSystem
     duration: float
-    start: dict[str, Any]
+    start: RunState
     inputs: dict[str, Any]
     kinds: tuple[tuple[str, Any], ...]
     clocks: list[tuple[float, float]]
@@ -106,12 +105,16 @@ class Run:
     budget: Budget
     solver: Callable[[Run], Any]
     loop: ClosedLoop
-    resume: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
     def asked(self) -> Mapping[str, str]:
         """{unit: unit in which the question was typed}, in which reports and figures answer."""
         return self.loop.asked
+
+    @property
+    def end(self) -> float:
+        """The time at which the run ends [s]."""
+        return self.start.time + self.duration
 
     def again(self, **changes: Any) -> Any:
         """The trajectory of the same run with some of its fields changed, for example another accuracy."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -10,6 +11,8 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import FloatArray, is_finite_number, short
+from toolbox.compilation.bodies import plain_body
+from toolbox.compilation.emitter import compiled, function_text
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.inputs import ExpressionKey
@@ -27,6 +30,7 @@ class Event(NamedTuple):
 class Stays:
     """How long elements of a run stay in their modes, by its events."""
 
+    begin: float
     end: float
     events: list[Event]
 
@@ -50,7 +54,7 @@ class Stays:
         own = [event for event in self.events if event.element == element]
         end = self.end
         mode = own[0].before if own else self._at_last(element)
-        out, begin = [], 0.0
+        out, begin = [], self.begin
         for event in own:
             out.append((begin, event.time, mode))
             begin, mode = event.time, event.after
@@ -175,6 +179,28 @@ def output_function(program: Any, wanted: str | ca.SX) -> ca.Function:
     return made
 
 
+def read_signals(program: Any, names: tuple[str, ...], t: float, work: Any) -> np.ndarray:
+    """Scalar signals of a run under way, by machine code: a law in Python asks for them at every sample."""
+    key = f"reader of {names}"
+    reader = program.outputs.get(key)
+    if reader is None:
+        system = program.system
+        p, u, force = program.expressions
+        rows = [system.rows(name) for name in names]
+        expressions = ca.vertcat(
+            *[system.expression(name) if row is None else system.x[row[0]] for name, row in zip(names, rows, strict=True)]
+        )
+        expressions = ca.substitute(expressions, system.F, force) if system.elements else expressions
+        expressions = ca.substitute(expressions, system.u, u) if system.inputs else expressions
+        body = plain_body(ca.Function("signals", [system.t, system.x, p, system.m], [ca.densify(expressions)]), 0)
+        made = compiled("\n".join([function_text("signals", body), *sorted(body.declarations)]), ["signals"], body.count)
+        kind = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[ctypes.c_void_p] * 5)
+        reader = program.outputs[key] = kind(made["signals"])
+    values = np.empty(len(names))
+    reader(t, 0.0, *(array.ctypes.data for array in (work.x, work.k, work.p, work.m, values)))
+    return values
+
+
 # ------------------------------------------------------------------------------------------------------------------- sampling inside the steps
 def window(run: Any, after: NumberOrText, until: NumberOrText | None) -> tuple[float, float]:
     """Check a window and return (begin, end) [s]; a run that failed ends at its last node.
@@ -184,7 +210,7 @@ def window(run: Any, after: NumberOrText, until: NumberOrText | None) -> tuple[f
     run
         The trajectory.
     after, until
-        The window asked for [s]; None for the end of the run.
+        The window asked for [s]; from the begin of the run where `after` lies before it, None for its end.
 
     Raises
     ------
@@ -194,10 +220,11 @@ def window(run: Any, after: NumberOrText, until: NumberOrText | None) -> tuple[f
     check_run(run)
     after, until = in_si(after, "s", "after"), in_si(until, "s", "until")
     last = float(run.nodes.time[-1])
-    if last == 0.0:
+    if last <= run.begin:
         raise SceneError("Argument `run` must last longer than 0 s to be measured, but it ends where it begins.")
     if not is_finite_number(after) or not 0 <= after < last:
         raise SceneError(f"Argument `after` must be >= 0 s and before the end of the run at {last:g} s, but it is {after!r}.")
+    after = max(after, run.begin)
     if until is None:
         return float(after), last
     if not is_finite_number(until) or not after < until <= last:

@@ -5,14 +5,13 @@ Chebyshev-Lobatto points of the step, of the lowest degree from 1 to 32 that agr
 the size of the signal (J.-P. Berrut and L. N. Trefethen (2004), doi:10.1137/S0036144502417715). Therefore a run that is read back answers at any time,
 and is plotted, measured and compared like the run itself.
 
-Keys of the npz file: `time` [s] and `end` [s]; one array per signal, named by it, at the recorded times; `<element>.mode` with 1, 0, -1 for slip+, stick,
-slip-, or what `modes.element`, `modes.number`, `modes.word` say, row by row; `modes.last`, a word for each element; `event.time`, `event.element`,
-`event.before`, `event.after`; `unit.names` and `unit.values`, the unit of each signal. `step.time` [s] and `step.mode`: nodes, of which each begins a step with
-its modes; `step.degree`: of the polynomials in it, 0 where the step is an instant; `step.<signal>`: their values at degree + 1 points per step. `contacts`,
-`main`: names of the elements with friction and of the signals that a plot shows; `limit.names`, `limit.values`: what the drive keeps signals within, nan for
-no limit; `approach.<element>`: speeds at the impacts of a unilateral contact [m/s];
-`asked.units`, `asked.typed`: the units in which the run was asked for, and answers;
-`report`: lines about the run; `error`: what `run.error` said, nan where it was not asked; `accuracy`: that of the run.
+Keys of the npz file: `time` [s], `begin` [s] and `end` [s]; one array per signal, named by it, at the recorded times; `<element>.mode` with 1, 0, -1 for
+slip+, stick, slip-, or what `modes.element`, `modes.number`, `modes.word` say, row by row; `modes.last`, a word for each element; `event.time`,
+`event.element`, `event.before`, `event.after`; `unit.names` and `unit.values`, the unit of each signal. `step.time` [s] and `step.mode`: nodes, of which each
+begins a step with its modes; `step.degree`: of the polynomials in it, 0 where the step is an instant; `step.<signal>`: their values at degree + 1 points per
+step. `contacts`, `main`: names of the elements with friction and of the signals that a plot shows; `limit.names`, `limit.values`: what the drive keeps
+signals within, nan for no limit; `approach.<element>`: speeds at the impacts of a unilateral contact [m/s]; `asked.units`, `asked.typed`: the units in which
+the run was asked for, and answers; `report`: lines about the run; `error`: what `run.error` said, nan where it was not asked; `accuracy`: that of the run.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ CHUNK = 4096
 
 def write(run: Any, target: Path) -> Path:
     """Write a trajectory, whole or not at all."""
-    written: dict[str, np.ndarray] = {"time": run.time, "end": np.array(run.end)}
+    written: dict[str, np.ndarray] = {"time": run.time, "begin": np.array(run.begin), "end": np.array(run.end)}
     written |= {name: run[name] for name in run.names}
     elements = list(run.modes)
     written |= {f"{name}.mode": run.mode[:, i] for i, name in enumerate(elements)}
@@ -327,6 +326,7 @@ class SavedRun(Recorded):
     def __init__(self, path: Path, arrays: dict[str, np.ndarray]):
         self.path = path
         self.time = arrays["time"]
+        self.begin = float(arrays.get("begin", 0.0))
         self.end = float(arrays["end"])
         self._units = dict(zip(arrays["unit.names"].tolist(), arrays["unit.values"].tolist(), strict=True))
         self._signals = {name: arrays[name] for name in self._units}

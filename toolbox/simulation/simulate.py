@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from toolbox.modelling.steady_point import Equilibrium
     from toolbox.simulation.methods import Method
     from toolbox.simulation.run import Budget
+    from toolbox.simulation.run_state import RunState
     from toolbox.simulation.samples import Samples
     from toolbox.simulation.trajectory import Trajectory
 
@@ -25,7 +26,7 @@ def simulate(
     loop: HybridSystem | ClosedLoop,
     duration: NumberOrText | None = None,
     *,
-    start: Mapping[str, Any] | Samples | Equilibrium | None = None,
+    start: Mapping[str, Any] | Samples | Equilibrium | RunState | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
@@ -48,10 +49,11 @@ def simulate(
     loop
         A loop made by `closed_loop`, or a plant made by `compose` or smoothed by `smoothed`.
     duration
-        Length of the run [s], >= 0; of a loop out of a scene, the duration of the scene by default.
+        Length of the run [s], >= 0, from the time of `start` on; of a loop out of a scene, the duration of the scene by default.
     start
-        Start values {state, or signal that is a state: value}; all other states are 0. Or one instant of another run (`run.at(12.5)`), or an `equilibrium`,
-        whose states are taken.
+        Start values {state, or signal that is a state: value}; all other states are 0, and the time is 0. Or one instant of another run (`run.at(12.5)`), or an
+        `equilibrium`, whose states are taken. Or `run.last`: the run goes on where that one ended, at the same absolute time, with the memory of all laws and
+        what is on its way to the plant, so that the pieces are one run; inputs are those of that time, and `run.time` begins there.
     inputs
         Inputs {signal, or parameter of the plant that changes in time: value}. A value is a number, a table (times, values), a shape of `toolbox.inputs`
         (`step`, `ramp`, `sine`, `square`, `triangle`, `inputs.sweep`), or a casadi expression of `toolbox.time`.
@@ -69,8 +71,8 @@ def simulate(
     accuracy
         Target for the global error, where every state is scaled by its size; between 1e-13 and 0.1. By default that of the scene, or 1e-6.
     output_times
-        Increasing times [s] at which the run is recorded, shape (nt,), as right-hand limits at events. Without them every step is recorded, and both sides of
-        every event.
+        Increasing times [s] between begin and end at which the run is recorded, shape (nt,), as right-hand limits at events. Without them every step is
+        recorded, and both sides of every event.
     budget
         What the run may spend at most; None takes `Budget()`.
 
@@ -94,10 +96,14 @@ def simulate(
     from toolbox.errors import SceneError
     from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
     from toolbox.simulation.request import Request
+    from toolbox.simulation.run_state import RunState
     from toolbox.simulation.samples import Samples
 
-    at = start if isinstance(start, Samples) else None
-    begin = None if isinstance(start, Samples) else start
+    at = begin = None
+    if isinstance(start, (RunState, Samples)):
+        at = start
+    else:
+        begin = start
     if not isinstance(loop, ClosedLoop) or any(each is not None for each in (controller, sample_time, inputs, parameters, begin)):
         loop = closed_loop(loop, controller, sample_time=sample_time, inputs=inputs, parameters=parameters, start=begin)
     duration = loop.duration if duration is None else duration

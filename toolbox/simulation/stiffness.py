@@ -80,7 +80,7 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
     from toolbox.stepping.event_stepper import run_on  # here, because numba is slow to import
 
     t, steps, events = (now - then for now, then in zip(progress(work), since, strict=True))
-    left = run.duration - float(work.reals[work_layout.TIME])
+    left = run.end - float(work.reals[work_layout.TIME])
     rest = left / t * steps * program.kernel.cost if t > 0.0 else 0.0
     if rest < WORTH:
         return False

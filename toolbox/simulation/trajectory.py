@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -18,6 +18,7 @@ from toolbox.modelling.components import law_of
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.run import UNHURRIED, Budget
+from toolbox.simulation.run_state import RunState
 from toolbox.simulation.samples import Event, Samples
 from toolbox.simulation.saved_run import SavedRun
 
@@ -42,8 +43,8 @@ ROUND_OFF = 1e-12
 class Records:
     """What the event loop recorded of a run.
 
-    `time`, `states`, `mode` and `held` have a row for every node. `event_arrays` are the times, elements and modes of the events, and `last_mode` the modes
-    at the end. All others are what they are in `Trajectory`.
+    `time`, `states`, `mode` and `held` have a row for every node. `event_arrays` are the times, elements and modes of the events, `last_mode` the modes
+    at the end, and `last` the state there, without that of Python laws. All others are what they are in `Trajectory`.
     """
 
     time: np.ndarray
@@ -58,7 +59,7 @@ class Records:
     steps: tuple[int, int]
     merged: int
     wall_time: float
-    memory: np.ndarray | None = None
+    last: RunState | None
 
 
 class Trajectory(Recorded, Samples[FloatArray]):
@@ -70,8 +71,8 @@ class Trajectory(Recorded, Samples[FloatArray]):
         Recorded times [s], shape (nt,); without output times every step, and events twice (before and after).
     states
         States at these times, shape (nt, n).
-    end
-        Time that was reached [s]: the duration, unless the run failed.
+    begin, end
+        Time at which the run begins [s], 0 or that of the state from which it goes on; and time that was reached, the duration later unless the run failed.
     wall_time
         Seconds spent in the event loop.
     steps
@@ -83,8 +84,6 @@ class Trajectory(Recorded, Samples[FloatArray]):
         What each Python controller returned, sample by sample.
     laws
         Those controllers as the run left them, with what they recorded; they do not travel with a pickled trajectory.
-    memory
-        States of the sampled laws at the end.
     why
         What made method="auto" take this method; else empty.
     """
@@ -108,9 +107,9 @@ class Trajectory(Recorded, Samples[FloatArray]):
         self.wall_time = records.wall_time
         self._event_arrays = records.event_arrays
         self._last_mode = records.last_mode
-        self.end = records.end
+        self.begin, self.end = run.start.time, records.end
         self.answers = records.answers
-        self.memory = records.memory
+        self._last = records.last
         self.why = why
 
     @staticmethod
@@ -129,13 +128,10 @@ class Trajectory(Recorded, Samples[FloatArray]):
 
     def __reduce__(self) -> Any:
         """A trajectory travels as its arguments and arrays; the program is made again from the cache of object code."""
-        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "memory", "why")
+        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "why")
         data = {name: getattr(self, name) for name in names}
-        return _trajectory_again, (
-            type(self),
-            self.program.formulas,
-            data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode},
-        )
+        data |= {"event_arrays": self._event_arrays, "last_mode": self._last_mode, "last": self._last}
+        return _trajectory_again, (type(self), self.program.formulas, data)
 
     def end_before(self, event: int) -> None:
         """Forget the events of the instant of this one, counted from 0, and what came after them: a run that a budget ends."""
@@ -144,6 +140,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         for i, (before, _, _) in zip(index[first:][::-1], modes[first:][::-1], strict=True):
             self._last_mode[i] = before
         self.end = float(times[event])
+        self._last = None
         self._event_arrays = times[:first], index[:first], modes[:first]
         kept = int(np.searchsorted(self.time, self.end)) + 1  # its left side
         self.time, self.states, self.mode, self.held = (array[:kept] for array in (self.time, self.states, self.mode, self.held))
@@ -154,6 +151,23 @@ class Trajectory(Recorded, Samples[FloatArray]):
     def duration(self) -> float:
         """Duration asked for [s]."""
         return self.run.duration
+
+    @cached_property
+    def last(self) -> RunState:
+        """The whole state at the end, from which `simulate(plant, duration, start=run.last, ...)` goes on as if the run had never ended.
+
+        It holds what the plant and all laws remember, what is held, and what is on its way. Of a Python law it holds what `get_memory` tells, else a copy of
+        the object; a plain function is taken to remember nothing. Raises SceneError where a Python law can neither tell nor be copied, where it has
+        been lost with a pickled trajectory, and where a budget of events ended the run.
+        """
+        if self._last is None or len(self.laws) != len(self.run.laws):
+            lost = (
+                "it ended between two events of one instant"
+                if self._last is None
+                else "its Python laws do not travel with a pickled run: pickle `run.last`"
+            )
+            raise SceneError(f"The run has no state to go on from: {lost}.")
+        return self._last.remembering(self.laws)
 
     @property
     def asked(self) -> Mapping[str, str]:
@@ -259,11 +273,12 @@ class Trajectory(Recorded, Samples[FloatArray]):
         if self.run.output_times is None:
             return self
         laws = [Replay(answers) for answers in self.answers]  # what a Python law answered is repeated, not asked again
+        start = replace(self.run.start, laws=())
         budget = UNHURRIED  # as far, however long it takes
-        if self.end < self.run.duration:
+        if self.end < self.run.end:
             budget = Budget(steps=max(sum(self.steps), 1), events=self.run.budget.events)
         try:
-            return self.run.again(output_times=None, laws=laws, budget=budget)
+            return self.run.again(output_times=None, laws=laws, budget=budget, start=start)
         except SimulationError as failed:  # a run that failed once fails again, and is as far as it goes
             return failed.run
 
@@ -281,7 +296,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         if self.program.system.updates:  # where samples set the steps, another accuracy alone would repeat them, and their error
             longest = min(longest, float(np.diff(self.nodes.time).max(initial=np.inf if self.nodes.time.size < 2 else 0.0)) / 2.6)
         finer = {"accuracy": self.accuracy / 100, "method": EventExact(), "output_times": None, "longest_step": longest}
-        return self.difference(self.run.again(**finer, duration=min(self.end, self.run.duration), budget=UNHURRIED))
+        return self.difference(self.run.again(**finer, duration=min(self.end, self.run.end) - self.begin, budget=UNHURRIED))
 
     def difference(self, better: Trajectory) -> float:
         """Largest difference of a state to another run of the same plant, relative to the size of that state, with impacts as in `error`."""
@@ -307,7 +322,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
     @property
     def _blur(self) -> float:
         """Time about an impact within which states are not comparable [s]."""
-        return 1e-12 * self.end
+        return 1e-12 * (self.end - self.begin)
 
     @property
     def _setting(self) -> str:
@@ -434,7 +449,7 @@ def _outside_jumps(times: np.ndarray, run: Trajectory, better: Trajectory) -> tu
             return times, 1.0
         right = np.minimum(np.searchsorted(others, some), others.size - 1)
         gap = np.minimum(np.abs(others[right] - some), np.abs(others[np.maximum(right - 1, 0)] - some))
-        late = max(late, float(gap.max()) / run.end)
+        late = max(late, float(gap.max()) / (run.end - run.begin))
         reach = 2.0 * gap + blur
         within = np.searchsorted(np.sort(some - reach), times, side="right") > np.searchsorted(np.sort(some + reach), times, side="left")
         times = times[~within]

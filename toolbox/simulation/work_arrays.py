@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import zlib
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import finite_array
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program
-from toolbox.errors import SceneError
-from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape, Table
-from toolbox.modelling.start import place_starts
 from toolbox.simulation.run import Budget, Run
+from toolbox.simulation.run_state import RunState
 
 MAX_RECORDS = 400_000
 """Steps of fixed length that are recorded; of more every second, third ... one is, and those next to a switch."""
@@ -27,7 +25,7 @@ MAX_SAMPLES = 200_000
 
 def work_arrays(run: Run, program: Program) -> Any:
     """All arrays of a run, filled with its numbers."""
-    system, kernel = run.system, program.kernel
+    system, kernel, state = run.system, program.kernel, run.start
     fixed, tolerance = run.method.fixed_step, run.method.own_tolerance
     n, ne, ng = kernel.states, kernel.elements, kernel.guards
     p = np.empty(program.p_size)
@@ -41,7 +39,7 @@ def work_arrays(run: Run, program: Program) -> Any:
         if isinstance(value, Table):
             slot = program.table_slot[name]
             for begin, a, b, t0 in value.segments():
-                if begin <= 0.0:
+                if begin <= state.time:
                     p[slot : slot + 3] = a, b, t0
                 else:
                     jumps += [(begin, slot, a), (begin, slot + 1, b), (begin, slot + 2, t0)]
@@ -64,28 +62,26 @@ def work_arrays(run: Run, program: Program) -> Any:
     reals = np.zeros(work_layout.REALS)
     reals[work_layout.LONGEST] = run.longest_step if program.forced or system.updates else np.inf
     reals[work_layout.STEP_SIZE] = fixed or 0.0
-    reals[work_layout.END] = run.duration
+    reals[work_layout.TIME], reals[work_layout.END] = state.time, run.end
     reals[work_layout.RTOL] = tolerance or run.accuracy
     reals[work_layout.LAST_EVENT] = -np.inf
     reals[work_layout.POWER] = program.formulas.power
 
-    memory_size = 0
     samplers, clocks, keys, queue, widest = _NO_ROWS, _NO_CLOCKS, _NO_KEYS, _NO_QUEUE, 1
     if system.updates:
         samplers, clocks, keys, queue, widest = _sampling(run, program)
-        memory_size = keys.size
-    memory, held = begun(run, system)
-    p[program.held_slot : program.held_slot + held.size] = held
-    room = max(4 * n + 2 * ng, 3 * n + 4 * ng, kernel.slopes, n + 6 * ne, memory_size + widest, n) + 8
+    p[program.held_slot : program.held_slot + state.held.size] = state.held
+    room = max(4 * n + 2 * ng, 3 * n + 4 * ng, kernel.slopes, n + 6 * ne, state.memory.size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
     if run.output_times is None:  # arrays that are full cost a copy each time
         capacity += int(min(sum([1.05 * run.duration / period for period, _ in run.clocks]), MAX_SAMPLES))
     if fixed is not None and run.output_times is None:
         capacity = 1024 + int(run.duration / fixed / ints[work_layout.NODES])
     x = np.zeros(n)  # behind the states come those of hidden forces
-    x[: system.begin.size] = system.begin
-    if run.start:
-        place_starts(system, x, {name: v for name, v in run.start.items() if not any(name in update.places for update in system.updates)})
+    x[: state.states.size] = state.states
+    initial = program.initial
+    if state.modes is not None:  # the modes of what holds follow from the states, those of a switch may not
+        initial = np.where(program.kind == work_layout.SWITCH, state.modes, initial)
     events = _event_room(128 + 4 * ne, program, run.budget.events)
     return work_layout.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(kernel.slopes), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room),
@@ -93,14 +89,14 @@ def work_arrays(run: Run, program: Program) -> Any:
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
-        kind=program.kind, initial=program.initial, attached=program.attached, loader=program.loader, bounced=np.zeros(ne, np.bool_),
+        kind=program.kind, initial=initial, attached=program.attached, loader=program.loader, bounced=np.zeros(ne, np.bool_),
         excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
         ev_t=np.empty(events), ev_i=np.empty(events, np.int32), ev_m=np.zeros((events, 3), np.int8),
         jump_t=times, jump_first=first, jump_index=index, jump_value=values,
         out_t=run.output_times if run.output_times is not None else _NO_NUMBERS,
-        samplers=samplers, clocks=clocks, memory=memory, keys=keys, queue=queue,
+        samplers=samplers, clocks=clocks, memory=state.memory.copy(), keys=keys, queue=queue,
     )  # fmt: skip
 
 
@@ -129,41 +125,25 @@ def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.nd
     for c, update in enumerate(updates):
         size, first_output = update.memory.numel(), program.held_slot + update.first_held
         address = 0 if update.external else program.kernel.updates[c]
-        samplers[c] = address, 0, 0, len(keys), size, first_output, update.outputs.numel(), len(update.channels)
+        samplers[c] = (
+            address,
+            run.start.taken[c],
+            run.start.applied[c],
+            len(keys),
+            size,
+            first_output,
+            update.outputs.numel(),
+            len(update.channels),
+        )
         keys += [0] * size + [channel_key(run.seeds[c], zlib.crc32(name.encode())) for name in update.channels]
     depth = 2 + int(max(np.ceil(min(d, run.duration + h, run.budget.steps * h) / h) for h, d in clocks))
+    depth = max(depth, *(len(rows) + 2 for rows in run.start.waiting))
     widest = max(update.outputs.numel() for update in updates)
-    return samplers, clocks, np.array(keys, np.uint64), np.zeros((len(updates), depth, widest)), widest
-
-
-def begun(run: Run, system: HybridSystem) -> tuple[np.ndarray, np.ndarray]:
-    """What sampled laws begin with: their memory, the noise of each law behind its own, and the signals held before the first sample."""
-    if not system.updates:
-        return np.zeros(0), np.zeros(system.held.numel())
-    memory = np.zeros(sum(update.memory.numel() + len(update.channels) for update in system.updates))
-    held = np.zeros(system.held.numel())
-    for update, (_, delay) in zip(system.updates, run.clocks, strict=True):
-        if delay > 0.0:  # until a delayed output arrives the signal has its default
-            defaults = dict(zip(run.plant.inputs, np.array(run.plant.input_defaults(run.plant.values)).ravel(), strict=True))
-            held[update.first_held : update.first_held + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
-    if run.resume is not None:
-        memory[:], held[:] = run.resume
-    place = 0
-    for update in system.updates:
-        for name, value in run.start.items():
-            if name in update.places:
-                _place_memory(system, memory[place:], name, value)
-        place += update.memory.numel() + len(update.channels)
-    return memory, held
-
-
-def _place_memory(system: HybridSystem, memory: np.ndarray, name: str, value: Any) -> None:
-    """Write the start value of a state that a sampled law remembers into the memory of that law."""
-    first, size = next(update.places[name] for update in system.updates if name in update.places)
-    array = finite_array(value)
-    if array is None or (array.ndim and array.shape != (size or 1,)):
-        raise SceneError(f"Argument `{name}` must be {size or 1} finite number(s), but it is {value!r}.")
-    memory[first : first + (size or 1)] = array
+    queue = np.zeros((len(updates), depth, widest))
+    for c, rows in enumerate(run.start.waiting):
+        for sample, row in enumerate(rows, run.start.applied[c]):
+            queue[c, sample % depth, : row.size] = row
+    return samplers, clocks, np.array(keys, np.uint64), queue, widest
 
 
 def _event_room(asked: int, program: Program, left: float) -> int:
@@ -191,3 +171,21 @@ def grown(work: Any, program: Program, records: bool, budget: Budget) -> Any:
         new[: old.shape[0]] = old
         bigger[name] = new
     return work._replace(**bigger)
+
+
+def state_of(run: Run, program: Program, work: Any) -> RunState:
+    """The state in which a run is now, without what Python laws remember."""
+    updates = program.system.updates
+    depth = work.queue.shape[1]
+    taken, applied = (tuple(work.samplers[: len(updates), column].tolist()) for column in (work_layout.TAKEN, work_layout.APPLIED))
+    waiting = tuple(
+        np.array([work.queue[c, sample % depth, : update.outputs.numel()] for sample in range(applied[c], taken[c])]).reshape(
+            -1, update.outputs.numel()
+        )
+        for c, update in enumerate(updates)
+    )
+    held = work.p[program.held_slot : program.held_slot + program.system.held.numel()]
+    return dataclasses.replace(
+        run.start, time=float(work.reals[work_layout.TIME]), states=work.x[: program.system.x.numel()].copy(), memory=work.memory.copy(), held=held.copy(),
+        modes=work.m.copy(), taken=taken, applied=applied, waiting=waiting, laws=(), carried=True,
+    )  # fmt: skip

@@ -129,11 +129,12 @@ def pays_in_lanes(task: Task, steps: int) -> bool:
 
     This is decided from counts, not from timing, so that results do not depend on the machine.
 
-    Lanes take explicit methods, Taylor series among them, and laws in machine code, but not friction with two slip directions. They pay where events are
-    settled in lanes, too: not with impacts, nor with friction that loses its load; and while the step is a straight line of instructions.
+    Lanes take explicit methods, Taylor series among them, and laws in machine code, but no runs that go on from another one, nor friction with two slip
+    directions. They pay where events are settled in lanes, too: not with impacts, nor with friction that loses its load; and while the step is a straight
+    line of instructions.
     """
     run = task.run
-    if not run.method.in_lanes or run.laws or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
+    if not run.method.in_lanes or run.laws or run.start.carried or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
         return False
     if not all(isinstance(measure, Measure) for measure in task.measures) or any(element.directions > 1 for element in run.system.elements):
         return False
@@ -173,7 +174,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
     with _PREPARING:
         program = program_of(run.system, run.kinds, formulas_of(run))
         advance = compiled_loop(run, program)
-        readings = RunningMeasures(program, task.measures, run.duration, run.accuracy)  # type: ignore[arg-type]
+        readings = RunningMeasures(program, task.measures, run.end, run.accuracy)  # type: ignore[arg-type]
         work = full = work_arrays(run, program)
     fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
     fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
@@ -234,18 +235,9 @@ def single(task: Task, i: int) -> Run:
             inputs[name] = dataclasses.replace(
                 inputs[name], coefficients=tuple(values), numbers=dict(zip(inputs[name].numbers, values, strict=True))
             )
-    start: dict[str, Any] = dict(base.start)
-    if task.starts is not None:
-        x = task.starts[i]
-        start = {name: float(x[at]) if size is None else x[at : at + size] for name, (at, size, _) in system.states.items()}
-    resume = base.resume
-    if task.memories is not None or task.held is not None:
-        compiled_loop(base, program)
-        work = work_arrays(base, program)
-        memory = work.memory if task.memories is None else task.memories[i]
-        held = work.p[program.held_slot : program.held_slot + system.held.numel()] if task.held is None else task.held[i]
-        resume = (memory.copy(), held.copy())
-    return dataclasses.replace(base, system=system, inputs=inputs, start=start, resume=resume)
+    given = {"states": task.starts, "memory": task.memories, "held": task.held}
+    start = dataclasses.replace(base.start, **{name: array[i].copy() for name, array in given.items() if array is not None})
+    return dataclasses.replace(base, system=system, inputs=inputs, start=start)
 
 
 def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str], rows: Iterable[int]) -> None:

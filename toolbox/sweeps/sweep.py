@@ -24,16 +24,16 @@ from toolbox.measuring.measures import STANDARD, Measure
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.methods import Method
-from toolbox.simulation.run import UNHURRIED, Budget
+from toolbox.simulation.run import UNHURRIED, Budget, Run
 from toolbox.sweeps.batch import Call, Task
 from toolbox.sweeps.designs import variations_of
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store
-from toolbox.sweeps.variants import held_defaults, run_fingerprint, shared_run, start_states, varied_numbers
+from toolbox.sweeps.variants import run_fingerprint, shared_run, start_states, varied_held, varied_numbers
 
 
-def named_measures(given: Any, loop: ClosedLoop, duration: float) -> dict[str, Measure | Call]:
+def named_measures(given: Any, run: Run) -> dict[str, Measure | Call]:
     """{name: measure} from names, a mapping, or None; raises SceneError for what is none."""
     if given is None:
         given = ("severity", "stuck_ratio")
@@ -46,15 +46,16 @@ def named_measures(given: Any, loop: ClosedLoop, duration: float) -> dict[str, M
     if not given:
         raise SceneError("Argument `measures` must hold at least one measure, but it is empty.")
     found: dict[str, Measure | Call] = {}
+    loop = run.loop
     for name, value in given.items():
         if isinstance(value, str):
             if value not in STANDARD:
                 raise SceneError(f"There is no measure `{value}`: {suggest(value, STANDARD)}")
             element = judged_contact(loop, argument="measures", sticks=False)
-            after = loop.after if loop.after is not None and loop.after < duration else duration / 2
+            after = run.start.time + run.duration / 2 if loop.after is None or loop.after >= run.end else loop.after
             value = STANDARD[value](judged_speed(loop, element), element, after)
         if isinstance(value, Measure):
-            value.check(loop.system, duration)
+            value.check(loop.system, run.end)
         elif not callable(value):
             raise SceneError(
                 f"Argument `{name}` must be a measure of `toolbox.measuring.measures` or a function of the run, but it is {value!r}."
@@ -131,12 +132,12 @@ def sweep(
         raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
     accuracy = (loop.accuracy or 1e-6) if accuracy is None else accuracy
     run = shared_run(loop, variations, float(duration), method=method, accuracy=accuracy, budget=budget)
-    chosen = named_measures(measures, run.loop, run.duration)
+    chosen = named_measures(measures, run)
     taken = next((name for name in chosen if name in {"run", "status", "error", *variations.names} or "/" in name), None)
     if taken is not None:
         raise SceneError(f"Argument `measures` must use names that are free, without a slash, but one is `{taken}`.")
     numbers, broken = varied_numbers(run, variations)
-    task = Task(run, numbers, tuple(chosen.values()), start_states(run, variations, start), held=held_defaults(run, variations))
+    task = Task(run, numbers, tuple(chosen.values()), start_states(run, variations, start), held=varied_held(run, variations))
     units = tuple(run.loop.number(name).unit for name in variations.names)
     sheet = Sweep(
         title=loop.title,

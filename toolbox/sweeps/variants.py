@@ -20,6 +20,7 @@ from toolbox.modelling.numbers import Number, designed_law
 from toolbox.modelling.start import place_starts
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
+from toolbox.simulation.run_state import held_defaults
 from toolbox.sweeps.batch import Numbers, Task, numbers_of_run, slots
 from toolbox.sweeps.designs import Variations
 
@@ -143,10 +144,10 @@ def start_states(run: Run, variations: Variations, begin: Callable[[Mapping[str,
     varied = [name for name in variations.names if run.loop.number(name).kind == "start"]
     if begin is None and not varied:
         return None
-    starts = np.tile(run.system.begin, (len(variations.points), 1))
+    starts = np.tile(run.start.states, (len(variations.points), 1))
     for x, point in zip(starts, variations.points.tolist(), strict=True):
         row = dict(zip(variations.names, point, strict=True))
-        place_starts(run.system, x, {**run.start, **(begin(row) if begin else {})})
+        place_starts(run.system, x, begin(row) if begin else {})
         place_starts(run.system, x, {name: row[name] for name in varied})
     return starts
 
@@ -160,23 +161,17 @@ def _has_check(part: Any) -> bool:
     return any(is_nested(value) and _has_check(value) for value in (getattr(part, f.name) for f in fields_of(type(part))))
 
 
-def held_defaults(run: Run, variations: Variations) -> np.ndarray | None:
+def varied_held(run: Run, variations: Variations) -> np.ndarray | None:
     """What the signals of late laws have until the first output arrives, where it varies; else None."""
-    plant, updates = run.plant, run.system.updates
+    plant = run.plant
     names = [name for name in variations.names if name not in run.system.inputs and plant.has_parameter(name)]
-    if not names or not any(delay > 0 for _, delay in run.clocks):
+    if not names or run.start.carried or not any(delay > 0 for _, delay in run.clocks):
         return None
-    held = np.zeros((len(variations.points), run.system.held.numel()))
-    for i, point in enumerate(variations.points):
-        values = plant.values.copy()
-        for name, value in zip(variations.names, point, strict=True):
-            if name in names:
-                values[plant._parameter(name).offset] = value
-        defaults = dict(zip(plant.inputs, np.array(plant.input_defaults(values)).ravel(), strict=True))
-        for update, (_, delay) in zip(updates, run.clocks, strict=True):
-            if delay > 0:
-                held[i, update.first_held : update.first_held + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
-    return held
+    values = np.repeat(plant.values[:, None], len(variations.points), axis=1)
+    for name, column in zip(variations.names, variations.points.T, strict=True):
+        if name in names:
+            values[plant._parameter(name).offset] = column
+    return held_defaults(run.system, plant, run.clocks, values)
 
 
 def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> dict[str, str]:
@@ -190,7 +185,7 @@ def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) ->
         "vary": [variations.names, variations.shape, hashlib.sha256(variations.points.tobytes()).hexdigest()],
         "inputs": [(k, _number(v)) for k, v in sorted(run.inputs.items()) if k not in variations.names],
         "start": [
-            str({k: np.asarray(v).tolist() for k, v in sorted(run.start.items())}),
+            str([(word, np.asarray(array).tolist()) for word in BEGIN for array in _arrays(getattr(run.start, word))]),
             *(hashlib.sha256(a.tobytes()).hexdigest() for a in arrays),
         ],
         "measures": [str(list(zip(names, measures, strict=True)))],
@@ -200,6 +195,14 @@ def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) ->
         "budget": [run.budget],
     }
     return {word: hashlib.sha256(repr(value).encode()).hexdigest()[:16] for word, value in content.items()}
+
+
+BEGIN = ("time", "states", "memory", "held", "taken", "applied", "waiting")
+"""What of the state in which the runs begin tells one sweep from another."""
+
+
+def _arrays(value: Any) -> tuple[Any, ...]:
+    return value if isinstance(value, tuple) else (value,)
 
 
 def _number(value: Any) -> Any:

@@ -1,0 +1,102 @@
+"""One judge of regimes: what comes back and how a disturbance grows decide, not a window of fixed length."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from controllers import PI, Lifting, SoftTorque
+from models import BitRock, BlockOnBelt, wells
+from toolbox import Sampled, compose, equilibrium, measure, simulate
+from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judge
+from toolbox.simulation.request import Request
+
+RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+SWING = 5.6
+
+
+def carried(plant, law, judge, start, **arguments):
+    """What the judge says of a loop from a start, and the time that it took to say so [s]."""
+    run = Request(plant, 1.0, controller=law, start=start, **arguments).checked()
+    judged, last = judge.carried(lambda state, duration: run.again(start=state, duration=duration, longest_step=duration / 256), run.start)
+    return judged, last.time
+
+
+def at(reference, rate):
+    return Judge("bit", "bit.speed", SWING, reference, rate)
+
+
+@pytest.mark.parametrize(("reference", "interval", "rate"), [(3.0, 72.0, 0.222), (3.97, 374.0, 0.00282), (3.985, 647.0, 0.00071)])
+def test_a_law_that_relapses_every_ten_minutes_sticks_and_slips(reference, interval, rate):
+    law = Sampled(Lifting(PI()), 0.01)
+    judged, _ = carried(RIG, law, at(reference, rate), {"chain.speed": (reference, 0.0)}, inputs={"top.reference": reference})
+    assert judged.regime == STICKS and judged.interval == pytest.approx(interval, rel=2e-3)
+    # its twin: a run of two minutes after a lull shows nothing
+    run = simulate(RIG, 0.9 * interval, controller=law, start={"chain.speed": (reference, 0.0)}, inputs={"top.reference": reference})
+    last = measure.stick_intervals(run, "bit")[-1][1]
+    assert run.end - last > 0.5 * interval
+
+
+def test_a_swing_that_grows_with_four_minutes_is_not_smooth_and_is_carried_on_until_it_sticks():
+    """From a deviation of a part in a thousand it takes half an hour to the first stick."""
+    reference, law = 3.96, Sampled(PI(), 0.01)
+    rest = equilibrium(RIG, inputs={"top.reference": reference}, controller=PI())
+    start = {
+        "chain.twist": rest["chain.twist"],
+        "chain.speed": (reference, 0.999 * reference),
+        "pi.angle": rest["pi.angle"],
+        "pi.started": 1.0,
+    }
+    judged, time = carried(RIG, law, at(reference, 0.0042594), start, inputs={"top.reference": reference})
+    assert judged.regime == STICKS and time > 1000.0
+    window = simulate(RIG, 80.0, controller=law, start=start, inputs={"top.reference": reference})
+    assert measure.stick_intervals(window, "bit") == [] and measure.severity(window, "bit.speed", 40.0) < 0.01
+    assert at(reference, 0.0042594).of_run(window, 40.0).regime == NOT_DECIDED
+
+
+def test_stick_slip_beyond_its_end_is_smooth_and_before_it_lasts():
+    law = SoftTorque(reference=6.0)
+    inside = carried(RIG, law, at(6.0, -0.3), {"chain.speed": (6.0, 0.0)}, inputs={"top.reference": 6.0})[0]
+    beyond = carried(RIG, law, at(9.0, -0.3), {"chain.speed": (9.0, 0.0)}, inputs={"top.reference": 9.0})[0]
+    assert (inside.regime, beyond.regime) == (STICKS, SMOOTH)
+    assert inside.sticks == 1 and inside.severity > 1.0 and beyond.severity < 0.01
+
+
+def test_a_bit_under_too_little_torque_stands():
+    plant = compose(wells.NAVARRO_LOPEZ_4, BitRock())
+    judge = Judge("bit", "bit.speed", 10.0)
+    assert carried(plant, None, judge, {}, inputs={"top.torque": 9000.0})[0].regime == STANDS
+    assert carried(plant, None, judge, {}, inputs={"top.torque": 13_000.0})[0].regime != STANDS
+
+
+def test_a_block_on_a_belt_sticks_and_slips_and_one_with_damping_comes_to_slide_smoothly():
+    judge = Judge("belt", "belt.slip", 2 * math.pi)
+    judged, _ = carried(compose(BlockOnBelt()), None, judge, {})
+    assert judged.regime == STICKS and judged.sticks == 1
+    run = simulate(compose(BlockOnBelt()), 100.0)
+    cycle = measure.cycles(run, "belt", 50.0)[0]
+    assert judged.interval == pytest.approx(cycle.period, rel=1e-4) and judged.longest == pytest.approx(cycle.stick, rel=1e-4)
+
+
+def test_a_swing_without_a_stick_comes_back_with_its_severity():
+    """Between the end of stick-slip and the Hopf speed of Thomsen and Fidlin the block swings and never sticks."""
+    from models import closed_forms, oscillators
+
+    block = oscillators.THOMSEN_FIDLIN
+    plant = compose(block)
+    speed = 0.5 * (closed_forms.stick_slip_speed(block) + oscillators.hopf_speed(block))
+    judge = Judge("belt", "belt.slip", 2 * math.pi, -speed, 1e-3)
+    judged, time = carried(plant, None, judge, {"block.position": 0.5}, parameters={"block.belt_speed": speed})
+    assert judged.regime == SWINGS and 0.05 < judged.severity < 1.0 and judged.sticks == 0
+    run = simulate(plant, time, start={"block.position": 0.5}, parameters={"block.belt_speed": speed})
+    assert judged.severity == pytest.approx(
+        measure.severity(run, "belt.slip", time - 4 * math.pi), rel=1e-2
+    )  # of a window, which holds no whole swings
+
+
+def test_noise_does_not_hide_that_the_same_stick_comes_back():
+    law = Sampled(SoftTorque(reference=6.0), 0.05, noise={"top.speed": 0.1}, seed=11)
+    judged, _ = carried(RIG, law, at(6.0, -0.3), {"chain.speed": (6.0, 0.0)})
+    assert judged.regime == STICKS and np.isfinite(judged.interval)

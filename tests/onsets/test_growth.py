@@ -1,0 +1,150 @@
+"""How fast a disturbance of smooth running grows: by poles, by differences of the sampled map and by twin runs, against each other and against matrices."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from controllers import PI, ImplicitSlidingMode, Lifting, SlidingMode, SoftTorque, SuperTwisting
+from models import BitRock, wells
+from toolbox import Sampled, compose, hopf_points
+from toolbox.modelling.free_parameter import FreeParameter
+from toolbox.onsets.growth import SmoothBranch, section, twin_growth
+from toolbox.robustness.steady_loop import steady_loop
+from toolbox.simulation.request import Request, continuous_loop
+from toolbox.steady_states.equilibria import EquilibriumBranch
+
+RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+REFERENCE = FreeParameter("top.reference", "rad/s", True)
+SWING = 5.6
+"""Period of the string's swing [s]."""
+
+
+def branch(law, continuous=None):
+    base = Request(RIG, 1.0, inputs={"top.reference": 6.0}, controller=law).checked()
+    followed = EquilibriumBranch(continuous_loop(RIG, continuous), REFERENCE, {}, None) if continuous is not None else None
+    return SmoothBranch(base, REFERENCE, {}, followed)
+
+
+class PythonPI:
+    """The law of `PI`, as an object in Python that begins with the torque that acts and tells its memory."""
+
+    measures, drives = ("top.speed",), ("top.torque",)
+
+    def __init__(self, law):
+        self.defaults = {"top.reference": (6.0, "rad/s"), "top.torque": (0.0, "N m")}
+        self.proportional, self.integral, self.angle = law.proportional, law.integral, None
+
+    def __call__(self, t, y):
+        error = y[1] - y[0]
+        if self.angle is None:
+            self.angle = (y[2] - self.proportional * error) / self.integral if y[2] else 0.0
+        torque = self.proportional * error + self.integral * self.angle
+        self.angle += 0.01 * error
+        return torque
+
+    def get_memory(self):
+        return [math.nan if self.angle is None else self.angle]
+
+    def set_memory(self, values):
+        self.angle = None if math.isnan(values[0]) else float(values[0])
+
+
+def test_a_continuous_law_loses_smooth_running_at_its_hopf_point():
+    found = branch(PI(), PI())
+    assert found.loss(3.5, 5.0) == pytest.approx(hopf_points(RIG, "top.reference", (2.0, 8.0), controller=PI())[0].value, rel=1e-9)
+    assert found(5.0).growth.way == "poles" and found.rate(5.0) < 0 < found.rate(3.5)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        Sampled(PI(), 0.01),
+        Sampled(PI(), 0.01, delay=0.05),
+        Sampled(SoftTorque(), 0.05, delay=0.07),
+        Sampled(ImplicitSlidingMode(), 0.01),
+        Sampled(SlidingMode(), 0.02),
+    ],
+    ids=["PI", "late PI", "late soft torque", "implicit sliding mode", "sliding mode"],
+)
+def test_differences_of_the_map_have_the_multipliers_of_the_matrix_of_the_loop(law):
+    found, loop = branch(law), steady_loop(RIG, law, inputs={"top.reference": 5.0}).loop()
+    multipliers = np.linalg.eigvals(loop.A + loop.B @ loop.C)  # closed: what the law gives is what the plant gets
+    assert found(5.0).growth.way == "differences"
+    assert found.rate(5.0) == pytest.approx(math.log(np.abs(multipliers).max()) / law.period, rel=1e-7)
+
+
+def test_a_sampled_loop_loses_smooth_running_where_the_matrix_does_and_near_its_continuous_form():
+    law = Sampled(PI(), 0.01, delay=0.05)
+    lost = branch(law).loss(3.5, 5.0)
+    loop = steady_loop(RIG, law, inputs={"top.reference": lost}).loop()
+    assert np.abs(np.linalg.eigvals(loop.A + loop.B @ loop.C)).max() == pytest.approx(1.0, abs=1e-9)
+    continuous = hopf_points(RIG, "top.reference", (2.0, 8.0), controller=PI())[0].value
+    assert branch(Sampled(PI(), 0.001)).loss(3.5, 5.0) == pytest.approx(continuous, abs=3e-4)
+    assert lost < branch(Sampled(PI(), 0.01)).loss(3.5, 5.0) < continuous
+
+
+def test_a_law_around_another_and_one_in_python_lose_it_where_the_law_itself_does():
+    law = PI().design(RIG)
+    lost = branch(Sampled(law, 0.01)).loss(3.5, 5.0)
+    assert branch(Sampled(Lifting(law), 0.01)).loss(3.5, 5.0) == pytest.approx(lost, abs=1e-7)
+    assert branch(Sampled(PythonPI(law), 0.01)).loss(3.5, 5.0) == pytest.approx(lost, abs=1e-7)
+
+
+@pytest.mark.parametrize("value", [3.7, 3.9, 4.1, 5.0])
+@pytest.mark.parametrize("law", [Sampled(PI(), 0.01), Sampled(ImplicitSlidingMode(), 0.01)], ids=["PI", "implicit sliding mode"])
+def test_twin_runs_agree_with_differences(law, value):
+    found = branch(law)
+    twins = twin_growth(found.at(value), found(value).state, SWING)
+    assert twins.way == "twin runs"
+    assert twins.rate == pytest.approx(found.rate(value), abs=1e-6, rel=5e-3)
+    assert twins.period == pytest.approx(found(value).growth.period, rel=5e-3)
+
+
+def test_super_twisting_has_no_slope_at_its_surface_and_twin_runs_tell():
+    """On its surface the top is held: what is left is the motion that an ideal sliding mode leaves, whose loss differs in the third decimal."""
+    found = branch(Sampled(SuperTwisting(), 0.01))
+    assert found(3.7) is None
+    rates = []
+    for value in (3.7, 3.75):
+        begin = next(found._beginnings(found.at(value), value))
+        rates.append(twin_growth(found.at(value), begin, SWING).rate)
+    lost = 3.7 + 0.05 * rates[0] / (rates[0] - rates[1])
+    assert lost == pytest.approx(branch(Sampled(ImplicitSlidingMode(), 0.01)).loss(3.5, 5.0), abs=1e-3)
+
+
+def test_what_does_not_act_back_has_no_part_in_the_growth():
+    """A law whose memory drifts, and is only shown, leaves the growth as it is."""
+
+    class Counting(PythonPI):
+        samples = 0.0
+
+        def __call__(self, t, y):
+            self.samples = 1.5 * self.samples + 1e-3 * y[0]
+            return super().__call__(t, y)
+
+        def get_memory(self):
+            return [*super().get_memory(), self.samples]
+
+        def set_memory(self, values):
+            super().set_memory(values[:1])
+            self.samples = float(values[1])
+
+    law = PI().design(RIG)
+    plain = branch(Sampled(PythonPI(law), 0.01))
+    assert branch(Sampled(Counting(law), 0.01)).rate(5.0) == pytest.approx(plain.rate(5.0), rel=1e-6)
+
+
+def test_noise_is_left_out_of_the_growth():
+    noisy = Sampled(PI(), 0.01, noise={"top.speed": 0.1}, seed=3)
+    assert branch(noisy).rate(5.0) == pytest.approx(branch(dataclasses.replace(noisy, noise={})).rate(5.0), rel=1e-12)
+
+
+def test_the_map_begins_where_no_sample_is_taken_and_none_arrives():
+    phase, common = section([(0.01, 0.0), (0.004, 0.003)])
+    assert common == pytest.approx(0.02)
+    marks = [k * 0.01 for k in range(3)] + [k * 0.004 for k in range(6)] + [k * 0.004 + 0.003 for k in range(6)]
+    assert min(abs(phase - mark) for mark in marks) > 2e-4

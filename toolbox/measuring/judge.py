@@ -1,0 +1,338 @@
+"""What a machine does: it stands, sticks and slips, swings, or runs smoothly; one judge for all who ask.
+
+No window of fixed length can tell. A loop that relapses every ten minutes shows minutes without a stick, and one whose disturbance grows with four minutes
+looks calm for one. So a verdict rests on what comes back, and on how a small disturbance of smooth running grows:
+
+- it *stands* if it sticks and the force of the contact is at rest, or comes and goes by the same without a release;
+- it *sticks and slips* if the same stick comes back: with the lengths and intervals of one round like those of the round before, or drawing near to such a
+  round faster than they would lose the stick, or anew after a lull;
+- it *swings* if the same extremum comes back without a stick;
+- it is *smooth* if the deviation from smooth running falls at the rate at which a small one does;
+- else it is *not decided*, and the judge carries the run on until it can tell or its budget is spent.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import FloatArray
+from toolbox.measuring.measure import stick_intervals
+from toolbox.measuring.quintics import steps_of
+from toolbox.simulation.run_state import RunState
+from toolbox.simulation.trajectory import Trajectory
+
+STANDS, STICKS, SWINGS, SMOOTH, NOT_DECIDED = "stands", "sticks and slips", "swings", "smooth", "not decided"
+REGIMES = (STANDS, STICKS, SWINGS, SMOOTH, NOT_DECIDED)
+"""The regimes, by their names in every report."""
+
+SWINGS_OF_A_PIECE = 8
+"""Swings that the judge looks at together."""
+
+WINDOW = 2
+"""Swings of a window in which the largest deviation from smooth running counts."""
+
+BUDGET = 2_000
+"""Swings after which a run that nothing decides is given up."""
+
+SAME = 1e-5
+"""What two rounds may differ by, in parts of their size, to be the same."""
+
+MOST_STICKS = 12
+"""Sticks of the longest round that is looked for."""
+
+LULL = 4
+"""Swings without a stick that part one group of sticks from the next."""
+
+ROUNDS = 30
+"""Rounds that never repeat exactly, by noise, by the clock of a law or by chaos, after which their means tell."""
+
+FLOOR = 1e-6
+"""Severity below which nothing swings."""
+
+CALM = 1e-3
+"""Deviation, in parts of the target, that is small where it falls and small ones die."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What a run came to.
+
+    Attributes
+    ----------
+    regime
+        One of `REGIMES`.
+    severity
+        Half of the range of the judged signal over what comes back, in parts of its mean.
+    sticks
+        Number of sticks in what comes back.
+    longest
+        Length of the longest of them [s].
+    interval
+        Time after which it comes back [s]; nan where nothing does.
+    rate
+        Rate at which a small disturbance of smooth running grows [1/s]; nan where it is not known.
+    """
+
+    regime: str
+    severity: float = math.nan
+    sticks: int = 0
+    longest: float = 0.0
+    interval: float = math.nan
+    rate: float = math.nan
+
+
+@dataclass
+class Record:
+    """What the judge has seen: the sticks of a contact, and what a signal did.
+
+    steps: (begin, end, lowest value, highest value, integral) of the steps of each piece;  windows: lowest and highest value in windows of a length, which
+    divides that of a piece;  spans: range of the force of the contact over the second half of each piece, in parts of its largest value.
+    """
+
+    element: str
+    signal: str
+    shortest: float
+    length: float
+    sticks: list[tuple[float, float]] = field(default_factory=list)
+    steps: list[FloatArray] = field(default_factory=list)
+    windows: list[tuple[float, float]] = field(default_factory=list)
+    first: float = math.nan
+    now: float = math.nan
+    spans: list[float] = field(default_factory=list)
+
+    def add(self, run: Trajectory) -> None:
+        """Add a run that begins where the one before ended."""
+        if math.isnan(self.first):
+            self.first = run.begin
+        for a, b in stick_intervals(run, self.element):
+            if self.sticks and self.sticks[-1][1] >= a:
+                self.sticks[-1] = (self.sticks[-1][0], b)
+            else:
+                self.sticks.append((a, b))
+        found = steps_of(run.nodes, self.signal, run.begin, run.end)
+        self.steps.append(np.stack([found.begin, found.end, found.lowest, found.highest, found.integral]))
+        count = max(round((run.end - run.begin) / self.length), 1)
+        place = np.clip((count * (found.begin - run.begin) / (run.end - run.begin)).astype(int), 0, count - 1)
+        low, high = np.full(count, np.inf), np.full(count, -np.inf)
+        np.minimum.at(low, place, found.lowest)
+        np.maximum.at(high, place, found.highest)
+        for i in np.flatnonzero(low > high):  # inside of a long step
+            low[i], high[i] = low[i - 1], high[i - 1]
+        self.windows += zip(low.tolist(), high.tolist(), strict=True)
+        self.now = run.end
+        contact = next(each for each in run.program.system.elements if each.name == self.element)
+        late = run.nodes.at(np.linspace(0.5 * (run.begin + run.end), run.end, 65))
+        force = np.atleast_1d(late.computed(ca.SX(contact.force)))
+        self.spans.append(float(np.ptp(force) / np.maximum(np.abs(force).max(), 1e-300)))
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the force of the contact rests, or has come and gone by the same in the last three pieces."""
+        last = self.spans[-3:]
+        return last[-1] < SAME or (len(last) == 3 and max(last) - min(last) < 1e-3 * max(last))
+
+    @property
+    def resolved(self) -> list[tuple[float, float]]:
+        """The sticks that last, in order."""
+        return [(a, b) for a, b in self.sticks if b - a > self.shortest]
+
+    def table(self, begin: float) -> FloatArray:
+        """(begin, end, lowest, highest, integral) of the steps from a time on, shape (5, steps)."""
+        columns = [each for each in self.steps if each.size and each[1, -1] > begin]
+        table = np.concatenate(columns, axis=1) if columns else np.empty((5, 0))
+        return table[:, table[1] > begin]
+
+    def severity(self, begin: float, end: float) -> float:
+        """Half of the range of the signal between two times, in parts of its mean."""
+        table = self.table(begin)
+        table = table[:, table[0] < end]
+        if not table.size:
+            return math.nan
+        swing, mean = float(table[3].max() - table[2].min()), float(table[4].sum() / (table[1, -1] - table[0, 0]))
+        return swing / (2.0 * abs(mean)) if mean else math.inf if swing else math.nan
+
+    def deviations(self, target: float, begin: float) -> FloatArray:
+        """Largest deviation of the signal from a value in each window that begins after a time, the last one last."""
+        count = min(int((self.now - begin) / self.length * (1.0 + 1e-9)), len(self.windows))
+        low, high = np.array(self.windows[len(self.windows) - count :]).reshape(-1, 2).T
+        return np.maximum(high - target, target - low)
+
+
+@dataclass(frozen=True)
+class Judge:
+    """The judge of one machine at one value of its numbers.
+
+    Parameters
+    ----------
+    element, signal
+        The contact whose sticks count, and the signal whose severity is told.
+    swing
+        Period of the least damped swing of the machine [s]: its scale of time.
+    target
+        Value of the signal in smooth running; nan where there is none.
+    rate
+        Rate at which a small disturbance of smooth running grows [1/s]; nan where it is not known.
+    noise
+        Largest deviation of the signal from its target that measurement noise makes in smooth running.
+    budget
+        Swings after which a run that nothing decides is given up.
+    """
+
+    element: str
+    signal: str
+    swing: float
+    target: float = math.nan
+    rate: float = math.nan
+    noise: float = 0.0
+    budget: float = BUDGET
+
+    def carried(self, run_on: Callable[[RunState, float], Trajectory], begin: RunState) -> tuple[Judged, RunState]:
+        """Carry a run on until it is decided, or the budget is spent; run_on: (state, duration) -> run. Returns the verdict and where the run ended.
+
+        Raises SimulationError as the run does.
+        """
+        record, state = None, begin
+        piece = SWINGS_OF_A_PIECE * self.swing
+        while True:
+            run = run_on(state, piece)
+            state = run.last
+            if record is None:
+                record = Record(self.element, self.signal, max(10 * run.accuracy, 1e-6) * self.swing, WINDOW * self.swing)
+            record.add(run)
+            judged = self.decided(record)
+            if judged is not None or record.now - record.first >= self.budget * self.swing:
+                return judged or self._verdict(NOT_DECIDED, record, max(record.first, record.now - 2 * piece)), state
+
+    def of_run(self, run: Trajectory, after: float) -> Judged:
+        """The verdict on a run as it is, from a time on [s]; not decided where it is too short to tell."""
+        record = Record(self.element, self.signal, max(10 * run.accuracy, 1e-6) * self.swing, WINDOW * self.swing)
+        record.add(run)
+        record.sticks = [(max(a, after), b) for a, b in record.sticks if b > after]
+        record.first = max(record.first, after)
+        return self.decided(record) or self._verdict(NOT_DECIDED, record, record.first)
+
+    def decided(self, record: Record) -> Judged | None:
+        """What has been seen so far, where it tells."""
+        sticks = record.resolved
+        if sticks and sticks[-1][1] >= record.now:  # it sticks now
+            lasting = record.now - max(sticks[-1][0], record.first)
+            if lasting > (1 if record.spans[-1] < SAME else 3) * SWINGS_OF_A_PIECE * self.swing and record.at_rest:
+                return self._verdict(STANDS, record, sticks[-1][0], sticks[-1:])
+            sticks = sticks[:-1]
+            if lasting > LULL * self.swing:  # how it goes on is not told by what was before
+                return None
+        if sticks and record.now - sticks[-1][1] < 2.0 * LULL * self.swing:
+            return self._stick_slip(record, sticks)
+        return self._after_lulls(record, sticks) or self._without_stick(record, sticks)
+
+    def _verdict(
+        self, regime: str, record: Record, begin: float, sticks: list[tuple[float, float]] | None = None, interval: float = math.nan
+    ) -> Judged:
+        """A verdict, with its severity from a time on."""
+        own = sticks or []
+        end = begin + interval if math.isfinite(interval) else record.now
+        longest = max((b - a for a, b in own), default=0.0)
+        return Judged(regime, record.severity(begin, end), len(own), longest, interval, self.rate)
+
+    # ------------------------------------------------------------------------------------------------------------------------------ sticks come back
+    def _stick_slip(self, record: Record, sticks: list[tuple[float, float]]) -> Judged | None:
+        """Whether the same stick comes back, from round to round."""
+        found = self._after_lulls(record, sticks)
+        begins, ends = np.array(sticks).T
+        lull = np.flatnonzero(begins[1:] - ends[:-1] > LULL * self.swing)
+        first = int(lull[-1]) + 1 if lull.size else 0  # what was before the last lull is another story
+        rows = np.column_stack([np.diff(begins[first:]), (ends - begins)[first:-1]])
+        if found is not None or len(rows) < 3:
+            return found
+        for p in range(1, min(MOST_STICKS, len(rows) // 3) + 1):
+            if self._comes_back(rows, p):
+                return self._round(record, sticks, p)
+        return None
+
+    def _round(self, record: Record, sticks: list[tuple[float, float]], p: int) -> Judged:
+        """The verdict over the last round of p sticks."""
+        begin, interval = sticks[-1 - p][0], sticks[-1][0] - sticks[-1 - p][0]
+        return self._verdict(STICKS, record, begin, sticks[-1 - p : -1], interval)
+
+    def _comes_back(self, rows: FloatArray, p: int) -> bool:
+        """Whether rounds of p sticks, rows (interval, length), are the same, or come to be so before a stick is lost."""
+        count = len(rows) // p
+        rounds = rows[len(rows) - count * p :].reshape(count, p, 2)
+        size = rounds[-1, :, 0].sum()
+        apart = np.abs(np.diff(rounds, axis=0)).max(axis=(1, 2)) / size
+        if apart[-1] < SAME and apart[-2] < 10 * SAME:
+            return True
+        margin = rounds[-1, :, 1].min() / size
+        if len(apart) >= 5 and self._settles(rounds[:, :, 1] / size, margin):
+            return True
+        return count >= ROUNDS and p == 1 and _steady(rows[:, 1] / size, margin)
+
+    @staticmethod
+    def _settles(lengths: FloatArray, margin: float) -> bool:
+        """Whether the lengths of the sticks draw near to limits, and these stay, long before they are zero.
+
+        The limit is that of a geometric sequence (Aitken). On the way past a cycle that is not there any more, the limit moves on as fast as the lengths do.
+        """
+        last = lengths[-5:]
+        steps = np.diff(last, axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratios = steps[1:] / steps[:-1]
+            limits = last[2:] + steps[1:] * ratios / (1.0 - ratios)
+        moved = np.abs(steps[-1])
+        settled = moved < SAME
+        calm = (np.abs(ratios) < 0.98).all(axis=0) & (np.abs(np.diff(limits, axis=0)) < 0.1 * moved).all(axis=0)
+        left = np.abs(limits[-1] - last[-1])
+        return bool((settled | (calm & (left < 0.5 * margin))).all())
+
+    def _after_lulls(self, record: Record, sticks: list[tuple[float, float]]) -> Judged | None:
+        """Whether sticks have come back after two lulls: what was before is forgotten then, so that it goes on so."""
+        if len(sticks) < 3:
+            return None
+        begins, ends = np.array(sticks).T
+        groups = np.flatnonzero(np.append(True, begins[1:] - ends[:-1] > LULL * self.swing))
+        if groups.size < 4:
+            return None
+        heads = begins[groups]
+        intervals = np.diff(heads)[-2:]
+        if abs(intervals[1] / intervals[0] - 1.0) > 0.2:
+            return None
+        own = sticks[int(groups[-2]) : int(groups[-1])]
+        return self._verdict(STICKS, record, float(heads[-2]), own, float(intervals[1]))
+
+    # ------------------------------------------------------------------------------------------------------------------------------- without sticks
+    def _without_stick(self, record: Record, sticks: list[tuple[float, float]]) -> Judged | None:
+        """Whether the deviation from smooth running falls as a small one does, or the same extremum comes back."""
+        begin = max(record.first, sticks[-1][1] + LULL * self.swing if sticks else record.first)
+        length, late = record.length, record.now - record.length
+        target = self.target
+        if math.isnan(target):
+            table = record.table(late)
+            target = float(table[4].sum() / (table[1, -1] - table[0, 0]))
+        away, size = record.deviations(target, begin), max(abs(target), 1e-300)
+        if away.size < 4:
+            return None
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rates = np.diff(np.log(away[-4:])) / length
+        dies = self.rate < 0 or (math.isnan(self.rate) and bool((rates < 0).all()))
+        small = away[-3:].max() <= max(self.noise, CALM * size) and (away[-1] < away[-3] or away[-1] <= max(self.noise, FLOOR * size))
+        as_small = np.abs(rates / self.rate - 1.0).max() < 0.25 if math.isfinite(self.rate) else np.ptp(rates) < 0.25 * abs(rates.mean())
+        if dies and (small or as_small):
+            return self._verdict(SMOOTH, record, late)
+        still = np.abs(rates).max() * length < 10 * SAME or (away.size >= ROUNDS and _steady(away, float(away[-1])))
+        if still and not as_small and away[-1] > max(self.noise, FLOOR * size):
+            return self._verdict(SWINGS, record, late, interval=length)
+        return None
+
+
+def _steady(values: FloatArray, margin: float) -> bool:
+    """Whether the mean of a sequence that never repeats stays: its last third is like the one before, as far as its scatter tells, or draws near to it."""
+    thirds = np.array_split(values, 3)
+    means = np.array([each.mean() for each in thirds])
+    scatter = max(float(np.std(each)) / math.sqrt(len(each)) for each in thirds[1:])
+    first, last = abs(means[1] - means[0]), abs(means[2] - means[1])
+    return bool(last < 0.02 * margin and (last <= 2.0 * scatter or last < 0.5 * first))

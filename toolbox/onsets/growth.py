@@ -1,0 +1,372 @@
+"""How fast a small disturbance of smooth running grows, for every law.
+
+- A loop that acts continuously: the poles of its equations at the steady state.
+- A sampled loop: the multipliers of its map over a few sample times, in the states, the memory of the laws, the signals held and the outputs on their way.
+  Its derivatives are differences of short runs of the machine as it runs; they count where two sizes of the differences, and both of their sides, agree.
+- Where they do not, as under a law that switches or whose slope is infinite, or where a Python law does not tell its memory: two runs from both sides of
+  smooth running, and the growth of what is between them.
+
+What does not act back on the machine, such as the angle of a free shaft or the filter of a watchdog, has no part in it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import FloatArray
+from toolbox.errors import SceneError, SimulationError
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.numbers import Number
+from toolbox.modelling.steady_point import Equilibrium, function_of
+from toolbox.robustness.steady_loop import at_set_points
+from toolbox.simulation.run import Run
+from toolbox.simulation.run_state import RunState
+from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes
+
+ROUNDS = 5
+"""Common periods of all sample times over which the map goes."""
+
+KICK = 1e-3
+"""Part of the states by which smooth running is disturbed to see how far each entry of a point moves then."""
+
+STEP = 0.1
+"""Differences, in parts of what each entry moves by then; half of it once more."""
+
+AGREES = 1e-3
+"""What the growth of two differences may be apart, in parts of its frequency, to count."""
+
+VISIBLE = 1e-8
+"""Part of a motion that must show in the slips of the contacts for it to act back on the machine."""
+
+EXACT = 1e-12
+"""Accuracy of the runs of a map."""
+
+KICKS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
+"""Parts of the slip by which twin runs begin apart; two neighbours must agree."""
+
+TWIN_SWINGS, LONGEST_TWIN, SAMPLES = 2, 40, 32
+"""Swings of a piece of twin runs, the most pieces, and the instants in a swing at which they are compared."""
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How a small disturbance of smooth running goes on: as exp(rate t), in swings of a period.
+
+    Attributes
+    ----------
+    rate
+        Rate of the least damped motion [1/s], > 0 where it grows.
+    period
+        Period of its swing [s]; inf where it does not swing.
+    way
+        How it is known: "poles", "differences" or "twin runs".
+    """
+
+    rate: float
+    period: float
+    way: str
+
+    @staticmethod
+    def of(exponent: complex, way: str) -> Growth:
+        """The growth of a motion that goes as exp(exponent t)."""
+        return Growth(float(exponent.real), 2 * math.pi / abs(exponent.imag) if exponent.imag else math.inf, way)
+
+    @property
+    def time(self) -> float:
+        """Time in which a disturbance becomes e times as large, or as small [s]."""
+        return 1.0 / abs(self.rate) if self.rate else math.inf
+
+    def __str__(self) -> str:
+        return f"{'grows' if self.rate > 0 else 'dies'} with {self.time:.3g} s, by {self.way}"
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """Smooth running at one value: its state, how a disturbance grows, and the direction in which it does, in the entries of `RunState.values`."""
+
+    state: RunState
+    growth: Growth
+    direction: FloatArray
+
+
+class SmoothBranch:
+    """Smooth running of a closed loop over one number, each value once: its state, and how a small disturbance grows. Measurement noise is left out.
+
+    followed: the steady states of the continuous forms of the laws; None where a law has none.
+    """
+
+    def __init__(self, base: Run, free: Number, inputs: Mapping[str, float], followed: EquilibriumBranch | None):
+        noises = {name: entry for name, entry in base.system.parameters.items() if name.endswith(".sensors.noise")}
+        silent = {name: [0.0] * entry.size if entry.size else 0.0 for name, entry in noises.items()}
+        self.run = dataclasses.replace(base, system=base.system.with_parameters(silent)) if silent else base
+        self.free, self.inputs, self.followed = free, inputs, followed
+        self.known: dict[float, Smooth | None] = {}
+
+    def at(self, value: float) -> Run:
+        """The run with the free parameter at a value."""
+        return with_value(self.run, self.free, value)
+
+    def __call__(self, value: float) -> Smooth | None:
+        """Smooth running at a value; None where none is known."""
+        if value not in self.known:
+            self.known[value] = self._sampled(value) if self.run.system.updates else self._continuous(value)
+        return self.known[value]
+
+    def rate(self, value: float) -> float:
+        """Rate at which a small disturbance grows [1/s]; nan without smooth running."""
+        found = self(value)
+        return math.nan if found is None else found.growth.rate
+
+    def loss(self, one: float, other: float) -> float:
+        """Where the rate is zero, between two values at which it has different signs."""
+        from scipy.optimize import brentq
+
+        return float(brentq(self.rate, one, other, xtol=1e-10 * max(abs(one), abs(other)), rtol=1e-10))
+
+    def _continuous(self, value: float) -> Smooth | None:
+        point = None if self.followed is None else self.followed(value)
+        if point is None:
+            return None
+        exponents, motions = np.linalg.eig(flow_slopes(point))
+        rows = slip_rows(point.plant, point.states, point.plant.values)
+        best = least_damped(exponents.astype(complex), motions, rows)
+        state = self.run.start.at_values(point.states)
+        return Smooth(state, Growth.of(complex(exponents[best]), "poles"), np.real(motions[:, best]))
+
+    def _sampled(self, value: float) -> Smooth | None:
+        run, found = self.at(value), None
+        for begin in self._beginnings(run, value):
+            with contextlib.suppress(SimulationError):
+                found = SampledMap(run, begin).smooth()
+            if found is not None:
+                return found
+        return found
+
+    def _beginnings(self, run: Run, value: float) -> Iterator[RunState]:
+        """States near smooth running: of the continuous forms, of the plant at the set-points, and of the nearest value that is known."""
+        points: list[Callable[[], Equilibrium | None]] = [lambda: None if self.followed is None else self.followed(value)]
+        points.append(lambda: at_set_points(run.loop.at(self.free.name, value)))
+        for find in points:
+            with contextlib.suppress(SceneError):
+                point = find()
+                if point is not None:
+                    names = [*run.system.states, *(name for update in run.system.updates for name in (*update.places, *update.names))]
+                    known = {name: point[name] for name in names if point.plant.has_signal(name)}
+                    yield RunState.begun(run.system, run.plant, run.clocks).with_values(known)
+        near = [(abs(other - value), other) for other, smooth in self.known.items() if smooth is not None]
+        if near:
+            yield self.known[min(near)[1]].state  # type: ignore[union-attr]
+
+
+def with_value(run: Run, free: Number, value: float) -> Run:
+    """The run with a free parameter at a value."""
+    if free.is_input:
+        return dataclasses.replace(run, inputs={**run.inputs, free.name: value})
+    return dataclasses.replace(run, system=run.system.with_parameters({free.name: value}))
+
+
+def slip_rows(system: HybridSystem, states: FloatArray, values: FloatArray) -> FloatArray:
+    """Derivatives of the slips of all contacts by the states, shape (elements, states)."""
+    function = function_of(system, ("slip_rows",), lambda: [ca.jacobian(system.switching.slip, system.x)])
+    return np.array(function(0.0, states, np.zeros(len(system.inputs)), values, np.ones(len(system.elements))))
+
+
+def least_damped(exponents: np.ndarray, motions: np.ndarray, rows: np.ndarray) -> int:
+    """Which motion (columns) grows fastest, of those that show in the slips of the contacts; of a pair the one with the positive frequency."""
+    seen = np.abs(rows @ motions).max(axis=0, initial=0.0) > VISIBLE * np.abs(motions).max(axis=0)
+    chosen = np.flatnonzero(seen) if seen.any() else np.arange(exponents.size)
+    return int(max(chosen, key=lambda k: (round(float(exponents[k].real), 12), float(exponents[k].imag))))
+
+
+def section(clocks: list[tuple[float, float]]) -> tuple[float, float]:
+    """(phase, common period) of all sample times: a phase in the middle of the longest time without a sample or a late output."""
+    periods = [Fraction(period).limit_denominator(10**9) for period, _ in clocks]
+    common = periods[0]
+    for each in periods[1:]:
+        a, b = common.numerator * each.denominator, each.numerator * common.denominator
+        common = Fraction(math.lcm(a, b), common.denominator * each.denominator)
+    whole = float(common)
+    marks = {0.0}
+    for (period, delay), exact in zip(clocks, periods, strict=True):
+        for k in range(int(common / exact)):
+            marks |= {k * period / whole % 1.0, (k * period + delay) / whole % 1.0}
+    edges = np.array([*sorted(marks), 1.0 + min(marks)])
+    widest = int(np.argmax(np.diff(edges)))
+    return whole * (0.5 * (edges[widest] + edges[widest + 1]) % 1.0), whole
+
+
+class SampledMap:
+    """The map of a sampled loop over a few sample times, between instants at which no sample is taken and none arrives.
+
+    Its points hold the entries of the states, of the memory and of the signals held, then the outputs on their way, then what Python laws tell.
+    """
+
+    def __init__(self, run: Run, begin: RunState):
+        phase, common = section(run.clocks)
+        self.run, self.span = run, ROUNDS * common
+        late = max(delay for _, delay in run.clocks)
+        until = phase + common * math.ceil((late + 2 * common) / common)
+        self.state = self._again(begin, until - begin.time).last
+        self.places = np.concatenate([np.arange(first, first + (size or 1)) for _, first, size in self.state.layout]).astype(int)
+        self.told = all(law is None or isinstance(law, np.ndarray) for law in self.state.laws)
+        n = self.state.states.size
+        rows = slip_rows(run.system, self.state.states, run.system.values)
+        self.rows = np.hstack([rows, np.zeros((len(rows), self.point(self.state).size - n))])
+
+    def _again(self, state: RunState, duration: float) -> Any:
+        return self.run.again(start=state, duration=duration, accuracy=EXACT, output_times=None, longest_step=max(duration, self.span) / 16)
+
+    def point(self, state: RunState) -> FloatArray:
+        """A state as a point."""
+        laws = [law for law in state.laws if law is not None]
+        return np.concatenate([state.values[self.places], *[rows.ravel() for rows in state.waiting], *laws])
+
+    def state_at(self, point: FloatArray) -> RunState:
+        """The state of a point."""
+        values, place = self.state.values, self.places.size
+        values[self.places] = point[:place]
+        waiting, laws = [], []
+        for rows in self.state.waiting:
+            waiting.append(point[place : place + rows.size].reshape(rows.shape))
+            place += rows.size
+        for law in self.state.laws:
+            laws.append(None if law is None else point[place : place + law.size])
+            place += 0 if law is None else law.size
+        return dataclasses.replace(self.state.at_values(values), waiting=tuple(waiting), laws=tuple(laws))
+
+    def __call__(self, point: FloatArray) -> FloatArray:
+        return self.point(self._again(self.state_at(point), self.span).last)
+
+    def sizes(self, point: FloatArray) -> FloatArray:
+        """How far each entry of a point moves where the states are disturbed by KICK; for what does not move, KICK of its value or of 1."""
+        n = self.state.states.size
+        moved, still = point.copy(), point
+        moved[:n] *= 1.0 + KICK
+        size = np.abs(moved - still)
+        for _ in range(6):
+            moved, still = self(moved), self(still)
+            size = np.maximum(size, np.abs(moved - still))
+        own = KICK * np.where(np.abs(point) > 1e-9, np.abs(point), 1.0)
+        return np.where(size > 1e-9 * own, size, own)
+
+    def slopes(self, point: FloatArray, end: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of the map at a point, which goes to `end`, by differences upwards and downwards."""
+        up, down = (np.empty((point.size, point.size)) for _ in range(2))
+        for i, step in enumerate(steps):
+            for sign, matrix in ((1.0, up), (-1.0, down)):
+                moved = point.copy()
+                moved[i] += sign * step
+                matrix[:, i] = sign * (self(moved) - end) / step
+        return up, down
+
+    def smooth(self) -> Smooth | None:
+        """Smooth running next to the state, by Newton's method on the map, and its growth; None where differences do not agree or nothing is found."""
+        point = self.point(self.state)
+        if not self.told or not np.isfinite(point).all():
+            return None
+        size = self.sizes(point)
+        for _ in range(8):
+            end = self(point)
+            up, down = self.slopes(point, end, STEP * size)
+            matrix = (up + down) / 2
+            if not np.isfinite(matrix).all():
+                return None
+            scaled = matrix * size / size[:, None]
+            step = size * np.linalg.lstsq(scaled - np.eye(size.size), (point - end) / size, rcond=1e-9)[0]
+            if (np.abs(step) <= 1e-7 * size).all():  # of a disturbance that is small itself
+                break
+            point = point + step
+        else:
+            return None
+        half = self.slopes(point, end, STEP / 2 * size)
+        finest = (half[0] + half[1]) / 2
+        found = [self._grown(each * size / size[:, None]) for each in ((4.0 * finest - matrix) / 3.0, finest, matrix, *half)]
+        (exponent, motion), others = found[0], [each[0] for each in found[1:]]
+        if any(abs(each - exponent) > AGREES * max(abs(exponent), 1e-2 / self.span) for each in others):
+            return None
+        values = np.zeros(self.state.values.size)
+        values[self.places] = (np.real(motion) * size)[: self.places.size]
+        return Smooth(self.state_at(point), Growth.of(exponent, "differences"), values)
+
+    def _grown(self, scaled: FloatArray) -> tuple[complex, np.ndarray]:
+        """The exponent of the least damped motion of a matrix of the map, and the motion."""
+        multipliers, motions = np.linalg.eig(scaled)
+        exponents = np.log(np.where(multipliers == 0.0, 1e-300, multipliers).astype(complex)) / self.span
+        best = least_damped(exponents, motions, self.rows)
+        return complex(exponents[best]), motions[:, best]
+
+
+def twin_growth(run: Run, state: RunState, swing: float) -> Growth | None:
+    """The growth of what is between two runs that begin on both sides of smooth running; None where two sizes of it never agree.
+
+    It counts once it stays the same from piece to piece and what is between the runs is in proportion to how far apart they began: it is neither the chatter of
+    a law nor so large that it grows otherwise.
+
+    swing: about the period of the slowest swing of the machine [s].
+    """
+    rows = slip_rows(run.system, state.states, run.system.values)
+    rows = rows / (np.abs(rows) @ np.abs(state.states) + 1e-300)[:, None]
+    for kicks in itertools.pairwise(KICKS):
+        twins = [
+            Twins(run, [dataclasses.replace(state, states=state.states * (1.0 + sign * kick)) for sign in (1.0, -1.0)], rows)
+            for kick in kicks
+        ]
+        found: list[complex] = []
+        try:
+            for _ in range(LONGEST_TWIN):
+                exponents, sizes = zip(*[each.on(swing) for each in twins], strict=True)
+                near = max(AGREES * 2 * math.pi / swing, 0.05 * abs(exponents[0].real))
+                linear = abs(sizes[1] * kicks[0] / (sizes[0] * kicks[1]) - 1.0) < 0.1
+                if not linear or sizes[1] > 0.1 or abs(exponents[0].real - exponents[1].real) > near:
+                    break
+                found.append(exponents[0])
+                if len(found) > 2 and np.ptp([each.real for each in found[-3:]]) < max(
+                    0.05 * AGREES * 2 * math.pi / swing, 1e-3 * abs(found[-1].real)
+                ):
+                    break
+        except SimulationError:
+            return None
+        if len(found) > 1 and abs(found[-1].real - found[-2].real) < max(AGREES * 2 * math.pi / swing, 0.1 * abs(found[-1].real)):
+            return Growth.of(found[-1], "twin runs")
+    return None
+
+
+@dataclass
+class Twins:
+    """Two runs that began near one another; rows: slips of the contacts, in parts of their size, from the states."""
+
+    run: Run
+    ends: list[RunState]
+    rows: FloatArray
+
+    def on(self, swing: float) -> tuple[complex, float]:
+        """Carry both on by a few swings: (exponent of what is between them, its largest size)."""
+        duration = TWIN_SWINGS * swing
+        both = [
+            self.run.again(start=end, duration=duration, accuracy=EXACT, output_times=None, longest_step=swing / 16) for end in self.ends
+        ]
+        self.ends = [each.last for each in both]
+        times = np.linspace(both[0].begin, both[0].end, SAMPLES * TWIN_SWINGS + 1)
+        apart = (both[0].at(times).states - both[1].at(times).states) @ self.rows.T
+        return _exponent(apart, swing / SAMPLES), float(np.abs(apart).max())
+
+
+def _exponent(rows: FloatArray, step: float) -> complex:
+    """The exponent of the two slowest motions in samples of signals (rows), by the linear map of rank two from each to a later one that fits best."""
+    late = SAMPLES // 4
+    columns = np.hstack([rows[k : len(rows) - 2 * late + k] for k in (0, late, 2 * late)])
+    now, following = columns[:-late].T, columns[late:].T
+    u, s, v = np.linalg.svd(now, full_matrices=False)
+    kept = max(1, min(2, int((s > 1e-10 * s[0]).sum())))
+    multipliers = np.linalg.eigvals(u[:, :kept].T @ following @ v[:kept].T / s[:kept])
+    return complex(np.log(max(multipliers.astype(complex), key=lambda each: (abs(each), each.imag))) / (late * step))

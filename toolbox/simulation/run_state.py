@@ -1,0 +1,219 @@
+"""The whole state of a run at one instant: what the plant and its laws remember, what laws hold, and what is on its way to the plant.
+
+A run that begins with the state in which another one ended goes on as if it had never been cut, at the same absolute time: inputs, clocks, delays and the
+noise of each sample are functions of that time and of the number of the sample, so that they follow by themselves. The pieces equal the whole run to the
+accuracy of the steps, which are cut in other places.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray, finite_array
+from toolbox.errors import SceneError
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import fresh
+from toolbox.modelling.start import place_starts
+
+Layout = tuple[tuple[str, int, "int | None"], ...]
+"""(name, first entry, number of entries) of every state of the plant, then of every state that a sampled law remembers, then of every signal that is held."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunState:
+    """Where a run is at one instant: `simulate(plant, duration, start=run.last, ...)` goes on from there, at the same absolute time.
+
+    Attributes
+    ----------
+    time
+        The instant [s].
+    states
+        States of the plant and of the laws that act continuously, shape (n,).
+    memory
+        States of the sampled laws, one law after the other, each followed by the noise of its last sample.
+    held
+        Signals that sampled laws hold.
+    modes
+        Mode of each element; None where the states decide.
+    taken, applied
+        Number of samples that each sampled law has taken, and of those whose outputs the plant has got.
+    waiting
+        Outputs of each sampled law that are on their way, shape (samples, outputs), the oldest first.
+    laws
+        What each Python law remembers: an array where it offers `get_memory`, a copy of the law where it is another object, None for a function.
+    carried
+        Whether an earlier run led here; else laws begin as they do at the start of a run.
+    layout
+        What the entries of `states`, `memory` and `held` are, by name.
+    clocks
+        (period, delay) of each sampled law [s].
+    """
+
+    time: float
+    states: FloatArray
+    memory: FloatArray
+    held: FloatArray
+    modes: np.ndarray | None = None
+    taken: tuple[int, ...] = ()
+    applied: tuple[int, ...] = ()
+    waiting: tuple[FloatArray, ...] = ()
+    laws: tuple[Any, ...] = ()
+    carried: bool = False
+    layout: Layout = field(default=(), repr=False)
+    clocks: tuple[tuple[float, float], ...] = field(default=(), repr=False)
+
+    @staticmethod
+    def begun(
+        system: HybridSystem, plant: HybridSystem, clocks: Sequence[tuple[float, float]], start: Mapping[str, Any] | None = None
+    ) -> RunState:
+        """Return the state in which a run begins: at rest, with the memory of laws at zero, but for the values that are given.
+
+        A signal that a late law drives has its default until the first output arrives; what other laws hold follows from their first sample at once.
+
+        Parameters
+        ----------
+        system, plant
+            The closed system, and the plant in it.
+        clocks
+            (period, delay) of each sampled law [s].
+        start
+            {state of the plant, or state that a sampled law remembers: value}.
+
+        Raises
+        ------
+        SceneError
+            If a name is unknown, or a value does not fit.
+        """
+        remembered = {name for update in system.updates for name in update.places}
+        states = system.begin.copy()
+        place_starts(system, states, {name: value for name, value in (start or {}).items() if name not in remembered})
+        memory = np.zeros(sum(update.memory.numel() + len(update.channels) for update in system.updates))
+        few = len(system.updates)
+        state = RunState(
+            time=0.0, states=states, memory=memory, held=held_defaults(system, plant, clocks, plant.values), taken=(0,) * few, applied=(0,) * few,
+            waiting=tuple(np.empty((0, update.outputs.numel())) for update in system.updates), layout=layout_of(system), clocks=tuple(clocks),
+        )  # fmt: skip
+        return state.with_values({name: value for name, value in (start or {}).items() if name in remembered})
+
+    def with_values(self, given: Mapping[str, Any]) -> RunState:
+        """Return the state with other values of what is named: states, what sampled laws remember, signals held. Raises SceneError for a value of another size.
+
+        Names that the state does not have are left out.
+        """
+        values = self.values
+        for name, first, size in self.layout:
+            if name in given:
+                array = finite_array(given[name])
+                if array is None or (array.ndim and array.shape != (size or 1,)):
+                    raise SceneError(f"Argument `{name}` must be {size or 1} finite number(s), but it is {given[name]!r}.")
+                values[first : first + (size or 1)] = array
+        return self.at_values(values)
+
+    @property
+    def values(self) -> FloatArray:
+        """States, memory and held signals, one behind the other, as `layout` names them."""
+        return np.concatenate([self.states, self.memory, self.held])
+
+    def at_values(self, values: FloatArray) -> RunState:
+        """Return the state with other `values`."""
+        first, last = self.states.size, self.states.size + self.memory.size
+        return replace(self, states=values[:first].copy(), memory=values[first:last].copy(), held=values[last:].copy())
+
+    def __getitem__(self, name: str) -> Any:
+        """The value of a state, of what a sampled law remembers, or of a signal held: a float, or an array of a vector. Raises KeyError for another name."""
+        for each, first, size in self.layout:
+            if each == name:
+                return float(self.values[first]) if size is None else self.values[first : first + size]
+        raise KeyError(name)
+
+    def check(self, system: HybridSystem, clocks: Sequence[tuple[float, float]], laws: Sequence[Any]) -> None:
+        """Raise SceneError unless a run of this system, with laws of these clocks, can go on from here."""
+        if layout_of(system) != self.layout:
+            here, there = ({name for name, _, _ in layout} for layout in (self.layout, layout_of(system)))
+            names = ", ".join(f"`{name}`" for name in sorted(here ^ there)) or "states of another size"
+            raise SceneError(
+                f"Argument `start` must be the state of a run of the same plant and laws, but they differ by {names}: to begin anew, give the "
+                "states by name, `{name: state[name] for name in plant.states}`."
+            )
+        if tuple(clocks) != self.clocks:
+            raise SceneError(
+                f"Argument `start` must be the state of a run with the same sample times and delays, but these are {list(self.clocks)} s there "
+                f"and {list(clocks)} s here."
+            )
+        for kept, law in zip(self.laws, laws, strict=True):
+            fits = isinstance(law, FunctionType) if kept is None else offers_memory(law) or type(kept) is type(law)
+            if not fits:
+                raise SceneError(
+                    f"Argument `start` must be the state of a run with the same Python law, but `{_named(law)}` is another one."
+                )
+
+    def continued(self, laws: Sequence[Any]) -> list[Any]:
+        """The Python laws of a run that begins here, with what they remember; each run has copies of its own."""
+        if not self.laws:
+            return [fresh(law) for law in laws]
+        found = []
+        for kept, law in zip(self.laws, laws, strict=True):
+            found.append(fresh(law if kept is None or isinstance(kept, np.ndarray) else kept))
+            if isinstance(kept, np.ndarray):
+                found[-1].set_memory(kept.copy())
+        return found
+
+    def remembering(self, laws: Sequence[Any]) -> RunState:
+        """Return the state with what Python laws remember now. Raises SceneError for an object that can neither tell it nor be copied."""
+        kept: list[Any] = []
+        for law in laws:
+            if isinstance(law, FunctionType):
+                kept.append(None)
+            elif offers_memory(law):
+                kept.append(np.array(law.get_memory(), float))
+            else:
+                try:
+                    kept.append(copy.deepcopy(law))
+                except Exception as error:  # whatever an object that holds a lock or a solver raises
+                    raise SceneError(
+                        f"The law `{_named(law)}` must offer `get_memory` and `set_memory`, or be copied, for a run to go on from its end, but "
+                        f"`copy.deepcopy` fails: {error}"
+                    ) from None
+        return replace(self, laws=tuple(kept))
+
+
+def layout_of(system: HybridSystem) -> Layout:
+    """What the entries of the states and of the memory of a closed system are."""
+    found = [(name, first, size) for name, (first, size, _) in system.states.items()]
+    place = system.x.numel()
+    for update in system.updates:
+        found += [(name, place + first, size) for name, (first, size) in update.places.items()]
+        place += update.memory.numel() + len(update.channels)
+    found += [(name, place + i, None) for update in system.updates for i, name in enumerate(update.names, update.first_held)]
+    return tuple(found)
+
+
+def held_defaults(system: HybridSystem, plant: HybridSystem, clocks: Sequence[tuple[float, float]], values: np.ndarray) -> np.ndarray:
+    """The signals that sampled laws hold before their first output, for parameters of the plant (one set, or one per column): (held,) or (sets, held).
+
+    A signal that a late law drives has the default that it has without the law; every other is 0, and is set by the first sample.
+    """
+    held = np.zeros((*values.shape[1:], system.held.numel()))
+    if any(delay > 0.0 for _, delay in clocks):
+        known = np.array(plant.input_defaults(values)).reshape(len(plant.inputs), *values.shape[1:])
+        defaults = dict(zip(plant.inputs, known, strict=True))
+        for update, (_, delay) in zip(system.updates, clocks, strict=True):
+            for place, name in enumerate(update.names, update.first_held):
+                if delay > 0.0 and name in defaults:
+                    held[..., place] = defaults[name]
+    return held
+
+
+def offers_memory(law: Any) -> bool:
+    """Whether a Python law tells what it remembers, by the methods `get_memory() -> array of numbers` and `set_memory(array)`."""
+    return callable(getattr(law, "get_memory", None)) and callable(getattr(law, "set_memory", None))
+
+
+def _named(law: Any) -> str:
+    return getattr(law, "__name__", type(law).__name__)

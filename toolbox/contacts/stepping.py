@@ -220,7 +220,9 @@ class _Stepping:
         By Kelvin's theorem an impulse takes itself times the mean of the speeds before and after it: a step that ends at rest takes it all, however it falls.
         """
         first, last = self.h * (self.problem.normal @ self.v[i - 1]), self.problem.normal @ moved
-        was_open = (self.modes[max(i - 2, 0) : i] == OPEN).any(axis=0)  # the step after that which closes the gap takes the rest of the speed
+        was_open = (self.modes[max(i - 2, 0) : i] == OPEN).any(
+            axis=0
+        )  # the step after that which closes the gap takes the rest of the speed
         if i == 1:  # a run may begin with a closed contact that is thrown at the counter-surface
             was_open |= first > 1e-9 * self.h * (np.abs(self.problem.normal) @ np.abs(self.v[0]))
         strikes = was_open & (first > 0) & (found.normal > 0)

@@ -315,7 +315,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
     def save(self, path: str | Path) -> Path:
         """Write signals, modes and events to a compressed npz file without pickle, whole or not at all; `Trajectory.load` reads it.
 
-        The file holds the records, and every step as a polynomial of each signal, which is as exact as the accuracy of the run. Its keys stand in
+        The file holds the records, and every step as a polynomial of each signal, the same as `run.at` to 1e-12. Its keys stand in
         `toolbox.simulation.saved_run`.
         """
         from toolbox.simulation.saved_run import write

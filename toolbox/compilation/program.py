@@ -14,7 +14,7 @@ import numpy as np
 from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.rosenbrock import RODAS5P, Rosenbrock
 from toolbox.compilation.runge_kutta import DOP853, Pair
-from toolbox.compilation.taylor import Taylor, peaks_in_time, series_of
+from toolbox.compilation.taylor import TOO_LONG, Taylor, peaks_in_time, series_of
 from toolbox.modelling.elements import SecondDirection
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -56,6 +56,14 @@ class Program:
     updates: list[tuple[ca.SX, ca.SX, ca.SX]]
     expressions: tuple[ca.SX, ...]
     form: Switching
+
+    def lacking(self, pair: Taylor, kinds: tuple[tuple[str, Any], ...]) -> str:
+        """Why a run that asked for these series steps by the formulas of this program; empty where it steps by series."""
+        return (
+            ""
+            if isinstance(self.pair, Taylor)
+            else f"{self.pair.name}: {self.system.kernels.get(('lacking', ('program', kinds, pair.name)), TOO_LONG)}"
+        )
 
     @cached_property
     def ints(self) -> np.ndarray:
@@ -111,7 +119,8 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     if not isinstance(pair, Theta):  # its forces are means over a step
         x, excited, form = _with_hidden_forces(system, elements, form)
     series = series_of(pair, equations(system.t, x, p, system.m, form)) if isinstance(pair, Taylor) else None
-    if isinstance(pair, Taylor) and series is None:
+    if isinstance(series, str):
+        system.kernels["lacking", key] = series
         return system.kernels.setdefault(key, program_of(system, kinds, DOP853))
     updates = []
     for update in system.updates:

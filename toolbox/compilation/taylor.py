@@ -50,19 +50,19 @@ MOST = 12_000
 """Instructions of the coefficients beyond which explicit formulas are taken: to write and optimise so many takes a second, and more run no faster."""
 
 
-LACKING = "an operation of the plant has no Taylor series, or they would be too long"
+JUMPS, TOO_LONG = "an operation of the plant has no Taylor series", "the Taylor series of the plant would be too long"
 """Why a plant is stepped by other formulas."""
 
 
-def series_of(formulas: Taylor, function: ca.Function) -> Body | None:
-    """The function of `series_body`, or None where an operation has no Taylor coefficients or they would be too long."""
+def series_of(formulas: Taylor, function: ca.Function) -> Body | str:
+    """The function of `series_body`, or why there is none: an operation has no Taylor coefficients, or they would be too long."""
     if function.n_instructions() * formulas.order > 6 * MOST:
-        return None
+        return TOO_LONG
     try:
         body = series_body(formulas, function)
     except NoSeries:
-        return None
-    return body if body.count <= MOST else None
+        return JUMPS
+    return body if body.count <= MOST else TOO_LONG
 
 
 _WAVES = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE, ca.OP_SIN, ca.OP_COS, ca.OP_ASSIGN, ca.OP_LIFT,

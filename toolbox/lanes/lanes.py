@@ -16,7 +16,7 @@ import numpy as np
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program, program_of, solved_in_calls
 from toolbox.compilation.runge_kutta import DOP853, DOPRI5
-from toolbox.compilation.taylor import LACKING, Taylor
+from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SceneError
 from toolbox.lanes.layout import ITEMS, BlockArrays, BlockCode, Results, Scenarios, lane_states
 from toolbox.measuring.measures import Layout, Measure, Readings
@@ -85,9 +85,7 @@ class Lanes:
         self.program = program_of(system, run.kinds, DOP853 if formulas is DOPRI5 and measures and not system.updates else formulas)
         if isinstance(self.program.pair, Taylor) and not _by_series(self.program):
             self.program = program_of(system, run.kinds, DOP853)
-        self.why = (
-            f"{self.program.pair.name}: {LACKING}" if isinstance(formulas, Taylor) and not isinstance(self.program.pair, Taylor) else ""
-        )
+        self.why = self.program.lacking(formulas, run.kinds) if isinstance(formulas, Taylor) else ""
         self.layout = Layout(self.program, measures, run.duration)
         compiled_loop(stepped, self.program)
         self.work = work_arrays(stepped, self.program)

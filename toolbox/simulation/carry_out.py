@@ -14,7 +14,7 @@ from toolbox.compilation import work_layout
 from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program, program_of
-from toolbox.compilation.taylor import LACKING, Taylor
+from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SimulationError
 from toolbox.messages import LOG, progress_bar
 from toolbox.modelling.laws import External, fresh
@@ -23,7 +23,7 @@ from toolbox.simulation.deadline import OutOfTime, until
 from toolbox.simulation.failures import exhausted, failure, trajectory_so_far
 from toolbox.simulation.growth import attended
 from toolbox.simulation.method_choice import cheapest_method
-from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing
+from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing, TaylorSeries
 from toolbox.simulation.refinement import refined, tolerance
 from toolbox.simulation.run import Run
 from toolbox.simulation.stiffness import FIRST_LOOK, pays, progress
@@ -55,9 +55,12 @@ def compiled_loop(run: Run, program: Program) -> Any:
     return attended(run_on, program)
 
 
-def _with_series(run: Run) -> bool:
-    """Whether the run asks for Taylor series."""
-    return isinstance(formulas_of(run), Taylor)
+def _told(run: Run, why: str) -> None:
+    """Warn once for a plant where a method that was asked for by its name was not taken; of one that the toolbox chose, `run.why` tells alone."""
+    told = ("told", why.partition(" at t = ")[0])
+    if why and isinstance(run.method, TaylorSeries) and told not in run.system.kernels:
+        run.system.kernels[told] = True
+        LOG.warning("method='taylor' was not taken: %s", why)
 
 
 def _undecided(run: Run) -> bool:
@@ -100,8 +103,9 @@ def carry_out(run: Run) -> Trajectory:
             if status == work_layout.DONE:
                 done = trajectory_so_far(run, program, work, began, answers)
                 done.laws = tuple(laws)
-                if _with_series(run) and not isinstance(program.pair, Taylor):
-                    done.why = f"{program.pair.name}: {LACKING}"
+                if isinstance(formulas := formulas_of(run), Taylor):
+                    done.why = program.lacking(formulas, run.kinds)
+                _told(run, done.why)
                 return _sound(done, program) if isinstance(done, Stepped) else done
             if status == work_layout.EVENTS_FULL and work.ints[work_layout.EVENTS] > run.budget.events:
                 raise exhausted(run, program, work, began, answers)
@@ -128,8 +132,8 @@ def carry_out(run: Run) -> Trajectory:
             elif isinstance(program.pair, Taylor) and status in (work_layout.NO_SERIES, work_layout.UNDERFLOW) and not run.laws:
                 left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
                 again = carry_out(dataclasses.replace(run, method=Explicit(), budget=left))
-                LOG.debug("no Taylor series at t = %g s: stepped explicitly", float(work.reals[work_layout.TIME]))
                 again.why = f"explicit: no Taylor series at t = {float(work.reals[work_layout.TIME]):.9g} s"
+                _told(run, again.why)
                 return again
             else:
                 raise failure(status, run, program, work, began, answers)

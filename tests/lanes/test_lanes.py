@@ -415,7 +415,7 @@ def test_where_series_would_be_too_long_and_between_samples_lanes_step_explicitl
     monkeypatch.setattr(taylor, "MOST", 10)
     run = Request(compose(Oscillator()), 3.0, start={"mass.position": 0.5}, method=TaylorSeries(11)).checked()
     lanes = Lanes(run)
-    assert "no Taylor series, or they would be too long" in lanes.why
+    assert "would be too long" in lanes.why
     found = lanes.run(run.system.values[None], np.array([[0.5, 0.0]]))
     np.testing.assert_allclose(found.states, [[0.5 * math.cos(3.0), -0.5 * math.sin(3.0)]], atol=1e-6)
     monkeypatch.undo()

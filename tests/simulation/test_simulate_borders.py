@@ -392,6 +392,11 @@ def test_a_budget_is_of_positive_numbers():
     for wrong in (Budget(steps=0), Budget(seconds=float("nan")), Budget(events=-1)):
         with pytest.raises(SceneError, match=r"Argument `budget\.\w+` must be a number > 0, but it is"):
             simulate(plant, 1.0, budget=wrong)
+    for wrong in (Budget(steps=1.5), Budget(steps=np.inf), Budget(events=0.5), Budget(events=np.float64(2.5))):  # type: ignore[arg-type]
+        with pytest.raises(SceneError, match=r"Argument `budget\.(steps|events)` must be a whole number > 0, but it is"):
+            simulate(plant, 1.0, budget=wrong)
+    for right in (Budget(steps=np.int64(1000), events=np.inf), Budget(events=np.int32(100)), Budget(events=1e6)):
+        assert simulate(plant, 1.0, budget=right).end == 1.0
     with pytest.raises(SceneError, match=r"`budget` must be a Budget, such as Budget\(seconds=60\), but it is 60"):
         simulate(plant, 1.0, budget=60)
 

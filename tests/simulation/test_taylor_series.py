@@ -10,7 +10,7 @@ import pytest
 
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, TorsionalChain, TwoDisks, wells
-from toolbox import Component, DryFriction, Equations, SceneError, compose, measure, quantity, sensitivity, simulate, state
+from toolbox import Component, DryFriction, Equations, SceneError, compose, measure, quantity, sensitivity, simulate, state, time
 from toolbox.compilation.runge_kutta import DOP853
 from toolbox.inputs import sine
 from toolbox.modelling import Hysteresis
@@ -172,13 +172,29 @@ def test_where_a_series_ends_explicit_steps_take_over_and_say_so():
     assert run.difference(simulate(compose(Ball()), 5.0, method="explicit", start=start, accuracy=1e-9)) < 1e-5
 
 
-def test_a_plant_whose_series_would_be_too_long_is_stepped_by_explicit_formulas():
+def test_a_plant_whose_series_would_be_too_long_is_stepped_by_explicit_formulas(caplog):
     n = 60
     chain = TorsionalChain(inertia=(100.0,) * n, stiffness=(1e4,) * (n - 1), damping=(100.0,) * (n - 1), top_drag=400.0,
                            friction=Hyperbolic(static=1.0, decay=1.0), friction_load=(100.0,) * n)  # fmt: skip
     run = simulate(compose(chain), 0.1, method="taylor", inputs={"top.torque": 1e4})
     assert run.program.formulas is DOP853
-    assert "too long" in run.why
+    assert run.why == "dop853: the Taylor series of the plant would be too long"
+    assert [record.getMessage() for record in caplog.records if record.levelname == "WARNING"] == [
+        f"method='taylor' was not taken: {run.why}"
+    ]
+
+
+def test_a_plant_without_series_says_so_once_and_a_choice_of_the_toolbox_in_the_run_alone(caplog):
+    arguments = {"inputs": {"block.force": ca.fmin(time, 0.05)}}
+    run = simulate(compose(BlockOnBelt()), 0.1, method="taylor", **arguments)
+    assert run.why == "dop853: an operation of the plant has no Taylor series"
+    assert [record.getMessage() for record in caplog.records if record.levelname == "WARNING"] == [
+        f"method='taylor' was not taken: {run.why}"
+    ]
+    caplog.clear()
+    chosen = simulate(compose(BlockOnBelt()), 0.1, method="auto", **arguments)
+    assert "no Taylor series" in chosen.why
+    assert not [record for record in caplog.records if record.levelname == "WARNING"]
 
 
 @dataclass(frozen=True)
@@ -221,3 +237,21 @@ def test_derivatives_of_a_run_by_series_are_those_of_explicit_steps():
     found, expected = (sensitivity(simulate(plant, 20.0, method=m), to=["belt.friction.static"]) for m in ("taylor", "explicit"))
     np.testing.assert_array_equal(found["block.position"], expected["block.position"])
     assert np.abs(found.end("block.position")).max() > 0.0
+
+
+@dataclass(frozen=True)
+class Unmoved(Component):
+    """An oscillator, and a mode beside it that nothing couples to it."""
+
+    def equations(self, signal):
+        x, v = state("slider.position", "m"), state("slider.speed", "m/s")
+        y, w = state("mode.position", "m"), state("mode.speed", "m/s")
+        return Equations(flow={x: v, v: -x, y: w, w: -y})
+
+
+def test_a_mode_that_nothing_moves_is_left_out_of_the_error_and_a_small_motion_is_not():
+    for size, least, most in ((2e-11, 0.0, 1e-6), (2e-9, 0.3, 0.4)):
+        one, other = (
+            simulate(compose(Unmoved()), 10.0, start={"slider.position": 1.0, "mode.position": times * size}) for times in (1.0, 1.5)
+        )
+        assert least <= one.difference(other) <= most

@@ -31,7 +31,7 @@ from toolbox import (
     sweep,
     time,
 )
-from toolbox.inputs import sine
+from toolbox.inputs import ramp, sine
 from toolbox.measuring.measure import extent
 from toolbox.measuring.measures import maximum, mean, severity, time_in
 from toolbox.modelling import smoothed
@@ -453,11 +453,52 @@ class Table(Component):
         return Equations({angle: w, v: sum((foot.force for foot in feet), ca.SX.zeros(2)) / 3.0, w: moment / 0.6}, elements=feet)
 
 
-def test_contacts_that_hold_more_than_the_body_can_move_are_named():
-    plant = compose(Table())
-    for start in ({}, {"body.speed": (3.0, 1.0), "body.spin": 1.0}):
-        with pytest.raises(SimulationError, match="The slips of `foot.0`.*`foot.2`.* must be independent"):
-            simulate(plant, 4.0, start=start)
+@pytest.mark.parametrize("feet", [2, 3, 5])
+def test_points_of_one_rigid_body_that_hold_more_than_it_can_move_are_named_when_composed(feet):
+    angles = 2 * np.pi * np.arange(feet) / feet
+    points = tuple(zip((0.5 * np.cos(angles)).tolist(), (0.5 * np.sin(angles)).tolist(), strict=True))
+    with pytest.raises(
+        SceneError, match="The slips of `foot.0`.*`foot.1`.* must be independent.* carry each contact by a small mass on a spring"
+    ):
+        compose(Table(points))
+
+
+def test_one_foot_of_a_rigid_body_that_turns_is_no_more_than_it_can_move():
+    assert compose(Table(((0.5, 0.0),))).elements[0].name == "foot.0"
+
+
+@dataclass(frozen=True)
+class SpringyTable(Component):
+    """The same body on feet of small masses, each on a spring and a damper of its own, under a pull and a moment: what the refusal asks for."""
+
+    feet: tuple[tuple[float, float], ...] = ((0.5, 0.0), (-0.3, 0.4), (-0.3, -0.4))
+
+    def equations(self, signal):
+        angle, at, v, w = (
+            state("body.angle", "rad"),
+            state("body.place", "m", 2),
+            state("body.speed", "m/s", 2),
+            state("body.spin", "rad/s"),
+        )
+        pull, moment = signal("body.pull", "N", default=0.0), signal("body.moment", "N m", default=0.0)
+        turn = ca.vertcat(ca.horzcat(ca.cos(angle), -ca.sin(angle)), ca.horzcat(ca.sin(angle), ca.cos(angle)))
+        flow, elements, force = {}, [], ca.vertcat(pull, 0)
+        for i, foot in enumerate(self.feet):
+            arm = turn @ ca.SX(foot)
+            place, speed = state(f"foot.{i}.offset", "m", 2), state(f"foot.{i}.speed", "m/s", 2)
+            rubs = DryFriction(f"foot.{i}", speed, Coulomb(0.4, 0.4), 10.0)
+            moves = v + w * ca.vertcat(-arm[1], arm[0])
+            spring = -4e3 * place + 8.0 * (moves - speed)
+            flow |= {place: speed - moves, speed: (spring + rubs.force) / 0.02}
+            force, moment = force - spring, moment - (arm[0] * spring[1] - arm[1] * spring[0])
+            elements.append(rubs)
+        return Equations({angle: w, at: v, v: force / 3.0, w: moment / 0.6} | flow, elements=elements)
+
+
+def test_feet_on_springs_of_their_own_break_away_where_the_pull_reaches_the_sum_of_their_bounds():
+    plant = compose(SpringyTable())
+    holds, goes = (simulate(plant, 3.0, inputs={"body.pull": ramp(0.0, force, 0.0, 2.0)}, accuracy=1e-4) for force in (11.9, 12.3))
+    assert np.abs(holds["body.place"]).max() < 2e-3 and goes["body.place"][-1, 0] > 5e-3
 
 
 def test_a_wrong_slip_or_load_is_told_what_to_write():

@@ -79,7 +79,6 @@ class Formulas:
     implicit: ClassVar[bool] = False  # fast modes that have died limit no step
     series: ClassVar[bool] = False  # a step is one polynomial in time for states and guards, so that none is rejected
     locates: ClassVar[bool] = True  # steps end on switches; else a switch is known to a step, and forces are means over it
-    lacking: ClassVar[str] = ""  # why a plant is stepped by `instead`, where it is
 
     @property
     def two_errors(self) -> bool:
@@ -101,8 +100,8 @@ class Formulas:
         """The formulas for a plant for which these have no step."""
         return self
 
-    def step(self, equations: ClosedEquations) -> StepCode | None:
-        """Write the step; None where the plant has none, and `instead` is to be taken."""
+    def step(self, equations: ClosedEquations) -> StepCode | str:
+        """Write the step; or say why the plant has none, and `instead` is to be taken."""
         raise NotImplementedError
 
     def may_miss_peaks(self, equations: ClosedEquations) -> bool:

@@ -54,6 +54,12 @@ class Program:
     expressions: tuple[ca.SX, ...]
     form: Switching
 
+    def lacking(self, formulas: Formulas, kinds: tuple[tuple[str, Any], ...]) -> str:
+        """Why a run that asked for these formulas steps by those of this program; empty where it steps by them."""
+        if self.formulas == formulas:
+            return ""
+        return f"{self.formulas.name}: {self.system.cache['lacking', ('program', kinds, formulas.name)]}"
+
     @cached_property
     def ints(self) -> np.ndarray:
         """What the compiled loops ask of a program: its sizes and addresses, at their places in `Work.ints`."""
@@ -99,7 +105,8 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], formula
         x, excited, form = _with_hidden_forces(system, elements, form)
     equations = ClosedEquations(system.t, x, p, elements, form, flow)
     step = formulas.step(equations)
-    if step is None:
+    if isinstance(step, str):
+        system.cache["lacking", key] = step
         return system.cache.setdefault(key, program_of(system, kinds, formulas.instead))
 
     def of_states(expression: ca.SX) -> ca.SX:

@@ -30,12 +30,15 @@ MOST = 12_000
 """Instructions of the coefficients beyond which explicit formulas are taken: to write and optimise so many takes a second, and more run no faster."""
 
 
+JUMPS, TOO_LONG = "an operation of the plant has no Taylor series", "the Taylor series of the plant would be too long"
+"""Why a plant is stepped by other formulas."""
+
+
 @dataclass(frozen=True, init=False)
 class Taylor(Formulas):
     """Taylor series up to an order."""
 
     series: ClassVar[bool] = True
-    lacking: ClassVar[str] = "an operation of the plant has no Taylor series, or they would be too long"
 
     def __init__(self, order: int):
         for word, value in (("name", f"taylor{order}"), ("order", order), ("power", 1.0 / (order - 1))):
@@ -53,11 +56,11 @@ class Taylor(Formulas):
     def instead(self) -> Formulas:
         return DOP853
 
-    def step(self, equations: ClosedEquations) -> StepCode | None:
+    def step(self, equations: ClosedEquations) -> StepCode | str:
         n, guards = equations.x.numel(), equations.form.guards.numel()
         series = series_of(self, equations.with_guards)
-        if series is None:
-            return None
+        if isinstance(series, str):
+            return series
         step = polynomial_body(self, n, guards)
         return StepCode({"series": series, "step": step}, (), series.count + step.count, (self.order + 1) * (n + guards))
 
@@ -65,15 +68,15 @@ class Taylor(Formulas):
         return peaks_in_time(equations.with_guards)
 
 
-def series_of(formulas: Taylor, function: ca.Function) -> Body | None:
-    """The function of `series_body`, or None where an operation has no Taylor coefficients or they would be too long."""
+def series_of(formulas: Taylor, function: ca.Function) -> Body | str:
+    """The function of `series_body`, or why there is none: an operation has no Taylor coefficients, or they would be too long."""
     if function.n_instructions() * formulas.order > 6 * MOST:
-        return None
+        return TOO_LONG
     try:
         body = series_body(formulas, function)
     except NoSeries:
-        return None
-    return body if body.count <= MOST else None
+        return JUMPS
+    return body if body.count <= MOST else TOO_LONG
 
 
 _WAVES = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE, ca.OP_SIN, ca.OP_COS, ca.OP_ASSIGN, ca.OP_LIFT,

@@ -160,18 +160,32 @@ class ContactRun:
 
     @cached_property
     def error(self) -> float:
-        """Estimate of the largest error of the contact forces, in parts of the largest forces of the run: by a second run with half the step.
+        """Estimate of the largest error of the displacements and of the impulses of the contact forces, by a second run with half the step.
 
-        Forces of all contacts at one instant are compared as one vector. The error falls with the first power of the step, so that of the run is twice the
-        difference. 0 for a state of rest, which has no step; nan for a run that failed. Where rigid masses strike, forces are impulses over one step and this
-        stays about 1, however short the step: compare positions there.
+        Displacements of the contacts, and of the outputs in m, at one instant are compared as one vector, in parts of the largest motion of the run; outputs
+        of another unit in the same way by themselves; and the impulses of all contacts from the begin of the run on, in parts of the largest. A force
+        itself is no measure: it jumps where a contact lets go, and a jump one step late is as large at every step. The error falls with the first power
+        of the step, so that of the run is twice the difference. 0 for a state of rest, which has no step; nan for a run that failed.
         """
         if self._finer is None:
             return 0.0 if len(self.time) == 1 else float("nan")
-        finer = self._finer()
-        mine, theirs = (np.concatenate([run.normal[..., None], run.tangential], axis=2).reshape(len(run.time), -1) for run in (self, finer))
-        size = np.linalg.norm(theirs, axis=1).max()
-        return float(2 * np.linalg.norm(mine - theirs[::2], axis=1).max() / size) if size else 0.0
+        runs = (self, self._finer())
+        rows: dict[str, list[np.ndarray]] = {"m": list(self.problem.displacements())}
+        for name, row in self.problem.outputs.items():
+            rows.setdefault(self.problem.output_unit(name), []).append(row)
+        pairs, least = [], []
+        for each in map(np.array, rows.values()):
+            pairs.append([(run.coordinates - run.coordinates[0]) @ each.T for run in runs])
+            least.append(1e-9 * float((np.abs(runs[1].coordinates) @ np.abs(each.T)).max()))  # below it is round-off of larger motions
+        forces = [np.concatenate([run.normal[..., None], run.tangential], axis=2).reshape(len(run.time), -1) for run in runs]
+        pairs.append([np.cumsum(force[1:], axis=0)[k :: k + 1] / (k + 1) for k, force in enumerate(forces)])
+        worst = 0.0
+        for (mine, theirs), floor in zip(pairs, [*least, 0.0], strict=True):
+            size = np.linalg.norm(theirs, axis=1).max()
+            theirs = theirs if len(theirs) == len(mine) else theirs[::2]
+            if size > floor:
+                worst = max(worst, float(2 * np.linalg.norm(mine - theirs, axis=1).max() / size))
+        return worst
 
     def save(self, path: str | Path) -> Path:
         """Write the run to a compressed npz file for numpy, whole or not at all; returns its path.
@@ -284,7 +298,7 @@ class ContactRun:
             word: value if abs(value) > 1e-12 * audit["size"] else 0.0 for word, value in audit.items() if word not in ("missing", "size")
         }
         taken = ", ".join(f"{word} {value:.3g} J" for word, value in told.items())
-        error = f"error of the forces {self.error:.1e}" if "error" in self.__dict__ else "error: ask `run.error`"
+        error = f"error {self.error:.1e}" if "error" in self.__dict__ else "error: ask `run.error`"
         return f"{steps}\n  {error}\n  share that sticks {share.min():.0%} .. {share.max():.0%}, {still}\n  energy: {taken}"
 
 

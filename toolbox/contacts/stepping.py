@@ -5,6 +5,8 @@
 The contacts hold at the end of every step: gaps and slips exactly, so nothing drifts. What the formula takes from oscillations it cannot follow is
 v' M v' / 2 + d' K d' / 2 of the changes v' of speed and d' of displacement in every step, and the audit of a run counts it by itself. The error falls with
 the first power of the step. The coefficient of friction of a step is that at the slip speed of the step before; a contact that stuck begins at the static one.
+A force of the inputs acts over a whole step as it is at its end, f_1; a counter-surface moves by h times the mean of its speeds at the begin and at the
+end; where an input jumps between two steps each has the side that is its own. What a law drives is held.
 """
 
 from __future__ import annotations
@@ -55,7 +57,8 @@ def step_contacts(
         Length of a step [s], > 0; it is shortened so that a whole number of steps makes the duration.
     inputs
         For the names in `problem.forces` and `problem.surface`, and for what laws ask for, such as `top.reference`; 0, or the default of the law, without.
-        As in `simulate`: a number, text with a unit, (times, values), a shape or an expression of `toolbox.time`.
+        As in `simulate`: a number, text with a unit, (times, values), a shape or an expression of `toolbox.time`. Over a step a force acts as it is at
+        the end of the step, and a surface moves with the mean of its speeds at both ends.
     controller
         One law or several, each a `Controller`, a `Sampled` with its own period, delay and sensors, or a callable (t, y) -> u.
     sample_time
@@ -212,14 +215,21 @@ class _Stepping:
     def _impacts(self, i: int, found: Solution, moved: np.ndarray, surface: np.ndarray) -> tuple[float, float]:
         """What closing contacts take in a step, and the part of it that the change of speed over the step has taken.
 
+        A contact that was closed before does not strike: what its speed is above zero is round-off.
         By Kelvin's theorem an impulse takes itself times the mean of the speeds before and after it: a step that ends at rest takes it all, however it falls.
         """
         first, last = self.h * (self.problem.normal @ self.v[i - 1]), self.problem.normal @ moved
-        strikes = (first > 0) & (found.normal > 0)
+        was_open = (self.modes[max(i - 2, 0) : i] == OPEN).any(
+            axis=0
+        )  # the step after that which closes the gap takes the rest of the speed
+        if i == 1:  # a run may begin with a closed contact that is thrown at the counter-surface
+            was_open |= first > 1e-9 * self.h * (np.abs(self.problem.normal) @ np.abs(self.v[0]))
+        strikes = was_open & (first > 0) & (found.normal > 0)
         slip = self.h * (self.problem.tangent @ self.v[i - 1]) - surface
         rest = (found.tangential * (found.slip - slip)).sum(axis=1) @ strikes / 2  # of the impulse of friction, beside what it rubs
-        shared = float(found.normal @ (first - last) / 2 + rest)
-        return float(found.normal @ last) + shared, shared
+        pressed = found.normal * strikes
+        shared = float(pressed @ (first - last) / 2 + rest)
+        return float(pressed @ last) + shared, shared
 
     def _solved(self, drive: np.ndarray, surface: np.ndarray, i: int) -> Solution | None:
         """Displacements of the contacts over the step, and their forces, under what drives the body."""

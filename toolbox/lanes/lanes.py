@@ -86,8 +86,7 @@ class Lanes:
         self.program = program_of(system, run.kinds, DOP853 if measures and not system.updates and not formulas.interpolates else formulas)
         if self.program.formulas.series and not _by_series(self.program):
             self.program = program_of(system, run.kinds, DOP853)
-        by_others = formulas.series and not self.program.formulas.series
-        self.why = f"{self.program.formulas.name}: {formulas.lacking}" if by_others else ""
+        self.why = self.program.lacking(formulas, run.kinds)
         self.layout = Layout(self.program, measures, run.duration)
         compiled_loop(stepped, self.program)
         self.work = work_arrays(stepped, self.program)

@@ -461,6 +461,7 @@ def _check_gain(system: HybridSystem) -> None:
     """Every force must pull its own slip towards zero, and no slip may be a combination of others (where the numbers alone decide that)."""
     gain = system.switching.gain
     if not system.elements or ca.depends_on(gain, ca.vertcat(system.t, system.x, system.u)):
+        _check_cones(system)
         return
     matrix = np.array(system.function("gain", gain, "A")(0.0, 0.0, 0.0, system.values, 0.0))
     held = [i for i, element in enumerate(system.elements) if element.holds]
@@ -484,6 +485,30 @@ def _check_gain(system: HybridSystem) -> None:
     dependent = dependent_rows(matrix)
     if dependent:
         raise SceneError(must_be_independent([holding[i].title for i in dependent]))
+
+
+def _check_cones(system: HybridSystem) -> None:
+    """Frictions in two directions whose gain varies must not hold more than their bodies can move, as two points of one rigid disc do at every state."""
+    cones = [i for i, element in enumerate(system.elements) if element.directions > 1]
+    if len(cones) < 2:
+        return
+    rows = sorted(cones + [i + 1 for i in cones])
+    found = system.function("gain", system.switching.gain, "A")
+    dependent: list[int] = []
+    for k in (1.0, 2.3, 3.7):
+        x = np.cos(np.arange(1, system.x.numel() + 1) * k)
+        matrix = np.array(found(0.1 * k, x, k, system.values, k))[np.ix_(rows, rows)]
+        size = np.sqrt(np.abs(np.diag(matrix)))
+        if not np.isfinite(matrix).all() or not size.all():
+            return
+        dependent = dependent_rows(matrix / np.outer(size, size))
+        if not dependent:
+            return
+    names = dict.fromkeys(f"`{system.elements[rows[k] if rows[k] in cones else rows[k] - 1].name}`" for k in dependent)
+    raise SceneError(
+        f"{must_be_independent(list(names))} A rigid body that rubs at several points needs another model: carry each contact by a small mass on a spring "
+        "of its own, so that the springs share the force, or let the body rub at one point."
+    )
 
 
 def _composed_again(parts: tuple[Component, ...], values: np.ndarray) -> HybridSystem:

@@ -155,8 +155,7 @@ class Course:
     def _done(self) -> Trajectory:
         done = self.so_far()
         done.laws = tuple(self.laws)
-        if self.program.formulas != self.formulas:
-            done.why = f"{self.program.formulas.name}: {self.formulas.lacking}"
+        done.why = self.program.lacking(self.formulas, self.run.kinds)
         return _sound(done, self.program) if isinstance(done, Stepped) else done
 
     def _again(self, method: Method, spent: float) -> Trajectory:

@@ -102,8 +102,8 @@ class Explicit(Method):
 class TaylorSeries(Method):
     """Taylor series of high order, in steps that end exactly on every switch (`toolbox.compilation.taylor`).
 
-    A plant with an operation that has no series, or so large that the series would be too long, is stepped by explicit formulas, and one whose stability makes
-    implicit steps the cheaper ones by these; `run.why` says so.
+    A plant with an operation that has no series, or so large that the series would be too long, is stepped by explicit formulas; one warning and `run.why`
+    say which of the two it was. One whose stability makes implicit steps the cheaper ones is stepped by these; `run.why` says so.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ from toolbox.simulation.run_state import RunState
 class Budget:
     """What a run may spend before it ends in a `BudgetError`, which holds the trajectory so far.
 
-    Raises SceneError, when a run is given it, for anything but positive numbers.
+    Raises SceneError, when a run is given it, for anything but positive numbers, whole ones for steps and events.
 
     Attributes
     ----------
@@ -43,11 +43,13 @@ class Budget:
         object.__setattr__(self, "seconds", in_si(self.seconds, "s", "budget.seconds"))
 
     def check(self) -> None:
-        """Raise SceneError unless all three are positive numbers; events and seconds may be infinite."""
+        """Raise SceneError unless steps and events are whole positive numbers, and seconds a positive one; events and seconds may be infinite."""
         for name in ("steps", "events", "seconds"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)) or not value > 0:
                 raise SceneError(f"Argument `budget.{name}` must be a number > 0, but it is {value!r}.")
+            if (name == "steps" or value < np.inf) and name != "seconds" and value % 1 != 0:
+                raise SceneError(f"Argument `budget.{name}` must be a whole number > 0, but it is {value!r}.")
 
 
 UNHURRIED = Budget()

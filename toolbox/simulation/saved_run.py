@@ -1,8 +1,8 @@
 """Runs in files: what is written of a run, and the run that is read back.
 
 A file holds data only, and needs neither the plant nor code to be read. Between its nodes every signal is a polynomial through its values at the
-Chebyshev-Lobatto points of the step, of the lowest degree from 1 to 32 that agrees with the run at points between to the accuracy of the run, in parts of
-the size of the signal (J.-P. Berrut and L. N. Trefethen (2004), doi:10.1137/S0036144502417715). Therefore a run that is read back answers at any time,
+Chebyshev-Lobatto points of the step, of the lowest degree from 1 to 32 that agrees with the run at points between to 1e-12 of the size of the signal, as near
+as numbers tell (J.-P. Berrut and L. N. Trefethen (2004), doi:10.1137/S0036144502417715). Therefore a run that is read back answers at any time,
 and is plotted, measured and compared like the run itself.
 
 Keys of the npz file: `time` [s], `begin` [s] and `end` [s]; one array per signal, named by it, at the recorded times; `<element>.mode` with 1, 0, -1 for
@@ -31,6 +31,9 @@ from toolbox.simulation.samples import Event, Modes, Read
 
 DEGREES = (1, 2, 4, 8, 16, 32)
 """Degrees of the polynomials: the points of one are every second point of the next."""
+
+SAME = 1e-12
+"""How far polynomials may be from the run, in parts of the size of a signal: what is read back is the same run, not another within its accuracy."""
 
 CHUNK = 4096
 """Steps that are sampled together."""
@@ -95,7 +98,6 @@ def polynomials(run: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """(degree of each node, {signal: values at the points of all nodes in order}), as a file holds them."""
     nodes = run.nodes
     size = {name: np.maximum(np.abs(np.asarray(nodes[name])).max(axis=0, initial=0.0), 1e-300) for name in run.names}
-    tolerance = max(run.accuracy, 1e-10)
     long = np.append(np.diff(nodes.time) > 0, False)[: nodes.time.size]
     degree = np.zeros(nodes.time.size, np.int8)
     kept: list[tuple[np.ndarray, dict[str, np.ndarray]]] = []
@@ -108,7 +110,7 @@ def polynomials(run: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
             values = _sampled(nodes, rows, fine, run.names)
             # the first comparison has the degrees 1 and 2 on the points of 4, so that nothing passes by chance at one point
             for coarse in (1, 2) if fine == 4 else (fine // 2,):
-                fits = _agrees(values, coarse, fine, size, tolerance)
+                fits = _agrees(values, coarse, fine, size)
                 kept.append((rows[fits], {name: each[fits][:, :: fine // coarse] for name, each in values.items()}))
                 degree[rows[fits]] = coarse
                 rows, values = rows[~fits], {name: each[~fits] for name, each in values.items()}
@@ -141,14 +143,14 @@ def _sampled(nodes: Any, rows: np.ndarray, degree: int, names: Sequence[str]) ->
     return found
 
 
-def _agrees(values: dict[str, np.ndarray], coarse: int, fine: int, size: dict[str, Any], tolerance: float) -> np.ndarray:
-    """In which steps the polynomials of the coarse degree are those of the fine one, to the tolerance."""
+def _agrees(values: dict[str, np.ndarray], coarse: int, fine: int, size: dict[str, Any]) -> np.ndarray:
+    """In which steps the polynomials of the coarse degree are those of the fine one, to the last digits."""
     agrees = np.ones(len(next(iter(values.values()))), bool)
     between = [k for k in range(fine + 1) if k % (fine // coarse)]
     basis = interpolated(np.broadcast_to(np.eye(coarse + 1), (len(between), coarse + 1, coarse + 1)), points(fine)[between])
     for name, exact in values.items():
         guessed = np.einsum("bk,sk...->sb...", basis, exact[:, :: fine // coarse])
-        agrees &= (np.abs(guessed - exact[:, between]) <= tolerance * size[name]).all(axis=tuple(range(1, exact.ndim)))
+        agrees &= (np.abs(guessed - exact[:, between]) <= SAME * size[name]).all(axis=tuple(range(1, exact.ndim)))
     return agrees
 
 

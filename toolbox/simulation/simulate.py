@@ -94,6 +94,7 @@ def simulate(
         _refuse(former)
     # here, so that a script pays for the machinery of runs with its first run
     from toolbox.errors import SceneError
+    from toolbox.messages import LOG
     from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
     from toolbox.simulation.request import Request
     from toolbox.simulation.run_state import RunState
@@ -110,7 +111,15 @@ def simulate(
     if duration is None:
         raise SceneError("Argument `duration` must be given: only a loop out of a scene has one of its own.")
     accuracy = (loop.accuracy or 1e-6) if accuracy is None else accuracy
-    return Request(loop, duration, at, method, accuracy, output_times, budget).checked().again()
+    run = Request(loop, duration, at, method, accuracy, output_times, budget).checked()
+    done = run.again()
+    told = ("told", done.why.partition(" at t = ")[0])
+    if (
+        done.why and not run.method.chooses and told not in run.system.cache
+    ):  # once for a plant; of what "auto" takes, `run.why` tells alone
+        run.system.cache[told] = True
+        LOG.warning("method=%r was not taken: %s", run.method.text, done.why)
+    return done
 
 
 def _refuse(former: Mapping[str, Any]) -> NoReturn:

@@ -35,8 +35,9 @@ class Replay:
         return self.answers[self.place - 1]
 
 
-ROUND_OFF = 1e-12
-"""A state below this part of the largest of its unit is what that one leaves of it in rounding: its errors are errors of the large one."""
+ROUND_OFF = 1e-10
+"""A state below this part of the largest of its unit is what that one leaves of it in rounding: its errors are errors of the large one. No step is controlled
+by less."""
 
 
 @dataclass(frozen=True)
@@ -286,7 +287,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
     def error(self) -> float:
         """Largest difference of a state to a second run at accuracy/100, relative to the size of that state over the run.
 
-        A state that is round-off of others of its unit (below 1e-12 of the largest) is compared with the largest, one below 1e-10 with 1e-10 of it. Between
+        A state that is round-off of others of its unit (below 1e-10 of the largest), as of a mode that nothing moves, is compared with the largest. Between
         units no size tells round-off from motion: a small state that sums up the difference of large speeds, such as the twist of a string that turns
         nearly as a whole, counts with its own size, because loads follow from it.
         Where impacts make states jump, the two runs are compared outside the time between their jumps, and that time counts itself, relative to the
@@ -313,8 +314,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         groups = self.program.groups[: size.size]
         largest = np.zeros(self.program.group_count)
         np.maximum.at(largest, groups, size)
-        floor = np.maximum(1e-10 * largest[groups], 1e-14)  # as in the control of steps
-        floor = np.where(size < ROUND_OFF * largest[groups], largest[groups], floor)
+        floor = np.where(size < ROUND_OFF * largest[groups], largest[groups], 1e-14)
         size[size > 0] = np.maximum(size, floor)[size > 0]
         difference = np.abs(mine - theirs).max(axis=0, initial=0.0)
         return float(np.max(difference[size > 0] / size[size > 0], initial=late))
@@ -337,7 +337,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
     def save(self, path: str | Path) -> Path:
         """Write signals, modes and events to a compressed npz file without pickle, whole or not at all; `Trajectory.load` reads it.
 
-        The file holds the records, and every step as a polynomial of each signal, which is as exact as the accuracy of the run. Its keys stand in
+        The file holds the records, and every step as a polynomial of each signal, the same as `run.at` to 1e-12. Its keys stand in
         `toolbox.simulation.saved_run`.
         """
         from toolbox.simulation.saved_run import write

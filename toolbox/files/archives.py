@@ -65,7 +65,7 @@ def check_shapes(found: Mapping[str, np.ndarray], shapes: Mapping[str, Shape], l
     lengths: those of the named ones that are known.
     """
     known: dict[int | str, int] = {}
-    known.update(lengths or {})  # type: ignore[arg-type]
+    known.update(lengths or {})
     for name, (kinds, *shape) in shapes.items():
         array = found[name]
         if array.dtype.kind not in kinds:

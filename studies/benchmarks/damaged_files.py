@@ -83,7 +83,7 @@ def run_read(path: Path) -> Any:
     run = Trajectory.load(path)
     used = [
         str(run),
-        run.time_in(run.contacts[0], "stick") if run.contacts else 0.0,
+        run.time_in("belt", str(run.modes["belt"][0])) if run.time.size else 0.0,
         *(run.at(np.linspace(0.0, run.end, 7))[name].sum() for name in run.names),
     ]
     assert len(used) == 2 + len(run.names)

@@ -13,7 +13,8 @@ import pytest
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, Drop, HystereticBitRock, TorsionalChain, TwoDisks, wells
 from studies.benchmarks.cases import cases
-from toolbox import Component, Equations, Sampled, SceneError, UnilateralContact, compose, quantity, simulate, state
+from tests.together import together
+from toolbox import Component, Equations, Sampled, SceneError, UnilateralContact, closed_loop, compose, quantity, simulate, state
 from toolbox.compilation import taylor
 from toolbox.compilation.work_layout import INCONSISTENT, NO_SERIES, UNDERFLOW
 from toolbox.inputs import sine
@@ -68,7 +69,8 @@ def spread(low, high, count):
 
 def batch(plant, duration, parameters=None, count=1, start=None, *, measures=(), most_events=0, threads=1, width=None, **arguments):
     """Scenarios of a plant in lanes: `parameters` are {name: one number per scenario}."""
-    run = Request(plant, duration, start=start, **arguments).checked()
+    loop, rest = together(plant, start=start, **arguments)
+    run = Request(loop, duration, **rest).checked()
     values = np.tile(run.system.values, (count, 1))
     for name, column in (parameters or {}).items():
         values[:, run.system._parameter(name).offset] = column
@@ -290,9 +292,7 @@ def test_a_slip_shorter_than_a_step_is_not_lost_before_another_contact_switches(
     case = cases()["all"]
     load = np.random.default_rng(1).uniform(0.8, 1.2, (400, 10)) * case.plant.parameter("chain.friction_load")
     parameters = {f"chain.friction_load.{i}": load[:, i] for i in range(10)}
-    usual, tight = (
-        batch(case.plant, case.duration, parameters, 400, accuracy=accuracy, method=method, **case.arguments) for accuracy in (1e-6, 1e-8)
-    )
+    usual, tight = (batch(case.loop, case.duration, parameters, 400, accuracy=accuracy, method=method) for accuracy in (1e-6, 1e-8))
     np.testing.assert_array_equal(usual.switches, tight.switches)
     assert usual.switches.mean() > 150
 
@@ -319,7 +319,7 @@ def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples
 def test_what_lanes_do_not_carry_is_refused_by_name():
     with pytest.raises(SceneError, match="Python"):
         batch(RIG, 1.0, controller=lambda t, y: 0.0, sample_time=0.01)
-    run = Request(RIG, 1.0).checked()
+    run = Request(closed_loop(RIG), 1.0).checked()
     with pytest.raises(SceneError, match="`starts`"):
         run_lanes(run, run.system.values[None], np.zeros((2, 3)))
     with pytest.raises(SceneError, match="scalar"):
@@ -401,7 +401,7 @@ def test_series_in_lanes_agree_with_explicit_lanes_far_below_the_accuracy_of_eit
 def test_a_scenario_whose_series_ends_stops_there_and_a_sweep_runs_it_by_other_formulas():
     stiffness, start = np.linspace(50.0, 80.0, 3), {"ball.depth": -0.5}
     assert (batch(compose(Hertz()), 5.0, {"ball.stiffness": stiffness}, 3, start, method="taylor").statuses == NO_SERIES).all()
-    run = Request(compose(Hertz()), 5.0, start=start, method="taylor").checked()
+    run = Request(closed_loop(compose(Hertz()), start=start), 5.0, method="taylor").checked()
     asked = (measures.final("ball.depth"), measures.maximum("ball.speed"))
     task = Task(run, np.column_stack([stiffness]), asked, lanes=True)
     together = finished(task)
@@ -413,13 +413,13 @@ def test_a_scenario_whose_series_ends_stops_there_and_a_sweep_runs_it_by_other_f
 
 def test_where_series_would_be_too_long_and_between_samples_lanes_step_explicitly_and_say_so_of_the_former(monkeypatch):
     monkeypatch.setattr(taylor, "MOST", 10)
-    run = Request(compose(Oscillator()), 3.0, start={"mass.position": 0.5}, method=TaylorSeries(11)).checked()
+    run = Request(closed_loop(compose(Oscillator()), start={"mass.position": 0.5}), 3.0, method=TaylorSeries(11)).checked()
     lanes = Lanes(run)
     assert "would be too long" in lanes.why
     found = lanes.run(run.system.values[None], np.array([[0.5, 0.0]]))
     np.testing.assert_allclose(found.states, [[0.5 * math.cos(3.0), -0.5 * math.sin(3.0)]], atol=1e-6)
     monkeypatch.undo()
-    sampled = Request(RIG, 1.0, controller=Sampled(PI(), 0.01), method="taylor").checked()
+    sampled = Request(closed_loop(RIG, Sampled(PI(), 0.01)), 1.0, method="taylor").checked()
     assert Lanes(sampled).program.formulas.name == Lanes(dataclasses.replace(sampled, method=Explicit())).program.formulas.name
     assert not Lanes(sampled).why
-    assert Lanes(Request(RIG, 1.0, method="taylor").checked()).program.formulas.name == "taylor16"
+    assert Lanes(Request(closed_loop(RIG), 1.0, method="taylor").checked()).program.formulas.name == "taylor16"

@@ -13,6 +13,7 @@ from scipy.special import j0
 
 from controllers import PI, BrakePI, ImpedanceSuperTwisting, SlidingMode, SoftTorque, SuperTwisting, ZTorque, observers
 from models import BitRock, Coulomb, DiscBrake, TorsionalChain, wells
+from tests.together import together
 from toolbox import (
     Component,
     Controller,
@@ -22,6 +23,7 @@ from toolbox import (
     SceneError,
     UnilateralContact,
     Update,
+    closed_loop,
     compose,
     quantity,
     severity_map,
@@ -37,7 +39,7 @@ from toolbox.simulation.request import Request
 from toolbox.stepping import noise
 from toolbox.sweeps import batch, uniform
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes, single
-from toolbox.sweeps.sweep import shared_run, varied_numbers
+from toolbox.sweeps.variants import shared_run, varied_numbers
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -195,7 +197,8 @@ PLANTS = {
 def task_of(name, runs, accuracy=1e-6, measured=True):
     plant, ranges, duration, laws, arguments, signals, element = PLANTS[name]
     variations = uniform(ranges, runs, 1)
-    run = shared_run(plant, variations, duration, method="explicit", accuracy=accuracy, controller=laws, **arguments)
+    loop, rest = together(plant, laws, **arguments)
+    run = shared_run(loop, variations, duration, method="explicit", accuracy=accuracy, **rest)
     asked = []
     after, until = 0.3141 * duration, 0.8765 * duration
     for signal in signals:
@@ -274,7 +277,7 @@ def test_neighbours_change_nothing_to_the_last_bit(name):
 def test_a_counter_in_lanes_of_any_width_counts_as_its_closed_form_does(width):
     # u_k = k, applied a delay of 2.5 periods later: x(n h) = rate h (0 + 1 + ... + n - 4 + (n - 3) / 2)
     variations = uniform({"tank.rate": (0.5, 2.0)}, 19)
-    run = shared_run(compose(Tank()), variations, 5.0, method="explicit", controller=Sampled(Counter(), 0.1, delay=0.25))
+    run = shared_run(closed_loop(compose(Tank()), Sampled(Counter(), 0.1, delay=0.25)), variations, 5.0, method="explicit")
     task = Task(run, varied_numbers(run, variations)[0], (measures.final("tank.inflow"),))
     found = lanes_of(task, width)
     n = 50
@@ -287,7 +290,7 @@ def test_the_noise_of_a_sample_is_that_of_the_scalar_loop_to_the_last_bit():
     # x_(k+1) = x_k - h gain (x_k + sigma n_k), with the same n_k in every lane
     variations = uniform({"proportional.gain": (0.1, 2.0)}, 17)
     law = Sampled(Proportional(), 0.25, noise={"tank.level": 0.3}, seed=7)
-    run = shared_run(compose(Tank()), variations, 100.0, method="explicit", controller=law)
+    run = shared_run(closed_loop(compose(Tank()), law), variations, 100.0, method="explicit")
     task = Task(run, varied_numbers(run, variations)[0], ())
     made = Lanes(run)
     keys = made.work.keys[made.work.keys != 0]
@@ -309,7 +312,7 @@ def test_a_stuck_sled_is_released_at_the_instant_its_pull_passes_the_bound():
     found = lanes_of(task, most_events=4)
     first = np.floor(1.0 / rise) + 1
     np.testing.assert_array_equal(found.event_times[:, 0], np.where(first * 0.25 + 0.1 <= 3.0, first * 0.25 + 0.1, np.nan))
-    held = Request(compose(Sled()), 3.0, inputs={"sled.force": 1.0}).checked()
+    held = Request(closed_loop(compose(Sled()), inputs={"sled.force": 1.0}), 3.0).checked()
     assert Lanes(held).run(held.system.values[None], np.zeros((1, 2))).switches[0] == 0
 
 
@@ -330,7 +333,7 @@ def test_laws_with_different_periods_and_delays_share_a_lane():
 
     laws = [Sampled(Setpoint(), 1.0, delay=0.2), Sampled(PI(), 0.01, delay=0.004)]
     variations = uniform(WEIGHT, 20)
-    run = shared_run(RIG, variations, 30.0, method="explicit", controller=laws)
+    run = shared_run(closed_loop(RIG, laws), variations, 30.0, method="explicit")
     asked = (measures.maximum("bit.speed", 3.0), measures.mean("top.torque", 3.0), measures.final("top.reference"), measures.events("bit"))
     task = Task(run, varied_numbers(run, variations)[0], asked)
     found, expected = finished(dataclasses.replace(task, lanes=True)), finished(task)
@@ -342,9 +345,8 @@ def test_laws_with_different_periods_and_delays_share_a_lane():
 def test_a_signal_that_turns_faster_than_the_samples_is_measured_all_the_same():
     # mean of cos(k cos t) over whole turns is J_0(k), on steps that could be as long as the period of 1 s
     variations = uniform({"mass.waves": (20.0, 40.0)}, 33)
-    run = shared_run(
-        compose(Oscillator()), variations, 2 * math.pi, method="explicit", controller=Idle(), sample_time=1.0, start={"mass.position": 1.0}, accuracy=1e-7,
-    )  # fmt: skip
+    loop = closed_loop(compose(Oscillator()), Idle(), sample_time=1.0, start={"mass.position": 1.0})
+    run = shared_run(loop, variations, 2 * math.pi, method="explicit", accuracy=1e-7)
     asked = (measures.mean("mass.wave"), measures.minimum("mass.wave"), measures.maximum("mass.wave"))
     task = Task(run, varied_numbers(run, variations)[0], asked)
     found = lanes_of(task)
@@ -360,7 +362,7 @@ def test_a_sample_nearer_to_the_edge_of_a_window_than_can_be_resolved_is_taken_t
     # 111 periods of 0.1 s end one unit in the last place behind 11.1 s
     assert 0.0 < 111 * 0.1 - 11.1 < 1e-14
     variations = uniform(WEIGHT, 17)
-    run = shared_run(RIG, variations, 20.0, method="explicit", controller=PI(), sample_time=0.1)
+    run = shared_run(closed_loop(RIG, PI(), sample_time=0.1), variations, 20.0, method="explicit")
     asked = (
         measures.minimum("bit.speed", 11.1), measures.maximum("top.torque", 11.1), measures.mean("top.torque", 0.0, 11.1),
         measures.minimum("top.torque", 2.0, 11.1),
@@ -373,7 +375,7 @@ def test_a_sample_nearer_to_the_edge_of_a_window_than_can_be_resolved_is_taken_t
 
 def test_what_is_held_from_the_end_on_counts_as_the_last_value():
     # u_k = k arrives two periods late, at the end as well
-    run = Request(compose(Tank()), 10.0, controller=Sampled(Counter(), 0.25, delay=0.5), method="explicit").checked()
+    run = Request(closed_loop(compose(Tank()), Sampled(Counter(), 0.25, delay=0.5)), 10.0, method="explicit").checked()
     asked = (measures.final("tank.inflow"), measures.maximum("tank.inflow", 5.0), measures.maximum("tank.inflow", 5.0, 9.0))
     task = Task(run, run.system.values[None], asked)
     np.testing.assert_array_equal(lanes_of(task).values, [[38.0, 38.0, 33.0]])
@@ -382,7 +384,7 @@ def test_what_is_held_from_the_end_on_counts_as_the_last_value():
 
 def test_memories_and_held_signals_that_differ_by_run_are_begun_with():
     # one period of 1 s in which the held value alone acts, then u = -gain x
-    run = Request(compose(Tank()), 2.0, controller=Sampled(Proportional(gain=0.5), 4.0, delay=1.0), method="explicit").checked()
+    run = Request(closed_loop(compose(Tank()), Sampled(Proportional(gain=0.5), 4.0, delay=1.0)), 2.0, method="explicit").checked()
     held = np.linspace(-1.0, 1.0, 20)[:, None]
     start = np.linspace(0.0, 3.0, 20)[:, None]
     made = Lanes(run)
@@ -398,7 +400,7 @@ def test_sweeps_of_sampled_laws_pay_in_lanes_unless_they_are_python():
         return 8000.0
 
     def pays(controller):
-        run = shared_run(RIG, uniform(WEIGHT, FEWEST_LANES), 10.0, method="explicit", controller=controller)
+        run = shared_run(closed_loop(RIG, controller), uniform(WEIGHT, FEWEST_LANES), 10.0, method="explicit")
         return pays_in_lanes(Task(run, np.zeros((FEWEST_LANES, 1)), (measures.mean("bit.speed"),)), 1_000_000), run
 
     assert pays(Sampled(PI(), 0.01))[0]
@@ -409,35 +411,26 @@ def test_sweeps_of_sampled_laws_pay_in_lanes_unless_they_are_python():
 
 
 def test_a_sweep_gives_the_same_table_with_lanes_and_without(monkeypatch):
-    given = {
-        "duration": 30.0,
-        "controller": ImpedanceSuperTwisting(),
-        "sample_time": 0.01,
-        "measures": ("severity", "stuck_ratio", "events"),
-    }
+    loop = closed_loop(RIG, ImpedanceSuperTwisting(), sample_time=0.01)
+    given = {"duration": 30.0, "measures": ("severity", "stuck_ratio", "events")}
     weights = {"bit.weight": np.linspace(50e3, 110e3, FEWEST_LANES)}
     monkeypatch.setattr(batch, "LANES_WORK", math.inf)
-    alone = sweep(RIG, weights, **given)
+    alone = sweep(loop, weights, **given)
     monkeypatch.setattr(batch, "LANES_WORK", 0.0)
-    found = sweep(RIG, weights, **given)
+    found = sweep(loop, weights, **given)
     np.testing.assert_array_equal(found["events"], alone["events"])
     for name in ("severity", "stuck_ratio"):
         np.testing.assert_allclose(found[name], alone[name], rtol=1e-6, atol=1e-7)
 
 
 def test_a_map_gives_the_same_verdicts_with_lanes_and_without(monkeypatch):
-    given = {
-        "over": {"bit.weight": (4e4, 1.2e5), "top.reference": (3.0, 14.0)},
-        "duration": 40.0,
-        "controller": PI(),
-        "sample_time": 0.05,
-        "shape": (8, 8),
-    }
+    loop = closed_loop(RIG, PI(), sample_time=0.05)
+    given = {"over": {"bit.weight": (4e4, 1.2e5), "top.reference": (3.0, 14.0)}, "duration": 40.0, "shape": (8, 8)}
     monkeypatch.setattr(batch, "LANES_WORK", math.inf)
-    alone = severity_map(RIG, **given)
+    alone = severity_map(loop, **given)
     monkeypatch.setattr(batch, "LANES_WORK", 0.0)
     monkeypatch.setattr(batch, "FEWEST_LANES", 1)
-    found = severity_map(RIG, **given)
+    found = severity_map(loop, **given)
     for one, other in ((found.smooth, alone.smooth), (found.sticking, alone.sticking)):
         np.testing.assert_array_equal(one.verdict, other.verdict)
         np.testing.assert_allclose(one.severity, other.severity, rtol=1e-5, atol=1e-6)

@@ -20,6 +20,7 @@ import pytest
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, TorsionalChain, WhirlingCollar, wells
+from tests.together import together
 from toolbox import (
     Budget,
     Component,
@@ -122,8 +123,9 @@ CASES = {
 def test_measures_in_machine_code_agree_with_those_of_the_trajectory(case, accuracy):
     plant, name, values, duration, arguments, signal, element, mode = CASES[case]
     after, until = 0.3141 * duration, 0.8765 * duration
+    loop, rest = together(plant, **arguments)
     found = sweep(
-        plant, {name: values}, duration=duration, accuracy=accuracy, **arguments,
+        loop, {name: values}, duration=duration, accuracy=accuracy, **rest,
         measures={
             "minimum": measures.minimum(signal, after, until), "maximum": measures.maximum(signal, after, until), "mean": measures.mean(signal, after, until),
             "severity": measures.severity(signal, after, until=until), "final": measures.final(signal), "time": measures.time_in(element, mode, after, until),
@@ -169,7 +171,13 @@ def test_functions_of_the_trajectory_and_laws_in_python_see_the_same_runs():
             return 1e4 * (8.0 - y[0])
 
     weights = [60e3, 97e3]
-    found = sweep(closed_loop(RIG, Sampled(Brake(), 0.05)), {"bit.weight": weights}, duration=20.0, executor=ThreadPoolExecutor(2), measures={"called": lambda run: measure.severity(run, after=10.0), "read": measures.severity("bit.speed", 10.0), "steps": lambda run: run.steps[0]})  # fmt: skip
+    asked = {
+        "called": lambda run: measure.severity(run, after=10.0),
+        "read": measures.severity("bit.speed", 10.0),
+        "steps": lambda run: run.steps[0],
+    }
+    loop = closed_loop(RIG, Sampled(Brake(), 0.05))
+    found = sweep(loop, {"bit.weight": weights}, duration=20.0, executor=ThreadPoolExecutor(2), measures=asked)
     for i, weight in enumerate(weights):
         run = simulate(RIG, 20.0, controller=Sampled(Brake(), 0.05), inputs={"bit.weight": weight})
         assert found["called"][i] == found["read"][i] == measure.severity(run, after=10.0)
@@ -178,7 +186,7 @@ def test_functions_of_the_trajectory_and_laws_in_python_see_the_same_runs():
 
 def test_what_is_no_executor_is_refused():
     with pytest.raises(SceneError, match="Argument `executor` must be a concurrent.futures.Executor, .* but it is 2"):
-        sweep(compose(Growth()), {"growth.rate": [0.1]}, executor=2, **GROWING)
+        sweep(growing(), {"growth.rate": [0.1]}, executor=2, **GROWING)
 
 
 @pytest.mark.slow
@@ -225,7 +233,9 @@ def test_a_run_that_fails_is_recorded_and_the_others_are_not_touched():
 
 def test_numbers_that_contradict_each_other_fail_alone():
     diameters = [0.15, 0.18, 0.22]
-    found = sweep(closed_loop(rubbing(), start={"chain.speed": (24.0, 24.0)}), {"collar.outer_diameter": diameters, "collar.hole_diameter": [0.20, 0.23]}, duration=0.05, measures={"r": measures.maximum("collar.radius")})  # fmt: skip
+    vary = {"collar.outer_diameter": diameters, "collar.hole_diameter": [0.20, 0.23]}
+    loop = closed_loop(rubbing(), start={"chain.speed": (24.0, 24.0)})
+    found = sweep(loop, vary, duration=0.05, measures={"r": measures.maximum("collar.radius")})
     assert list(found.errors) == [4]
     assert "must increase" in found.errors[4]
     assert np.isfinite(found["r"].ravel()[[0, 1, 2, 3, 5]]).all()
@@ -344,7 +354,8 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path, monkeypatch):
         ("budget", {"budget": Budget(events=1e6)}),
     ):
         with pytest.raises(SceneError, match=f"other .*`{word}`"):
-            sweep(plant, weights, **{"duration": 60.0, "controller": law, "out": folder, **other})
+            loop, rest = together(plant, **{"duration": 60.0, "controller": law, "out": folder, **other})
+            sweep(loop, weights, **rest)
     with pytest.raises(SceneError, match="other `vary`"):
         sweep(closed_loop(plant, law), {"bit.weight": np.linspace(50e3, 111e3, 500)}, duration=60.0, out=folder)
 
@@ -360,11 +371,16 @@ def counted_runs(monkeypatch):
 GROWING = {"duration": 1.0, "measures": {"x": measures.final("growth.size")}}
 
 
+def growing(plant=None):
+    """Growth from 1."""
+    return closed_loop(plant or compose(Growth()), start={"growth.size": 1.0})
+
+
 def test_what_is_on_disk_is_what_was_found_failures_and_all(tmp_path):
     xarray = pytest.importorskip("xarray")
     pytest.importorskip("zarr")
     rates = {"growth.rate": [0.25, 3.0, 0.5]}
-    found = sweep(compose(Growth()), rates, out=tmp_path / "found.zarr", **GROWING)
+    found = sweep(growing(), rates, out=tmp_path / "found.zarr", **GROWING)
     with xarray.open_zarr(tmp_path / "found.zarr") as data:
         np.testing.assert_array_equal(data["status"], [1, 2, 1])
         assert [bool(text) for text in data["error"].values] == [False, True, False]
@@ -393,9 +409,9 @@ def test_a_full_disk_loses_nothing_that_was_there(tmp_path, monkeypatch):
     with monkeypatch.context() as full:
         full.setattr(os, "fsync", fsync)
         with pytest.raises(OSError, match="No space left on device; what was written before is kept, and the same call goes on from there"):
-            sweep(plant, rates, out=tmp_path / "found", **GROWING)
+            sweep(growing(plant), rates, out=tmp_path / "found", **GROWING)
     made = counted_runs(monkeypatch)
-    found = sweep(plant, rates, out=tmp_path / "found", **GROWING)
+    found = sweep(growing(plant), rates, out=tmp_path / "found", **GROWING)
     assert 0 < sum(made) < 50
     np.testing.assert_allclose(found["x"], 1.0 / (1.0 - rates["growth.rate"]), rtol=1e-6)
     assert not list((tmp_path / "found").rglob(".*"))
@@ -405,7 +421,7 @@ def test_a_damaged_store_is_refused_and_says_how_to_mend_it(tmp_path, monkeypatc
     pytest.importorskip("zarr")
     monkeypatch.setattr(store, "ROWS", 10)
     rates, plant, folder = {"growth.rate": np.linspace(0.0, 0.9, 50)}, compose(Growth()), tmp_path / "found"
-    whole = sweep(plant, rates, out=folder, **GROWING)
+    whole = sweep(growing(plant), rates, out=folder, **GROWING)
 
     def altered(content):
         return content[:-5] + bytes([content[-5] ^ 1]) + content[-4:]
@@ -417,19 +433,19 @@ def test_a_damaged_store_is_refused_and_says_how_to_mend_it(tmp_path, monkeypatc
         file = folder / name / "c" / "2"
         content = file.read_bytes()
         file.unlink() if harm is None else file.write_bytes(harm(content))
-        for look in (lambda: sweep(plant, rates, out=folder, **GROWING), lambda: Sweep.load(folder)):
+        for look in (lambda: sweep(growing(plant), rates, out=folder, **GROWING), lambda: Sweep.load(folder)):
             with pytest.raises(SceneError, match="missing: delete" if harm is None else "damaged: delete") as refused:
                 look()
             assert "status/c/2" in str(refused.value) and "the runs 20 to 29" in str(refused.value)
         (folder / "status" / "c" / "2").unlink()  # as it says
         with monkeypatch.context() as watched:
             made = counted_runs(watched)
-            again = sweep(plant, rates, out=folder, **GROWING)
+            again = sweep(growing(plant), rates, out=folder, **GROWING)
         assert sum(made) == 10
         np.testing.assert_array_equal(again["x"], whole["x"])
     (folder / "zarr.json").write_text("nothing")
     with pytest.raises(SceneError, match="There is no sweep in .*, or it is damaged"):
-        sweep(plant, rates, out=folder, **GROWING)
+        sweep(growing(plant), rates, out=folder, **GROWING)
 
 
 def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(tmp_path, monkeypatch):
@@ -445,11 +461,11 @@ def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(tmp_path, monkeyp
 
     with monkeypatch.context() as key, pytest.raises(KeyboardInterrupt) as stopped:
         key.setattr(workers, "finished", interrupted)
-        sweep(plant, rates, executor=ThreadPoolExecutor(1), out=tmp_path / "found", **GROWING)
+        sweep(growing(plant), rates, executor=ThreadPoolExecutor(1), out=tmp_path / "found", **GROWING)
     done = int(re.match(r"(\d+) of 40 runs are in `.*found`; the same call goes on from there", stopped.value.__notes__[0])[1])
     assert 0 < done < 40
     made = counted_runs(monkeypatch)
-    found = sweep(plant, rates, out=tmp_path / "found", **GROWING)
+    found = sweep(growing(plant), rates, out=tmp_path / "found", **GROWING)
     assert sum(made) == 40 - done
     np.testing.assert_allclose(found["x"], 1.0 / (1.0 - rates["growth.rate"]), rtol=1e-6)
 
@@ -457,7 +473,7 @@ def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(tmp_path, monkeyp
 def test_without_zarr_a_sweep_on_disk_names_what_is_missing(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "zarr", None)
     with pytest.raises(ImportError, match=r"pip install 'stickslip-toolbox\[batch\]'"):
-        sweep(compose(Growth()), {"growth.rate": [0.1]}, out=tmp_path / "found", **GROWING)
+        sweep(growing(), {"growth.rate": [0.1]}, out=tmp_path / "found", **GROWING)
     assert not (tmp_path / "found").exists()
 
 
@@ -536,11 +552,11 @@ def test_a_scene_brings_its_controller_its_window_and_its_inputs():
 @pytest.mark.parametrize(
     ("vary", "message"),
     [
-        ({"bit.wait": [1.0]}, "There is no parameter or input `bit.wait`: did you mean `bit.weight`"),
+        ({"bit.wait": [1.0]}, "There is no number `bit.wait` in this loop: did you mean `bit.weight`"),
         ({"bit.weight": [1e3, -1.0]}, r"Argument `bit.weight` must be >= 0 N, but it is -1.0"),
         ({"bit.weight": [1e3, math.nan]}, "Argument `bit.weight` must be a row of finite numbers"),
         ({"bit.weight": 3.0}, "Argument `bit.weight` must be a row of finite numbers"),
-        ({"chain.inertia": [1.0]}, "`chain.inertia` has 2 entries: name one"),
+        ({"chain.inertia": [1.0]}, "`chain.inertia` must be one number, but it has 2 entries: name one"),
         ({"pi.period": [0.01, 0.02]}, "a sample time is structure"),
         ({}, "must name at least one number"),
         ([{"bit.weight": 1.0}, {"bit.radius": 1.0}], "must be rows that all give numbers to the same names"),
@@ -669,17 +685,12 @@ def test_a_sweep_finds_out_once_that_its_plant_is_stiff_and_steps_all_runs_so(mo
     asked = []
     alone = workers.carry_out
     monkeypatch.setattr(workers, "carry_out", lambda run: (asked.append(run), alone(run))[1])
-    axes, arguments = (
-        {"bit.weight": np.array([85e3, 91e3, 97e3])},
-        {"inputs": {"top.torque": 10_000.0}, "accuracy": 1e-4, "measures": ("severity",)},
-    )
-    found = {
-        method: sweep(compose(pipe, BitRock()), axes, duration=60.0, method=method, **arguments)
-        for method in ("event", "stiff", "explicit")
-    }
+    axes, arguments = {"bit.weight": np.array([85e3, 91e3, 97e3])}, {"accuracy": 1e-4, "measures": ("severity",)}
+    stiff, soft = (closed_loop(plant, inputs={"top.torque": 10_000.0}) for plant in (compose(pipe, BitRock()), RIG))
+    found = {method: sweep(stiff, axes, duration=60.0, method=method, **arguments) for method in ("event", "stiff", "explicit")}
     assert len(asked) == 1
     np.testing.assert_array_equal(found["event"]["severity"], found["stiff"]["severity"])
     assert (found["event"]["severity"] != found["explicit"]["severity"]).all()
     np.testing.assert_allclose(found["event"]["severity"], found["explicit"]["severity"], rtol=1e-3)
-    mild = {method: sweep(RIG, axes, duration=20.0, method=method, **arguments)["severity"] for method in ("event", "explicit")}
+    mild = {method: sweep(soft, axes, duration=20.0, method=method, **arguments)["severity"] for method in ("event", "explicit")}
     np.testing.assert_array_equal(mild["event"], mild["explicit"])

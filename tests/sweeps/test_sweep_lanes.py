@@ -13,7 +13,8 @@ from scipy.special import j0
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, DiscBrake, TorsionalChain, wells
-from toolbox import Component, DryFriction, Equations, Sampled, compose, measure, quantity, simulate, state, sweep, time
+from tests.together import together
+from toolbox import Component, DryFriction, Equations, Sampled, closed_loop, compose, measure, quantity, simulate, state, sweep, time
 from toolbox.lanes.lanes import Lanes
 from toolbox.measuring import measures
 from toolbox.modelling.inputs import sine
@@ -96,7 +97,8 @@ def task_of(name, accuracy, runs, seed=1, method="explicit"):
     asked += [measures.time_in(element, "stick", after, until), measures.stuck_ratio(element, after), measures.last_stay(element)]
     asked += [measures.stays(element, "stick", after, until), measures.events(element)]
     variations = uniform(ranges, runs, seed)
-    run = shared_run(plant, variations, duration, method=method, accuracy=accuracy, **arguments)
+    loop, rest = together(plant, **arguments)
+    run = shared_run(loop, variations, duration, method=method, accuracy=accuracy, **rest)
     return Task(run, varied_numbers(run, variations)[0], tuple(asked))
 
 
@@ -139,17 +141,17 @@ def test_neighbours_change_nothing_to_the_last_bit(name, method):
 
 def test_a_sweep_that_was_interrupted_ends_with_the_same_bits(tmp_path, monkeypatch):
     monkeypatch.setattr(batch, "LANES_WORK", 0.0)
-    arguments = {"duration": 30.0, "controller": StiffPI(), "measures": ("severity", "stuck_ratio", "events")}
+    loop, arguments = closed_loop(RIG, StiffPI()), {"duration": 30.0, "measures": ("severity", "stuck_ratio", "events")}
     weights = {"bit.weight": np.linspace(50e3, 110e3, 700)}
-    whole = sweep(RIG, weights, **arguments)
+    whole = sweep(loop, weights, **arguments)
     pytest.importorskip("zarr")
     monkeypatch.setattr(store, "ROWS", 150)
-    sweep(RIG, weights, out=tmp_path / "found", **arguments)
+    sweep(loop, weights, out=tmp_path / "found", **arguments)
     written = sorted((tmp_path / "found" / "status" / "c").iterdir())
     assert len(written) > 2
     for path in (written[0], written[-1]):
         path.unlink()
-    found = sweep(RIG, weights, out=tmp_path / "found", **arguments)
+    found = sweep(loop, weights, out=tmp_path / "found", **arguments)
     for name in arguments["measures"]:
         np.testing.assert_array_equal(found[name], whole[name])
         np.testing.assert_array_equal(Sweep.load(tmp_path / "found")[name], whole[name])
@@ -158,10 +160,11 @@ def test_a_sweep_that_was_interrupted_ends_with_the_same_bits(tmp_path, monkeypa
 def test_a_failed_run_fails_in_the_words_of_a_run_alone(monkeypatch):
     rates = np.linspace(0.0, 0.9, FEWEST_LANES + 7)
     rates[[5, 60]] = 3.0
-    given = {"duration": 1.0, "start": {"growth.size": 1.0}, "accuracy": 1e-10, "measures": {"x": measures.final("growth.size")}}
-    alone = sweep(compose(Growth()), {"growth.rate": rates}, **given)
+    given = {"duration": 1.0, "accuracy": 1e-10, "measures": {"x": measures.final("growth.size")}}
+    loop = closed_loop(compose(Growth()), start={"growth.size": 1.0})
+    alone = sweep(loop, {"growth.rate": rates}, **given)
     monkeypatch.setattr(batch, "LANES_WORK", 0.0)
-    found = sweep(compose(Growth()), {"growth.rate": rates}, **given)
+    found = sweep(loop, {"growth.rate": rates}, **given)
     assert list(found.errors) == [5, 60]
     assert found.errors == alone.errors
     sound = np.delete(np.arange(rates.size), [5, 60])
@@ -184,11 +187,12 @@ def test_a_signal_that_turns_faster_than_the_steps_is_measured_alone(monkeypatch
     asked = {"mean": measures.mean("mass.wave"), "low": measures.minimum("mass.wave"), "high": measures.maximum("mass.wave")}
     given = {"duration": 2 * math.pi, "start": {"mass.position": 1.0}, "accuracy": 1e-7}
     variations = {"mass.waves": waves}
-    found = sweep(compose(Oscillator()), variations, measures=asked, **given)
+    loop, rest = together(compose(Oscillator()), **given)
+    found = sweep(loop, variations, measures=asked, **rest)
     np.testing.assert_allclose(found["mean"], j0(waves), atol=1e-5)
     np.testing.assert_allclose(found["low"], -1.0, atol=1e-6)
     np.testing.assert_allclose(found["high"], 1.0, atol=1e-6)
-    run = shared_run(compose(Oscillator()), uniform({"mass.waves": (20.0, 40.0)}, 8), method="explicit", **given)
+    run = shared_run(loop, uniform({"mass.waves": (20.0, 40.0)}, 8), method="explicit", **rest)
     starts = np.tile([1.0, 0.0], (8, 1))
     numbers = np.tile(run.system.values, (8, 1))
     assert Lanes(run, tuple(asked.values())).run(numbers, starts).doubtful.all()
@@ -197,7 +201,8 @@ def test_a_signal_that_turns_faster_than_the_steps_is_measured_alone(monkeypatch
 
 def test_lanes_are_taken_for_many_runs_of_what_they_carry():
     def pays(plant, runs, steps=1_000_000, **arguments):
-        run = shared_run(plant, uniform({"bit.weight": (5e4, 1e5)}, runs), 10.0, **{"method": "explicit", **arguments})
+        loop, rest = together(plant, **{"method": "explicit", **arguments})
+        run = shared_run(loop, uniform({"bit.weight": (5e4, 1e5)}, runs), 10.0, **rest)
         return pays_in_lanes(Task(run, np.zeros((runs, 1)), (measures.mean("bit.speed"),)), steps)
 
     assert pays(RIG, FEWEST_LANES)
@@ -211,7 +216,7 @@ def test_lanes_are_taken_for_many_runs_of_what_they_carry():
 def test_an_input_may_vary_as_well_as_a_parameter():
     weights = {"bit.weight": (9e4, 1e5)}
     task = Task(
-        shared_run(RIG, uniform(weights, 2), 30.0, controller=StiffPI()),
+        shared_run(closed_loop(RIG, StiffPI()), uniform(weights, 2), 30.0),
         np.zeros((0, 0)),
         (measures.severity("bit.speed", 10.0),),
         lanes=True,

@@ -21,7 +21,8 @@ from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring.measures import STANDARD, Measure
-from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
+from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.methods import Method
 from toolbox.simulation.run import UNHURRIED, Budget, Run
@@ -64,12 +65,11 @@ def named_measures(given: Any, run: Run) -> dict[str, Measure | Call]:
     return found
 
 
-@takes_loop
 def sweep(
-    loop: ClosedLoop,
+    loop: ClosedLoop | HybridSystem,
     vary: Any,
     duration: NumberOrText | None = None,
-    *,
+    *others: Any,
     start: Callable[[Mapping[str, float]], Mapping[str, Any]] | None = None,
     measures: Any = None,
     method: Method | str = "event",
@@ -77,6 +77,7 @@ def sweep(
     budget: Budget = UNHURRIED,
     executor: concurrent.futures.Executor | None = None,
     out: str | Path | None = None,
+    **former: Any,
 ) -> Sweep:
     """Simulate a loop once for every variation of some of its numbers, and measure every run.
 
@@ -122,6 +123,13 @@ def sweep(
     ImportError
         If `out` is given without the extra `batch`.
     """
+    if others or is_finite_number(loop):
+        raise SceneError(
+            "`sweep` varies the numbers of a machine, `sweep(loop, {name: values}, duration)`, and its other arguments are named; "
+            "the swept sine of an input is `toolbox.inputs.sweep`."
+        )
+    refuse_former("sweep", loop, former)
+    loop = as_loop(loop)
     if start is not None and not callable(start):
         raise SceneError(
             "Argument `start` must be a function of what varies; start values belong to the loop: `closed_loop(plant, start=...)`."

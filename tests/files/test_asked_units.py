@@ -133,12 +133,12 @@ def test_steady_states_and_hopf_points_answer_alike():
 
 def test_margins_and_limits_answer_in_the_units_of_their_working_point():
     for law in (SoftTorque(reference="95 rpm"), Sampled(SoftTorque(), "10 ms")):
-        asked = {"inputs": {"top.reference": "95 rpm"}} if law.__class__ is Sampled else {}
-        found = margins(closed_loop(RIG, law), **asked)
+        given = {"top.reference": "95 rpm"} if law.__class__ is Sampled else {}
+        found = margins(closed_loop(RIG, law, inputs=given))
         assert " at top.reference = 95 rpm, top.torque = " in str(found) and found.signals["top.reference"] == pytest.approx(95 * RPM)
     with units("metric"):
         assert f"top.torque = {found.signals['top.torque'] / 1e3:.4g} kN m" in str(found)
-    limit = performance_limit(RIG, {"top.speed": "40 rpm"}, parameters={"bit.weight": "90 kN"})
+    limit = performance_limit(closed_loop(RIG, parameters={"bit.weight": "90 kN"}), {"top.speed": "40 rpm"})
     assert " at top.speed = 40 rpm, top.torque = " in str(limit) and limit.asked == {"rad/s": "rpm", "N": "kN"}
     assert limit.signals["top.speed"] == pytest.approx(40 * RPM)
 
@@ -195,9 +195,9 @@ def test_a_map_answers_on_each_axis_in_its_unit(tmp_path):
 
 def test_a_tuning_answers_in_the_units_of_its_bounds():
     law = PI(reference="95 rpm", proportional=900.0, integral=600.0)
-    found = tune(RIG, law, "peak", {"integral": ("0.1 kN m/rad", "2 kN m/rad")}, duration="5 s", runs=10)
-    row = line(str(found), "integral")
-    assert "integral [kN m/rad]" in row and row.endswith("0.1 .. 2, log") and " 0.6 " in row
+    found = tune(RIG, law, "peak", {"pi.integral": ("0.1 kN m/rad", "2 kN m/rad")}, duration="5 s", runs=10)
+    row = line(str(found), "pi.integral")
+    assert "pi.integral [kN m/rad]" in row and row.endswith("0.1 .. 2, log") and " 0.6 " in row
     assert 100.0 <= found.law.integral <= 2000.0
 
 

@@ -290,7 +290,7 @@ def test_extrema_and_means_have_the_accuracy_of_a_run_and_not_of_its_nodes(name,
 def test_a_slip_shorter_than_a_step_is_not_lost_before_another_contact_switches(method):
     # ten contacts that hold each other: pairs of switches 0.02 s apart, inside steps that end on the event of a neighbour
     case = cases()["all"]
-    load = np.random.default_rng(1).uniform(0.8, 1.2, (400, 10)) * case.plant.parameter("chain.friction_load")
+    load = np.random.default_rng(1).uniform(0.8, 1.2, (400, 10)) * case.loop.plant.parameter("chain.friction_load")
     parameters = {f"chain.friction_load.{i}": load[:, i] for i in range(10)}
     usual, tight = (batch(case.loop, case.duration, parameters, 400, accuracy=accuracy, method=method) for accuracy in (1e-6, 1e-8))
     np.testing.assert_array_equal(usual.switches, tight.switches)

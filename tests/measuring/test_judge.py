@@ -9,7 +9,7 @@ import pytest
 
 from controllers import PI, Lifting, SoftTorque
 from models import BitRock, BlockOnBelt, wells
-from toolbox import Sampled, compose, equilibrium, measure, simulate
+from toolbox import Sampled, closed_loop, compose, equilibrium, measure, simulate
 from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judge
 from toolbox.simulation.request import Request
 
@@ -19,7 +19,7 @@ SWING = 5.6
 
 def carried(plant, law, judge, start, **arguments):
     """What the judge says of a loop from a start, and the time that it took to say so [s]."""
-    run = Request(plant, 1.0, controller=law, start=start, **arguments).checked()
+    run = Request(closed_loop(plant, law, start=start, **arguments), 1.0).checked()
     judged, last = judge.carried(lambda state, duration: run.again(start=state, duration=duration, longest_step=duration / 256), run.start)
     return judged, last.time
 
@@ -42,7 +42,7 @@ def test_a_law_that_relapses_every_ten_minutes_sticks_and_slips(reference, inter
 def test_a_swing_that_grows_with_four_minutes_is_not_smooth_and_is_carried_on_until_it_sticks():
     """From a deviation of a part in a thousand it takes half an hour to the first stick."""
     reference, law = 3.96, Sampled(PI(), 0.01)
-    rest = equilibrium(RIG, inputs={"top.reference": reference}, controller=PI())
+    rest = equilibrium(closed_loop(RIG, PI(), inputs={"top.reference": reference}))
     start = {
         "chain.twist": rest["chain.twist"],
         "chain.speed": (reference, 0.999 * reference),

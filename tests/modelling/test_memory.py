@@ -34,6 +34,7 @@ from toolbox import (
     FrictionLaw,
     Quantity,
     SceneError,
+    closed_loop,
     compose,
     energy_audit,
     equilibrium,
@@ -207,10 +208,10 @@ def running():
         lambda run: run.time_in("bit", "stick"),
         lambda run: measure.stick_intervals(run, "bit"),
         lambda run: measure.cycles(run, "bit"),
-        lambda run: equilibrium(RIG, controller=SoftTorque(reference=8.0), mode={"bit": "slip+"}),
-        lambda run: onset(RIG, "top.reference", (1.0, 12.0), controller=SoftTorque(reference=8.0)),
+        lambda run: equilibrium(closed_loop(RIG, SoftTorque(reference=8.0)), mode={"bit": "slip+"}),
+        lambda run: onset(closed_loop(RIG, SoftTorque(reference=8.0)), "top.reference", (1.0, 12.0)),
         lambda run: sweep(
-            RIG, {"bit.weight": [5e4]}, 10.0, controller=SoftTorque(reference=2.0), measures={"s": measures.stuck_ratio("bit")}
+            closed_loop(RIG, SoftTorque(reference=2.0)), {"bit.weight": [5e4]}, 10.0, measures={"s": measures.stuck_ratio("bit")}
         ),
     ],
 )
@@ -233,14 +234,14 @@ def test_the_severity_on_bristles_is_that_of_the_set_valued_contact(running, roo
     page = " ".join((root / "docs" / "friction.md").read_text().split())
     assert f"prints {found[0]:.2f} and {found[1]:.2f}, 3.6771 and 3.6770 rad/s" in page
     assert 50 < sum(running.steps) / sum(twin.steps) < 200 and "takes a hundred times the steps" in page
-    swept = sweep(RIG, {"bit.weight": [97_347.0]}, 300.0, controller=SoftTorque(reference=2.0), measures=["severity"])
+    swept = sweep(closed_loop(RIG, SoftTorque(reference=2.0)), {"bit.weight": [97_347.0]}, 300.0, measures=["severity"])
     assert float(np.ravel(swept["severity"])[0]) == pytest.approx(measure.severity(running, "bit.speed", 150.0), rel=1e-6)
 
 
 def test_the_hopf_point_on_stiff_bristles_is_that_of_the_stribeck_curve():
     # the lag of the bristle, g / (s0 v), moves it by the first power of 1 / s0
     def found(plant):
-        (point,) = hopf_points(plant, "top.reference", (1.0, 12.0), controller=SoftTorque(reference=8.0))
+        (point,) = hopf_points(closed_loop(plant, SoftTorque(reference=8.0)), "top.reference", (1.0, 12.0))
         return point.value
 
     exact = found(TWIN)
@@ -253,7 +254,7 @@ def test_the_hopf_point_on_stiff_bristles_is_that_of_the_stribeck_curve():
 
 def test_margins_and_poles_of_a_loop_on_bristles_are_near_those_of_the_stribeck_curve():
     law = SoftTorque(reference=8.0)
-    disks = [margins(plant, law).disk_margin for plant in (RIG, TWIN)]
+    disks = [margins(closed_loop(plant, law)).disk_margin for plant in (RIG, TWIN)]
     assert disks[0] == pytest.approx(disks[1], rel=1e-3)
     at = {"chain.speed": (8.0, 8.0), "bit.deflection": float(BIT.steady.sliding(8.0)) / 200.0}
     slow = np.sort_complex(linearise(RIG, at=at).poles())[1:]

@@ -160,7 +160,7 @@ def test_every_verb_takes_text_with_units_and_means_what_the_number_means():
     [
         (lambda: severity_map(RIG, {"bit.weight": ("50 rpm", "9 kN"), "top.torque": (1e3, 2e3)}), r"`bit.weight.0` must be in N, but `50 rpm` is in rpm"),
         (lambda: sweep(RIG, {"bit.weight": ["50 m"]}, 1.0), r"`bit.weight.0` must be in N, but `50 m`"),
-        (lambda: sweep(RIG, {"bit.wheight": ["50 kN"]}, 1.0), r"`bit.wheight`: did you mean `bit.weight`"),
+        (lambda: sweep(RIG, {"bit.wheight": ["50 kN"]}, 1.0), r"`bit.wheight` in this loop: did you mean `bit.weight`"),
         (lambda: simulate(RIG, 1.0).time_in("bit", "stick", after="1 N"), r"`after` must be in s"),
         (lambda: simulate(RIG, 1.0).at("1 N"), r"`time` must be in s"),
         (lambda: toolbox.measure.overshoot(simulate(RIG, 1.0), "top.speed", "3 N"), r"`target` must be in rad/s"),

@@ -68,7 +68,7 @@ def test_the_slip_law_loses_its_steady_sliding_at_the_same_stiffness(mass):
         block = BlockOnBelt(
             mass=mass, stiffness=factor * expected, belt_speed=1e-5, load=50.0, friction=dataclasses.replace(LAW, ageing=False)
         )
-        point = equilibrium(compose(block), start=guess)
+        point = equilibrium(compose(block), guess=guess)
         growth = max(linearise(point.plant, at=point).poles().real)
         assert math.copysign(1.0, growth) == side
 
@@ -79,7 +79,7 @@ def test_below_the_critical_stiffness_the_slider_sticks_and_slips_and_above_it_s
     swings = []
     for stiffness in (15e3, 40e3):
         block = BlockOnBelt(mass=0.01, stiffness=stiffness, belt_speed=speed, load=load, friction=LAW)
-        rest = equilibrium(compose(block), start={"block.position": 30 / stiffness, "belt.age": -2.0})
+        rest = equilibrium(compose(block), guess={"block.position": 30 / stiffness, "belt.age": -2.0})
         start = {"block.position": 1.001 * rest["block.position"], "belt.age": rest["belt.age"]}
         run = simulate(compose(block), 120.0, start=start)
         assert energy_audit(run).relative < 1e-5

@@ -10,7 +10,7 @@ import pytest
 
 from controllers import PI, ImplicitSlidingMode, Lifting, SlidingMode, SoftTorque, SuperTwisting
 from models import BitRock, wells
-from toolbox import Sampled, compose, hopf_points
+from toolbox import Sampled, closed_loop, compose, hopf_points
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.onsets.growth import SmoothBranch, section, twin_growth
 from toolbox.robustness.steady_loop import steady_loop
@@ -24,7 +24,7 @@ SWING = 5.6
 
 
 def branch(law, continuous=None):
-    base = Request(RIG, 1.0, inputs={"top.reference": 6.0}, controller=law).checked()
+    base = Request(closed_loop(RIG, law, inputs={"top.reference": 6.0}), 1.0).checked()
     followed = EquilibriumBranch(continuous_loop(RIG, continuous), REFERENCE, {}, None) if continuous is not None else None
     return SmoothBranch(base, REFERENCE, {}, followed)
 

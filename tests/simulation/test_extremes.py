@@ -377,7 +377,10 @@ VERBS = {
     "fit columns": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", columns=bad), "columns", (5, "strong", {"block.speed": math.nan})),
     "fit seed": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", seed=bad), "seed", (math.nan, "strong", -1)),
     "fit confidence": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", confidence=bad), "confidence", (*NO_NUMBERS, 0.0, 1.0)),
-    "export_c period": (lambda bad: toolbox.export_c(StiffPI(), RIG, bad, "nowhere"), "period", (*NO_NUMBERS, 0.0)),
+    "export_c period": (
+        lambda bad: toolbox.export_c(closed_loop(RIG, StiffPI(), sample_time=bad), "nowhere"), "sample_time|must be sampled",
+        (*NO_NUMBERS, 0.0),
+    ),
     "severity after": (lambda bad: toolbox.measure.severity(RUN, "block.speed", bad), "after", NO_NUMBERS),
     "severity signal": (lambda bad: toolbox.measure.severity(RUN, bad), "signal", NO_NAMES),
     "severity definition": (lambda bad: toolbox.measure.severity(RUN, "block.speed", definition=bad), "definition", NO_NAMES),

@@ -244,8 +244,8 @@ def input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[
             times, numbers = (
                 in_si(row, unit, f"{name}.{word}") for row, unit, word in zip(value, ("s", entry.unit), ("times", "values"), strict=True)
             )
-            told = tuple(number for number in numbers if isinstance(number, TypedNumber))
-            value = replace(Table.of(name, times, numbers), typed=told)
+            value = Table.of(name, times, numbers)
+            value = replace(value, typed=tuple(number for number in numbers if isinstance(number, TypedNumber)))
         typed[name] = value
         if isinstance(value, Table):
             kinds.append((name, "table"))

@@ -124,7 +124,7 @@ def slips(run: Run, stepped: Trajectory | None = None) -> dict[str, float]:
     """Largest slip of every friction and relay over a stepped run, 1 for those that never slip."""
     stepped = _stepped(run) if stepped is None else stepped
     names = [element.name for element in run.system.elements if element.holds]
-    slips = ca.vertcat(*[element.slip for element in run.system.elements if element.holds])
+    slips = ca.SX(ca.vertcat(*[element.slip for element in run.system.elements if element.holds]))
     values = np.abs(np.atleast_2d(stepped.computed(slips).T)).max(axis=1)
     largest = values.max(initial=0.0)
     return {name: float(value) if value > 1e-9 * largest else 1.0 for name, value in zip(names, values, strict=True)}

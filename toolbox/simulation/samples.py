@@ -163,7 +163,7 @@ class Samples(Generic[Read]):
 def output_function(program: Any, wanted: str | ca.SX) -> ca.Function:
     """casadi Function (t, x, constants, held, m) -> signal or expression of a program; raises SceneError for an unknown name."""
     system = program.system
-    key = ExpressionKey(wanted) if isinstance(wanted, ca.SX) else wanted if isinstance(wanted, str) else None
+    key = wanted if isinstance(wanted, str) else ExpressionKey(wanted) if isinstance(wanted, ca.SX) else None
     found = program.signals.get(key)
     if found is not None:
         return found

@@ -35,8 +35,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from toolbox import closed_loop
-
 MODES = {1: "slip+", 0: "stick", -1: "slip-"}
 DEAF = 1e-10  # [s] for which a contact that has just switched does not switch again
 
@@ -95,7 +93,7 @@ def simulate(plant: Plant, duration: float, rtol: float, output_times=None) -> R
         return left
 
     def least_margin(t, y):
-        return min(margins(closed_loop(t, y)))
+        return min(margins(t, y))
 
     least_margin.terminal, least_margin.direction = True, -1.0  # type: ignore[attr-defined]
 
@@ -119,7 +117,7 @@ def simulate(plant: Plant, duration: float, rtol: float, output_times=None) -> R
             first_step = min(end - time, plant.max_step)
         run = solve_ivp(rate, (time, end), state, events=least_margin, first_step=first_step, **settings)
         t, y = run.t, run.y
-        left = margins(closed_loop(t[-1], y[:, -1]))
+        left = margins(t[-1], y[:, -1])
         switching = [i for i, m in enumerate(left) if m <= 0 or m == min(left)] if run.status == 1 else []
         paused = perf_counter()
         last = np.searchsorted(wanted, t[-1], "right" if t[-1] == duration else "left")

@@ -11,21 +11,20 @@ import pytest
 from controllers import PI, ImplicitSlidingMode, Lifting, SlidingMode, SoftTorque, SuperTwisting
 from models import BitRock, wells
 from toolbox import Sampled, closed_loop, compose, hopf_points
-from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.onsets.growth import SmoothBranch, section, twin_growth
 from toolbox.robustness.steady_loop import steady_loop
-from toolbox.simulation.request import Request, continuous_loop
+from toolbox.simulation.request import Request
 from toolbox.steady_states.equilibria import EquilibriumBranch
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
-REFERENCE = FreeParameter("top.reference", "rad/s", True)
+REFERENCE = closed_loop(RIG, PI()).number("top.reference")
 SWING = 5.6
 """Period of the string's swing [s]."""
 
 
 def branch(law, continuous=None):
     base = Request(closed_loop(RIG, law, inputs={"top.reference": 6.0}), 1.0).checked()
-    followed = EquilibriumBranch(continuous_loop(RIG, continuous), REFERENCE, {}, None) if continuous is not None else None
+    followed = EquilibriumBranch(closed_loop(RIG, continuous).system, REFERENCE, {}, None) if continuous is not None else None
     return SmoothBranch(base, REFERENCE, {}, followed)
 
 
@@ -55,7 +54,7 @@ class PythonPI:
 
 def test_a_continuous_law_loses_smooth_running_at_its_hopf_point():
     found = branch(PI(), PI())
-    assert found.loss(3.5, 5.0) == pytest.approx(hopf_points(RIG, "top.reference", (2.0, 8.0), controller=PI())[0].value, rel=1e-9)
+    assert found.loss(3.5, 5.0) == pytest.approx(hopf_points(closed_loop(RIG, PI()), "top.reference", (2.0, 8.0))[0].value, rel=1e-9)
     assert found(5.0).growth.way == "poles" and found.rate(5.0) < 0 < found.rate(3.5)
 
 
@@ -71,7 +70,7 @@ def test_a_continuous_law_loses_smooth_running_at_its_hopf_point():
     ids=["PI", "late PI", "late soft torque", "implicit sliding mode", "sliding mode"],
 )
 def test_differences_of_the_map_have_the_multipliers_of_the_matrix_of_the_loop(law):
-    found, loop = branch(law), steady_loop(RIG, law, inputs={"top.reference": 5.0}).loop()
+    found, loop = branch(law), steady_loop(closed_loop(RIG, law, inputs={"top.reference": 5.0})).loop()
     multipliers = np.linalg.eigvals(loop.A + loop.B @ loop.C)  # closed: what the law gives is what the plant gets
     assert found(5.0).growth.way == "differences"
     assert found.rate(5.0) == pytest.approx(math.log(np.abs(multipliers).max()) / law.period, rel=1e-7)
@@ -80,9 +79,9 @@ def test_differences_of_the_map_have_the_multipliers_of_the_matrix_of_the_loop(l
 def test_a_sampled_loop_loses_smooth_running_where_the_matrix_does_and_near_its_continuous_form():
     law = Sampled(PI(), 0.01, delay=0.05)
     lost = branch(law).loss(3.5, 5.0)
-    loop = steady_loop(RIG, law, inputs={"top.reference": lost}).loop()
+    loop = steady_loop(closed_loop(RIG, law, inputs={"top.reference": lost})).loop()
     assert np.abs(np.linalg.eigvals(loop.A + loop.B @ loop.C)).max() == pytest.approx(1.0, abs=1e-9)
-    continuous = hopf_points(RIG, "top.reference", (2.0, 8.0), controller=PI())[0].value
+    continuous = hopf_points(closed_loop(RIG, PI()), "top.reference", (2.0, 8.0))[0].value
     assert branch(Sampled(PI(), 0.001)).loss(3.5, 5.0) == pytest.approx(continuous, abs=3e-4)
     assert lost < branch(Sampled(PI(), 0.01)).loss(3.5, 5.0) < continuous
 

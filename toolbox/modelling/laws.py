@@ -389,13 +389,3 @@ class Takeover(Controller):
         for name in {*first.outputs} & {*second.outputs}:
             outputs[name] = (ca.if_else(now, second.outputs[name][0], first.outputs[name][0]), outputs[name][1])
         return Update(memory, outputs)
-
-
-def check_unsampled(controller: Any) -> None:
-    """Raise SceneError for a law with a sample time or a delay, of which its continuous form knows nothing."""
-    for given in controller if isinstance(controller, (list, tuple)) else [controller]:
-        if isinstance(given, Sampled):
-            raise SceneError(
-                "Argument `controller` must hold laws in their continuous form, but it holds a sampled one, whose sample time and delay would be left out: "
-                "give the law itself for the limit of fast sampling; `onset` runs it as it is."
-            )

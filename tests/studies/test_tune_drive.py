@@ -25,14 +25,12 @@ from studies.questions.tune_drive import (
     settling,
     tuned_pi,
 )
-from toolbox.scenes.cases import Case
+from toolbox import closed_loop, simulate
 
 
 def run_of(scene, law):
     """A scene under a law, or under what `Sampled` makes of one."""
-    if hasattr(law, "period") and hasattr(law, "law"):
-        return scene.run(Case("law", law.law, law.period, law.delay, noise=law.noise))
-    return scene.run(Case("law", law))
+    return simulate(closed_loop(scene[scene.labels[0]], law))
 
 
 def test_one_run_tells_the_settling_time_and_the_lowest_set_point_that_is_kept():

@@ -28,7 +28,7 @@ from toolbox.files.units import NumberOrText, TypedNumber, in_si
 from toolbox.measuring import measure
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.components import bounds_broken, fields_of, is_nested
+from toolbox.modelling.components import bounds_broken, fields_of, is_nested, numbers_of
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.scenes.cases import Case
@@ -103,8 +103,8 @@ def tune(
         If the arguments cannot be tuned, a law or objective cannot be evaluated as given or cannot travel to an executor, or the journal belongs to other
         arguments.
     """
-    scenes = _scenes(scene, controller, in_si(duration, "s", "duration"))
-    scenes = {label: _with_case(each, controller) for label, each in scenes.items()}
+    asked = _scenes(scene, controller, in_si(duration, "s", "duration"))
+    scenes = {label: _with_case(each, controller) for label, each in asked.items()}
     chosen = controller if isinstance(controller, str) else "tuned"
     cases = [each.case(chosen) for each in scenes.values()]
     loops = [each[chosen] for each in scenes.values()]
@@ -127,7 +127,7 @@ def tune(
         kept = Journal(
             journal,
             {
-                "scene": fingerprint(scenes),
+                "scene": fingerprint(asked),
                 "controller": fingerprint([case.controller for case in cases]),
                 "objective": repr({name: fingerprint(each) for name, each in objectives.items()}),
                 "bounds": repr([(each.name, each.low, each.high) for each in free]),
@@ -205,11 +205,19 @@ def _with_case(scene: Scene, controller: Any) -> Scene:
 
 
 def numbers_of_law(loop: ClosedLoop) -> dict[str, tuple[float | None, Mapping[str, Any]]]:
-    """{name: (value, what its field declares)} of every number of the law of a loop, and of those that `design` would fill in."""
+    """{name: (value, what its field declares)} of every number of the law of a loop, and of those that `design` would fill in.
+
+    A number that acts in the loop has its name there, such as `pi.integral` of a `StiffPI`; one that only the design knows that of the class.
+    """
     if not loop.laws:
         raise SceneError("Argument `controller` must name a case with a law, but it has none.")
     law = loop.laws[0].law if isinstance(loop.laws[0], Sampled) else loop.laws[0]
-    return dict(_numbers(law, f"{getattr(law, 'name', None) or type(law).__name__.lower()}."))
+    first = sum(len(numbers_of(part)) for part in loop.plant.parts)
+    acting = next((name.partition(".")[0] for name, entry in loop.system.parameters.items() if entry.offset == first), "")
+    known = getattr(law, "name", None) or type(law).__name__.lower()
+    return {
+        f"{acting if loop.system.has_parameter(f'{acting}.{path}') else known}.{path}": entry for path, entry in _numbers(law, "")
+    }
 
 
 def unit_of(loop: ClosedLoop, name: str) -> str:

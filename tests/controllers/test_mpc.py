@@ -274,7 +274,7 @@ def test_a_solver_that_lies_is_replaced_by_the_soft_drive_and_the_run_says_when(
     assert all("KKT residual" in why for _, why in fallbacks)
 
 
-@pytest.mark.parametrize("solver", ["daqp", "piqp", "hpipm"])
+@pytest.mark.parametrize("solver", ["daqp", "piqp"])
 def test_a_warm_start_changes_nothing_but_time(solver):
     runs = [
         simulate(RIG, 15.0, controller=LinearMPC(reference=6.0, solver=solver, warm=warm, **LIMITS, **STATES), sample_time=0.1)
@@ -282,9 +282,7 @@ def test_a_warm_start_changes_nothing_but_time(solver):
     ]
     answers = [np.array(run.answers[0]).ravel() for run in runs]
     failed = [[t for t, _ in run.laws[0].record.fallbacks] for run in runs]
-    assert failed[0] == failed[1] and len(failed[0]) <= (
-        1 if solver == "hpipm" else 0
-    )  # hpipm misses one program in some forty, and is found out
+    assert failed == [[], []]
     assert answers[0].max() > 19_999.0  # the limit is active
     assert np.abs(answers[0] - answers[1]).max() < 1.0  # N m
 

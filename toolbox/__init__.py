@@ -44,13 +44,13 @@ if TYPE_CHECKING:
     from toolbox.modelling.elements import DryFriction as DryFriction
     from toolbox.modelling.elements import FrictionLaw as FrictionLaw
     from toolbox.modelling.elements import Quantity as Quantity
-    from toolbox.modelling.elements import UnilateralContact as UnilateralContact
     from toolbox.modelling.elements import quantity as quantity
     from toolbox.modelling.elements import state as state
     from toolbox.modelling.elements import time as time
     from toolbox.modelling.hybrid_system import HybridSystem as HybridSystem
     from toolbox.modelling.laws import Controller as Controller
     from toolbox.modelling.laws import Sampled as Sampled
+    from toolbox.modelling.unilateral_contact import UnilateralContact as UnilateralContact
     from toolbox.onsets.onset import onset as onset
     from toolbox.onsets.severity_map import severity_map as severity_map
     from toolbox.orbits.continuation import follow as follow

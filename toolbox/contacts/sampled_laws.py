@@ -18,7 +18,8 @@ from toolbox.arguments import mapping
 from toolbox.contacts.problem import ContactProblem
 from toolbox.errors import SceneError
 from toolbox.files.units import in_si
-from toolbox.modelling.closed_loop import ClosedLoop, laws_of
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.closing import laws_of
 from toolbox.modelling.components import Component, Equations, Signal
 from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import state

@@ -9,15 +9,14 @@ and `closed_loop(loop, ...)` give another one.
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import functools
 import inspect
 import pickle
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -26,38 +25,14 @@ from toolbox.arguments import mapping
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units, reading
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.modelling.components import Component, checked, fields_of, is_nested, law_of, numbers_of, structure_of
-from toolbox.modelling.composition import assembled
+from toolbox.modelling.closing import Closed, closed_system, described, designed_laws, laws_of
+from toolbox.modelling.components import fields_of, is_nested, law_of, structure_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.inputs import ExpressionKey, Shape, Table, extremes, input_kinds
-from toolbox.modelling.laws import Controller, Sampled, as_held_part, callable_law, designed
+from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.numbers import Number, number_of, numbers_in
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.modelling.steady_point import Equilibrium
-
-
-class Closed(NamedTuple):
-    """A plant with its laws as parts.
-
-    Attributes
-    ----------
-    system
-        The closed system, with the numbers of the plant and of the laws.
-    plant
-        The plant alone with the same numbers.
-    clocks
-        (period, delay) of the sampled laws in order [s].
-    callables
-        The laws in Python.
-    seeds
-        Seeds of the noise of the sampled laws.
-    """
-
-    system: HybridSystem
-    plant: HybridSystem
-    clocks: list[tuple[float, float]]
-    callables: list[Any]
-    seeds: list[int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -454,19 +429,6 @@ def refuse_former(verb: str, machine: Any, words: Iterable[str]) -> None:
     raise SceneError(f"`{verb}` takes a closed loop: write `{verb}({loop}, ...)`.")
 
 
-# --------------------------------------------------------------------------------------------------------------------------------- how it is made
-def laws_of(given: Any, period: float | None) -> tuple[Any, ...]:
-    """Control laws in order, each `Sampled` or continuous; raises SceneError where the sample time is none, or belongs to no law."""
-    everything = tuple(given) if isinstance(given, (list, tuple)) else () if given is None else (given,)
-    if period is not None and not everything:
-        raise SceneError("Argument `sample_time` must come with a control law, but there is none.")
-    if period is not None and everything and all(isinstance(each, Sampled) and each.period != period for each in everything):
-        raise SceneError(
-            f"Argument `sample_time` must be left out where every controller is Sampled, with a period of its own, but it is {period!r}."
-        )
-    return tuple(each if isinstance(each, Sampled) or period is None else Sampled(each, period) for each in everything)
-
-
 def states_of(start: Any, plant: HybridSystem) -> dict[str, Any]:
     """Start values by state, of a mapping, of an equilibrium, or of one instant of a run, of which the states of the plant are taken."""
     if isinstance(start, Equilibrium):
@@ -484,98 +446,6 @@ def states_of(start: Any, plant: HybridSystem) -> dict[str, Any]:
 def value_at(instant: Any, name: str, size: int | None) -> Any:
     """A state at one instant of a run, as a start value."""
     return np.squeeze(instant[name]) if size is None else np.ravel(instant[name])
-
-
-def designed_laws(declared: HybridSystem, laws: Sequence[Any]) -> list[Any]:
-    """Laws in order as they are designed on the declared plant, without what samples them."""
-    inner = [given.law if isinstance(given, Sampled) else given for given in laws]
-    return [designed(law, declared) if isinstance(law, Controller) else law for law in inner]
-
-
-def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[Any], made: Sequence[Any]) -> Closed:
-    """A plant with laws as its parts; made: the laws as they are designed on the declared plant."""
-    parts: list[Component] = []
-    clocks: list[tuple[float, float]] = []
-    callables: list[Any] = []
-    seeds: list[int] = []
-    for given, law in zip(laws, made, strict=True):
-        sampled = given.measured_by(declared.signal_unit) if isinstance(given, Sampled) else None
-        if sampled is not None:
-            sampled.check()
-            clocks.append((float(sampled.period), float(sampled.delay)))
-            seeds.append(sampled.seed)
-        parts.append(_part(law, sampled, declared))
-        if not isinstance(law, Controller):
-            callables.append(law)
-    if not parts:
-        return Closed(plant, plant, [], [], [])
-    return Closed(_assembled(plant, parts), plant, clocks, callables, seeds)
-
-
-def _part(law: Any, sampled: Sampled | None, declared: HybridSystem) -> Component:
-    """The part of the closed system that stands for a designed law."""
-    if isinstance(law, Controller):
-        structure_of(law)  # the kinds of its fields, before `checked` compares their values
-        checked(law)
-        if sampled is None:
-            return law
-        if law.dt is not None and abs(sampled.period - law.dt) > 1e-9 * law.dt:
-            raise SceneError(
-                f"Argument `sample_time` must be {law.dt:g} s, for which the law was designed, but it is {sampled.period:g} s."
-            )
-        return as_held_part(sampled, law)
-    if type(law).__module__.partition(".")[0] == "control":
-        raise SceneError(
-            "Argument `controller` must be a law, but it is a system of python-control: give "
-            "`from_control(system, measures=..., drives=..., reference=...)`."
-        )
-    if callable(law) and not isinstance(law, type):
-        if sampled is None:
-            raise SceneError("A callable controller must come with `sample_time`, but there is none.")
-        return callable_law(dataclasses.replace(sampled, law=law), declared)
-    shown = f"the class {law.__name__}: give one of it, `{law.__name__}(...)`" if isinstance(law, type) else f"{law!r}"
-    raise SceneError(f"Argument `controller` must be a Controller, Sampled or a callable, but it is {shown}.")
-
-
-def _assembled(plant: HybridSystem, parts: Sequence[Component]) -> HybridSystem:
-    """The closed system of a plant and laws as parts, with their numbers; its structure is made once."""
-    key = ("closed", tuple(structure_of(part) for part in parts))
-    found = plant.cache.get(key)
-    if found is None:
-        closed = assembled((*plant.parts, *parts))
-        by_name = {p.name: p.offset for p in plant.parameters.values()}
-        places: list[tuple[int, int]] = []
-        for entry in closed.parameters.values():
-            if entry.name in by_name:
-                size = entry.size or 1
-                places += zip(range(by_name[entry.name], by_name[entry.name] + size), range(entry.offset, entry.offset + size), strict=True)
-        first = sum(len(numbers_of(part)) for part in plant.parts)
-        found = plant.cache[key] = (closed, np.array(places, np.int64).reshape(-1, 2), first)
-    shared, places_of, first = found
-    closed = copy.copy(shared)
-    closed.parts = (*plant.parts, *parts)
-    closed.values = shared.values.copy()
-    closed.values[places_of[:, 1]] = plant.values[places_of[:, 0]]
-    numbers = [value for part in parts for value in numbers_of(part)]
-    closed.values[first : first + len(numbers)] = numbers
-    for entry in closed.parameters.values():
-        if first <= entry.offset < first + len(numbers):
-            size = entry.size or 1
-            entry.check(tuple(closed.values[entry.offset : entry.offset + size].tolist()))
-    return closed
-
-
-def described(given: Any) -> str:
-    """A law and how it runs, in words."""
-    law = given.law if isinstance(given, Sampled) else given
-    name = getattr(law, "__name__", type(law).__name__)
-    if not isinstance(given, Sampled):
-        return f"{name}, continuous"
-    return f"{name}, sampled every {_time(given.period)}" + (f" with a delay of {_time(given.delay)}" if given.delay else "")
-
-
-def _time(value: float) -> str:
-    return f"{value:.3g} s" if value >= 1.0 else f"{1e3 * value:.3g} ms"
 
 
 def _plain(value: Any) -> Any:

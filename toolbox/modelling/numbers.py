@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -28,8 +28,8 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_start, started
 
-if TYPE_CHECKING:
-    from toolbox.modelling.closed_loop import ClosedLoop
+Loop = Any
+"""A `ClosedLoop`, which is made of numbers and therefore stands above this file."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Number:
             return system, {**inputs, self.name: value}
         return system.with_parameters({self.name: value}), dict(inputs)
 
-    def put(self, loop: ClosedLoop, value: NumberOrText) -> ClosedLoop:
+    def put(self, loop: Loop, value: NumberOrText) -> Loop:
         """The loop with this value; raises SceneError where it is out of bounds."""
         value = self.in_si(self.name, value)
         self.check(value)
@@ -113,7 +113,7 @@ class Number:
         return name, self.name[len(name) + 1 :]
 
 
-def numbers_in(loop: ClosedLoop) -> dict[str, Number]:
+def numbers_in(loop: Loop) -> dict[str, Number]:
     """Every number of a loop by name: inputs, parameters of parts and laws, design fields, shapes, start values."""
     system = loop.system
     names = [*system.inputs]
@@ -129,7 +129,7 @@ def numbers_in(loop: ClosedLoop) -> dict[str, Number]:
     return {name: number for name, number in found.items() if number is not None}
 
 
-def number_of(loop: ClosedLoop, name: str) -> Number | None:
+def number_of(loop: Loop, name: str) -> Number | None:
     """The number of that name, or None."""
     system = loop.system
     if not isinstance(name, str):
@@ -171,7 +171,7 @@ def number_of(loop: ClosedLoop, name: str) -> Number | None:
     return None
 
 
-def overridden(loop: ClosedLoop, name: str) -> str | None:
+def overridden(loop: Loop, name: str) -> str | None:
     """The given input that takes the place of a parameter, which is its default and acts nowhere else; None for none."""
     system = loop.system
     if not loop.values or not system.has_parameter(name):
@@ -184,7 +184,7 @@ def overridden(loop: ClosedLoop, name: str) -> str | None:
     return None
 
 
-def acts(loop: ClosedLoop, name: str) -> bool:
+def acts(loop: Loop, name: str) -> bool:
     """Whether a parameter of the closed system enters its motion, or the default of an input that is not given."""
     rest = [entry.default for each, entry in loop.system.inputs.items() if each not in loop.values]
     return _acts(loop.system, name, rest)
@@ -201,7 +201,7 @@ def _acts(system: HybridSystem, name: str, more: list[ca.SX]) -> bool:
     return bool(ca.depends_on(used, symbol) or (more and ca.depends_on(ca.vertcat(*more), symbol)))
 
 
-def _input_value(loop: ClosedLoop, name: str) -> float:
+def _input_value(loop: Loop, name: str) -> float:
     if name in loop.values:
         value = loop.values[name]
         return value if isinstance(value, float) else float("nan")
@@ -250,7 +250,7 @@ def _reshaped(value: Any, key: str, number: float) -> Any:
 
 
 # ------------------------------------------------------------------------------------------------------------------------------- fields of a design
-def _design_fields(loop: ClosedLoop, index: int) -> dict[str, tuple[Mapping[str, Any], float]]:
+def _design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any], float]]:
     """{name: (declaration, value)} of the fields of a declared law that its design alone knows, because they act nowhere in the closed system."""
     given = loop.laws[index]
     law = given.law if isinstance(given, Sampled) else given
@@ -263,7 +263,7 @@ def _design_fields(loop: ClosedLoop, index: int) -> dict[str, tuple[Mapping[str,
     return {name: entry for name, entry in fields.items() if not (system.has_parameter(name) and acts(loop, name))}
 
 
-def designed_law(loop: ClosedLoop, name: str) -> int | None:
+def designed_law(loop: Loop, name: str) -> int | None:
     """Which law of a loop a field of that name belongs to that its design alone knows; None for none."""
     return next((index for index in range(len(loop.laws)) if name in _design_fields(loop, index)), None)
 
@@ -277,7 +277,7 @@ def _collect(node: Any, path: str, found: dict[str, tuple[Mapping[str, Any], flo
             found[f"{path}{each.name}"] = (each.spec.metadata, value)
 
 
-def _redesigned(loop: ClosedLoop, name: str, value: float) -> ClosedLoop:
+def _redesigned(loop: Loop, name: str, value: float) -> Loop:
     """The loop with one field of a declared law changed, which is designed anew."""
     index = designed_law(loop, name)
     assert index is not None

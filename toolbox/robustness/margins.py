@@ -11,7 +11,8 @@ from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.modelling.closed_loop import ClosedLoop, described, takes_loop
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.closing import described
 from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
 from toolbox.robustness.loop import LinearLoop, NoDerivative
 from toolbox.robustness.measured import MeasuredMargins, measured_margins

@@ -19,7 +19,8 @@ from toolbox.arguments import finite_array, is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring import measures
-from toolbox.modelling.closed_loop import ClosedLoop, described, states_of, takes_loop
+from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
+from toolbox.modelling.closing import described
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Sampled
 from toolbox.robustness.steady_loop import smooth_start

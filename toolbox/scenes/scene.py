@@ -14,7 +14,8 @@ from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units
 from toolbox.messages import LOG
-from toolbox.modelling.closed_loop import ClosedLoop, laws_of
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.closing import laws_of
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant

@@ -21,7 +21,8 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import replaced
 from toolbox.files.reading import SCENE, text_of
 from toolbox.files.units import TypedNumber, parse
-from toolbox.modelling.closed_loop import ClosedLoop, laws_of
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.closing import laws_of
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import TURNED, FrictionLaw

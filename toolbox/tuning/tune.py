@@ -215,9 +215,7 @@ def numbers_of_law(loop: ClosedLoop) -> dict[str, tuple[float | None, Mapping[st
     first = sum(len(numbers_of(part)) for part in loop.plant.parts)
     acting = next((name.partition(".")[0] for name, entry in loop.system.parameters.items() if entry.offset == first), "")
     known = getattr(law, "name", None) or type(law).__name__.lower()
-    return {
-        f"{acting if loop.system.has_parameter(f'{acting}.{path}') else known}.{path}": entry for path, entry in _numbers(law, "")
-    }
+    return {f"{acting if loop.system.has_parameter(f'{acting}.{path}') else known}.{path}": entry for path, entry in _numbers(law, "")}
 
 
 def unit_of(loop: ClosedLoop, name: str) -> str:

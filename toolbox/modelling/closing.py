@@ -1,0 +1,144 @@
+"""How a loop is closed: laws designed on the declared plant become its parts, each with its clock."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.modelling.components import Component, checked, numbers_of, structure_of
+from toolbox.modelling.composition import assembled
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import Controller, Sampled, as_held_part, callable_law, designed
+
+
+class Closed(NamedTuple):
+    """A plant with its laws as parts.
+
+    Attributes
+    ----------
+    system
+        The closed system, with the numbers of the plant and of the laws.
+    plant
+        The plant alone with the same numbers.
+    clocks
+        (period, delay) of the sampled laws in order [s].
+    callables
+        The laws in Python.
+    seeds
+        Seeds of the noise of the sampled laws.
+    """
+
+    system: HybridSystem
+    plant: HybridSystem
+    clocks: list[tuple[float, float]]
+    callables: list[Any]
+    seeds: list[int]
+
+
+def laws_of(given: Any, period: float | None) -> tuple[Any, ...]:
+    """Control laws in order, each `Sampled` or continuous; raises SceneError where the sample time is none, or belongs to no law."""
+    everything = tuple(given) if isinstance(given, (list, tuple)) else () if given is None else (given,)
+    if period is not None and not everything:
+        raise SceneError("Argument `sample_time` must come with a control law, but there is none.")
+    if period is not None and everything and all(isinstance(each, Sampled) and each.period != period for each in everything):
+        raise SceneError(
+            f"Argument `sample_time` must be left out where every controller is Sampled, with a period of its own, but it is {period!r}."
+        )
+    return tuple(each if isinstance(each, Sampled) or period is None else Sampled(each, period) for each in everything)
+
+
+def designed_laws(declared: HybridSystem, laws: Sequence[Any]) -> list[Any]:
+    """Laws in order as they are designed on the declared plant, without what samples them."""
+    inner = [given.law if isinstance(given, Sampled) else given for given in laws]
+    return [designed(law, declared) if isinstance(law, Controller) else law for law in inner]
+
+
+def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[Any], made: Sequence[Any]) -> Closed:
+    """A plant with laws as its parts; made: the laws as they are designed on the declared plant."""
+    parts: list[Component] = []
+    clocks: list[tuple[float, float]] = []
+    callables: list[Any] = []
+    seeds: list[int] = []
+    for given, law in zip(laws, made, strict=True):
+        sampled = given.measured_by(declared.signal_unit) if isinstance(given, Sampled) else None
+        if sampled is not None:
+            sampled.check()
+            clocks.append((float(sampled.period), float(sampled.delay)))
+            seeds.append(sampled.seed)
+        parts.append(_part(law, sampled, declared))
+        if not isinstance(law, Controller):
+            callables.append(law)
+    if not parts:
+        return Closed(plant, plant, [], [], [])
+    return Closed(_assembled(plant, parts), plant, clocks, callables, seeds)
+
+
+def _part(law: Any, sampled: Sampled | None, declared: HybridSystem) -> Component:
+    """The part of the closed system that stands for a designed law."""
+    if isinstance(law, Controller):
+        structure_of(law)  # the kinds of its fields, before `checked` compares their values
+        checked(law)
+        if sampled is None:
+            return law
+        if law.dt is not None and abs(sampled.period - law.dt) > 1e-9 * law.dt:
+            raise SceneError(
+                f"Argument `sample_time` must be {law.dt:g} s, for which the law was designed, but it is {sampled.period:g} s."
+            )
+        return as_held_part(sampled, law)
+    if type(law).__module__.partition(".")[0] == "control":
+        raise SceneError(
+            "Argument `controller` must be a law, but it is a system of python-control: give "
+            "`from_control(system, measures=..., drives=..., reference=...)`."
+        )
+    if callable(law) and not isinstance(law, type):
+        if sampled is None:
+            raise SceneError("A callable controller must come with `sample_time`, but there is none.")
+        return callable_law(dataclasses.replace(sampled, law=law), declared)
+    shown = f"the class {law.__name__}: give one of it, `{law.__name__}(...)`" if isinstance(law, type) else f"{law!r}"
+    raise SceneError(f"Argument `controller` must be a Controller, Sampled or a callable, but it is {shown}.")
+
+
+def _assembled(plant: HybridSystem, parts: Sequence[Component]) -> HybridSystem:
+    """The closed system of a plant and laws as parts, with their numbers; its structure is made once."""
+    key = ("closed", tuple(structure_of(part) for part in parts))
+    found = plant.cache.get(key)
+    if found is None:
+        closed = assembled((*plant.parts, *parts))
+        by_name = {p.name: p.offset for p in plant.parameters.values()}
+        places: list[tuple[int, int]] = []
+        for entry in closed.parameters.values():
+            if entry.name in by_name:
+                size = entry.size or 1
+                places += zip(range(by_name[entry.name], by_name[entry.name] + size), range(entry.offset, entry.offset + size), strict=True)
+        first = sum(len(numbers_of(part)) for part in plant.parts)
+        found = plant.cache[key] = (closed, np.array(places, np.int64).reshape(-1, 2), first)
+    shared, places_of, first = found
+    closed = copy.copy(shared)
+    closed.parts = (*plant.parts, *parts)
+    closed.values = shared.values.copy()
+    closed.values[places_of[:, 1]] = plant.values[places_of[:, 0]]
+    numbers = [value for part in parts for value in numbers_of(part)]
+    closed.values[first : first + len(numbers)] = numbers
+    for entry in closed.parameters.values():
+        if first <= entry.offset < first + len(numbers):
+            size = entry.size or 1
+            entry.check(tuple(closed.values[entry.offset : entry.offset + size].tolist()))
+    return closed
+
+
+def described(given: Any) -> str:
+    """A law and how it runs, in words."""
+    law = given.law if isinstance(given, Sampled) else given
+    name = getattr(law, "__name__", type(law).__name__)
+    if not isinstance(given, Sampled):
+        return f"{name}, continuous"
+    return f"{name}, sampled every {_time(given.period)}" + (f" with a delay of {_time(given.delay)}" if given.delay else "")
+
+
+def _time(value: float) -> str:
+    return f"{value:.3g} s" if value >= 1.0 else f"{1e3 * value:.3g} ms"

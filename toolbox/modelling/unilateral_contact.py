@@ -1,0 +1,70 @@
+"""Contacts that push and never pull: elastic, or rigid with impacts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import casadi as ca
+
+from toolbox.errors import SceneError
+from toolbox.modelling.elements import Element
+
+
+class UnilateralContact(Element):
+    """A contact that pushes and never pulls: `force` N >= 0 against the `closure` d of its gap (d < 0 open), which grows at `rate` d'.
+
+        elastic (stiffness k, damping c):  N = k d + c d' while closed; closes when d and k d + c d' are both positive, opens at N = 0
+        rigid (restitution e):             d' = 0 while closed, opens at N = 0; an impact turns d' into -e d'
+
+    Give either `stiffness` or `restitution`. N must act against the closure: in the flow it stands with the sign that lowers d'. Friction at the
+    contact is a `DryFriction` with load N, declared after it. At a rigid impact it takes part with a Coulomb impulse of the same law, and the energy never
+    rises: where Newton's restitution would make it rise, the impact is plastic. Bounces too low to be resolved close the contact. `stored` [J] and `loss` [W]
+    are the energy of the elastic contact and the power of its damper, for the audit; what the spring still stores at opening is lost, as in an impact.
+    Source: B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer 2016.
+    """
+
+    legend: Mapping[int, str] = {1: "open", 0: "closed"}
+    expressions: ClassVar[tuple[str, ...]] = (*Element.expressions, "closure", "rate", "relaxation", "restitution")
+    watched: ClassVar[str] = "closure"
+    has_gap: ClassVar[bool] = True
+    initial = 1
+
+    def __init__(
+        self,
+        name: str,
+        closure: ca.SX,
+        rate: ca.SX,
+        *,
+        stiffness: ca.SX | float | None = None,
+        damping: ca.SX | float = 0.0,
+        restitution: ca.SX | float | None = None,
+        rate_unit: str = "m/s",
+        force_unit: str = "N",
+    ):
+        if (stiffness is None) == (restitution is None):
+            raise SceneError(f"`{name}` must have either a `stiffness`, for an elastic contact, or a `restitution`, for a rigid one.")
+        self.holds = self.rigid = stiffness is None
+        super().__init__(name, rate if self.holds else 0, rate_unit, force_unit)
+        self.closure = ca.SX(closure)
+        self.rate = ca.SX(rate)
+        closed = 1 - self.mode
+        self.stored, self.loss = ca.SX(0), ca.SX(0)
+        self.relaxation = ca.SX(0)  # c/k, the time in which an unloaded contact would relax
+        self.restitution = ca.SX(0 if restitution is None else restitution)
+        if stiffness is None:
+            self.force = -self.multiplier
+        else:
+            self.relaxation = damping / ca.SX(stiffness)
+            self.force = closed * (stiffness * self.closure + damping * self.rate)
+            self.stored = closed * stiffness * self.closure**2 / 2
+            self.loss = closed * damping * self.rate**2
+
+    def guards(self, multiplier: ca.SX, bound: ca.SX) -> tuple[ca.SX, ca.SX]:
+        if self.holds:
+            return -multiplier - self.mode * self.closure, ca.SX(1)
+        pressed = self.relaxation * self.rate
+        return (1 - self.mode) * (self.closure + pressed) - self.mode * (self.closure + ca.fmin(0, pressed)), ca.SX(1)
+
+    def signals(self) -> dict[str, tuple[ca.SX, str]]:
+        return {"force": (self.force, self.force_unit), "closure": (self.closure, self.slip_unit.removesuffix("/s"))}

@@ -1,0 +1,93 @@
+"""Whether the forces of a composed plant act as they must: against their slips and gaps, and independently of one another."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.modelling.elimination import dependent_rows, must_be_independent
+from toolbox.modelling.hybrid_system import HybridSystem
+
+
+def check_push(system: HybridSystem) -> None:
+    """The force of every elastic contact must act against its closure, where the force enters the rate of the gap and three states agree on its sign.
+
+    Closing adds a N to the rate d'', N being proportional to d + (c / k) d': a must not be positive, or the contact would pull what it should stop.
+    """
+    elastic: dict[int, Any] = {i: element for i, element in enumerate(system.elements) if element.has_gap and not element.rigid}
+    if not elastic:
+        return
+    found = system.cache.get("push")
+    if found is None:
+        shares = []
+        for i, element in elastic.items():
+            grows = ca.jtimes(element.rate, system.x, system.flow)
+            closed, opened = (ca.substitute(grows, system.m[i], mode) for mode in (0, 1))
+            shares.append((closed - opened) / (element.closure + element.relaxation * element.rate))
+        symbols = [system.t, system.x, system.u, system.p, system.F, system.m, system.held]
+        found = system.cache["push"] = ca.Function("push", symbols, [ca.densify(ca.vertcat(*shares))])
+    n = system.x.numel()
+    tried = [np.cos(np.arange(1, n + 1) * k) * 1e-3 for k in (1.0, 2.3, 3.7)]
+    seen = np.column_stack([np.array(found(0.0, x, 0.0, system.values, 0.0, 1.0, 0.0)).ravel() for x in tried])
+    for element, row in zip(elastic.values(), seen, strict=True):
+        if (row > 0.0).all() and np.ptp(row) < 1e-6 * row.max():
+            raise SceneError(
+                f"The force of `{element.name}` must act against its closure, but in the flow it stands with the sign that closes the gap further."
+            )
+
+
+def check_gain(system: HybridSystem) -> None:
+    """Every force must pull its own slip towards zero, and no slip may be a combination of others (where the numbers alone decide that)."""
+    gain = system.switching.gain
+    if not system.elements or ca.depends_on(gain, ca.vertcat(system.t, system.x, system.u)):
+        _check_cones(system)
+        return
+    matrix = np.array(system.function("gain", gain, "A")(0.0, 0.0, 0.0, system.values, 0.0))
+    held = [i for i, element in enumerate(system.elements) if element.holds]
+    matrix = matrix[np.ix_(held, held)]
+    holding = [system.elements[i] for i in held]
+    for element, entry in zip(holding, np.diag(matrix), strict=True):
+        if not entry > 0:
+            raise SceneError(
+                f"Element {element.title} must oppose its slip (d slip_rate/d force > 0, relative degree one), but the gain is {entry:g}."
+            )
+    if gain.sparsity().is_diag() or not held:
+        return
+    size = np.sqrt(np.diag(matrix))
+    matrix = matrix / np.outer(size, size)
+    # two stops of one body are never closed together: only one of them counts
+    opposed = [
+        j for j, b in enumerate(holding) if b.rigid and any(a.rigid and matrix[i, j] < -1 + 1e-12 for i, a in enumerate(holding[:j]))
+    ]
+    kept = [i for i in range(len(holding)) if i not in opposed]
+    matrix, holding = matrix[np.ix_(kept, kept)], [holding[i] for i in kept]
+    dependent = dependent_rows(matrix)
+    if dependent:
+        raise SceneError(must_be_independent([holding[i].title for i in dependent]))
+
+
+def _check_cones(system: HybridSystem) -> None:
+    """Frictions in two directions whose gain varies must not hold more than their bodies can move, as two points of one rigid disc do at every state."""
+    cones = [i for i, element in enumerate(system.elements) if element.directions > 1]
+    if len(cones) < 2:
+        return
+    rows = sorted(cones + [i + 1 for i in cones])
+    found = system.function("gain", system.switching.gain, "A")
+    dependent: list[int] = []
+    for k in (1.0, 2.3, 3.7):
+        x = np.cos(np.arange(1, system.x.numel() + 1) * k)
+        matrix = np.array(found(0.1 * k, x, k, system.values, k))[np.ix_(rows, rows)]
+        size = np.sqrt(np.abs(np.diag(matrix)))
+        if not np.isfinite(matrix).all() or not size.all():
+            return
+        dependent = dependent_rows(matrix / np.outer(size, size))
+        if not dependent:
+            return
+    names = dict.fromkeys(f"`{system.elements[rows[k] if rows[k] in cones else rows[k] - 1].name}`" for k in dependent)
+    raise SceneError(
+        f"{must_be_independent(list(names))} A rigid body that rubs at several points needs another model: carry each contact by a small mass on a spring "
+        "of its own, so that the springs share the force, or let the body rub at one point."
+    )

@@ -2,7 +2,7 @@
 
 from toolbox import closed_loop
 
-WORDS = ("sample_time", "inputs", "parameters", "start")
+WORDS = ("sample_time", "inputs", "parameters", "start", "element", "signal")
 
 
 def together(plant, controller=None, **arguments):

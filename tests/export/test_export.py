@@ -268,8 +268,8 @@ class InPython(Controller):
     [
         (IdealSlidingMode(), "no sampled form"),
         (InPython(), "Python callable"),
-        (lambda t, y: 0.0, "must be a Controller"),
-        (Sampled(PI(), 0.02), "must be a Controller with its `period` beside it"),
+        (lambda t, y: 0.0, "must hold a Controller to be written down"),
+        (Sampled(PI(), 0.02), "`sample_time` must be left out where every controller is Sampled"),
         (Takeover(PI(), StiffPI(), 3.0), "time itself"),
         (PI(proportional=-1.0), "proportional"),
     ],
@@ -356,15 +356,15 @@ def value_of(run, name):
 
 
 def test_a_kalman_filter_gives_its_linear_estimates_and_converges_where_a_gain_of_zero_does_not():
-    found = to_control(closed_loop(PLANT, Kalman()))
+    found = to_control(Kalman().design(PLANT))
     assert found.input_labels == ["top_speed", "top_torque"]
     assert "bit_speed" in found.output_labels and "bit_torque" in found.output_labels
     assert "bit_friction_scale" not in found.output_labels  # a quotient of estimates
     assert found.poles().real.max() < 0
-    blind = to_control(closed_loop(PLANT, Kalman()), outputs="bit.torque")
+    blind = to_control(Kalman().design(PLANT), outputs="bit.torque")
     assert blind.output_labels == ["bit_torque"]
     with pytest.raises(SceneError, match=r"bit\.friction_scale"):
-        to_control(closed_loop(PLANT, Kalman()), outputs="bit.friction_scale")
+        to_control(Kalman().design(PLANT), outputs="bit.friction_scale")
 
 
 @pytest.mark.parametrize(
@@ -381,7 +381,7 @@ def test_a_kalman_filter_gives_its_linear_estimates_and_converges_where_a_gain_o
 )
 def test_laws_that_are_not_linear_are_refused_by_what_is_to_blame(law, words):
     with pytest.raises(SceneError, match=words):
-        to_control(law if isinstance(law, LQR) else closed_loop(PLANT, law))
+        to_control(law if isinstance(law, (LQR, InPython)) else closed_loop(PLANT, law))
 
 
 def test_a_law_with_all_its_numbers_needs_no_plant():

@@ -81,14 +81,9 @@ def test_steps_that_stand_in_for_taylor_series_do_not_count_as_such():
 
 def test_levels_of_detail_are_compared_by_what_they_have_in_common():
     fine = TorsionalChain(inertia=(2122.0, 100.0, 374.0), stiffness=(946.0,) * 2, damping=(46.4,) * 2, top_drag=425.0, bit_drag=50.0)
-    plants = {"three inertias": compose(fine, BitRock()), "two inertias": compose(wells.JANSEN_2, BitRock())}
-    arguments = {
-        "signals": ("bit.speed",),
-        "methods": ("explicit",),
-        "accuracies": (1e-6, 1e-9),
-        "repeats": 1,
-        "inputs": {"top.torque": 20_000.0},
-    }
+    parts = {"three inertias": fine, "two inertias": wells.JANSEN_2}
+    plants = {label: closed_loop(compose(part, BitRock()), inputs={"top.torque": 20_000.0}) for label, part in parts.items()}
+    arguments = {"signals": ("bit.speed",), "methods": ("explicit",), "accuracies": (1e-6, 1e-9), "repeats": 1}
     trade = work_precision(plants, 5.0, **arguments)
     errors = {(point.plant, point.setting): point.error for point in trade.points}
     assert errors["three inertias", 1e-9] < 1e-7
@@ -132,7 +127,7 @@ def test_casadi_integrates_the_smoothed_law_of_the_study_to_the_same_motion():
     case = cases()["belt"]
     grid = np.linspace(0.0, 10.0, 101)
     states, _ = tradeoff.cvodes(case, 1e-2, 1e-9)(grid)
-    ours = simulate(case.plant, 10.0, method=Smoothing(1e-2 * _largest_slip(case)), accuracy=1e-9)
+    ours = simulate(case.loop, 10.0, method=Smoothing(1e-2 * _largest_slip(case)), accuracy=1e-9)
     np.testing.assert_allclose(states, ours.at(grid).states, atol=1e-5)
 
 
@@ -140,13 +135,13 @@ def _largest_slip(case):
     from toolbox.simulation.refinement import slips
     from toolbox.simulation.request import Request
 
-    return slips(Request(case.plant, case.duration, **case.arguments).checked())["belt"]
+    return slips(Request(case.loop, case.duration).checked())["belt"]
 
 
 def test_methods_are_named_or_refused():
     with pytest.raises(SceneError, match="Argument `methods` must be among .* but one is 'magic'"):
         work_precision(BELT, 1.0, methods=("magic",))
-    with pytest.raises(SceneError, match="Argument `duration` must be given for a plant"):
+    with pytest.raises(SceneError, match="Argument `duration` must be > 0 s, but it is None"):
         work_precision(BELT)
 
 

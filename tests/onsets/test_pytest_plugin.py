@@ -13,7 +13,7 @@ import pytest
 
 from controllers import IdealSlidingMode, SoftTorque, StiffPI
 from models import BitRock, wells
-from toolbox import Sampled, SceneError, compose, measure, simulate
+from toolbox import Sampled, SceneError, closed_loop, compose, measure, simulate
 from toolbox.onsets.checks import Checks, Perturbation
 
 pytest_plugins = "pytester"
@@ -113,10 +113,10 @@ def test_a_law_beats_another_by_severity_and_stick(checks, stiff, soft):
 def test_an_onset_above_the_limit_shows_both_borders(checks, rig):
     given = {"between": (3.0, 15.0), "values": 5, "tolerance": 0.2}
     # the smooth border of the stiff drive is far below this limit: stick-slip that exists is not
-    text = failure(checks.onset_below, rig, "top.reference", 9.0, controller=StiffPI(), **given)
+    text = failure(checks.onset_below, closed_loop(rig, StiffPI()), "top.reference", 9.0, **given)
     assert "existing stick-slip ends at 12." in text and "smooth running is lost at" not in text.partition(".\n")[0]
     assert figure(text).startswith(b"\x89PNG")
-    assert checks.onset_below(rig, "top.reference", 9.0, controller=SoftTorque(), **given).end < 9.0
+    assert checks.onset_below(closed_loop(rig, SoftTorque()), "top.reference", 9.0, **given).end < 9.0
 
 
 def test_a_figure_that_cannot_be_drawn_hides_nothing(stiff, tmp_path):
@@ -215,19 +215,19 @@ def test_the_severity_of_a_machine_at_rest_is_no_number_and_fails(checks, rig):
 
 
 def test_a_loop_with_too_little_margin_shows_its_table_and_its_nyquist_curve(checks, rig):
-    law = Sampled(SoftTorque(reference=5.0), 0.01, 0.03)
-    assert checks.robust(rig, law, disk_margin=0.25, peak_sensitivity=4.0, gain=(0.5, 2.0), delay=0.1).stable
-    text = failure(checks.robust, rig, law, disk_margin=0.35, delay=1.0)
+    loop = closed_loop(rig, Sampled(SoftTorque(reference=5.0), 0.01, 0.03))
+    assert checks.robust(loop, disk_margin=0.25, peak_sensitivity=4.0, gain=(0.5, 2.0), delay=0.1).stable
+    text = failure(checks.robust, loop, disk_margin=0.35, delay=1.0)
     assert "The disk margin must be >= 0.35, but it is 0.293" in text and "1 s more of delay, but it bears 0.319 s" in text
     assert "SoftTorque, sampled every 10 ms" in text and figure(text).startswith(b"\x89PNG")
     with pytest.raises(SceneError, match="disk_margin"):
-        checks.robust(rig, law)
+        checks.robust(loop)
 
 
 def test_a_law_that_switches_is_judged_by_what_is_measured(checks, rig):
-    law = IdealSlidingMode(reference=6.0)
-    checks.robust(rig, law, gain=(0.8, 1.2), duration=30.0)
-    text = failure(checks.robust, rig, law, disk_margin=0.1, duration=30.0)
+    loop = closed_loop(rig, IdealSlidingMode(reference=6.0))
+    checks.robust(loop, gain=(0.8, 1.2), duration=30.0)
+    text = failure(checks.robust, loop, disk_margin=0.1, duration=30.0)
     assert "There is no linear loop" in text and "but it is nan" in text
 
 

@@ -185,20 +185,20 @@ def test_what_is_saved_comes_back_and_prints_and_draws(found, tmp_path):
 
 def test_an_interrupted_map_goes_on_where_it_was(tmp_path):
     # of a sampled law, whose border of smooth running takes runs of its own
-    arguments = {"shape": (4, 3), "duration": 30.0, "controller": Sampled(StiffPI(), 0.01), "halvings": 2}
-    whole = severity_map(RIG, OVER, **arguments, out=tmp_path / "map")
+    loop, arguments = closed_loop(RIG, Sampled(StiffPI(), 0.01)), {"shape": (4, 3), "duration": 30.0, "halvings": 2}
+    whole = severity_map(loop, OVER, **arguments, out=tmp_path / "map")
     chunks = sorted((tmp_path / "map").glob("stage_*.zarr/*/c/*"))
     lost = [path for path in chunks if path.parts[-3] == "status"][::2]
     for path in lost:
         path.unlink()
     kept = {path: path.stat().st_mtime_ns for path in chunks if not any(path.is_relative_to(each.parents[2]) for each in lost)}
     assert lost and kept
-    again = severity_map(RIG, OVER, **arguments, out=tmp_path / "map")
+    again = severity_map(loop, OVER, **arguments, out=tmp_path / "map")
     np.testing.assert_array_equal(again.sticking.severity, whole.sticking.severity)
     np.testing.assert_array_equal(again.borders["sticking"], whole.borders["sticking"])
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     with pytest.raises(SceneError, match="Argument `out` must be a new folder"):
-        severity_map(RIG, OVER, **{**arguments, "duration": 31.0}, out=tmp_path / "map")
+        severity_map(loop, OVER, **{**arguments, "duration": 31.0}, out=tmp_path / "map")
 
 
 def test_the_command_maps_a_scene(tmp_path, capsys):
@@ -217,18 +217,25 @@ def test_the_command_maps_a_scene(tmp_path, capsys):
     [
         ({"over": {"bit.weight": (1e3, 2e3)}}, "Argument `over` must map two names"),
         ({"over": {"bit.weight": (3e3, 2e3), "top.reference": (3.0, 4.0)}}, "Argument `bit.weight` must be a range"),
-        ({"over": {"bit.wait": (1e3, 2e3), "top.reference": (3.0, 4.0)}}, "There is no parameter or input `bit.wait`"),
+        (
+            {"over": {"bit.wait": (1e3, 2e3), "top.reference": (3.0, 4.0)}},
+            "There is no number `bit.wait` in this loop: did you mean `bit.weight`",
+        ),
         ({"shape": (1, 3)}, "Argument `shape` must be two integers >= 2"),
         ({"halvings": -1}, "Argument `halvings` must be an integer from 0 to 20"),
         ({"duration": 0.0}, "Argument `duration` must be a finite number > 0 s"),
         ({"after": 200.0}, "Argument `after` must be > 0 s and before the end"),
-        ({"element": "bot"}, "There is no contact `bot` to be judged"),
         ({"over": {"bit.weight": (-1e3, 2e3), "top.reference": (3.0, 4.0)}}, "Argument `bit.weight` must be >= 0 N"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused_by_name(changes, message):
     with pytest.raises(SceneError, match=message):
-        severity_map(RIG, **{"over": OVER, "controller": StiffPI(), **changes})
+        severity_map(closed_loop(RIG, StiffPI()), **{"over": OVER, **changes})
+
+
+def test_a_contact_to_be_judged_that_there_is_not_is_refused_by_name():
+    with pytest.raises(SceneError, match="There is no contact `bot` to be judged"):
+        severity_map(closed_loop(RIG, StiffPI(), element="bot"), OVER)
 
 
 def test_a_scene_whose_inputs_move_has_no_steady_state(tmp_path):

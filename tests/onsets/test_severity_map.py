@@ -216,7 +216,7 @@ def test_the_command_maps_a_scene(tmp_path, capsys):
     ("changes", "message"),
     [
         ({"over": {"bit.weight": (1e3, 2e3)}}, "Argument `over` must map two names"),
-        ({"over": {"bit.weight": (3e3, 2e3), "top.reference": (3.0, 4.0)}}, "Argument `bit.weight` must be a range"),
+        ({"over": {"bit.weight": (3e3, 2e3), "top.reference": (3.0, 4.0)}}, r"Argument `bit.weight` must be two finite numbers \(low"),
         (
             {"over": {"bit.wait": (1e3, 2e3), "top.reference": (3.0, 4.0)}},
             "There is no number `bit.wait` in this loop: did you mean `bit.weight`",

@@ -70,7 +70,33 @@ def steady_state(
     mode: Mapping[str, str] | None = None,
     asked: Mapping[str, str] | None = None,
 ) -> Equilibrium:
-    """`equilibrium` of a plant whose laws are parts of it; asked: {unit: unit that was typed}."""
+    """Find the steady state of a plant whose laws are parts of it, as `equilibrium` does of a loop.
+
+    Parameters
+    ----------
+    plant
+        A plant, with the laws in it.
+    inputs
+        {input: constant value}; the others keep their defaults.
+    start
+        Values {state: value} near the steady state.
+    mode
+        Modes {contact: mode}; by default those that the values near it have.
+    asked
+        {unit: unit that was typed}.
+
+    Returns
+    -------
+    Equilibrium
+        The steady state.
+
+    Raises
+    ------
+    NoSteadyState
+        If no steady state is found, or the one found contradicts its modes.
+    SceneError
+        If a name is unknown, or a number is not finite.
+    """
     from scipy.optimize import root
 
     plant = _checked(plant)

@@ -70,7 +70,7 @@ def steady_state(
     mode: Mapping[str, str] | None = None,
     asked: Mapping[str, str] | None = None,
 ) -> Equilibrium:
-    """Find the steady state of a plant whose laws are parts of it, as `equilibrium` does of a loop.
+    """Find the steady state of a plant whose laws are parts of it; raises what `equilibrium` raises.
 
     Parameters
     ----------
@@ -84,18 +84,6 @@ def steady_state(
         Modes {contact: mode}; by default those that the values near it have.
     asked
         {unit: unit that was typed}.
-
-    Returns
-    -------
-    Equilibrium
-        The steady state.
-
-    Raises
-    ------
-    NoSteadyState
-        If no steady state is found, or the one found contradicts its modes.
-    SceneError
-        If a name is unknown, or a number is not finite.
     """
     from scipy.optimize import root
 

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from toolbox.files.unit_systems import units as units
     from toolbox.measuring import measure as measure
     from toolbox.measuring.energy import energy_audit as energy_audit
+    from toolbox.modelling import inputs as inputs
     from toolbox.modelling.closed_loop import ClosedLoop as ClosedLoop
     from toolbox.modelling.closed_loop import closed_loop as closed_loop
     from toolbox.modelling.components import Component as Component

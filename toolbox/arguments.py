@@ -71,14 +71,14 @@ def finite_array(value: Any) -> np.ndarray | None:
     return array if np.isfinite(array).all() else None
 
 
-def checked_range(between: Any) -> tuple[float, float]:
+def checked_range(between: Any, word: str = "between") -> tuple[float, float]:
     """(low, high) of a range; raises SceneError unless it is two finite numbers in that order."""
     try:
         low, high = between
     except (TypeError, ValueError):
         low, high = None, None
     if not is_finite_number(low) or not is_finite_number(high) or not low < high:
-        raise SceneError(f"Argument `between` must be two finite numbers (low, high) with low < high, but it is {between!r}.")
+        raise SceneError(f"Argument `{word}` must be two finite numbers (low, high) with low < high, but it is {between!r}.")
     return float(low), float(high)
 
 

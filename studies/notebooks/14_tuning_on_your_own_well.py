@@ -60,7 +60,7 @@ def machine(weight):
 
 
 scenes = [machine(50e3), machine(80e3)]
-bounds = {"proportional": (500.0, 40e3), "integral": (50.0, 100e3)}
+bounds = {"pi.proportional": (500.0, 40e3), "pi.integral": (50.0, 100e3)}
 found = tune(scenes, "drive", "severity", bounds, runs=30, seed=0, progress=False)
 print(found)
 impedance = pipe_impedance(0.146529, 0.123024, 61e9, 7850.0)  # of the drill pipe, first line of the table
@@ -99,7 +99,7 @@ with plt.rc_context(plot.PAPER):
 
 # %%
 middle = compose(coarse, BitRock(weight=65e3))
-stuck = simulate(middle, 150.0, controller=found.controller)
+stuck = simulate(closed_loop(middle, found.controller, element="bit"), 150.0)
 errors = {"chain.inertia.0": (0.8, 1.2), "bit.weight": (0.8, 1.2), "delay": 2.0}
 corners = [{"chain.inertia.0": drive, "bit.weight": 1.2, "delay": 2.0} for drive in (0.8, 1.2)]
 judged = worst_case(closed_loop(middle, found.law, element="bit"), 90.0, errors=errors, corners=corners, starts=cycle_phases(stuck, 4))
@@ -112,7 +112,7 @@ print(judged)
 
 # %%
 with TemporaryDirectory() as folder:
-    source, header = export_c(found.law.law, middle, 0.01, Path(folder) / "drive")
+    source, header = export_c(closed_loop(middle, found.law), Path(folder) / "drive")
     text, lines = header.read_text(), len(source.read_text().splitlines())
 print(text[: text.index("#ifdef __cplusplus")])
 print(f"{lines} lines of C")

@@ -29,7 +29,7 @@ from controllers import StiffPI
 from models import wells
 from studies.protocol import GROUPS, JUDGED, LIMITS, PLANT, ROCK, SETTLING, WAYS, Group, Law, Rig, cycle, set_point, verdict
 from studies.questions import drives
-from toolbox import export_c
+from toolbox import closed_loop, export_c
 
 BEGUN = 200.0
 """Seconds under the stiff drive before the first takeover."""
@@ -92,7 +92,7 @@ def machine(law: Law, reference: float, folder: Path) -> Machine:
     if compiler is None:
         raise RuntimeError("A C compiler is needed, but there is no `cc`.")
     for name, each in (("before", StiffPI(reference=reference, **LIMITS)), ("law", law.of(reference))):
-        export_c(each, PLANT, law.period, folder / name)
+        export_c(closed_loop(PLANT, each, sample_time=law.period), folder / name)
     library = folder / "machine.so"
     sources = [str(Path(__file__).with_suffix(".c")), str(folder / "before.c"), str(folder / "law.c")]
     subprocess.run(

@@ -153,9 +153,10 @@ def touching(points: np.ndarray, start: Any) -> np.ndarray:
     """Part of the second half of a run that the collar spends on the wall; points: (speed [rad/s], weight [N])."""
     rows = Variations(("string.speed", "collar.weight"), points, (len(points),))
     found = sweep(
-        closed_loop(collar(), start=start),
+        collar(),
         rows,
         duration=TURNS,
+        start=start,
         measures={"wall": measures.time_in("wall", "closed", TURNS / 2), "hits": measures.stays("wall", "closed", TURNS / 2)},
     )
     failed = np.isnan(found["wall"])

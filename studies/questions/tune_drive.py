@@ -113,14 +113,14 @@ def measured(law: Any) -> Sampled:
 def tuned_pi(runs: int, journal: Path | None = None) -> Tuned:
     """Front of a PI drive that starts from the gains of soft torque."""
     given: PI = SoftTorque(reference=SET_POINT, **LIMITS).design(compose(wells.JANSEN_2, BitRock(weight=WEIGHT)))
-    bounds = {"proportional": (300.0, 5000.0), "integral": (50.0, 3000.0)}
+    bounds = {"pi.proportional": (300.0, 5000.0), "pi.integral": (50.0, 3000.0)}
     return tune(drill_strings(), measured(given), OBJECTIVES, bounds, runs=runs, journal=journal)
 
 
 def tuned_lqg(runs: int, journal: Path | None = None) -> Tuned:
     """Front of the LQG drive over the sizes that count in its objective."""
     given = LQG(reference=SET_POINT, late=round(DELAY / 0.01), speed_noise=NOISE, **LIMITS)
-    bounds = {"top_size": (0.3, 30.0), "bit_size": (0.3, 30.0), "angle_size": (1.0, 100.0)}
+    bounds = {"lqg.top_size": (0.3, 30.0), "lqg.bit_size": (0.3, 30.0), "lqg.angle_size": (1.0, 100.0)}
     return tune(drill_strings(), measured(given), OBJECTIVES, bounds, runs=runs, journal=journal)
 
 
@@ -128,7 +128,9 @@ def tuned_sliding_mode(runs: int, journal: Path | None = None) -> Tuned:
     """Front of a sliding mode on the whirling collar, from a gain that ends stick-slip and strikes the wall."""
     given = SlidingMode(reference=whirl.REFERENCE, surface=0.6, reaching=1.0)
     objectives = {"lowest set-point [rad/s]": lowest_set_point, "impacts": impacts}
-    return tune(collar(), given, objectives, {"surface": (0.02, 1.6), "reaching": (0.1, 4.0)}, runs=runs, journal=journal)
+    return tune(
+        collar(), given, objectives, {"slidingmode.surface": (0.02, 1.6), "slidingmode.reaching": (0.1, 4.0)}, runs=runs, journal=journal
+    )
 
 
 OBJECTIVES = {"lowest set-point [rad/s]": lowest_set_point, "settling [s]": settling}

@@ -11,7 +11,6 @@ import pytest
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, closed_forms, oscillators, wells
-from tests.together import together
 from toolbox import Sampled, SceneError, closed_loop, compose, follow, hopf_points, limit_cycle, measure, onset, simulate
 from toolbox.onsets.report import Border, Comparison
 from toolbox.scenes.scene import Scene
@@ -215,24 +214,43 @@ def test_a_margin_is_positive_on_the_safe_side():
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        ({"machine": 3}, "plant"),
+        ({"loop": 3}, "Argument `loop`"),
         ({"parameter": "top.referenc"}, "top.reference"),
         ({"between": (5.0, 1.0)}, "between"),
         ({"values": 2}, "values"),
         ({"tolerance": 0.0}, "tolerance"),
         ({"duration": -1.0}, "duration"),
         ({"perturbation": math.nan}, "perturbation"),
-        ({"element": "bitt"}, "bit"),
-        ({"signal": "bit.sped"}, "bit.speed"),
-        ({"controller": lambda t, y: 0.0, "sample_time": 0.1}, "continuous form"),
-        ({"inputs": {"bit.weight": math.nan}}, "bit.weight"),
     ],
 )
 def test_a_mistake_is_named(rig, arguments, word):
-    given = {"machine": rig, "parameter": "top.reference", "between": (2.0, 8.0), "controller": StiffPI()} | arguments
+    given = {"loop": closed_loop(rig, StiffPI()), "parameter": "top.reference", "between": (2.0, 8.0)} | arguments
     with pytest.raises(SceneError, match=word):
-        loop, rest = together(given.pop("machine"), **given)
-        onset(loop, rest.pop("parameter"), rest.pop("between"), **rest)
+        onset(given.pop("loop"), given.pop("parameter"), given.pop("between"), **given)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ({"element": "bitt"}, "no contact `bitt` to be judged: did you mean `bit`"),
+        ({"signal": "bit.sped"}, "no signal `bit.sped`: did you mean `bit.speed`"),
+        ({"law": lambda t, y: 0.0, "sample_time": 0.1}, "continuous form"),
+        ({"inputs": {"bit.weight": math.nan}}, "Argument `bit.weight` must be a finite number"),
+    ],
+)
+def test_a_mistake_in_the_loop_is_named(rig, arguments, word):
+    with pytest.raises(SceneError, match=word):
+        onset(closed_loop(rig, **{"law": StiffPI(), **arguments}), "top.reference", (2.0, 8.0))
+
+
+def test_a_working_point_is_a_finite_number(rig):
+    with pytest.raises(SceneError, match="Argument `top.reference` must be a finite number"):
+        onset(closed_loop(rig, StiffPI()).at("top.reference", math.inf), "top.reference", (2.0, 8.0))
+
+
+def test_what_belongs_to_the_loop_is_refused_with_the_line_to_write(rig):
+    with pytest.raises(SceneError, match=r"write `onset\(closed_loop\(plant, law, element=\.\.\.\), \.\.\.\)`"):
+        onset(rig, "top.reference", (2.0, 8.0), controller=StiffPI(), element="bit")
 
 
 def test_a_scene_whose_input_moves_has_no_onset(root):

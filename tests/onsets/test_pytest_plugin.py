@@ -113,10 +113,10 @@ def test_a_law_beats_another_by_severity_and_stick(checks, stiff, soft):
 def test_an_onset_above_the_limit_shows_both_borders(checks, rig):
     given = {"between": (3.0, 15.0), "values": 5, "tolerance": 0.2}
     # the smooth border of the stiff drive is far below this limit: stick-slip that exists is not
-    text = failure(checks.onset_below, rig, "top.reference", 9.0, controller=StiffPI(), **given)
+    text = failure(checks.onset_below, closed_loop(rig, StiffPI()), "top.reference", 9.0, **given)
     assert "existing stick-slip ends at 12." in text and "smooth running is lost at" not in text.partition(".\n")[0]
     assert figure(text).startswith(b"\x89PNG")
-    assert checks.onset_below(rig, "top.reference", 9.0, controller=SoftTorque(), **given).end < 9.0
+    assert checks.onset_below(closed_loop(rig, SoftTorque()), "top.reference", 9.0, **given).end < 9.0
 
 
 def test_a_figure_that_cannot_be_drawn_hides_nothing(stiff, tmp_path):

@@ -11,7 +11,6 @@ import pytest
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, wells
-from tests.together import together
 from toolbox import (
     Sampled,
     Scene,
@@ -217,20 +216,26 @@ def test_the_command_maps_a_scene(tmp_path, capsys):
     ("changes", "message"),
     [
         ({"over": {"bit.weight": (1e3, 2e3)}}, "Argument `over` must map two names"),
-        ({"over": {"bit.weight": (3e3, 2e3), "top.reference": (3.0, 4.0)}}, "Argument `bit.weight` must be two finite numbers"),
-        ({"over": {"bit.wait": (1e3, 2e3), "top.reference": (3.0, 4.0)}}, "There is no number `bit.wait`"),
+        ({"over": {"bit.weight": (3e3, 2e3), "top.reference": (3.0, 4.0)}}, r"Argument `bit.weight` must be two finite numbers \(low"),
+        (
+            {"over": {"bit.wait": (1e3, 2e3), "top.reference": (3.0, 4.0)}},
+            "There is no number `bit.wait` in this loop: did you mean `bit.weight`",
+        ),
         ({"shape": (1, 3)}, "Argument `shape` must be two integers >= 2"),
         ({"halvings": -1}, "Argument `halvings` must be an integer from 0 to 20"),
         ({"duration": 0.0}, "Argument `duration` must be a finite number > 0 s"),
         ({"after": 200.0}, "Argument `after` must be > 0 s and before the end"),
-        ({"element": "bot"}, "There is no contact `bot` to be judged"),
         ({"over": {"bit.weight": (-1e3, 2e3), "top.reference": (3.0, 4.0)}}, "Argument `bit.weight` must be >= 0 N"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused_by_name(changes, message):
     with pytest.raises(SceneError, match=message):
-        loop, rest = together(RIG, **{"over": OVER, "controller": StiffPI(), **changes})
-        severity_map(loop, **rest)
+        severity_map(closed_loop(RIG, StiffPI()), **{"over": OVER, **changes})
+
+
+def test_a_contact_to_be_judged_that_there_is_not_is_refused_by_name():
+    with pytest.raises(SceneError, match="There is no contact `bot` to be judged"):
+        severity_map(closed_loop(RIG, StiffPI(), element="bot"), OVER)
 
 
 def test_a_scene_whose_inputs_move_has_no_steady_state(tmp_path):

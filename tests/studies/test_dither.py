@@ -171,7 +171,7 @@ def test_the_designed_tangential_dither_ends_the_stick_slip_of_leines_block_and_
 
 
 def test_tangential_dither_says_what_it_cannot_do():
-    with pytest.raises(SceneError, match="no contact `bit`"):
+    with pytest.raises(SceneError, match="There is no element `bit`"):
         tangential_dither(BLOCK, "bit", 0.2, 3.0)
     for slip, frequency, word in ((0.0, 3.0, "slip"), (0.2, math.nan, "frequency")):
         with pytest.raises(SceneError, match=word):

@@ -44,7 +44,7 @@ def test_sampled_drilling_grows_below_its_hopf_speed_and_dies_above():
             key=lambda pair: abs(pair[0] - speed),
         )
         start = {"chain.twist": point.start[:1], "chain.speed": point.start[1:3] * (1.0, 1.001), "pi.angle": float(point.memory[0])}
-        run = simulate(study.RIG, 60.0, start=start, **SOFT_10.at(value), accuracy=1e-9)
+        run = simulate(SOFT_10.at(value), 60.0, start=start, accuracy=1e-9)
         away = np.abs(run["bit.speed"] - value)
         grows = away[run.time > 50.0].max() > 3 * away[run.time < 10.0].max()
         dies = away[run.time > 50.0].max() < away[run.time < 10.0].max() / 3
@@ -77,7 +77,7 @@ def test_a_kick_beyond_the_unstable_cycle_ends_in_stick_slip_and_one_inside_it_i
     branch = study.cycles(SLIDING)
     cycle = next(c for c, v in zip(branch.cycles, branch.values, strict=True) if not c.stable and not c.run.events and v < 6.0)
     value = next(v for c, v in zip(branch.cycles, branch.values, strict=True) if c is cycle)
-    rest = simulate(study.RIG, 300.0, **SLIDING.at(value), start={"chain.speed": (value, value), "chain.twist": 16.0}).last
+    rest = simulate(SLIDING.at(value), 300.0, start={"chain.speed": (value, value), "chain.twist": 16.0}).last
     name = "slidingmode.angle"
     for factor, sticks in ((0.97, False), (1.03, True)):
         start = {
@@ -85,5 +85,5 @@ def test_a_kick_beyond_the_unstable_cycle_ends_in_stick_slip_and_one_inside_it_i
             "chain.speed": rest["chain.speed"] + factor * (cycle.start[1:3] - rest["chain.speed"]),
             name: rest[name] + factor * (cycle.start[3] - rest[name]),
         }
-        run = simulate(study.RIG, 300.0, start=start, **SLIDING.at(value), accuracy=1e-8)
+        run = simulate(SLIDING.at(value), 300.0, start=start, accuracy=1e-8)
         assert (run.time_in("bit", "stick", after=250.0) > 0.0) == sticks

@@ -25,12 +25,12 @@ from studies.questions.tune_drive import (
     settling,
     tuned_pi,
 )
-from toolbox import closed_loop, simulate
+from toolbox.scenes.cases import Case
 
 
 def run_of(scene, law):
     """A scene under a law, or under what `Sampled` makes of one."""
-    return simulate(closed_loop(scene[scene.labels[0]], law))
+    return dataclasses.replace(scene, cases=(Case.of("law", law),)).run("law")
 
 
 def test_one_run_tells_the_settling_time_and_the_lowest_set_point_that_is_kept():

@@ -76,7 +76,7 @@ class Number:
 
     def between(self, given: Any, word: str = "between") -> tuple[float, float]:
         """A range of it, numbers in SI or text with units. Raises SceneError unless it is (low, high) in that order."""
-        return checked_range(self.in_si(word, given))
+        return checked_range(self.in_si(word, given), word)
 
     def check(self, value: Any) -> None:
         """Raise SceneError unless a value is finite and within the bounds."""

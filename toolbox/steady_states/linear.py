@@ -70,7 +70,21 @@ def steady_state(
     mode: Mapping[str, str] | None = None,
     asked: Mapping[str, str] | None = None,
 ) -> Equilibrium:
-    """`equilibrium` of a plant whose laws are parts of it; asked: {unit: unit that was typed}."""
+    """Find the steady state of a plant whose laws are parts of it; raises what `equilibrium` raises.
+
+    Parameters
+    ----------
+    plant
+        A plant, with the laws in it.
+    inputs
+        {input: constant value}; the others keep their defaults.
+    start
+        Values {state: value} near the steady state.
+    mode
+        Modes {contact: mode}; by default those that the values near it have.
+    asked
+        {unit: unit that was typed}.
+    """
     from scipy.optimize import root
 
     plant = _checked(plant)

@@ -33,26 +33,26 @@ def rigs(tmp_path):
     return [str(path) for path in paths]
 
 
-FREE = ["--law", "stiff PI", "--free", "proportional=500:50e3", "--free", "integral=0.05:20 kN m/rad", "--objective", "severity"]
+FREE = ["--law", "stiff PI", "--free", "pi.proportional=500:50e3", "--free", "pi.integral=0.05:20 kN m/rad", "--objective", "severity"]
 
 
 def test_two_scenes_become_a_report_a_figure_the_points_and_scenes_with_the_tuned_law(rigs, tmp_path, capsys):
     out = tmp_path / "tuned"
     assert main(["tune", *rigs, *FREE, "--runs", "20", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
-    for word in ("StiffPI `stiff PI`", "worst of 2 scenes", "integral [kN m/rad]", "0.05 .. 20", "severity", "Two inertias, 90 kN"):
+    for word in ("StiffPI `stiff PI`", "worst of 2 scenes", "pi.integral [kN m/rad]", "0.05 .. 20", "severity", "Two inertias, 90 kN"):
         assert word in printed
     assert {path.name for path in out.iterdir()} == {"tune.txt", "tune.png", "trials.csv", "tuned_rig_90.toml", "tuned_rig_100.toml"}
     assert (out / "tune.txt").read_text() in printed and (out / "tune.png").read_bytes().startswith(b"\x89PNG")
     with (out / "trials.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert float(rows[0]["proportional [N m s/rad]"]) == 2e4 and len(rows) <= 20
+    assert float(rows[0]["pi.proportional [N m s/rad]"]) == 2e4 and len(rows) <= 20
     best = min(rows, key=lambda row: float(row["severity"]))
     for weight in (90, 100):
         tuned = Scene.load(out / f"tuned_rig_{weight}.toml")
         assert tuned.labels == ["constant torque", "stiff PI", "stiff PI, tuned"]
         law = tuned.case("stiff PI, tuned").law
-        assert (law.proportional, law.integral) == (float(best["proportional [N m s/rad]"]), float(best["integral [N m/rad]"]))
+        assert (law.proportional, law.integral) == (float(best["pi.proportional [N m s/rad]"]), float(best["pi.integral [N m/rad]"]))
         assert tuned.run("stiff PI").time_in("bit", "stick", after=30.0) > 1.0  # as given
         assert tuned.run("stiff PI, tuned").time_in("bit", "stick", after=30.0) == 0.0
     (out / "mine.txt").write_text("keep")
@@ -87,11 +87,11 @@ def test_an_interrupted_tuning_says_how_to_go_on_and_does(rigs, tmp_path, capsys
     [
         (["--law", "stiff"], "stiff PI"),
         (["--law", "constant torque"], "has none"),
-        (["--free", "proportonal=1:2"], "proportional"),
-        (["--free", "proportional"], "NAME=LOW:HIGH"),
-        (["--free", "proportional=3:4"], "twice"),
-        (["--free", "highest_torque=1:2 rpm"], "highest_torque"),
-        (["--free", "highest_torque=2:1"], "low < high"),
+        (["--free", "pi.proportonal=1:2"], "did you mean `pi.proportional`"),
+        (["--free", "pi.proportional"], "NAME=LOW:HIGH"),
+        (["--free", "pi.proportional=3:4"], "twice"),
+        (["--free", "pi.highest_torque=1:2 rpm"], "highest_torque"),
+        (["--free", "stiffpi.highest_torque=2:1"], "low < high"),
         (["--objective", "severty"], "severity"),
         (["--runs", "2"], "runs"),
         (["--processes", "0"], "processes"),
@@ -115,7 +115,7 @@ def test_two_processes_find_what_one_finds(rigs, tmp_path):
 
 def test_where_no_point_has_an_objective_the_exit_code_is_1(rigs, tmp_path, capsys):
     out = tmp_path / "out"
-    arguments = ["--law", "stiff PI", "--free", "proportional=20e3:21e3", "--objective", "settling", "--runs", "10", "--out", str(out)]
+    arguments = ["--law", "stiff PI", "--free", "pi.proportional=20e3:21e3", "--objective", "settling", "--runs", "10", "--out", str(out)]
     assert main(["tune", rigs[0], *arguments]) == 1  # no gain there lets it settle
     printed = capsys.readouterr()
     assert "Nothing was found" in printed.out and "found nothing" in printed.err

@@ -139,7 +139,7 @@ TUNE = (
     "--law",
     "pi",
     "--free",
-    "integral=100:4000",
+    "pi.integral=100:4000",
     "--objective",
     "severity",
     "--processes",

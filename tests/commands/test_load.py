@@ -64,7 +64,7 @@ def test_a_scene_with_a_law_of_ones_own_runs_where_its_file_is_loaded(written, t
 
 def test_worker_processes_find_the_law_too(written, tmp_path, capsys):
     law, scene = written("MySecondDamper")
-    words = ["tune", scene, "--law", "mine", "--free", "damping=500:5000", "--objective", "severity", "--runs", "10", "--processes", "2"]
+    words = ["tune", scene, "--law", "mine", "--free", "myseconddamper.damping=500:5000", "--objective", "severity", "--runs", "10", "--processes", "2"]
     assert main([*map(str, words), "--out", str(tmp_path / "out"), "--load", str(law)]) == 0
     assert "MySecondDamper" in (tmp_path / "out" / "tune.txt").read_text()
 
@@ -72,7 +72,7 @@ def test_worker_processes_find_the_law_too(written, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("missing.py", None, "there is no"),
+        ("missing.py", None, "There is no file"),
         ("notes.txt", "", "must be a Python file such as `my_drive.py`"),
         ("no-word.py", "", "must be a Python file such as `my_drive.py`"),
         ("numpy.py", "", "must not have the name of another module, but `numpy` is one"),

@@ -431,7 +431,10 @@ JANSEN = "studies/scenes/jansen_2.toml"
         (["sweep", "--vary", "bit.wight=5e4:9e4:2", "--out", "OUT"], "did you mean `bit.weight`"),
         (["onset", "--parameter", "top.reference", "--from", "5", "--to", "3"], "`--from` must be below `--to`"),
         (["onset", "--parameter", "top.refrence", "--from", "3", "--to", "5"], "did you mean `top.reference`"),
-        (["tune", "--controller", "stif PI", "--free", "pi.integral=1:2", "--objective", "stuck", "--out", "OUT"], "did you mean `stiff PI`"),
+        (
+            ["tune", "--controller", "stif PI", "--free", "pi.integral=1:2", "--objective", "stuck", "--out", "OUT"],
+            "did you mean `stiff PI`",
+        ),
         (["tradeoff", "--controller", "stif PI"], "did you mean `stiff PI`"),
         (["fit", "nothing.csv", "--free", "bit.weight"], "There is no table"),
     ],

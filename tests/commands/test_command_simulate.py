@@ -148,10 +148,10 @@ def test_a_case_that_fails_is_reported_and_does_not_stop_the_others_and_when_all
     module = sys.modules["toolbox.simulation.simulate"]  # as an attribute of the package the verb hides it
     simulate, out = module.simulate, tmp_path / "out"
 
-    def failing(plant, duration, **arguments):
-        if not arguments["inputs"]:
+    def failing(loop, **arguments):
+        if not loop.inputs:
             raise ZenoError("Element `belt` switches without end at t = 3 s.")
-        return simulate(plant, duration, **arguments)
+        return simulate(loop, **arguments)
 
     monkeypatch.setattr(module, "simulate", failing)
     assert main(["simulate", str(belt), "--out", str(out)]) == 0

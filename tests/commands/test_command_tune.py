@@ -6,6 +6,7 @@ import pytest
 
 from toolbox.commands.command_line import main
 from toolbox.scenes.scene import Scene
+from toolbox.tuning import search
 
 RIG = """
 title = "Two inertias, {weight} kN"
@@ -63,15 +64,15 @@ def test_two_scenes_become_a_report_a_figure_the_points_and_scenes_with_the_tune
 
 def test_an_interrupted_tuning_says_how_to_go_on_and_does(rigs, tmp_path, capsys, monkeypatch):
     arguments = ["tune", rigs[0], *FREE, "--runs", "20", "--journal", str(tmp_path / "points"), "--out", str(tmp_path / "out")]
-    simulated, calls = Scene.run, []
+    simulated, calls = search.simulate, []
 
-    def killing(self, case):
-        calls.append(case)
+    def killing(loop):
+        calls.append(loop)
         if len(calls) == 9:
             raise KeyboardInterrupt
-        return simulated(self, case)
+        return simulated(loop)
 
-    monkeypatch.setattr(Scene, "run", killing)
+    monkeypatch.setattr(search, "simulate", killing)
     assert main(arguments) == 130
     assert "goes on from" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -64,7 +64,20 @@ def test_a_scene_with_a_law_of_ones_own_runs_where_its_file_is_loaded(written, t
 
 def test_worker_processes_find_the_law_too(written, tmp_path, capsys):
     law, scene = written("MySecondDamper")
-    words = ["tune", scene, "--law", "mine", "--free", "myseconddamper.damping=500:5000", "--objective", "severity", "--runs", "10", "--processes", "2"]
+    words = [
+        "tune",
+        scene,
+        "--law",
+        "mine",
+        "--free",
+        "myseconddamper.damping=500:5000",
+        "--objective",
+        "severity",
+        "--runs",
+        "10",
+        "--processes",
+        "2",
+    ]
     assert main([*map(str, words), "--out", str(tmp_path / "out"), "--load", str(law)]) == 0
     assert "MySecondDamper" in (tmp_path / "out" / "tune.txt").read_text()
 

@@ -31,7 +31,7 @@ from controllers.linear_mpc_c import export
 from controllers.observers import Kalman
 from controllers.string_model import drilling_point
 from models import BitRock, wells
-from toolbox import Controller, Sampled, SceneError, closed_loop, compose, export_c, linearise, simulate, to_control
+from toolbox import ClosedLoop, Controller, Sampled, SceneError, closed_loop, compose, export_c, linearise, simulate, to_control
 from toolbox.modelling import Observed, Takeover
 
 PLANT = compose(wells.JANSEN_2, BitRock())
@@ -374,14 +374,14 @@ def test_a_kalman_filter_gives_its_linear_estimates_and_converges_where_a_gain_o
         (SlidingMode(), "linear"),
         (SlidingMode(highest_torque=1e4), "linear"),
         (IdealSlidingMode(), "slidingmode"),
-        (InPython(), "Python callable"),
+        (closed_loop(PLANT, InPython(), sample_time=0.1), "Python callable"),
         (SuperTwisting(), "no continuous form"),
         (LQR(), "design"),
     ],
 )
 def test_laws_that_are_not_linear_are_refused_by_what_is_to_blame(law, words):
     with pytest.raises(SceneError, match=words):
-        to_control(law if isinstance(law, (LQR, InPython)) else closed_loop(PLANT, law))
+        to_control(law if isinstance(law, (LQR, ClosedLoop)) else closed_loop(PLANT, law))
 
 
 def test_a_law_with_all_its_numbers_needs_no_plant():

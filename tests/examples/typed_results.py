@@ -89,7 +89,7 @@ assert_type(swept.points, Floats)
 assert_type(swept.errors, dict[int, str])
 
 tuned = tune(
-    rig, PI(reference="95 rpm", proportional=900.0, integral=600.0), "peak", {"integral": (100.0, 2000.0)}, duration="5 s", runs=10
+    rig, PI(reference="95 rpm", proportional=900.0, integral=600.0), "peak", {"pi.integral": (100.0, 2000.0)}, duration="5 s", runs=10
 )
 assert_type(tuned, Tuned)
 assert_type(tuned.best.numbers, tuple[float | None, ...])

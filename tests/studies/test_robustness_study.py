@@ -7,7 +7,7 @@ import math
 import pytest
 
 from studies.questions import robustness as study
-from toolbox import measure, simulate
+from toolbox import closed_loop, measure, simulate
 from toolbox.robustness.steady_loop import steady_loop
 
 pytestmark = pytest.mark.timeout(120)
@@ -55,7 +55,7 @@ def test_a_sliding_mode_on_a_late_filter_swings_for_ever_and_lqg_does_not(found,
     swings = []
     for law in (label, "LQG"):
         sampled = study.Sampled(study.LAWS[law](study.WORKING), study.PERIOD, study.DELAY)
-        run = simulate(study.PLANT, 100.0, controller=sampled, start=steady_loop(study.PLANT, sampled).start)
+        run = simulate(study.PLANT, 100.0, controller=sampled, start=steady_loop(closed_loop(study.PLANT, sampled)).start)
         extent = measure.extent(run, "top.torque", 80.0)
         swings.append((extent.maximum - extent.minimum) / 2)
     assert swings[0] > 4000.0 and swings[1] < 1.0

@@ -309,10 +309,11 @@ KILLED = """
 import numpy as np
 from controllers import StiffPI
 from models import BitRock, wells
-from toolbox import Sampled, compose, sweep
+from toolbox import Sampled, closed_loop, compose, sweep
 if __name__ == "__main__":
     plant = compose(wells.JANSEN_2, BitRock())
-    sweep(plant, {"bit.weight": np.linspace(50e3, 110e3, 500)}, duration=60.0, controller=Sampled(StiffPI(), 0.01), out="OUT")
+    loop = closed_loop(plant, Sampled(StiffPI(), 0.01))
+    sweep(loop, {"bit.weight": np.linspace(50e3, 110e3, 500)}, duration=60.0, out="OUT")
 """
 
 

@@ -231,7 +231,9 @@ def _check(found: dict[str, np.ndarray]) -> None:
     shapes |= {f"{name}.mode": ("i", "records") for name in elements}
     shapes |= {f"approach.{name}": ("f", f"impacts of {name}") for name in elements if f"approach.{name}" in found}
     check_shapes(found, shapes, lengths)
-    if not all((np.diff(each) >= 0).all() and np.isfinite(each).all() for each in (found["time"], found["step.time"], found["end"][None])):
+    begin = np.ravel(found.get("begin", 0.0))
+    rows = [np.concatenate([begin, found[name], found["end"][None]]) for name in ("time", "step.time")]
+    if begin.size != 1 or not all((np.diff(each) >= 0).all() and np.isfinite(each).all() for each in rows):
         raise ValueError("its times do not rise")
     if not set(degree.tolist()) <= {0, *DEGREES} or (degree.size == 0) != (found["time"].size == 0):
         raise ValueError("its steps do not fit to one another")

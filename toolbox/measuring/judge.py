@@ -30,6 +30,9 @@ STANDS, STICKS, SWINGS, SMOOTH, NOT_DECIDED = "stands", "sticks and slips", "swi
 REGIMES = (STANDS, STICKS, SWINGS, SMOOTH, NOT_DECIDED)
 """The regimes, by their names in every report."""
 
+NONE, FAILED = "none", "failed"
+"""What stands in place of a regime where there is no smooth running to begin from, and where a run fails."""
+
 SWINGS_OF_A_PIECE = 8
 """Swings that the judge looks at together."""
 
@@ -65,7 +68,7 @@ class Judged:
     Attributes
     ----------
     regime
-        One of `REGIMES`.
+        One of `REGIMES`, `NONE` or `FAILED`.
     severity
         Half of the range of the judged signal over what comes back, in parts of its mean.
     sticks

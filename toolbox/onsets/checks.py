@@ -17,6 +17,7 @@ import numpy as np
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.measuring import measure
+from toolbox.measuring.judge import SMOOTH
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.onset import onset
@@ -144,7 +145,7 @@ class Checks:
         found = onset(as_loop(loop).at(parameter, limit), parameter, between, **arguments)
         late = [(name, border) for name, border in found.borders if border.value + border.tolerance > limit]
         lasting = [
-            name for name, branch in (("smooth running", found.smooth), ("stick-slip", found.sticking)) if branch[-1].verdict != "smooth"
+            name for name, branch in (("smooth running", found.smooth), ("stick-slip", found.sticking)) if branch[-1].regime != SMOOTH
         ]
         if late or lasting:
             words = [f"{name} at {border.value:.5g} +- {border.tolerance:.2g} {found.unit}" for name, border in late]

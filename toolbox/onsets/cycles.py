@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 
 from toolbox.errors import SceneError, SimulationError
+from toolbox.measuring.judge import STICKS
 from toolbox.onsets.inside import Inside
 from toolbox.onsets.report import Border
 from toolbox.onsets.search import OnsetSearch
@@ -59,7 +60,7 @@ def followed(search: OnsetSearch, begin: RunState, origin: float, goal: float, w
     low, high = min(origin, goal), max(origin, goal)
     try:
         return follow(
-            limit_cycle(run), search.free.name, (low, high), points=points, towards=goal, step=min(0.1, 0.02 * width / (high - low))
+            limit_cycle(run), search.branch.free.name, (low, high), points=points, towards=goal, step=min(0.1, 0.02 * width / (high - low))
         )
     except (SceneError, SimulationError):
         return None
@@ -73,6 +74,6 @@ def _lasts_only_to(value: float, border: Border, branch: Branch, inside: Inside,
     if sign * (border.value - value) < 0:  # the cycle goes on where runs were shaken off
         near = min(range(len(branch.values)), key=lambda k: abs(branch.values[k] - middle))
         start = branch.cycles[near].run.run.start
-        return search.run(branch.values[near], start, longer=5.0)[0].verdict == "stick-slip"
+        return search.run(branch.values[near], start)[0].regime == STICKS
     origin = max((v for v in inside.cycling if sign * (value - v) >= 0), key=lambda v: sign * v)
-    return search.run(middle, search.walked(inside.cycling[origin], origin, middle), longer=20.0)[0].verdict != "stick-slip"
+    return search.run(middle, search.walked(inside.cycling[origin], origin, middle))[0].regime != STICKS

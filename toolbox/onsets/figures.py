@@ -25,7 +25,7 @@ class DrawnVerdict(Protocol):
     """Verdict and severity of one run."""
 
     @property
-    def verdict(self) -> str: ...
+    def regime(self) -> str: ...
     @property
     def severity(self) -> float: ...
 
@@ -127,7 +127,7 @@ def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
             # a line across a border would show severities that nothing has
             x, y = [float(found.values[0])], [branch[0].severity]
             for value, before, after in zip(found.values[1:], branch, branch[1:], strict=False):
-                jump = before.verdict != after.verdict
+                jump = before.regime != after.regime
                 x += [np.nan, float(value)] if jump else [float(value)]
                 y += [np.nan, after.severity] if jump else [after.severity]
             look = {"marker": marker, "markersize": 4.0 if marker == "o" else 6.0}

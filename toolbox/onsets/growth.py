@@ -69,7 +69,7 @@ class Growth:
     period
         Period of its swing [s]; inf where it does not swing.
     way
-        How it is known: "poles", "differences" or "twin runs".
+        How it is known: "poles", "differences" or "twin runs"; "runs" where none of them tells and the rate is nan, so that only runs can.
     """
 
     rate: float
@@ -92,7 +92,10 @@ class Growth:
 
 @dataclass(frozen=True)
 class Smooth:
-    """Smooth running at one value: its state, how a disturbance grows, and the direction in which it does, in the entries of `RunState.values`."""
+    """Smooth running at one value: its state, how a disturbance grows, and the direction in which it does, in the entries of `RunState.values`.
+
+    The direction is at the phase at which a contact moves most.
+    """
 
     state: RunState
     growth: Growth
@@ -127,11 +130,11 @@ class SmoothBranch:
         found = self(value)
         return math.nan if found is None else found.growth.rate
 
-    def loss(self, one: float, other: float) -> float:
-        """Where the rate is zero, between two values at which it has different signs."""
+    def loss(self, one: float, other: float, precision: float | None = None) -> float:
+        """Where the rate is zero, between two values at which it has different signs; precision: by default 1e-10 of the values."""
         from scipy.optimize import brentq
 
-        return float(brentq(self.rate, one, other, xtol=1e-10 * max(abs(one), abs(other)), rtol=1e-10))
+        return float(brentq(self.rate, one, other, xtol=precision or 1e-10 * max(abs(one), abs(other)), rtol=1e-10))
 
     def _continuous(self, value: float) -> Smooth | None:
         point = None if self.followed is None else self.followed(value)
@@ -141,16 +144,27 @@ class SmoothBranch:
         rows = slip_rows(point.plant, point.states, point.plant.values)
         best = least_damped(exponents.astype(complex), motions, rows)
         state = self.run.start.at_values(point.states)
-        return Smooth(state, Growth.of(complex(exponents[best]), "poles"), np.real(motions[:, best]))
+        return Smooth(state, Growth.of(complex(exponents[best]), "poles"), in_phase(motions[:, best], rows))
 
     def _sampled(self, value: float) -> Smooth | None:
-        run, found = self.at(value), None
+        run, nearest = self.at(value), None
         for begin in self._beginnings(run, value):
+            nearest = nearest or begin
             with contextlib.suppress(SimulationError):
                 found = SampledMap(run, begin).smooth()
-            if found is not None:
-                return found
-        return found
+                if found is not None:
+                    return found
+        if nearest is None:
+            return None
+        growth = twin_growth(run, nearest, self.swing(value)) or Growth(math.nan, math.inf, "runs")
+        return Smooth(nearest, growth, np.concatenate([nearest.states, np.zeros(nearest.values.size - nearest.states.size)]))
+
+    def swing(self, value: float) -> float:
+        """Period of the least damped swing [s], of the continuous form of the loop, else of the plant at the set-points; nan where neither runs steadily."""
+        point = None if self.followed is None else self.followed(value)
+        with contextlib.suppress(SceneError):
+            return swing_period(point or at_set_points(self.run.loop.at(self.free.name, value)))
+        return math.nan
 
     def _beginnings(self, run: Run, value: float) -> Iterator[RunState]:
         """States near smooth running: of the continuous forms, of the plant at the set-points, and of the nearest value that is known."""
@@ -160,12 +174,27 @@ class SmoothBranch:
             with contextlib.suppress(SceneError):
                 point = find()
                 if point is not None:
-                    names = [*run.system.states, *(name for update in run.system.updates for name in (*update.places, *update.names))]
-                    known = {name: point[name] for name in names if point.plant.has_signal(name)}
-                    yield RunState.begun(run.system, run.plant, run.clocks).with_values(known)
+                    yield begun_at(run, point)
         near = [(abs(other - value), other) for other, smooth in self.known.items() if smooth is not None]
         if near:
             yield self.known[min(near)[1]].state  # type: ignore[union-attr]
+
+
+def begun_at(run: Run, point: Equilibrium) -> RunState:
+    """The beginning of a run at a steady state: states of sampled laws become their memory, and what they drive is held."""
+    names = [*run.system.states, *(name for update in run.system.updates for name in (*update.places, *update.names))]
+    known = {name: point[name] for name in names if point.plant.has_signal(name)}
+    return RunState.begun(run.system, run.plant, run.clocks).with_values(known)
+
+
+def swing_period(rest: Equilibrium) -> float:
+    """Period of the least damped swing of a steady state [s], or the time constant of its slowest motion where nothing swings."""
+    poles = np.linalg.eigvals(flow_slopes(rest))
+    poles = poles[np.abs(poles) > 1e-9 * np.abs(poles).max(initial=0.0)]
+    swinging = poles[poles.imag > 1e-6 * np.abs(poles)]
+    if swinging.size:
+        return float(2 * math.pi / swinging[int(np.argmax(swinging.real))].imag)
+    return float(2 * math.pi / np.abs(poles).min(initial=1.0)) if poles.size else 1.0
 
 
 def with_value(run: Run, free: Number, value: float) -> Run:
@@ -186,6 +215,13 @@ def least_damped(exponents: np.ndarray, motions: np.ndarray, rows: np.ndarray) -
     seen = np.abs(rows @ motions).max(axis=0, initial=0.0) > VISIBLE * np.abs(motions).max(axis=0)
     chosen = np.flatnonzero(seen) if seen.any() else np.arange(exponents.size)
     return int(max(chosen, key=lambda k: (round(float(exponents[k].real), 12), float(exponents[k].imag))))
+
+
+def in_phase(motion: np.ndarray, rows: FloatArray) -> FloatArray:
+    """The real direction of a motion at the phase at which the contact (rows) that it moves most is moved most."""
+    moved = rows @ motion
+    most = moved[np.argmax(np.abs(moved))] if moved.size else 0.0
+    return np.real(motion / most * abs(most)) if most else np.real(motion)
 
 
 def section(clocks: list[tuple[float, float]]) -> tuple[float, float]:
@@ -295,7 +331,7 @@ class SampledMap:
         if any(abs(each - exponent) > AGREES * max(abs(exponent), 1e-2 / self.span) for each in others):
             return None
         values = np.zeros(self.state.values.size)
-        values[self.places] = (np.real(motion) * size)[: self.places.size]
+        values[self.places] = in_phase(motion * size, self.rows)[: self.places.size]
         return Smooth(self.state_at(point), Growth.of(exponent, "differences"), values)
 
     def _grown(self, scaled: FloatArray) -> tuple[complex, np.ndarray]:

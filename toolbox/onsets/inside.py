@@ -13,12 +13,12 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from toolbox.errors import SceneError
-from toolbox.modelling.steady_point import Equilibrium, function_of
-from toolbox.onsets.report import STICKING, Border, Judged
-from toolbox.onsets.search import ROUNDS, OnsetSearch, mode_codes
+from toolbox.measuring.judge import FAILED, NONE, NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judged
+from toolbox.modelling.steady_point import Equilibrium
+from toolbox.onsets.growth import begun_at
+from toolbox.onsets.report import Border
+from toolbox.onsets.search import OnsetSearch
 from toolbox.simulation.run_state import RunState
 from toolbox.steady_states.equilibria import EquilibriumBranch
 
@@ -28,6 +28,12 @@ OUTWARD = (0.01, 0.03, 0.06, 0.1, 0.15, 0.25, 0.4, 0.6, 0.8)
 FINEST = 1 / 64
 """The smallest step, in parts of the way, in which stick-slip is led into the range."""
 
+ROUNDS = 6
+"""How often all values are looked at again where the search for a border has found stick-slip that was not seen before."""
+
+RANK = (NONE, FAILED, SMOOTH, SWINGS, NOT_DECIDED, STANDS, STICKS)
+"""Regimes, the more of a stick-slip the later."""
+
 
 @dataclass
 class Inside:
@@ -36,11 +42,11 @@ class Inside:
     Attributes
     ----------
     rest
-        Steady states with the judged contact stuck.
+        Steady states with the judged contact stuck; None where a law has no continuous form.
     cycling, standing
         {value: where a run ended} in stick-slip, and in standstill.
     found
-        {value: the verdict}.
+        {value: what the runs there came to, of them the one that is most of a stick-slip}.
     became
         {value: what stick-slip that was led there turned into}.
     outer
@@ -48,7 +54,7 @@ class Inside:
     """
 
     search: OnsetSearch
-    rest: EquilibriumBranch
+    rest: EquilibriumBranch | None
     cycling: dict[float, RunState] = field(default_factory=dict)
     standing: dict[float, RunState] = field(default_factory=dict)
     found: dict[float, Judged] = field(default_factory=dict)
@@ -58,23 +64,16 @@ class Inside:
     @staticmethod
     def of(search: OnsetSearch) -> Inside:
         """Nothing found yet, but what smooth running that was lost has led to."""
-        old = search.followed
-        rest = EquilibriumBranch(old.closed, old.free, old.inputs, {**(old.mode or {}), search.element: "stick"})
-        ends = {word: {value: end for value, (verdict, end) in search.led.items() if verdict == word} for word in STICKING}
-        return Inside(search, rest, ends["stick-slip"], ends["stuck"])
+        old = search.branch.followed
+        rest = old and EquilibriumBranch(old.closed, old.free, old.inputs, {**(old.mode or {}), search.element: "stick"})
+        ends = {word: {value: end for value, (regime, end) in search.led.items() if regime == word} for word in (STICKS, STANDS)}
+        return Inside(search, rest, ends[STICKS], ends[STANDS])
 
     # ------------------------------------------------------------------------------------------------------------------------------- beginnings
     def starts(self, value: float) -> list[RunState]:
         """Beginnings from which stick-slip may start: the steady state with the contact stopped, and the whole machine at rest."""
-        search, begins = self.search, []
-        point = search.followed(value)
-        if point is not None:
-            plant, m = point.plant, mode_codes(point)
-            m[[element.name for element in plant.elements].index(search.element)] = 0.0
-            project = function_of(plant, ("project",), lambda: [plant.switching.projected])
-            stopped = np.array(project(0.0, point.states, point.inputs, plant.values, m)).ravel()
-            begins = [search.begin(point, stopped)]
-        return [*begins, search.base.start]
+        stopped = self.search.stopped(value)
+        return [*([stopped] if stopped is not None else []), self.search.base.start]
 
     def standstill(self, value: float) -> RunState | None:
         """The steady state with the contact stuck, where there is one that stays."""
@@ -82,24 +81,24 @@ class Inside:
             point = self._stuck_state(value)
             if point is None:
                 return None
-            judged, end = self.search.run(value, self.search.begin(point, point.states))
-            if judged.verdict == "stuck" and end is not None:
+            judged, end = self.search.run(value, begun_at(self.search.at(value), point))
+            if judged.regime == STANDS and end is not None:
                 self.standing[value] = end
         return self.standing.get(value)
 
     def _stuck_state(self, value: float) -> Equilibrium | None:
         try:
-            return self.rest(value)
+            return self.rest(value) if self.rest is not None else None
         except SceneError:  # the number itself is refused there
             return None
 
     # ---------------------------------------------------------------------------------------------------------------------------------- stick-slip
-    def tried(self, value: float, begin: RunState, **changes: float) -> Judged:
+    def tried(self, value: float, begin: RunState, finer: float = 1.0) -> Judged:
         """A run from a beginning, with where it ends kept by what it ends in."""
-        judged, end = self.search.run(value, begin, **changes)
-        if end is not None and judged.verdict == "stick-slip":
+        judged, end = self.search.run(value, begin, finer=finer)
+        if end is not None and judged.regime == STICKS:
             self.cycling[value] = end
-        elif end is not None and judged.verdict == "stuck":
+        elif end is not None and judged.regime == STANDS:
             self.standing.setdefault(value, end)
         if value not in self.found or worse(judged, self.found[value]):
             self.found[value] = judged
@@ -108,7 +107,7 @@ class Inside:
     def seek(self, value: float) -> RunState | None:
         """Stick-slip at a value from all beginnings, until one leads into it."""
         for begin in () if value in self.cycling else self.starts(value):
-            if self.tried(value, begin).verdict == "stick-slip":
+            if self.tried(value, begin).regime == STICKS:
                 break
         return self.cycling.get(value)
 
@@ -131,7 +130,7 @@ class Inside:
         while part < 1.0 and size >= FINEST:
             following = origin + (goal - origin) * min(part + size, 1.0)
             begin = self.search.walked(self.cycling[here], here, following)
-            if self.tried(following, begin).verdict == "stick-slip":
+            if self.tried(following, begin).regime == STICKS:
                 part, here = min(part + size, 1.0), following
             else:
                 size /= 2
@@ -142,42 +141,42 @@ class Inside:
         for value in values:
             if value not in self.found:
                 self.seek(value)
-                self.found.setdefault(value, Judged("none"))
+                self.found.setdefault(value, Judged(NONE))
         for row in (sorted({*values, *self.outer}), sorted({*values, *self.outer}, reverse=True)):
             carried: list[RunState] = []
             for before, value in itertools.pairwise(row):
                 carried = [*([self.cycling[before]] if before in self.cycling else []), *carried[:1]]
                 if value not in self.cycling:
                     for begin in carried:
-                        if self.tried(value, self.search.walked(begin, before, value)).verdict == "stick-slip":
+                        if self.tried(value, self.search.walked(begin, before, value)).regime == STICKS:
                             break
         for value in values:
-            if value in self.cycling and self.found[value].verdict != "stick-slip":
+            if value in self.cycling and self.found[value].regime != STICKS:
                 self.found[value] = self.search.run(value, self.cycling[value])[0]
             self.standstill(value)
         return [self.found[value] for value in values]
 
-    def is_free(self, value: float, origin: float, **changes: float) -> bool:
+    def is_free(self, value: float, origin: float, finer: float = 1.0) -> bool:
         """Whether stick-slip, led on from where it was found, ends at a value."""
-        if origin not in self.cycling:  # a longer run has shown that there is none
+        if origin not in self.cycling:  # a finer run has shown that there is none
             return True
-        judged = self.tried(value, self.search.walked(self.cycling[origin], origin, value), **changes)
-        free = judged.verdict != "stick-slip"
-        self.became[value] = judged.verdict
-        if free and value == origin:  # what a shorter run took for a cycle was on its way out
+        judged = self.tried(value, self.search.walked(self.cycling[origin], origin, value), finer)
+        free = judged.regime not in (STICKS, NOT_DECIDED)
+        self.became[value] = judged.regime
+        if free and value == origin:  # what a coarser run took for a cycle is none
             del self.cycling[value]
             self.found[value] = judged
         return free
 
     # ---------------------------------------------------------------------------------------------------------------------------------- standstill
-    def is_moving(self, value: float, origin: float, **changes: float) -> bool:
+    def is_moving(self, value: float, origin: float, finer: float = 1.0) -> bool:
         """Whether standstill, carried on from where it was found, ends at a value."""
-        if changes.get("longer", 1.0) == changes.get("finer", 1.0) == 1.0 and self.standstill(value) is not None:
+        if finer == 1.0 and self.standstill(value) is not None:
             return False
-        judged, end = self.search.run(value, self.search.walked(self.standing[origin], origin, value), **changes)
-        if judged.verdict == "stuck" and end is not None:
+        judged, end = self.search.run(value, self.search.walked(self.standing[origin], origin, value), finer=finer)
+        if judged.regime == STANDS and end is not None:
             self.standing[value] = end
-        return judged.verdict != "stuck"
+        return judged.regime != STANDS
 
     def ends(self, values: Sequence[float], tolerance: float) -> list[Border]:
         """The borders of stick-slip, each with what the cycle turns into beyond it."""
@@ -192,7 +191,7 @@ class Inside:
     def _beyond(self, border: Border) -> str:
         """The verdict next to a border of stick-slip, on the side without it."""
         sign = 1.0 if border.safe == "above" else -1.0
-        safe = [value for value, word in self.became.items() if word != "stick-slip" and sign * (value - border.value) > 0]
+        safe = [value for value, word in self.became.items() if word not in (STICKS, NOT_DECIDED) and sign * (value - border.value) > 0]
         return self.became[min(safe, key=lambda value: abs(value - border.value))] if safe else ""
 
     def breakaways(self, values: Sequence[float], tolerance: float) -> list[Border]:
@@ -203,7 +202,7 @@ class Inside:
             sign = 1.0 if border.safe == "above" else -1.0
             inner, outer = border.value - sign * border.tolerance, border.value + sign * border.tolerance
             known = [self._stuck_state(inner), self._stuck_state(outer)]
-            if known[0] is not None and known[1] is None:
+            if self.rest is not None and known[0] is not None and known[1] is None:
                 edge = self.rest.edge(inner, outer)
                 border = Border(
                     edge, max(1e-6 * abs(outer - inner), 1e-12 * abs(edge)), border.safe, border.confirmed, followed="break-away"
@@ -221,5 +220,4 @@ def outward(edge: float, sign: float, width: float) -> list[float]:
 
 def worse(judged: Judged, other: Judged) -> bool:
     """Whether a verdict is more of a stick-slip than another."""
-    rank = ("none", "failed", "smooth", "swing", "stuck", "stick-slip")
-    return rank.index(judged.verdict) > rank.index(other.verdict)
+    return RANK.index(judged.regime) > RANK.index(other.regime)

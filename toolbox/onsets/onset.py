@@ -9,11 +9,13 @@ A third regime is none of the two: a machine that stands for good. Under a torqu
 nothing to do with where stick-slip ends; towards low torques stick-slip itself may turn into it. Every border has its own name: smooth running is lost,
 stick-slip ends (the machine turns on) or stalls (it stands), standstill breaks away.
 
-How runs find the borders is told in `toolbox.onsets.search` and `inside`, how cycles that are followed make them exact in `cycles`.
+Smooth running is lost where its growth changes its sign (`toolbox.onsets.growth`); how runs find the other borders is told in `search` and `inside`, and how
+cycles that are followed make them exact in `cycles`.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,16 +23,18 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import is_finite_number
-from toolbox.errors import SceneError
+from toolbox.errors import NoSteadyState, SceneError
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, in_si
+from toolbox.measuring.judge import BUDGET, NOT_DECIDED, STANDS
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.elements import check_one_direction
 from toolbox.onsets.cycles import exact
+from toolbox.onsets.growth import SmoothBranch
 from toolbox.onsets.inside import Inside
-from toolbox.onsets.report import PERIODS, Onset
-from toolbox.onsets.search import OnsetSearch, swing_period
+from toolbox.onsets.report import Onset
+from toolbox.onsets.search import OnsetSearch
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.request import Request
 from toolbox.steady_states.equilibria import EquilibriumBranch, state_values
@@ -56,10 +60,11 @@ def onset(
     Use it to learn from which set-point on, or up to which weight on bit, a machine runs smoothly, and how far its working point is from that border. The
     Hopf points of steady running and the margin at the working point come with the borders.
 
-    Stick-slip means at least three stick phases, longer than can be resolved, in the second half of a run, which keep coming until its end. Standstill is a
-    stick phase that never ends. Neither the range asked for nor one start decides: stick-slip is looked for beyond both edges, too, and its limit cycle is
-    followed to where it stops being stable. A sampled law has no such cycle: there, and where no cycle is found, the borders are those of runs that are led
-    from inside stick-slip in small steps. A law keeps its design on the declared plant while a parameter of the plant varies.
+    Every law has these borders, in any form: smooth running is lost where a small disturbance of the loop as it runs begins to grow. Stick-slip means that the
+    same stick comes back, however long that takes; standstill is a stick that never ends (`toolbox.measuring.judge`). Neither the range asked for nor one
+    start decides: stick-slip is looked for beyond both edges, too, and its limit cycle is followed to where it stops being stable. A sampled law has no such
+    cycle: there, and where no cycle is found, the borders are those of runs that are led from inside stick-slip in small steps. A law keeps its design on the
+    declared plant while a parameter of the plant varies.
 
     Parameters
     ----------
@@ -76,9 +81,9 @@ def onset(
     values
         Number of values at which both branches are simulated.
     tolerance
-        Tolerance of the borders in the unit of the parameter; by default a thousandth of the range.
+        Tolerance of borders by runs in the unit of the parameter; by default a part in 5000 of the range.
     duration
-        Length of a run [s]; by default 100 periods of the least damped motion.
+        Longest time for which a run is carried on until its regime is decided [s]; by default 2000 periods of the least damped motion.
     perturbation
         Disturbance of smooth running, as a part of the steady slip.
     accuracy
@@ -92,47 +97,67 @@ def onset(
     Raises
     ------
     SceneError
-        If a name is unknown, the range is none, an input varies in time, or a law has no continuous form.
+        If a name is unknown, the range is none, an input varies in time, or there is no smooth running in the range.
     """
-    closed, inputs = loop.continuous.system, loop.constant_inputs("an onset to exist")
-    check_one_direction(closed.elements, "`onset`", "judge runs of it, by `sweep`")
-    free = loop.continuous.acting(parameter, "onset")
+    inputs, continuous = loop.constant_inputs("an onset to exist"), _continuous_form(loop)
+    check_one_direction(loop.system.elements, "`onset`", "judge runs of it, by `sweep`")
+    free = (continuous or loop).acting(parameter, "onset")
     low, high = free.between(between)
     asked_unit = asked_in(tuple(free.in_si("between", tuple(between))), free.unit)
     duration, tolerance = in_si(duration, "s", "duration"), in_si(tolerance, free.unit, "tolerance")
     at = free.value
     _check_numbers(values, tolerance=tolerance, duration=duration, perturbation=perturbation, at=at)
-    contact = judged_contact(loop.continuous)
-    speed = judged_speed(loop.continuous, contact)
+    contact = judged_contact(loop)
+    speed = judged_speed(loop, contact)
     grid = np.linspace(low, high, values)
     if low < at < high and not np.isclose(grid, at, rtol=0, atol=1e-9 * (high - low)).any():
         grid = np.sort(np.append(grid, at))
-    search = OnsetSearch(
-        base=Request(loop.at(parameter, low) if free.is_input else loop, 0.0, accuracy=accuracy or loop.accuracy or 1e-6).checked(),
-        free=free,
-        followed=EquilibriumBranch(closed, free, inputs, mode, guess),
-        element=contact,
-        signal=speed,
-        perturbation=float(perturbation),
-    )
-    noises = {name: entry for name, entry in search.base.system.parameters.items() if name.endswith(".sensors.noise")}
-    search.silence = {name: [0.0] * entry.size if entry.size else 0.0 for name, entry in noises.items()}
-    if low <= at <= high:
-        search.followed(at)  # first, because a guess is near this one
-    steady = [point for point in (search.followed(float(value)) for value in grid) if point is not None]
+    base = Request(loop.at(parameter, low) if free.is_input else loop, 0.0, accuracy=accuracy or loop.accuracy or 1e-6).checked()
+    followed = EquilibriumBranch(continuous.system, free, inputs, mode, guess) if continuous is not None else None
+    branch = SmoothBranch(base, free, inputs, followed)
+    if followed is not None and low <= at <= high:
+        followed(at)  # first, because a guess is near this one
+    notes: list[str] = []
+    hopf = _hopf_points(continuous, branch, grid, mode, notes)
+    steady = [value for value in map(float, grid) if branch(value) is not None]
     if not steady:
-        raise SceneError(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {free.unit}: {search.followed.reason}")
-    try:
-        hopf = hopf_points_of(closed, free, (low, high), inputs, mode, state_values(closed, steady[-1].states))
-    except SceneError as error:
-        hopf = []
-        search.notes.append(f"no Hopf point: {error}")
-    search.period = max(point.period for point in hopf) if hopf else float(np.median([swing_period(point) for point in steady]))
-    search.duration = PERIODS * search.period if duration is None else float(duration)
-    tolerance = 1e-3 * (high - low) if tolerance is None else float(tolerance)
+        reason = f": {followed.reason}" if followed is not None else ", at the set-points of the laws or elsewhere."
+        raise NoSteadyState(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {free.unit}{reason}")
+    period = max(point.period for point in hopf) if hopf else float(np.nanmedian([branch.swing(value) for value in steady]))
+    search = OnsetSearch(base, branch, contact, speed, float(perturbation), period, BUDGET if duration is None else duration / period, notes=notes)
+    tolerance = (high - low) / 5000 if tolerance is None else float(tolerance)
     with progress_bar(None, "onset") as search.bar:
         found = _both_branches(search, loop, [float(value) for value in grid], at, hopf, tolerance)
     return replace(found, asked={free.unit: asked_unit})
+
+
+def _continuous_form(loop: ClosedLoop) -> ClosedLoop | None:
+    """The loop with its laws in their continuous form; None for a sampled loop with a law that has none."""
+    try:
+        found = loop.continuous
+        return found if found.system else None
+    except SceneError:
+        if not loop.sampled:
+            raise
+        return None
+
+
+def _hopf_points(
+    continuous: ClosedLoop | None, branch: SmoothBranch, grid: np.ndarray, mode: Mapping[str, str] | None, notes: list[str]
+) -> list[HopfPoint]:
+    """The Hopf points of the continuous form in the range of the grid; none where there is no such form."""
+    followed = branch.followed
+    if continuous is None or followed is None:
+        return []
+    steady = [point for point in map(followed, map(float, grid)) if point is not None]
+    if not steady:
+        return []
+    near = state_values(continuous.system, steady[-1].states)
+    try:
+        return hopf_points_of(continuous.system, branch.free, (float(grid[0]), float(grid[-1])), branch.inputs, mode, near)
+    except SceneError as error:
+        notes.append(f"no Hopf point: {error}")
+        return []
 
 
 def _check_numbers(values: Any, **numbers: Any) -> None:
@@ -152,21 +177,28 @@ def _both_branches(
     """Runs from smooth running and from inside stick-slip at all values, and the borders between what they come to."""
     width = numbers[-1] - numbers[0]
     smooth = [search.smooth(value) for value in numbers]
-    losses = search.borders(numbers, [judged.verdict == "smooth" for judged in smooth], search.is_smooth, tolerance)
+    cuts = sorted({numbers[0], numbers[-1], *(point.value for point in hopf)})
+    between = [(a + b) / 2 for a, b in itertools.pairwise(cuts) if hopf and not any(a <= value <= b for value in numbers)]
+    losses = search.losses(sorted({*numbers, *between}), tolerance)
+    undecided = [f"{value:.5g}" for value, judged in zip(numbers, smooth, strict=True) if judged.regime == NOT_DECIDED]
     inside = Inside.of(search)
     for edge, sign in ((numbers[0], -1.0), (numbers[-1], 1.0)):
         inside.outside(edge, sign, width)
     cycles = [exact(border, inside, width) for border in inside.ends(numbers, tolerance)]
     sticking = [inside.found[value] for value in numbers]
+    undecided += [f"{value:.5g}" for value, judged in inside.found.items() if judged.regime == NOT_DECIDED]
     breakaways = inside.breakaways(numbers, tolerance)
     if loop.sampled:
-        search.notes.append("Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled.")
-    if search.silence:
+        form = "Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled."
+        search.notes.append(form if hopf else "The borders are of the law as it runs, sampled.")
+    if search.branch.run is not search.base:
         search.notes.append("Smooth running is judged without measurement noise, stick-slip with it.")
+    if undecided:
+        search.notes.append(f"Not decided within {search.budget * search.period:.4g} s: {', '.join(undecided)} {search.branch.free.unit}.")
     return Onset(
         title=loop.title,
-        parameter=search.free.name,
-        unit=search.free.unit,
+        parameter=search.branch.free.name,
+        unit=search.branch.free.unit,
         element=search.element,
         signal=search.signal,
         values=np.array(numbers),
@@ -174,14 +206,14 @@ def _both_branches(
         sticking=tuple(sticking),
         hopf=tuple(hopf),
         losses=tuple(losses),
-        ends=tuple(border for border in cycles if border.beyond != "stuck"),
-        stalls=tuple(border for border in cycles if border.beyond == "stuck"),
+        ends=tuple(border for border in cycles if border.beyond != STANDS),
+        stalls=tuple(border for border in cycles if border.beyond == STANDS),
         breakaways=tuple(breakaways),
         cycling=np.array([value in inside.cycling for value in numbers]),
         standing=np.array([value in inside.standing for value in numbers]),
         at=at,
         period=search.period,
-        duration=search.duration,
+        duration=search.budget * search.period,
         accuracy=search.base.accuracy,
         perturbation=search.perturbation,
         runs=search.runs,

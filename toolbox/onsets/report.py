@@ -14,37 +14,8 @@ from toolbox.arguments import BoolArray, FloatArray, is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.html import table
 from toolbox.files.unit_systems import Reading, reading
+from toolbox.measuring.judge import SMOOTH, STANDS, SWINGS, Judged
 from toolbox.steady_states.hopf import HopfPoint
-
-STICKING = ("stick-slip", "stuck")
-"""Verdicts from which a machine must be freed."""
-
-PERIODS = 100
-"""Periods of the least damped motion that a run lasts; stick phases are counted in the second half."""
-
-
-@dataclass(frozen=True)
-class Judged:
-    """What a run came to.
-
-    Attributes
-    ----------
-    verdict
-        "smooth" (the disturbance dies), "swing" (it grows or lasts, without stick), "stick-slip" (stick phases come back until the end), "stuck" (rest for
-        good), "failed", or "none" (there is no steady state to start from).
-    severity
-        Half of the range of the judged signal, in parts of its mean.
-    sticks
-        Number of resolved stick phases in the second half.
-    longest
-        Length of the longest of them [s].
-    """
-
-    verdict: str
-    severity: float = math.nan
-    sticks: int = 0
-    longest: float = 0.0
-
 
 @dataclass(frozen=True)
 class Border:
@@ -58,11 +29,12 @@ class Border:
     safe
         "above" or "below": the side with stable running, without stick-slip, or without standstill.
     confirmed
-        Whether the followed cycle, or runs of five times the duration and runs at a hundredth of the accuracy, gave the same verdicts on both sides.
+        Whether the growth of smooth running, the followed cycle, or runs at a hundredth of the accuracy gave the same verdicts on both sides.
     beyond
-        Verdict of the run that left a border of stick-slip; empty for other borders.
+        Regime of the run that left a border of stick-slip; empty for other borders.
     followed
-        How the cycle or steady state that was followed ends there ("fold", "period doubling", ..., "break-away"); empty for a border by runs alone.
+        How the growth of smooth running is known ("poles", "differences", "twin runs"), or how the cycle or steady state that was followed ends there
+        ("fold", "period doubling", ..., "break-away"); empty for a border by runs alone.
     """
 
     value: float
@@ -93,11 +65,11 @@ class Onset:
     values
         Values of the parameter, shape (n,).
     smooth, sticking
-        Verdicts at each value, from the disturbed steady state, and from inside stick-slip or standstill.
+        What runs come to at each value (`toolbox.measuring.judge.Judged`), from disturbed smooth running, and from inside stick-slip or standstill.
     hopf
-        Hopf points of the linear system, exact.
+        Hopf points of the linear system, exact; of the continuous form of a sampled law that has one.
     losses
-        Borders of smooth running, by simulation.
+        Borders of smooth running, of the law as it runs.
     ends, stalls
         Borders of existing stick-slip: those beyond which the machine keeps turning, and those beyond which it stands for good.
     breakaways
@@ -109,7 +81,7 @@ class Onset:
     period
         Period of the least damped motion [s].
     duration, accuracy, perturbation
-        Length of a run [s], its accuracy, and the disturbance of smooth running.
+        Longest time for which a run is carried on until its regime is decided [s], its accuracy, and the disturbance of smooth running.
     runs
         Number of runs.
     notes
@@ -144,7 +116,7 @@ class Onset:
 
     @property
     def loss(self) -> float:
-        """Parameter value at which smooth running is lost (simulated); the one nearest to the working point; nan if there is none in the range."""
+        """Parameter value at which smooth running is lost; the one nearest to the working point; nan if there is none in the range."""
         return self._nearest(self.losses)
 
     @property
@@ -194,7 +166,7 @@ class Onset:
         """Return which of "smooth", "stick-slip" and "standstill" last at a value of the parameter, once begun. Raises SceneError outside of the range."""
         near = self._near(value)
         lasting = {
-            "smooth": self._side(self.losses, value, self.smooth[near].verdict == "smooth"),
+            "smooth": self._side(self.losses, value, self.smooth[near].regime == SMOOTH),
             "stick-slip": not self._side((*self.ends, *self.stalls), value, not self.cycling[near]),
             "standstill": not self._side(self.breakaways, value, not self.standing[near]),
         }
@@ -226,13 +198,16 @@ class Onset:
         - "smooth or stuck": smooth until it is stopped for good.
         - "stick-slip" and "stuck": what the least disturbance of smooth running leads to, or what remains without any smooth running.
         - "swing": the disturbance grows without stick.
+        - "not decided", "none", "failed": no run could tell, there is no smooth running, a run fails.
 
         Raises SceneError outside of the range.
         """
         lasting, near = self.regimes(value), self._near(value)
         if "smooth" in lasting:
             return "bistable" if "stick-slip" in lasting else "smooth or stuck" if "standstill" in lasting else "free"
-        return "stick-slip" if "stick-slip" in lasting else "stuck" if "standstill" in lasting else self.smooth[near].verdict
+        if "stick-slip" in lasting or "standstill" in lasting:
+            return "stick-slip" if "stick-slip" in lasting else "stuck"
+        return "swing" if self.smooth[near].regime == SWINGS else self.smooth[near].regime
 
     @property
     def advice(self) -> str:
@@ -272,7 +247,7 @@ class Onset:
         lines = [*self._headlines, "", *(f"  {name:<{widths[0]}}  {value:>{widths[1]}}{unit}  {note}" for name, value, note in rows)]
         lines += ["", self.advice, ""]
         cells = [self._head, *self._value_rows()]
-        widths = [max(len(row[i]) for row in cells) for i in range(7)]
+        widths = [max(len(row[i]) for row in cells) for i in range(len(self._head))]
         lines += ["  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
         return "\n".join([*lines, "", self._checked, *(f"Note: {note}" for note in self.notes)])
 
@@ -299,9 +274,9 @@ class Onset:
     def _checked(self) -> str:
         """How the borders were checked."""
         return (
-            f"Checked: {self.runs} runs of {self.duration:.4g} s ({PERIODS} periods of {self.period:.3g} s) at accuracy {self.accuracy:g}; smooth running "
-            f"disturbed by {self.perturbation:g} of the slip; both sides of each border again with five times the duration and a hundredth of the accuracy; "
-            "cycles and standstill followed to their ends where they can be."
+            f"Checked: {self.runs} runs at accuracy {self.accuracy:g}, each carried on until what comes back tells, for {self.duration:.4g} s at most "
+            f"({self.duration / self.period:.0f} periods of {self.period:.3g} s); smooth running disturbed by {self.perturbation:g} of the slip; both sides of "
+            "each border by runs again at a hundredth of the accuracy; cycles and standstill followed to their ends where they can be."
         )
 
     def _border_rows(self) -> list[tuple[str, str, str]]:
@@ -330,6 +305,7 @@ class Onset:
             _labelled(self.parameter, self._read.unit),
             "from smooth running",
             "severity",
+            "a disturbance",
             "from stick-slip",
             "severity",
             "longest stick",
@@ -340,21 +316,23 @@ class Onset:
         """Verdicts at each value."""
         cells: list[tuple[str, ...]] = []
         for value, a, b, stands in zip(self.values, self.smooth, self.sticking, self.standing, strict=True):
-            longest = "for good" if b.verdict == "stuck" else f"{b.longest:.3g} s" if b.longest else "-"
+            longest = "for good" if b.regime == STANDS else f"{b.longest:.3g} s" if b.longest else "-"
             number = f"{value * self._read.factor:.5g}"
-            cells.append((number, a.verdict, shown(a.severity), b.verdict, shown(b.severity), longest, "lasts" if stands else "-"))
+            known = math.isfinite(a.rate) and a.rate != 0.0
+            growth = f"{'grows' if a.rate > 0 else 'dies'} in {1 / abs(a.rate):.3g} s" if known else "-"
+            cells.append((number, a.regime, shown(a.severity), growth, b.regime, shown(b.severity), longest, "lasts" if stands else "-"))
         return cells
 
     @staticmethod
     def _how(border: Border) -> str:
         """How a border is known, for the report."""
         if border.followed:
-            return f", followed to its {border.followed}"
-        return "" if border.confirmed else ", NOT confirmed by longer and finer runs"
+            return f", {'by' if border.followed in GROWTHS else 'followed to its'} {border.followed}"
+        return "" if border.confirmed else ", NOT confirmed by finer runs"
 
     def _nowhere(self, name: str) -> str:
         if name.startswith("smooth"):
-            everywhere = {judged.verdict for judged in self.smooth} == {"smooth"}
+            everywhere = {judged.regime for judged in self.smooth} == {SMOOTH}
             return (
                 "nowhere in the range: smooth running is stable in all of it"
                 if everywhere
@@ -371,7 +349,7 @@ class Onset:
         return onset_diagram(self, ax=ax)
 
     def save(self, path: str | Path) -> Path:
-        """Write one row per value as csv, whole or not at all: value, verdict, severity and sticks of both branches, and whether standstill lasts."""
+        """Write one row per value as csv, whole or not at all: value, regime, severity, sticks and growth rate of both branches, and whether standstill lasts."""
 
         from toolbox.files import tables
 
@@ -399,7 +377,10 @@ class Onset:
         return tables.write(path, headings, rows)
 
 
-COLUMNS = ("verdict", "severity", "sticks", "longest")
+COLUMNS = ("regime", "severity", "sticks", "longest", "rate")
+
+GROWTHS = ("poles", "differences", "twin runs")
+"""Ways in which the growth of smooth running is known."""
 
 
 def _labelled(name: str, unit: str) -> str:

@@ -1,8 +1,7 @@
-"""The runs behind an onset.
+"""The runs behind an onset: each is carried on until the judge can tell its regime, and where regimes of neighbours differ, the border is halved.
 
-At every value of the parameter one run starts from the steady state, disturbed a little along its least damped motion; how stick-slip and standstill are found
-and carried on is told in `toolbox.onsets.inside`. Where a verdict changes between neighbours the border is halved down to the tolerance, each run beginning
-where the one before it ended; then both sides are judged again by a longer and by a more accurate run.
+Smooth running needs no run where its growth is known: it is lost where the growth changes its sign. Where it grows, a run from a small disturbance tells
+what it becomes. How stick-slip and standstill are found and carried on is told in `toolbox.onsets.inside`.
 """
 
 from __future__ import annotations
@@ -10,230 +9,199 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from toolbox.errors import SimulationError
-from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.numbers import Number
-from toolbox.modelling.steady_point import Equilibrium, function_of
-from toolbox.onsets.report import STICKING, Border, Judged
+from toolbox.measuring import measure
+from toolbox.measuring.judge import FAILED, NONE, SMOOTH, STANDS, STICKS, Judge, Judged
+from toolbox.modelling.steady_point import function_of
+from toolbox.onsets.growth import Smooth, SmoothBranch, slip_rows, with_value
+from toolbox.onsets.report import Border
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.trajectory import Trajectory
-from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes, state_values
-from toolbox.steady_states.poles import critical_pole
+
+STEPS = 12
+"""Steps in which the parameter goes from one value to the next, with a little more than two periods at each: a jump at once would shake a cycle off."""
+
+FINER = 0.01
+"""Part of the accuracy at which both sides of a border are judged again."""
+
+NOISY = 32
+"""Swings of smooth running over which the deviation that measurement noise makes is looked at; half as much again may come."""
 
 
 @dataclass
 class OnsetSearch:
     """Runs of one closed loop with one free parameter, judged and counted.
 
-    `silence` holds {parameter: zeros} that turn measurement noise off: with noise no motion is smooth, and nothing shows whether a disturbance grows. `led`
-    holds {value: (verdict, end)} of smooth running that was lost into stick-slip or standstill.
+    branch: smooth running without measurement noise: with noise no motion is smooth, and nothing shows whether a disturbance grows. `led` holds
+    {value: (regime, end)} of smooth running that was lost into stick-slip or standstill.
     """
 
     base: Run
-    free: Number
-    followed: EquilibriumBranch
+    branch: SmoothBranch
     element: str
     signal: str
     perturbation: float
-    silence: dict[str, Any] = field(default_factory=dict)
-    period: float = 1.0
-    duration: float = 0.0
+    period: float
+    budget: float
     runs: int = 0
     notes: list[str] = field(default_factory=list)
     led: dict[float, tuple[str, RunState]] = field(default_factory=dict)
     bar: Any = None
+    resting: dict[float, tuple[float, RunState | None]] = field(default_factory=dict)
+    noises: dict[float, float] = field(default_factory=dict)
 
-    def run(
-        self, value: float, begin: RunState, others: Mapping[str, Any] | None = None, /, longer: float = 1.0, finer: float = 1.0
-    ) -> tuple[Judged, RunState | None]:
-        """One run at a value of the free parameter, and with other numbers, and where it ended."""
-        changes: dict[str, Any] = {"start": begin, "accuracy": self.base.accuracy * finer}
-        changes |= self.numbers(value, others)
-        duration = longer * self.duration
+    def at(self, value: float) -> Run:
+        """The run with the free parameter at a value."""
+        return with_value(self.base, self.branch.free, value)
+
+    # ------------------------------------------------------------------------------------------------------------------------------------- one run
+    def run(self, value: float, begin: RunState, /, finer: float = 1.0, silent: bool = False) -> tuple[Judged, RunState | None]:
+        """What a run at a value of the free parameter comes to, and where it ended; silent: without measurement noise."""
+        run = dataclasses.replace(self.branch.at(value) if silent else self.at(value), accuracy=self.base.accuracy * finer)
         self.runs += 1
-        if self.bar is not None:
-            self.bar.update()
-        for _ in range(3):
+
+        def on(state: RunState, duration: float) -> Trajectory:
+            if self.bar is not None:
+                self.bar.update()
+            return run.again(start=state, duration=duration, longest_step=duration / 256)  # type: ignore[no-any-return]
+
+        try:
+            return self.judge(value).carried(on, begin)
+        except SimulationError:
+            return Judged(FAILED), None
+
+    def judge(self, value: float) -> Judge:
+        """The judge of runs at a value."""
+        smooth = self.branch(value)
+        if smooth is None:
+            return Judge(self.element, self.signal, self.period, budget=self.budget)
+        target = self.steady(value, smooth)[0]
+        return Judge(self.element, self.signal, self.period, target, smooth.growth.rate, self._noise(value, smooth), self.budget)
+
+    def steady(self, value: float, smooth: Smooth) -> tuple[float, RunState | None]:
+        """The judged signal in smooth running, and a state of it a moment later, which knows the modes; nan and None where no run goes on from it."""
+        if value not in self.resting:
+            run = self.branch.at(value)
             try:
-                run = self.base.again(duration=duration, longest_step=duration / 256, **changes)
+                short = run.again(start=smooth.state, duration=self.period / 8, longest_step=self.period / 256)
+                self.resting[value] = measure.extent(short, self.signal).mean, short.last
             except SimulationError:
-                return Judged("failed"), None
-            judged = self.judged_run(run, value)
-            if judged.verdict != "unclear":
-                break
-            duration *= 4  # a cycle so slow that too few stick phases fit: look at it for longer
-        else:
-            judged = dataclasses.replace(judged, verdict="stuck")
-        return judged, run.last
+                self.resting[value] = math.nan, None
+        return self.resting[value]
+
+    def _noise(self, value: float, smooth: Smooth) -> float:
+        """Largest deviation of the judged signal that measurement noise makes in smooth running; 0 without noise, and where smooth running does not last."""
+        if self.branch.run is self.base or not smooth.growth.rate < 0:
+            return 0.0
+        if value not in self.noises:
+            run = self.at(value).again(start=smooth.state, duration=NOISY * self.period, longest_step=self.period / 32)
+            found, target = measure.extent(run, self.signal, run.begin), self.steady(value, smooth)[0]
+            self.noises[value] = 1.5 * max(found.maximum - target, target - found.minimum)
+        return self.noises[value]
 
     def plain(self, value: float, begin: RunState, duration: float) -> Trajectory | None:
         """A run that is only to settle, at an accuracy at which its cycle can be told; None where it fails."""
-        changes: dict[str, Any] = {"start": begin, "accuracy": min(self.base.accuracy, 1e-9)}
+        accuracy = min(self.base.accuracy, 1e-9)
         try:
-            return self.base.again(duration=duration, longest_step=duration / 256, **changes, **self.numbers(value))
+            return self.at(value).again(start=begin, accuracy=accuracy, duration=duration, longest_step=duration / 256)  # type: ignore[no-any-return]
         except SimulationError:
             return None
 
-    def numbers(self, value: float, others: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """Changes of a run for a value of the free parameter, and for other numbers of the plant."""
-        if self.free.is_input:
-            return {"inputs": {**self.base.inputs, self.free.name: value}, "system": self.base.system.with_parameters(others or {})}
-        return {"system": self.base.system.with_parameters({self.free.name: value, **(others or {})})}
-
     def walked(self, begin: RunState, origin: float, value: float) -> RunState:
-        """Where the machine is after the free parameter went from one value to another in small steps: a jump at once would shake it out of its cycle."""
+        """Where the machine is after the free parameter went from one value to another in small steps."""
         if value == origin:
             return begin
         for k in range(1, STEPS):
-            middle = origin + (value - origin) * k / STEPS
             try:
-                run = self.base.again(start=begin, **self.numbers(middle), duration=2.3 * self.period, longest_step=self.period / 256)
+                run = self.at(origin + (value - origin) * k / STEPS)
+                begin = run.again(start=begin, duration=2.3 * self.period, longest_step=self.period / 256).last
             except SimulationError:
                 return begin
-            begin = run.last
         return begin
 
-    def judged_run(self, run: Trajectory, value: float) -> Judged:
-        """The verdict on the second half of a run."""
-        from toolbox.measuring import measure
-
-        half = run.begin + run.duration / 2
-        shortest = max(10 * self.base.accuracy, 1e-6) * self.period
-        sticks = [(a, b) for a, b in measure.stick_intervals(run, self.element, half) if b - a > shortest]
-        longest = max((b - a for a, b in sticks), default=0.0)
-        # whole cycles at the end say how large they are, also those that stick twice or three times
-        last = min(max(len(sticks) - 1, 0) // 2 * 2, 6)
-        whole = (sticks[-1 - last][0], sticks[-1][0]) if last else (max(half, run.end - 8 * self.period), None)
-        found = measure.extent(run, self.signal, *whole)
-        swing = found.maximum - found.minimum
-        severity = swing / (2 * abs(found.mean)) if found.mean else math.inf if swing else math.nan
-        if sticks:
-            gap = max(np.diff([a for a, _ in sticks]), default=math.inf)
-            if len(sticks) >= 3 and run.end - sticks[-1][1] <= 2 * gap:
-                return Judged("stick-slip", severity, len(sticks), longest)
-            if len(sticks) < 3 and (sticks[-1][1] >= run.end or run.end - sticks[-1][1] < sticks[-1][0] - half):
-                return Judged("unclear", severity, len(sticks), longest)
-        rest = self.followed(value)
-        if rest is None:
-            return Judged("swing" if swing else "smooth", severity, len(sticks), longest)
-        target = float(np.ravel(rest[self.signal])[0])
-        early = measure.extent(run, self.signal, run.begin, min(run.begin + 2 * self.period, half))
-        first, late = (max(abs(e.maximum - target), abs(e.minimum - target)) for e in (early, found))
-        calm = late < first or late <= 10 * self.base.accuracy * max(abs(target), abs(found.maximum), abs(found.minimum))
-        return Judged("smooth" if calm else "swing", severity, len(sticks), longest)
-
-    # ------------------------------------------------------------------------------------------------------------------- from smooth running
-    def smooth(self, value: float, **changes: float) -> Judged:
-        """The verdict from the disturbed steady state; where it ends in stick-slip, its end is kept to continue from."""
-        rest = self.followed(value)
-        if rest is None:
-            return Judged("none")
-        judged, end = self.run(value, self.disturbed(rest), self.silence, **changes)
-        if judged.verdict in STICKING and end is not None:
-            self.led.setdefault(value, (judged.verdict, end))
+    # ----------------------------------------------------------------------------------------------------------------------- from smooth running
+    def smooth(self, value: float, finer: float = 1.0) -> Judged:
+        """What the least disturbance of smooth running comes to; where it ends in stick-slip or standstill, its end is kept to continue from."""
+        found = self.branch(value)
+        if found is None:
+            return Judged(NONE)
+        if found.growth.rate < 0:
+            return Judged(SMOOTH, 0.0, rate=found.growth.rate)
+        judged, end = self.run(value, self._disturbed(value, found), finer=finer, silent=True)
+        if judged.regime in (STICKS, STANDS) and end is not None:
+            self.led.setdefault(value, (judged.regime, end))
         return judged
 
-    def is_smooth(self, value: float, origin: float, **changes: float) -> bool:
-        """Whether smooth running is stable at a value."""
-        return self.smooth(value, **changes).verdict == "smooth"
+    def _disturbed(self, value: float, found: Smooth) -> RunState:
+        """Smooth running moved along its least damped motion, until the slip of the judged contact changes by the perturbation at most."""
+        n, names = found.state.states.size, [element.name for element in self.base.system.elements]
+        slope = slip_rows(self.base.system, found.state.states, self.at(value).system.values)[names.index(self.element)]
+        moved, sizes = abs(float(slope @ found.direction[:n])), np.abs(slope) @ np.abs(found.direction[:n])
+        if moved > 1e-9 * sizes:
+            size = abs(self.steady(value, found)[0] or 1.0) / moved
+        else:  # this motion does not move the contact
+            size = np.abs(found.state.states).max(initial=1.0) / np.abs(found.direction).max(initial=1e-300)
+        return found.state.at_values(found.state.values + self.perturbation * size * found.direction)
 
-    def disturbed(self, rest: Equilibrium) -> RunState:
-        """The steady state moved along its least damped motion, until the slip of the judged contact changes by the perturbation at most."""
-        plant = rest.plant
-        _, vector = critical_pole(rest)
-        index = [element.name for element in plant.elements].index(self.element)
-        slope = np.array(function_of(plant, ("slip_slope", self.element), lambda: [_slip_slope(plant, index)])(
-            0.0, rest.states, rest.inputs, plant.values, mode_codes(rest))).ravel()  # fmt: skip
-        slip = float(np.array(plant.slips(0.0, rest.states, rest.inputs, plant.values, mode_codes(rest))).ravel()[index])
-        phase = slope @ vector
-        if abs(phase) <= 1e-12 * np.linalg.norm(slope) * np.linalg.norm(vector):  # this motion does not move the contact
-            motion = np.real(vector)
-            x = rest.states + self.perturbation * np.abs(rest.states).max(initial=1.0) * motion / np.abs(motion).max()
-        else:
-            x = rest.states + self.perturbation * abs(slip or 1.0) * np.real(vector / phase)
-        return self.begin(rest, x)
+    def losses(self, values: Sequence[float], tolerance: float) -> list[Border]:
+        """The borders of smooth running: where its growth changes its sign, else between neighbours of which one has no smooth running."""
+        safe = [self.smooth(value).regime == SMOOTH for value in values]
+        found = []
+        for (a, safe_a), (b, safe_b) in itertools.pairwise(zip(values, safe, strict=True)):
+            if safe_a == safe_b:
+                continue
+            ways = [self.branch(value) for value in (a, b)]
+            if any(way is None or math.isnan(way.growth.rate) for way in ways):
+                found += self.borders((a, b), (safe_a, safe_b), self._is_smooth, tolerance)
+                continue
+            way = next(way.growth.way for way in ways if way is not None)
+            precision = 1e-9 * max(abs(a), abs(b)) if way != "twin runs" else tolerance / 10
+            found.append(Border(self.branch.loss(a, b, precision), precision, "above" if safe_b else "below", True, followed=way))
+        return found
 
-    def begin(self, rest: Equilibrium, x: np.ndarray) -> RunState:
-        """A state of the continuous loop as the beginning of a run: states of sampled laws become their memory, what they drive is held."""
-        system, known = self.base.system, state_values(rest.plant, x)
-        for update in system.updates:
-            unknown = [name for name in update.places if name not in known]
-            note = f"the memory {', '.join(unknown)} of a sampled law is no state of its continuous form, and begins at zero"
-            if unknown and note not in self.notes:
-                self.notes.append(note)
-            known |= {name: rest[name] for name in update.names}
-        return RunState.begun(system, self.base.plant, self.base.clocks).with_values(known)
+    def _is_smooth(self, value: float, origin: float, finer: float = 1.0) -> bool:
+        return self.smooth(value, finer).regime == SMOOTH
+
+    def stopped(self, value: float) -> RunState | None:
+        """Smooth running whose judged contact is stopped at once, as by a stuck bit; None where there is no smooth running."""
+        smooth = self.branch(value)
+        if smooth is None:
+            return None
+        plant, last = self.at(value).plant, self.steady(value, smooth)[1]
+        modes = dict(zip([each.name for each in self.base.system.elements], last.modes, strict=True)) if last is not None and last.modes is not None else {}
+        m = np.array([0.0 if each.name == self.element else modes.get(each.name, 1.0) for each in plant.elements])
+        x = np.concatenate([np.atleast_1d(smooth.state[name]) for name in plant.states])
+        u = np.array(plant.input_defaults(plant.values)).ravel()
+        project = function_of(plant, ("project",), lambda: [plant.switching.projected])
+        x = np.array(project(0.0, x, u, plant.values, m)).ravel()
+        places = {name: (first, size) for name, (first, size, _) in plant.states.items()}
+        return smooth.state.with_values({name: x[first : first + (size or 1)] for name, (first, size) in places.items()})
 
     # ---------------------------------------------------------------------------------------------------------------------------------- borders
     def borders(self, values: Sequence[float], safe: Sequence[bool], test: Callable[..., bool], tolerance: float) -> list[Border]:
-        """The borders between neighbours of different verdict, halved to the tolerance and judged again by longer and by finer runs."""
+        """The borders between neighbours of different verdict, halved to the tolerance, then judged again at a hundredth of the accuracy."""
         found = []
         for (a, safe_a), (b, safe_b) in itertools.pairwise(zip(values, safe, strict=True)):
             if safe_a == safe_b:
                 continue
             good, bad = outer_good, outer_bad = (a, b) if safe_a else (b, a)
-            longer, confirmed = 1.0, False
-            for attempt in range(ROUNDS):
+            for finer in (1.0, FINER):
                 while 1.5 * abs(good - bad) > tolerance:
                     middle = (good + bad) / 2
-                    if test(middle, bad, longer=longer):
+                    if test(middle, bad, finer=finer):
                         good = middle
                     else:
                         bad = middle
-                wrong = self.contradicted(good, bad, test)
-                confirmed = wrong is None
-                if confirmed:
+                wrong = next((each for each in (good, bad) if test(each, bad, finer=FINER) != (each == good)), None)
+                if wrong in (None, outer_good, outer_bad):
                     break
-                if wrong in (outer_good, outer_bad) or attempt == ROUNDS - 1:
-                    break
-                # the verdict came too early: the search goes on between there and the neighbour, with longer runs
-                longer = 5.0
-                good, bad = (outer_good, good) if wrong == good else (bad, outer_bad)
-            found.append(Border((good + bad) / 2, 1.5 * abs(good - bad), "above" if good > bad else "below", confirmed))
+                good, bad = (outer_good, good) if wrong == good else (bad, outer_bad)  # the search goes on between there and the neighbour
+            found.append(Border((good + bad) / 2, 1.5 * abs(good - bad), "above" if good > bad else "below", wrong is None))
         return found
-
-    @staticmethod
-    def contradicted(good: float, bad: float, test: Callable[..., bool]) -> float | None:
-        """The side of a border that longer or finer runs judge otherwise; None where both agree."""
-        for changes in ({"longer": 5.0}, {"finer": 0.01}):
-            if not test(good, bad, **changes):
-                return good
-            if test(bad, bad, **changes):
-                return bad
-        return None
-
-
-STEPS = 12
-"""Steps in which the parameter goes from one value to the next, with a little more than two periods at each."""
-
-ROUNDS = 6
-"""How often the search for a border is taken up again, with runs five times as long."""
-
-
-def mode_codes(rest: Equilibrium) -> np.ndarray:
-    """The modes of a steady state as numbers."""
-    codes = [{word: float(code) for code, word in element.legend.items()} for element in rest.plant.elements]
-    return np.array([code[rest.modes[element.name]] for code, element in zip(codes, rest.plant.elements, strict=True)])
-
-
-def _slip_slope(plant: HybridSystem, index: int) -> Any:
-
-    return ca.jacobian(plant.switching.slip[index], plant.x)
-
-
-def swing_period(rest: Equilibrium) -> float:
-    """Period of the least damped swing of a steady state [s], or the time constant of its slowest motion where nothing swings."""
-    poles = np.linalg.eigvals(flow_slopes(rest))
-    poles = poles[np.abs(poles) > 1e-9 * np.abs(poles).max(initial=0.0)]
-    swinging = poles[poles.imag > 1e-6 * np.abs(poles)]
-    if swinging.size:
-        return float(2 * math.pi / swinging[int(np.argmax(swinging.real))].imag)
-    return float(2 * math.pi / np.abs(poles).min(initial=1.0)) if poles.size else 1.0

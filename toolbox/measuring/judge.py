@@ -268,8 +268,12 @@ class Judge:
         rounds = rows[len(rows) - count * p :].reshape(count, p, 2)
         size = rounds[-1, :, 0].sum()
         apart = np.abs(np.diff(rounds, axis=0)).max(axis=(1, 2)) / size
-        if apart[-1] < SAME and apart[-2] < 10 * SAME:
-            return True
+        # a round of several sticks must be more than shorter rounds that slowly part: they differ by far more than from round to round
+        within = min((float(np.abs(rows[-q:] - rows[-2 * q : -q]).max()) for q in range(1, p) if p % q == 0), default=math.inf) / size
+        if apart[-1] > 1e-3 * within:
+            return False
+        if apart[-1] < SAME and apart[-2] < 10 * SAME and apart[-1] <= max(apart[-2], 0.01 * SAME):
+            return True  # what grows, if slowly, is on its way out
         margin = rounds[-1, :, 1].min() / size
         if len(apart) >= 5 and self._settles(rounds[:, :, 1] / size, margin):
             return True
@@ -333,8 +337,14 @@ class Judge:
 
 
 def _steady(values: FloatArray, margin: float) -> bool:
-    """Whether the mean of a sequence that never repeats stays: its last third is like the one before, as far as its scatter tells, or draws near to it."""
+    """Whether the mean of a sequence that never repeats stays: its last third is like the one before, as far as its scatter tells, or draws near to it.
+
+    A scatter that grows from third to third tells nothing yet.
+    """
     thirds = np.array_split(values, 3)
+    scatters = [float(np.std(each)) for each in thirds]
+    if scatters[0] < scatters[1] < scatters[2]:
+        return False
     means = np.array([each.mean() for each in thirds])
     scatter = max(float(np.std(each)) / math.sqrt(len(each)) for each in thirds[1:])
     first, last = abs(means[1] - means[0]), abs(means[2] - means[1])

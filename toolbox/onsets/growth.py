@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -51,8 +50,8 @@ VISIBLE = 1e-8
 EXACT = 1e-12
 """Accuracy of the runs of a map."""
 
-KICKS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
-"""Parts of the slip by which twin runs begin apart; two neighbours must agree."""
+KICKS = ((1e-4, 1e-3), (1e-5, 1e-4), (1e-6, 1e-5))
+"""Parts of the slip by which two pairs of twin runs begin apart, which must agree; the first lie above the chatter of most laws."""
 
 TWIN_SWINGS, LONGEST_TWIN, SAMPLES = 2, 40, 32
 """Swings of a piece of twin runs, the most pieces, and the instants in a swing at which they are compared."""
@@ -175,7 +174,7 @@ class SmoothBranch:
                 point = find()
                 if point is not None:
                     yield begun_at(run, point)
-        near = [(abs(other - value), other) for other, smooth in self.known.items() if smooth is not None]
+        near = [(abs(other - value), other) for other, smooth in self.known.items() if smooth is not None and smooth.growth.way == "differences"]
         if near:
             yield self.known[min(near)[1]].state  # type: ignore[union-attr]
 
@@ -264,7 +263,7 @@ class SampledMap:
 
     def point(self, state: RunState) -> FloatArray:
         """A state as a point."""
-        laws = [law for law in state.laws if law is not None]
+        laws = [law for law in state.laws if isinstance(law, np.ndarray)]
         return np.concatenate([state.values[self.places], *[rows.ravel() for rows in state.waiting], *laws])
 
     def state_at(self, point: FloatArray) -> RunState:
@@ -352,7 +351,7 @@ def twin_growth(run: Run, state: RunState, swing: float) -> Growth | None:
     """
     rows = slip_rows(run.system, state.states, run.system.values)
     rows = rows / (np.abs(rows) @ np.abs(state.states) + 1e-300)[:, None]
-    for kicks in itertools.pairwise(KICKS):
+    for kicks in KICKS:
         twins = [
             Twins(run, [dataclasses.replace(state, states=state.states * (1.0 + sign * kick)) for sign in (1.0, -1.0)], rows)
             for kick in kicks

@@ -31,6 +31,9 @@ STEPS = 12
 FINER = 0.01
 """Part of the accuracy at which both sides of a border are judged again."""
 
+HALVINGS = 8
+"""How often the way to a value at which the growth is not known is halved, to come between there and the border."""
+
 NOISY = 32
 """Swings of smooth running over which the deviation that measurement noise makes is looked at; half as much again may come."""
 
@@ -157,14 +160,31 @@ class OnsetSearch:
         for (a, safe_a), (b, safe_b) in itertools.pairwise(zip(values, safe, strict=True)):
             if safe_a == safe_b:
                 continue
-            ways = [self.branch(value) for value in (a, b)]
-            if any(way is None or math.isnan(way.growth.rate) for way in ways):
+            known = self._bracket(a, b)
+            if known is None:
                 found += self.borders((a, b), (safe_a, safe_b), self._is_smooth, tolerance)
                 continue
-            way = next(way.growth.way for way in ways if way is not None)
+            a, b, way = known
             precision = 1e-9 * max(abs(a), abs(b)) if way != "twin runs" else tolerance / 10
             found.append(Border(self.branch.loss(a, b, precision), precision, "above" if safe_b else "below", True, followed=way))
         return found
+
+    def _bracket(self, a: float, b: float) -> tuple[float, float, str] | None:
+        """Values between two at which the growth is known and has different signs, and how it is known; None where there are none nearby."""
+        for _ in range(HALVINGS):
+            rates = self.branch.rate(a), self.branch.rate(b)
+            if rates[0] * rates[1] < 0:
+                smooth = self.branch(a)
+                return a, b, smooth.growth.way if smooth is not None else ""
+            middle = (a + b) / 2
+            rate = self.branch.rate(middle)
+            if math.isnan(rates[0]) == math.isnan(rates[1]):
+                return None
+            if math.isnan(rates[0]) == (math.isnan(rate) or rate * np.nansum(rates) < 0):
+                a = middle
+            else:
+                b = middle
+        return None
 
     def _is_smooth(self, value: float, origin: float, finer: float = 1.0) -> bool:
         return self.smooth(value, finer).regime == SMOOTH

@@ -135,7 +135,7 @@ def test_under_a_constant_torque_stick_slip_ends_at_one_torque_and_standstill_at
 def test_towards_low_torques_stick_slip_does_not_end_in_smooth_running_but_stalls():
     plant = compose(wells.NAVARRO_LOPEZ_4, BitRock())
     found = onset(closed_loop(plant, inputs={"top.torque": 10_300.0}), "top.torque", (9000.0, 11_000.0), values=5)
-    assert [border.safe for border in found.stalls] == ["below"] and found.stalls[0].beyond == "stuck"
+    assert [border.safe for border in found.stalls] == ["below"] and found.stalls[0].beyond == "stands"
     # an independent way: the torque lowered by a part in 3e5 per second
     lowered = ((0.0, 100.0, 3500.0, 33_500.0), (10_300.0, 10_300.0, 10_000.0, 9000.0))
     run = simulate(plant, 33_500.0, inputs={"top.torque": lowered})
@@ -168,7 +168,7 @@ def test_a_machine_without_falling_friction_is_free_everywhere():
 def test_a_single_release_is_not_stick_slip(rig):
     # the bit starts stuck and breaks free once under soft torque: that run must not count
     found = onset(closed_loop(rig, SoftTorque()), "top.reference", (10.0, 14.0), values=3)
-    assert {judged.verdict for judged in (*found.smooth, *found.sticking)} == {"smooth"}
+    assert {judged.regime for judged in (*found.smooth, *found.sticking)} == {"smooth"}
     run = simulate(rig, 100.0, controller=SoftTorque(reference=10.0))
     assert len(measure.stick_intervals(run, "bit")) >= 1
 
@@ -196,7 +196,7 @@ def test_a_scene_gives_its_plant_contact_and_law_by_label(root, tmp_path):
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
     np.testing.assert_array_equal([float(row["top.reference [rad/s]"]) for row in rows], found.values)
-    assert {row["smooth verdict"] for row in rows} <= {"smooth", "stick-slip", "swing"}
+    assert {row["smooth regime"] for row in rows} <= {"smooth", "sticks and slips", "swings"}
 
 
 def test_a_comparison_names_every_controller(stiff, soft):
@@ -234,7 +234,7 @@ def test_a_mistake_is_named(rig, arguments, word):
     [
         ({"element": "bitt"}, "no contact `bitt` to be judged: did you mean `bit`"),
         ({"signal": "bit.sped"}, "no signal `bit.sped`: did you mean `bit.speed`"),
-        ({"law": lambda t, y: 0.0, "sample_time": 0.1}, "continuous form"),
+        ({"law": lambda t, y: 0.0, "sample_time": 0.1}, "a set-point belongs to a control law"),
         ({"inputs": {"bit.weight": math.nan}}, "Argument `bit.weight` must be a finite number"),
     ],
 )
@@ -284,6 +284,6 @@ def test_measurement_noise_hides_neither_border():
     )
     assert noisy.loss == calm.loss
     assert noisy.end == pytest.approx(calm.end, rel=0.05)
-    assert [each.verdict for each in noisy.smooth] == [each.verdict for each in calm.smooth]
-    assert noisy.sticking[-1].verdict == "smooth" and 0.001 < noisy.sticking[-1].severity < 0.05
+    assert [each.regime for each in noisy.smooth] == [each.regime for each in calm.smooth]
+    assert noisy.sticking[-1].regime == "smooth" and 0.001 < noisy.sticking[-1].severity < 0.05
     assert any("without measurement noise" in note for note in noisy.notes)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -159,6 +160,8 @@ class Inside:
     def is_free(self, value: float, origin: float, finer: float = 1.0) -> bool:
         """Whether stick-slip, led on from where it was found, ends at a value."""
         if origin not in self.cycling:  # a finer run has shown that there is none
+            origin = min(self.cycling, key=lambda each: abs(each - value), default=math.nan)
+        if math.isnan(origin):
             return True
         judged = self.tried(value, self.search.walked(self.cycling[origin], origin, value), finer)
         free = judged.regime not in (STICKS, NOT_DECIDED)

@@ -31,6 +31,9 @@ STEPS = 12
 FINER = 0.01
 """Part of the accuracy at which both sides of a border are judged again."""
 
+WIDENINGS = 6
+"""How often a border is widened where finer runs judge its sides otherwise."""
+
 HALVINGS = 8
 """How often the way to a value at which the growth is not known is halved, to come between there and the border."""
 
@@ -206,22 +209,31 @@ class OnsetSearch:
 
     # ---------------------------------------------------------------------------------------------------------------------------------- borders
     def borders(self, values: Sequence[float], safe: Sequence[bool], test: Callable[..., bool], tolerance: float) -> list[Border]:
-        """The borders between neighbours of different verdict, halved to the tolerance, then judged again at a hundredth of the accuracy."""
+        """The borders between neighbours of different verdict, halved to the tolerance, then judged again at a hundredth of the accuracy.
+
+        What is judged otherwise there, since the border moves with the accuracy, is passed by ever longer steps, so that the border lies between what is sure.
+        """
         found = []
         for (a, safe_a), (b, safe_b) in itertools.pairwise(zip(values, safe, strict=True)):
             if safe_a == safe_b:
                 continue
             good, bad = outer_good, outer_bad = (a, b) if safe_a else (b, a)
-            for finer in (1.0, FINER):
-                while 1.5 * abs(good - bad) > tolerance:
-                    middle = (good + bad) / 2
-                    if test(middle, bad, finer=finer):
-                        good = middle
-                    else:
-                        bad = middle
+            while 1.5 * abs(good - bad) > tolerance:
+                middle = (good + bad) / 2
+                if test(middle, bad):
+                    good = middle
+                else:
+                    bad = middle
+            confirmed = False
+            for _ in range(WIDENINGS):
                 wrong = next((each for each in (good, bad) if test(each, bad, finer=FINER) != (each == good)), None)
+                confirmed = wrong is None
                 if wrong in (None, outer_good, outer_bad):
                     break
-                good, bad = (outer_good, good) if wrong == good else (bad, outer_bad)  # the search goes on between there and the neighbour
-            found.append(Border((good + bad) / 2, 1.5 * abs(good - bad), "above" if good > bad else "below", wrong is None))
+                step = 2 * (bad - good)
+                if wrong == good:
+                    good = good - step if abs(good - step - bad) < abs(outer_good - bad) else outer_good
+                else:
+                    bad = bad + step if abs(bad + step - good) < abs(outer_bad - good) else outer_bad
+            found.append(Border((good + bad) / 2, 1.5 * abs(good - bad), "above" if good > bad else "below", confirmed))
         return found

@@ -34,11 +34,19 @@ def exact(border: Border, inside: Inside, width: float) -> Border:
     """
     sign = 1.0 if border.safe == "above" else -1.0
     reach = NEAR * abs(border.value)
-    within = [value for value in inside.cycling if sign * (border.value - value) >= 0]
-    origins = sorted(within, key=lambda value: abs(value - border.value))
-    found = border
-    tried = [origins[0], *[value for value in origins if abs(value - border.value) > 0.2 * reach][:1]] if origins else []
-    for origin in tried:
+    found, near = border, border.value - sign * max(3.0 * border.tolerance, 0.05 * reach)
+
+    def origins() -> list[float]:
+        """Values with stick-slip on the inner side of the border, the nearest first."""
+        within = [value for value in inside.cycling if sign * (border.value - value) >= 0]
+        return sorted(within, key=lambda value: abs(value - border.value))
+
+    if not origins():
+        return border
+    inside.tried(near, inside.search.walked(inside.cycling[origins()[0]], origins()[0], near))  # the nearest may be on its way out
+    apart = (0.0, abs(near - border.value), 0.2 * reach)
+    tried = [next((value for value in origins() if abs(value - border.value) >= each), None) for each in apart]
+    for origin in dict.fromkeys(value for value in tried if value is not None):
         branch = followed(inside.search, inside.cycling[origin], origin, border.value + sign * 2 * reach, width)
         if branch is None or not branch.cycles[0].stable:
             continue

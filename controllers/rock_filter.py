@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -38,6 +38,10 @@ class RockFilter(DisturbanceFilter):
     model: what the filters know;  rollout: the prediction;  contact: which of its contacts is the bit;  bit: row of the bit speed;  rock: torque and
     slope at a speed > 0;  turning: estimated speed above which a bit turns.
     """
+
+    remembers: ClassVar[tuple[str, ...]] = (
+        *DisturbanceFilter.remembers, "spread", "mean", "turned", "surprise", "sliding", "xi", "doubt",
+    )  # fmt: skip
 
     def __init__(
         self, model: FilterModel, *, drive_error: float, strength_walk: float, rollout: Any, contact: int,
@@ -83,7 +87,7 @@ class RockFilter(DisturbanceFilter):
         self.covariance = self.spread - self.gain @ seen
         z = super().correct(y)
         speed = float(self.bit @ z[:-1])
-        self.turned = self.turned + 1 if speed > self.turning else 0
+        self.turned = min(self.turned + 1, self.lasting) if speed > self.turning else 0
         if self.sliding:
             error = y - self.seen @ self.xi
             shared = self.doubt @ self.seen.T

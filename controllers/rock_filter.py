@@ -40,7 +40,7 @@ class RockFilter(DisturbanceFilter):
     """
 
     remembers: ClassVar[tuple[str, ...]] = (
-        *DisturbanceFilter.remembers, "spread", "mean", "turned", "surprise", "sliding", "xi", "doubt",
+        *DisturbanceFilter.remembers, "spread_root", "mean", "turned", "surprise", "xi", "doubt_root", "sliding",
     )  # fmt: skip
 
     def __init__(
@@ -64,6 +64,30 @@ class RockFilter(DisturbanceFilter):
         self.wander[n, n] = strength_walk**2 * period
         self.turned, self.surprise, self.sliding = 0, 0.0, False
         self.xi, self.doubt = np.zeros(n + 1), np.zeros((n + 1, n + 1))
+        self.below = np.tril_indices(n + 1)
+
+    @property
+    def spread_root(self) -> np.ndarray:
+        """The Cholesky factor of the covariance of the linear filter, row by row: other numbers in it are a covariance, too."""
+        return np.linalg.cholesky(self.spread)[self.below]
+
+    @spread_root.setter
+    def spread_root(self, values: np.ndarray) -> None:
+        self.spread = self._squared(values)
+
+    @property
+    def doubt_root(self) -> np.ndarray:
+        """The same of the extended filter, 0 while that does not run."""
+        return np.linalg.cholesky(self.doubt)[self.below] if self.sliding else np.zeros(self.below[0].size)
+
+    @doubt_root.setter
+    def doubt_root(self, values: np.ndarray) -> None:
+        self.doubt = self._squared(values)
+
+    def _squared(self, values: np.ndarray) -> np.ndarray:
+        root = np.zeros_like(self.spread)
+        root[self.below] = values
+        return root @ root.T
 
     @property
     def strength(self) -> float:

@@ -13,7 +13,7 @@ from controllers.predictive import Record
 from controllers.quadratic_program import SOLVERS, QuadraticProgram
 from toolbox import HybridSystem, Quantity, SceneError, quantity
 from toolbox.authoring import check_fields
-from toolbox.modelling import OptionalQuantity
+from toolbox.modelling import OptionalQuantity, Remembering
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,11 +65,14 @@ UNIT = 1000.0
 """Unit of the forces in the program [N]."""
 
 
-class PlannedStop:
+class PlannedStop(Remembering):
     """A designed `BrakeMPC`: a callable (t, y) -> force with a memory. The unknowns are the forces, then the excess over the border, in kN."""
 
     measures = BrakeMPC.measures
     drives = BrakeMPC.drives
+    remembers: ClassVar[tuple[str, ...]] = (
+        "samples", "last", "normal", "excess", "begin", "friction", "plan", "planned", "speeds",
+    )  # fmt: skip
 
     @property
     def signal_limits(self) -> dict[str, tuple[float | None, float | None]]:
@@ -78,6 +81,7 @@ class PlannedStop:
 
     def __init__(self, law: BrakeMPC, lag: float):
         self.law: Any = law
+        self.dt = law.period
         N = law.horizon
         self.keep = float(np.exp(-law.period / lag)) if lag > 0.0 else 0.0
         power = np.arange(N)[:, None] - np.arange(N)
@@ -94,7 +98,7 @@ class PlannedStop:
         self.friction = law.friction
         self.step = np.inf if law.force_rate is None else law.force_rate * law.period
         self.plan = np.zeros(N)
-        self.speeds: np.ndarray | None = None
+        self.planned, self.speeds = False, np.zeros(N)
         self.record = Record()
 
     def design(self, plant: HybridSystem) -> PlannedStop:
@@ -104,8 +108,6 @@ class PlannedStop:
     def __call__(self, t: float, y: Any) -> float:
         began = time.perf_counter()
         law, (speed, torque) = self.law, (float(value) for value in y)
-        if self.samples and abs(t - self.samples * law.period) > 1e-6 * max(t, law.period):
-            raise SceneError(f"Argument `sample_time` must be {law.period:g} s, the `period` of the law, but a sample came at {t:g} s.")
         if not self.samples:
             self.begin = speed
         wish = np.maximum(self.begin - law.deceleration * law.period * (self.samples + np.arange(law.horizon + 1)), 0.0)
@@ -161,7 +163,7 @@ class PlannedStop:
         if self.slack:
             low[N], high[N] = 0.0, np.inf
             H[N, N], g[N] = law.priority, law.priority
-            around = np.maximum(wish[1:] if self.speeds is None else np.append(self.speeds[1:], self.speeds[-1]), 0.0)
+            around = np.maximum(np.append(self.speeds[1:], self.speeds[-1]) if self.planned else wish[1:], 0.0)
             border = law.margin * law.border * np.exp(law.growth * around) / UNIT
             self.rows[N:, :N] = self.forced - (law.growth * border)[:, None] * S
             self.rows[N:, N] = -1.0
@@ -174,5 +176,5 @@ class PlannedStop:
         if not answer.sound:
             return answer.reason
         self.plan = UNIT * answer.z[:N]
-        self.speeds = offset + S @ answer.z[:N]
+        self.planned, self.speeds = True, offset + S @ answer.z[:N]
         return ""

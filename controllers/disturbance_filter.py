@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from toolbox import SceneError
 from toolbox.authoring import zero_order_hold
+from toolbox.modelling import Remembering
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class FilterModel:
     drive_walk: float
 
 
-class DisturbanceFilter:
+class DisturbanceFilter(Remembering):
     """Estimates z = (x, T) of x' = A x + B u - E T from y = C x, one sample after the other.
 
         z_k = z_k- + L (y_k - C z_k-),   z_(k+1)- = the motion from z_k under the commands that act until then
@@ -39,6 +41,8 @@ class DisturbanceFilter:
     white noise of `drive_walk`. The error of z_k has the `covariance`, that of z_k- the `spread`; the motion of a period adds `walk`. Source: B. D. O.
     Anderson, J. B. Moore, Optimal Filtering, Prentice-Hall 1979.
     """
+
+    remembers: ClassVar[tuple[str, ...]] = ("z", "waiting")
 
     def __init__(self, model: FilterModel):
         from scipy.linalg import expm, solve_discrete_are

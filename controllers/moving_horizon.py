@@ -60,6 +60,8 @@ class MovingHorizon(Observer):
 class HorizonFilter(DisturbanceFilter):
     """A designed `MovingHorizon`: `estimate(y)` at a sample, then `predict(command)`."""
 
+    remembers: ClassVar[tuple[str, ...]] = (*DisturbanceFilter.remembers, "measured", "pushed", "begun")
+
     def __init__(self, observer: MovingHorizon, plant: HybridSystem):
         check_fields(observer)
         self.model: StringModel = string_model(plant)

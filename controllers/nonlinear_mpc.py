@@ -9,7 +9,7 @@ strength, and while the bit is predicted to be stuck the plan winds up the strin
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -76,6 +76,8 @@ class NonlinearMPC(Predictive):
 
 class PlannedNonlinear(PredictiveLaw):
     """A designed `NonlinearMPC`; `torques`, `states`, `modes` are the plan of the last sample, `value` its cost, `strength` the factor on the rock's torque."""
+
+    remembers: ClassVar[tuple[str, ...]] = (*PredictiveLaw.remembers, "torques", "strength", "turning")
 
     def __init__(self, law: NonlinearMPC, plant: HybridSystem):
         from controllers import condensing
@@ -158,7 +160,7 @@ class PlannedNonlinear(PredictiveLaw):
 
         law, N, unit = self.settings, self.law.horizon, self.law.torque_size
         x, load = z[:-1].copy(), float(z[-1])
-        self.turning = self.turning + 1 if abs(x[self.place]) >= law.rest_speed else 0
+        self.turning = min(self.turning + 1, 3) if abs(x[self.place]) >= law.rest_speed else 0
         # an estimate passes noise: one large value is no release
         self.resting = resting = self.turning < (1 if "bit.speed" in law.sensors else 3)
         if law.adapt:
@@ -171,7 +173,7 @@ class PlannedNonlinear(PredictiveLaw):
         aim = Aim(x_s, u_s, float(self.last), self.Q_rows, self.P_rows, unit, law.move_size)
         shifted = np.append(self.torques[1:], self.torques[-1:], axis=0)
         U, value, X, M = self._valued(x, shifted, aim)
-        if not self.samples:
+        if not self.started:
             value = np.inf  # there is no last plan
         # a plan that owes nothing to the last one: a soft drive winds up a bit at rest, the regulator catches one that turns
         roll = self.rollout

@@ -16,7 +16,7 @@ from controllers.torque_limits import TorqueLimits
 from controllers.watchdog import Watchdog
 from toolbox import HybridSystem, Quantity, SceneError, quantity
 from toolbox.authoring import check_fields
-from toolbox.modelling import OptionalQuantity, Quantities
+from toolbox.modelling import OptionalQuantity, Quantities, Remembering
 
 MOST_LATE = 1000
 """Commands on their way, in samples, that a law can remember."""
@@ -123,13 +123,15 @@ class Record:
         )
 
 
-class SoftDrive:
+class SoftDrive(Remembering):
     """The drive that stands in: PI on the top speed with the impedance of the string, started from the torque that was.
 
         proportional = sqrt(k J_b),   integral = proportional sqrt(k / J_b) / 5
 
     The integral is slow, a fifth of the string's own frequency, so that the impedance stays where the string swings; see `controllers.ZTorque`.
     """
+
+    remembers: ClassVar[tuple[str, ...]] = ("acts", "offset")
 
     def __init__(self, law: Predictive, plant: HybridSystem):
         try:
@@ -139,21 +141,21 @@ class SoftDrive:
         series, below = 1.0 / float(np.sum(1.0 / stiffness)), float(np.sum(inertia[1:]))
         self.proportional = float(np.sqrt(series * below))
         self.integral = self.proportional * float(np.sqrt(series / below)) / 5
-        self.offset: float | None = None
+        self.acts, self.offset = False, 0.0
 
     def torque(self, error: float, last: float, period: float) -> float:
         """The torque for a speed error [rad/s]; `last` [N m] is where it starts after `rest`."""
-        if self.offset is None:
-            self.offset = last - self.proportional * error
+        if not self.acts:
+            self.acts, self.offset = True, last - self.proportional * error
         self.offset += self.integral * period * error
         return self.offset + self.proportional * error
 
     def rest(self) -> None:
         """Forget the integral: the predictive law acts again."""
-        self.offset = None
+        self.acts, self.offset = False, 0.0
 
 
-class PredictiveLaw:
+class PredictiveLaw(Remembering):
     """A designed predictive law: a callable (t, y) -> torque with a memory. `plan` of a subclass makes the torques, or None with a reason.
 
     y: the sensors, then the torque that is held at the top and `top.reference`, which may be left out: no torque acts, and the set-point stays what it was. At
@@ -162,10 +164,11 @@ class PredictiveLaw:
 
     measures: tuple[str, ...]
     drives = ("top.torque",)
+    remembers: ClassVar[tuple[str, ...]] = ("filter", "drive", "watchdog", "reference", "started")
 
     def __init__(self, law: Predictive, plant: HybridSystem, model: StringModel, A: np.ndarray):
         check_fields(law)
-        self.law, self.measures = law, law.sensors
+        self.law, self.measures, self.dt = law, law.sensors, law.period
         self.model = model
         sensors = sensor_rows(plant, law.sensors)
         self.filter = DisturbanceFilter(
@@ -180,12 +183,17 @@ class PredictiveLaw:
         self.lowest = -np.inf if law.lowest_torque is None else law.lowest_torque
         self.highest = np.inf if law.highest_torque is None else law.highest_torque
         self.rate = np.inf if law.torque_rate is None else law.torque_rate * law.period
-        self.last, self.samples, self.began = 0.0, 0, 0.0
+        self.started = False
         self.record = Record()
 
     def design(self, plant: HybridSystem) -> PredictiveLaw:
         """Itself: it is designed."""
         return self
+
+    @property
+    def last(self) -> float:
+        """The last command [N m]."""
+        return float(self.filter.waiting[-1])
 
     @property
     def signal_limits(self) -> dict[str, tuple[float | None, float | None]]:
@@ -199,21 +207,15 @@ class PredictiveLaw:
     def begin(self, y: np.ndarray, torque: float) -> None:
         """Take over from a drive whose torque [N m] acts, at the first sample with what the sensors measure."""
         estimate = self.steady_string @ np.append(y, torque)
-        self.filter.z, self.filter.waiting[:], self.last = estimate, torque, torque
+        self.filter.z, self.filter.waiting[:] = estimate, torque
         self.watchdog.speed, self.watchdog.load = float(self.top @ estimate[:-1]), float(self.model.load @ estimate[:-1])
 
     def __call__(self, t: float, y: Any) -> float:
         began = time.perf_counter()
-        if not self.samples:
-            self.began = t
-        if abs(t - self.began - self.samples * self.law.period) > 1e-6 * max(t, self.law.period):
-            raise SceneError(
-                f"Argument `sample_time` must be {self.law.period:g} s, the `period` of the law, but a sample came at {t:g} s."
-            )
         y = np.asarray(y, float)
         if y.size > len(self.measures):
             self.reference = float(y[-1])
-        if not self.samples and y.size > len(self.measures) + 1 and y[-2] != 0.0:
+        if not self.started and y.size > len(self.measures) + 1 and y[-2] != 0.0:
             self.begin(y[: len(self.measures)], float(y[-2]))
         estimate = self.filter.correct(y[: len(self.measures)])
         wanted, reason = self.plan(self.filter.arrival())
@@ -225,8 +227,7 @@ class PredictiveLaw:
             self.drive.rest()
         command = self.within(wanted, self.last)
         self.filter.predict(command)
-        self.last = command
-        self.samples += 1
+        self.started = True
         self.record.seconds.append(time.perf_counter() - began)
         return command
 

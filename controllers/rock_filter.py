@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -39,6 +39,10 @@ class RockFilter(DisturbanceFilter):
     slope at a speed > 0;  turning: estimated speed above which a bit turns.
     """
 
+    remembers: ClassVar[tuple[str, ...]] = (
+        *DisturbanceFilter.remembers, "spread_root", "mean", "turned", "surprise", "xi", "doubt_root", "sliding",
+    )  # fmt: skip
+
     def __init__(
         self, model: FilterModel, *, drive_error: float, strength_walk: float, rollout: Any, contact: int,
         bit: np.ndarray, rock: Callable[[float], tuple[float, float]], turning: float, lasting: int,
@@ -60,6 +64,30 @@ class RockFilter(DisturbanceFilter):
         self.wander[n, n] = strength_walk**2 * period
         self.turned, self.surprise, self.sliding = 0, 0.0, False
         self.xi, self.doubt = np.zeros(n + 1), np.zeros((n + 1, n + 1))
+        self.below = np.tril_indices(n + 1)
+
+    @property
+    def spread_root(self) -> np.ndarray:
+        """The Cholesky factor of the covariance of the linear filter, row by row: other numbers in it are a covariance, too."""
+        return np.linalg.cholesky(self.spread)[self.below]
+
+    @spread_root.setter
+    def spread_root(self, values: np.ndarray) -> None:
+        self.spread = self._squared(values)
+
+    @property
+    def doubt_root(self) -> np.ndarray:
+        """The same of the extended filter, 0 while that does not run."""
+        return np.linalg.cholesky(self.doubt)[self.below] if self.sliding else np.zeros(self.below[0].size)
+
+    @doubt_root.setter
+    def doubt_root(self, values: np.ndarray) -> None:
+        self.doubt = self._squared(values)
+
+    def _squared(self, values: np.ndarray) -> np.ndarray:
+        root = np.zeros_like(self.spread)
+        root[self.below] = values
+        return root @ root.T
 
     @property
     def strength(self) -> float:
@@ -83,7 +111,7 @@ class RockFilter(DisturbanceFilter):
         self.covariance = self.spread - self.gain @ seen
         z = super().correct(y)
         speed = float(self.bit @ z[:-1])
-        self.turned = self.turned + 1 if speed > self.turning else 0
+        self.turned = min(self.turned + 1, self.lasting) if speed > self.turning else 0
         if self.sliding:
             error = y - self.seen @ self.xi
             shared = self.doubt @ self.seen.T

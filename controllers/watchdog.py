@@ -6,10 +6,12 @@ is the motion of the top: a string that stands and is not wound up further will 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
+
+from toolbox.modelling import Remembering
 
 STANDING = 0.2
 """Part of the set-point below which the mean speed of the top is a standstill."""
@@ -24,7 +26,7 @@ STANDS = "the top stands and the string is not wound up further"
 SWINGS = "the motor swings between its limits"
 
 
-class Watchdog:
+class Watchdog(Remembering):
     """Tells in each sample why the soft drive must act, or an empty text.
 
         mean' = (value - mean) / patience      of top speed, string torque, and of the times at the lowest and at the highest torque
@@ -37,6 +39,10 @@ class Watchdog:
     period, patience: in s;  lowest, highest: limits of the torque in N m, None where there is none, and then no swing is seen.
     """
 
+    remembers: ClassVar[tuple[str, ...]] = (
+        "speed", "load", "held", "stood", "at_lowest", "at_highest", "left", "times", "swings",
+    )  # fmt: skip
+
     def __init__(self, period: float, patience: float, lowest: float | None, highest: float | None):
         self.period, self.patience = period, patience
         self.lowest = -np.inf if lowest is None else lowest
@@ -47,7 +53,7 @@ class Watchdog:
     def rest(self) -> None:
         """Forget what was seen."""
         self.speed, self.load, self.held, self.stood, self.at_lowest, self.at_highest = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        self.left, self.times, self.reason = 0.0, 0, ""
+        self.left, self.times, self.swings = 0.0, 0, False
 
     def __call__(self, speed: float, load: float, command: float, reference: float) -> str:
         """Why the soft drive must act, given top speed [rad/s], string torque on the drive [N m], last command [N m] and set-point [rad/s]."""
@@ -60,7 +66,7 @@ class Watchdog:
         if self.left > 0.0:
             self.left -= self.period
             if self.left > 1e-9 * self.period:
-                return self.reason
+                return SWINGS if self.swings else STANDS
             self._forgive()
         standing = self.speed < STANDING * reference
         if not standing:
@@ -69,13 +75,12 @@ class Watchdog:
             self.held, self.stood = self.load, 0.0
         else:
             self.stood += self.period
-        swings = min(self.at_lowest, self.at_highest) > SWINGING
-        if self.stood <= self.patience and not swings:
+        self.swings = min(self.at_lowest, self.at_highest) > SWINGING
+        if self.stood <= self.patience and not self.swings:
             return ""
-        self.reason = SWINGS if swings else STANDS
         self.left = self.patience * min(HOLD * 2.0**self.times, LONGEST)
         self.times += 1
-        return self.reason
+        return SWINGS if self.swings else STANDS
 
     def _forgive(self) -> None:
         """The law acts again: what it is judged by begins anew."""

@@ -72,10 +72,12 @@ def test_it_gives_way_where_the_bit_comes_to_rest_or_the_rock_is_not_what_it_bel
         seen.correct(x[1:2])
         seen.predict(u)
     assert seen.sliding
+    believed = []
     for k in range(20):  # the top slows down as no rock of this law would let it
         seen.correct(x[1:2] - 0.3 * (k + 1))
         seen.predict(u)
-    assert seen.turned < 20  # it ended at least once
+        believed.append(seen.sliding)
+    assert not all(believed)
     while seen.sliding or seen.z[2] > 0.0:  # and a string at rest
         seen.correct(np.zeros(1))
         seen.predict(0.0)

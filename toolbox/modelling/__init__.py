@@ -14,5 +14,6 @@ if TYPE_CHECKING:
     from toolbox.modelling.observers import Observed as Observed
     from toolbox.modelling.observers import Observer as Observer
     from toolbox.modelling.regularisation import smoothed as smoothed
+    from toolbox.modelling.remembering import Remembering as Remembering
 
 __getattr__, __dir__ = face()

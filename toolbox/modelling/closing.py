@@ -80,16 +80,13 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
 
 def _part(law: Any, sampled: Sampled | None, declared: HybridSystem) -> Component:
     """The part of the closed system that stands for a designed law."""
+    dt = getattr(law, "dt", None)
+    if sampled is not None and dt is not None and abs(sampled.period - dt) > 1e-9 * dt:
+        raise SceneError(f"Argument `sample_time` must be {dt:g} s, for which the law was designed, but it is {sampled.period:g} s.")
     if isinstance(law, Controller):
         structure_of(law)  # the kinds of its fields, before `checked` compares their values
         checked(law)
-        if sampled is None:
-            return law
-        if law.dt is not None and abs(sampled.period - law.dt) > 1e-9 * law.dt:
-            raise SceneError(
-                f"Argument `sample_time` must be {law.dt:g} s, for which the law was designed, but it is {sampled.period:g} s."
-            )
-        return as_held_part(sampled, law)
+        return law if sampled is None else as_held_part(sampled, law)
     if type(law).__module__.partition(".")[0] == "control":
         raise SceneError(
             "Argument `controller` must be a law, but it is a system of python-control: give "

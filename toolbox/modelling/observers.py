@@ -20,6 +20,7 @@ from toolbox.modelling.components import Equations, Signal, Update, check_fields
 from toolbox.modelling.elements import State, state
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, designed
+from toolbox.modelling.remembering import Remembering
 
 
 class Estimator(Protocol):
@@ -32,6 +33,12 @@ class Estimator(Protocol):
 
     def predict(self, command: float) -> None:
         """Go to the next sample with the command of this one."""
+
+    def get_memory(self) -> np.ndarray:
+        """All on which the next estimates depend."""
+
+    def set_memory(self, values: np.ndarray) -> None:
+        """Remember what `get_memory` told."""
 
 
 @dataclass(frozen=True)
@@ -126,11 +133,13 @@ class Observed(Controller):
         return Update({**acts.memory, **memory, **waiting}, outputs)
 
 
-class EstimatedLaw:
+class EstimatedLaw(Remembering):
     """A law with a sampled form on the estimates of an `Estimator`: a callable (t, y) -> u; `estimates` are those of every sample so far."""
 
+    remembers: ClassVar[tuple[str, ...]] = ("estimator", "memory")
+
     def __init__(self, law: Controller, estimator: Estimator, measures: tuple[str, ...]):
-        self.estimator, self.drives = estimator, law.drives
+        self.estimator, self.drives, self.dt = estimator, law.drives, estimator.period
         self.known = tuple(estimator.estimate(np.zeros(len(measures))))
         self.defaults: dict[str, tuple[float, str]] = {}
         asked: dict[str, ca.SX] = {}
@@ -156,20 +165,15 @@ class EstimatedLaw:
             [ca.vertcat(*[ca.SX(v) for v in update.memory.values()]) if memory else ca.SX(0, 1), ca.SX(update.outputs[law.drives[0]][0])],
         )
         self.memory = np.zeros(sum(state.numel() for state in memory))
-        self.samples, self.estimates = 0, list[Mapping[str, float]]()
+        self.estimates = list[Mapping[str, float]]()
 
     def __call__(self, t: float, y: np.ndarray) -> float:
-        if self.samples and abs(t - self.samples * self.estimator.period) > 1e-6 * max(t, self.estimator.period):
-            raise SceneError(
-                f"Argument `sample_time` must be {self.estimator.period:g} s, the `period` of the observer, but a sample came at {t:g} s."
-            )
         found = self.estimator.estimate(y[: self.own])
         given = dict(zip((*self.measures, *self.defaults), y, strict=True)) | dict(found)
         memory, output = self.step(self.memory, [given[name] for name in self.asked])
         self.memory, command = np.array(memory).ravel(), float(output)
         self.estimator.predict(command)
         self.estimates.append(found)
-        self.samples += 1
         return command
 
 

@@ -38,7 +38,7 @@ ROUNDS = 5
 KICK = 1e-3
 """Part of the states by which smooth running is disturbed to see how far each entry of a point moves then."""
 
-STEP = 0.1
+STEP = 0.02
 """Differences, in parts of what each entry moves by then; half of it once more."""
 
 AGREES = 1e-3

@@ -90,8 +90,8 @@ class Rollout:
         return _rollout_again, (self.plant, self.drives, self.interval, self.steps, self.regularisation, self.scale.copy())
 
     def __deepcopy__(self, memo: Any) -> Rollout:
-        twin = copy.copy(self)
-        twin.inputs, twin.numbers = self.inputs.copy(), self.numbers.copy()
+        twin = object.__new__(type(self))  # `copy.copy` would compile again
+        twin.__dict__.update(self.__dict__, inputs=self.inputs.copy(), numbers=self.numbers.copy())
         return twin
 
     def modes(self, state: np.ndarray) -> np.ndarray:

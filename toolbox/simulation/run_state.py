@@ -19,6 +19,7 @@ from toolbox.arguments import FloatArray, finite_array
 from toolbox.errors import SceneError
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import fresh
+from toolbox.modelling.remembering import offers_memory
 from toolbox.modelling.start import place_starts
 
 Layout = tuple[tuple[str, int, "int | None"], ...]
@@ -208,11 +209,6 @@ def held_defaults(system: HybridSystem, plant: HybridSystem, clocks: Sequence[tu
                 if delay > 0.0 and name in defaults:
                     held[..., place] = defaults[name]
     return held
-
-
-def offers_memory(law: Any) -> bool:
-    """Whether a Python law tells what it remembers, by the methods `get_memory() -> array of numbers` and `set_memory(array)`."""
-    return callable(getattr(law, "get_memory", None)) and callable(getattr(law, "set_memory", None))
 
 
 def _named(law: Any) -> str:

@@ -1,0 +1,46 @@
+"""What a law in Python remembers, as numbers: with these a run goes on from its end, and the growth of a disturbance is told from differences."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from toolbox.arguments import FloatArray
+
+
+class Remembering:
+    """An object that tells what it remembers, and takes it back: a law in Python, or a part of one.
+
+    `remembers` names the attributes on which its next answers depend, and no others: numbers, truth values, arrays of constant shape, or parts that tell their
+    own memory. Truth values and whole numbers are rounded where they are set.
+    """
+
+    remembers: ClassVar[tuple[str, ...]] = ()
+
+    def get_memory(self) -> FloatArray:
+        """What it remembers now, one attribute after the other."""
+        parts = [getattr(self, name) for name in self.remembers]
+        return np.concatenate(
+            [np.empty(0), *[np.ravel(part.get_memory() if offers_memory(part) else part).astype(float) for part in parts]]
+        )
+
+    def set_memory(self, values: FloatArray) -> None:
+        """Remember what `get_memory` told, at this sample or another."""
+        place = 0
+        for name in self.remembers:
+            part = getattr(self, name)
+            size = np.size(part.get_memory() if offers_memory(part) else part)
+            own = np.array(values[place : place + size], float)
+            place += size
+            if offers_memory(part):
+                part.set_memory(own)
+            elif isinstance(part, np.ndarray):
+                setattr(self, name, own.reshape(part.shape))
+            else:
+                setattr(self, name, type(part)(round(own[0]) if isinstance(part, int) else own[0]))
+
+
+def offers_memory(law: Any) -> bool:
+    """Whether an object tells what it remembers, by the methods `get_memory() -> array of numbers` and `set_memory(array)`."""
+    return callable(getattr(law, "get_memory", None)) and callable(getattr(law, "set_memory", None))

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers import PI, ImplicitSlidingMode, Lifting, LinearMPC, NonlinearMPC, SlidingMode, SoftTorque, SuperTwisting
+from controllers import PI, ImplicitSlidingMode, Lifting, SlidingMode, SoftTorque, SuperTwisting
 from models import BitRock, wells
 from toolbox import Sampled, closed_loop, compose, hopf_points
 from toolbox.onsets.growth import SmoothBranch, section, twin_growth

@@ -174,7 +174,9 @@ class SmoothBranch:
                 point = find()
                 if point is not None:
                     yield begun_at(run, point)
-        near = [(abs(other - value), other) for other, smooth in self.known.items() if smooth is not None and smooth.growth.way == "differences"]
+        near = [
+            (abs(other - value), other) for other, smooth in self.known.items() if smooth is not None and smooth.growth.way == "differences"
+        ]
         if near:
             yield self.known[min(near)[1]].state  # type: ignore[union-attr]
 

@@ -124,7 +124,9 @@ def onset(
         reason = f": {followed.reason}" if followed is not None else ", at the set-points of the laws or elsewhere."
         raise NoSteadyState(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {free.unit}{reason}")
     period = max(point.period for point in hopf) if hopf else float(np.nanmedian([branch.swing(value) for value in steady]))
-    search = OnsetSearch(base, branch, contact, speed, float(perturbation), period, BUDGET if duration is None else duration / period, notes=notes)
+    search = OnsetSearch(
+        base, branch, contact, speed, float(perturbation), period, BUDGET if duration is None else duration / period, notes=notes
+    )
     tolerance = (high - low) / 5000 if tolerance is None else float(tolerance)
     with progress_bar(None, "onset") as search.bar:
         found = _both_branches(search, loop, [float(value) for value in grid], at, hopf, tolerance)

@@ -17,6 +17,7 @@ from toolbox.files.unit_systems import Reading, reading
 from toolbox.measuring.judge import SMOOTH, STANDS, SWINGS, Judged
 from toolbox.steady_states.hopf import HopfPoint
 
+
 @dataclass(frozen=True)
 class Border:
     """A border between two verdicts.
@@ -349,8 +350,7 @@ class Onset:
         return onset_diagram(self, ax=ax)
 
     def save(self, path: str | Path) -> Path:
-        """Write one row per value as csv, whole or not at all: value, regime, severity, sticks and growth rate of both branches, and whether standstill lasts."""
-
+        """Write one row per value as csv: regime, severity, sticks and growth rate of both branches, and whether standstill lasts; whole or not at all."""
         from toolbox.files import tables
 
         rows = []

@@ -76,7 +76,7 @@ class OnsetSearch:
         def on(state: RunState, duration: float) -> Trajectory:
             if self.bar is not None:
                 self.bar.update()
-            return run.again(start=state, duration=duration, longest_step=duration / 256)  # type: ignore[no-any-return]
+            return run.again(start=state, duration=duration, longest_step=duration / 256)
 
         try:
             return self.judge(value).carried(on, begin)
@@ -116,7 +116,7 @@ class OnsetSearch:
         """A run that is only to settle, at an accuracy at which its cycle can be told; None where it fails."""
         accuracy = min(self.base.accuracy, 1e-9)
         try:
-            return self.at(value).again(start=begin, accuracy=accuracy, duration=duration, longest_step=duration / 256)  # type: ignore[no-any-return]
+            return self.at(value).again(start=begin, accuracy=accuracy, duration=duration, longest_step=duration / 256)
         except SimulationError:
             return None
 
@@ -198,7 +198,11 @@ class OnsetSearch:
         if smooth is None:
             return None
         plant, last = self.at(value).plant, self.steady(value, smooth)[1]
-        modes = dict(zip([each.name for each in self.base.system.elements], last.modes, strict=True)) if last is not None and last.modes is not None else {}
+        modes = (
+            dict(zip([each.name for each in self.base.system.elements], last.modes, strict=True))
+            if last is not None and last.modes is not None
+            else {}
+        )
         m = np.array([0.0 if each.name == self.element else modes.get(each.name, 1.0) for each in plant.elements])
         x = np.concatenate([np.atleast_1d(smooth.state[name]) for name in plant.states])
         u = np.array(plant.input_defaults(plant.values)).ravel()

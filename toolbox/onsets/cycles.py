@@ -41,9 +41,7 @@ def exact(border: Border, inside: Inside, width: float) -> Border:
         within = [value for value in inside.cycling if sign * (border.value - value) >= 0]
         return sorted(within, key=lambda value: abs(value - border.value))
 
-    if not origins():
-        return border
-    inside.tried(near, inside.search.walked(inside.cycling[origins()[0]], origins()[0], near))  # the nearest may be on its way out
+    any(inside.led(origin, near) for origin in origins()[:2])  # the nearest may be on its way out
     apart = (0.0, abs(near - border.value), 0.2 * reach)
     tried = [next((value for value in origins() if abs(value - border.value) >= each), None) for each in apart]
     for origin in dict.fromkeys(value for value in tried if value is not None):

@@ -30,6 +30,9 @@ from toolbox.simulation.run import Run
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
 
+CROSSED = 20
+"""Halvings of a sample's time in which a run crosses its mid-level: long runs are sampled coarsely."""
+
 
 def limit_cycle(
     loop: ClosedLoop | HybridSystem | Trajectory,
@@ -161,17 +164,22 @@ def _round(run: Trajectory, orbit: Orbit, guess: float | None) -> tuple[float, f
     if not (swing > 1e-6 * size).any():
         raise CycleError("The run comes to rest, so that there is no cycle at its end.", run)
     best = int(np.argmax(np.where(size > 1e-9 * size.max(), swing / size, 0.0)))
-    y = states[:, best] - (states[:, best].max() + states[:, best].min()) / 2
-    up = np.flatnonzero((y[:-1] <= 0) & (y[1:] > 0))
+    level = (states[:, best].max() + states[:, best].min()) / 2
+    y = states[:, best] - level
+    up = np.flatnonzero((y[:-1] <= 0) & (y[1:] > 0))[-25:]
     if up.size < 2:
         raise CycleError(
             "The run must come round at least twice in its last two thirds for a cycle to be seen: it comes to rest, or must settle longer.",
             run,
         )
-    part = y[up] / (y[up] - y[up + 1])
-    crossings = times[up] + part * (times[1] - times[0])
-    points = run.at(crossings).states[:, orbit.returning] / np.where(swing > 0, swing, 1.0)
-    away = [np.inf, *(float(np.abs(points[-1] - points[-1 - k]).max()) for k in range(1, min(up.size, 25)))]
+    low, high = times[up], times[up + 1]
+    for _ in range(CROSSED):
+        middle = (low + high) / 2
+        below = run.at(middle).states[:, orbit.returning][:, best] <= level
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    points = run.at(high).states[:, orbit.returning] / np.where(swing > 0, swing, 1.0)
+    crossings = high
+    away = [np.inf, *(float(np.abs(points[-1] - points[-1 - k]).max()) for k in range(1, up.size))]
     if guess is not None:
         k = 1 + int(np.argmin([abs(crossings[-1] - crossings[-1 - k] - guess) for k in range(1, len(away))]))
     else:

@@ -41,6 +41,9 @@ KICK = 1e-3
 STEP = 0.02
 """Differences, in parts of what each entry moves by then; half of it once more."""
 
+CORRECTIONS = 24
+"""Steps of the search for smooth running, at most."""
+
 AGREES = 1e-3
 """What the growth of two differences may be apart, in parts of its frequency, to count."""
 
@@ -113,6 +116,7 @@ class SmoothBranch:
         self.run = dataclasses.replace(base, system=base.system.with_parameters(silent)) if silent else base
         self.free, self.inputs, self.followed = free, inputs, followed
         self.known: dict[float, Smooth | None] = {}
+        self.slopes: FloatArray | None = None
 
     def at(self, value: float) -> Run:
         """The run with the free parameter at a value."""
@@ -150,8 +154,10 @@ class SmoothBranch:
         for begin in self._beginnings(run, value):
             nearest = nearest or begin
             with contextlib.suppress(SimulationError):
-                found = SampledMap(run, begin).smooth()
+                searched = SampledMap(run, begin)
+                found = searched.smooth(self.slopes)
                 if found is not None:
+                    self.slopes = searched.matrix
                     return found
         if nearest is None:
             return None
@@ -306,41 +312,65 @@ class SampledMap:
                 matrix[:, i] = sign * (self(moved) - end) / step
         return up, down
 
-    def smooth(self) -> Smooth | None:
-        """Smooth running next to the state, by Newton's method on the map, and its growth; None where differences do not agree or nothing is found."""
-        point = self.point(self.state)
+    def smooth(self, known: FloatArray | None = None) -> Smooth | None:
+        """Smooth running next to the state, by Newton's method on the map, and its growth; None where differences do not agree or nothing is found.
+
+        known: derivatives nearby, with which the search begins; they are taken anew where it does not come on, and at its end.
+        """
+        point, last, here = self.point(self.state), math.inf, False
         if not self.told or not np.isfinite(point).all():
             return None
-        size = self.sizes(point)
-        for _ in range(8):
+        size, matrix = self.sizes(point), known
+        for _ in range(CORRECTIONS):
             end = self(point)
-            up, down = self.slopes(point, end, STEP * size)
-            matrix = (up + down) / 2
+            if matrix is None or matrix.shape != (point.size, point.size):
+                up, down = self.slopes(point, end, STEP * size)
+                matrix, here, last = (up + down) / 2, True, math.inf
             if not np.isfinite(matrix).all():
                 return None
             scaled = matrix * size / size[:, None]
-            step = size * np.linalg.lstsq(scaled - np.eye(size.size), (point - end) / size, rcond=1e-9)[0]
-            if (np.abs(step) <= 1e-7 * size).all():  # of a disturbance that is small itself
+            step = np.linalg.lstsq(scaled - np.eye(size.size), (point - end) / size, rcond=1e-9)[0]
+            largest = float(np.abs(step).max(initial=0.0))
+            if largest <= (1e-7 if here else 1e-9):  # of a disturbance that is small itself
                 break
-            point = point + step
+            if largest > 0.3 * last:
+                matrix = None
+                continue
+            point, last, here = point + size * step, largest, False
         else:
             return None
-        half = self.slopes(point, end, STEP / 2 * size)
-        finest = (half[0] + half[1]) / 2
-        found = [self._grown(each * size / size[:, None]) for each in ((4.0 * finest - matrix) / 3.0, finest, matrix, *half)]
-        (exponent, motion), others = found[0], [each[0] for each in found[1:]]
-        if any(abs(each - exponent) > AGREES * max(abs(exponent), 1e-2 / self.span) for each in others):
+        if not here:
+            up, down = self.slopes(point, end, STEP * size)
+        self.matrix = (up + down) / 2
+        if not np.isfinite(self.matrix).all():
+            return None
+        others = [self._grown(each * size / size[:, None]) for each in (self.matrix, up, down)]
+        exponent, motion, row = others[0]
+        finer = self._along(point, end, motion * size, row / size)
+        apart = [*(each[0] for each in others), *np.log(finer) / self.span]
+        if any(abs(each - exponent) > AGREES * max(abs(exponent), 1e-2 / self.span) for each in apart):
             return None
         values = np.zeros(self.state.values.size)
         values[self.places] = in_phase(motion * size, self.rows)[: self.places.size]
         return Smooth(self.state_at(point), Growth.of(exponent, "differences"), values)
 
-    def _grown(self, scaled: FloatArray) -> tuple[complex, np.ndarray]:
-        """The exponent of the least damped motion of a matrix of the map, and the motion."""
+    def _along(self, point: FloatArray, end: FloatArray, motion: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """The multiplier of a motion, by differences of half the step along it, upwards and downwards; row: its left eigenvector."""
+        found = np.zeros(2, complex)
+        for part, unit in ((motion.real, 1.0), (motion.imag, 1j)):
+            for i, step in enumerate((STEP / 2, -STEP / 2) if part.any() else ()):
+                found[i] += unit * (row @ (self(point + step * part) - end)) / step
+        return found
+
+    def _grown(self, scaled: FloatArray) -> tuple[complex, np.ndarray, np.ndarray]:
+        """The exponent of the least damped motion of a matrix of the map, the motion, and the left eigenvector by which it is read from a point."""
         multipliers, motions = np.linalg.eig(scaled)
         exponents = np.log(np.where(multipliers == 0.0, 1e-300, multipliers).astype(complex)) / self.span
         best = least_damped(exponents, motions, self.rows)
-        return complex(exponents[best]), motions[:, best]
+        motion = motions[:, best] / np.abs(motions[:, best]).max()
+        lefts, rows = np.linalg.eig(scaled.T)
+        row = rows[:, int(np.argmin(np.abs(lefts - multipliers[best])))]
+        return complex(exponents[best]), motion, row / (row @ motion)
 
 
 def twin_growth(run: Run, state: RunState, swing: float) -> Growth | None:

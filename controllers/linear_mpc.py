@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -118,6 +120,13 @@ class PlannedLinear(PredictiveLaw):
         self.bounds = np.array([np.append(-none, low), np.append(none, high)])
         self.theta, self.vectors = np.empty(n + 3), self.bounds.copy()
         self.program.solve(self.constant[:width], *self.vectors)  # loads what is compiled, which no sample should wait for
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> PlannedLinear:
+        """A copy for a run of its own, which shares what the design made and no sample changes."""
+        twin = copy.copy(self)
+        for name in (*self.remembers, "record", "program", "theta", "vectors"):
+            setattr(twin, name, copy.deepcopy(getattr(self, name), memo))
+        return twin
 
     def export_c(self, c: Path, h: Path, period: float) -> Declared:
         """Write the law as C; see `toolbox.export_c` and `controllers.linear_mpc_c`."""

@@ -30,8 +30,12 @@ NEAR = 0.01
 def exact(border: Border, inside: Inside, width: float) -> Border:
     """A border of stick-slip with the value at which its cycle, followed, stops being stable; as it was where no cycle can be followed to there.
 
+    A sampled law has none: its clock and its swing go by one another.
+
     `width` is that of the range: the scale of the steps in which the cycle is followed.
     """
+    if inside.search.base.system.updates:
+        return border
     sign = 1.0 if border.safe == "above" else -1.0
     reach = NEAR * abs(border.value)
     found, near = border, border.value - sign * max(3.0 * border.tolerance, 0.05 * reach)
@@ -59,7 +63,7 @@ def exact(border: Border, inside: Inside, width: float) -> Border:
 
 
 def followed(search: OnsetSearch, begin: RunState, origin: float, goal: float, width: float, points: int = 80) -> Branch | None:
-    """The branch of the cycle in which stick-slip at `origin` settles, towards `goal`; None where no cycle is found, as under a sampled law."""
+    """The branch of the cycle in which stick-slip at `origin` settles, towards `goal`; None where no cycle is found."""
     run = search.plain(origin, begin, SETTLED * search.period)
     if run is None:
         return None

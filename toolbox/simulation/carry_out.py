@@ -100,6 +100,8 @@ class Course:
         self.began = clock.perf_counter()
         self.laws = run.start.continued(run.laws)
         self.answers: list[list[np.ndarray]] = [[] for _ in self.laws]
+        asked = [c for c, update in enumerate(run.system.updates) if update.external]
+        self.externals = dict(zip(asked, enumerate(part for part in run.system.parts if isinstance(part, External)), strict=True))
         self.bar: Any = None
         self.look = progress(self.work)
         undecided = run.method.watches_stiffness and not run.laws  # a law in Python is asked once per sample: its runs do not begin anew
@@ -188,8 +190,7 @@ class Course:
         run, program, work = self.run, self.program, self.work
         c, t = int(work.ints[work_layout.CULPRIT]), float(work.reals[work_layout.TIME])
         row = work.samplers[c]
-        index = [i for i, update in enumerate(program.system.updates) if update.external].index(c)
-        part = [part for part in run.system.parts if isinstance(part, External)][index]
+        index, part = self.externals[c]
         first = row[work_layout.FIRST_STATE] + row[work_layout.STATES]
         channels = program.system.updates[c].channels
         noise = {name: normal(work.keys[first + i], row[work_layout.TAKEN]) for i, name in enumerate(channels)}

@@ -33,16 +33,16 @@ class PythonPI:
 
     measures, drives = ("top.speed",), ("top.torque",)
 
-    def __init__(self, law):
+    def __init__(self, law, period=0.01):
         self.defaults = {"top.reference": (6.0, "rad/s"), "top.torque": (0.0, "N m")}
-        self.proportional, self.integral, self.angle = law.proportional, law.integral, None
+        self.proportional, self.integral, self.period, self.angle = law.proportional, law.integral, period, None
 
     def __call__(self, t, y):
         error = y[1] - y[0]
         if self.angle is None:
             self.angle = (y[2] - self.proportional * error) / self.integral if y[2] else 0.0
         torque = self.proportional * error + self.integral * self.angle
-        self.angle += 0.01 * error
+        self.angle += self.period * error
         return torque
 
     def get_memory(self):

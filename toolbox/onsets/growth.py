@@ -47,6 +47,12 @@ CORRECTIONS = 24
 AGREES = 1e-3
 """What the growth of two differences may be apart, in parts of its frequency, to count."""
 
+NEARBY = (0.0, 1e-4, -1e-4, 1e-3, -1e-3)
+"""Parts of a value by which it is moved where its growth is not known, on the way to where growth is zero."""
+
+NEUTRAL = 1e-9
+"""Change of a motion over the map below which differences are too small for what brings it back, as the switching of a law."""
+
 VISIBLE = 1e-8
 """Part of a motion that must show in the slips of the contacts for it to act back on the machine."""
 
@@ -134,10 +140,19 @@ class SmoothBranch:
         return math.nan if found is None else found.growth.rate
 
     def loss(self, one: float, other: float, precision: float | None = None) -> float:
-        """Where the rate is zero, between two values at which it has different signs; precision: by default 1e-10 of the values."""
+        """Where the rate is zero, between two values at which it has different signs; precision: by default 1e-10 of the values.
+
+        Raises SimulationError where no growth is known on the way.
+        """
         from scipy.optimize import brentq
 
-        return float(brentq(self.rate, one, other, xtol=precision or 1e-10 * max(abs(one), abs(other)), rtol=1e-10))
+        def rate(value: float) -> float:
+            found = next((each for part in NEARBY if math.isfinite(each := self.rate(value * (1.0 + part)))), None)
+            if found is None:
+                raise SimulationError(f"The growth of smooth running is not known for `{self.free.name}` at {value:g} {self.free.unit}.")
+            return found
+
+        return float(brentq(rate, one, other, xtol=precision or 1e-10 * max(abs(one), abs(other)), rtol=1e-10))
 
     def _continuous(self, value: float) -> Smooth | None:
         point = None if self.followed is None else self.followed(value)
@@ -348,6 +363,8 @@ class SampledMap:
         exponent, motion, row = others[0]
         finer = self._along(point, end, motion * size, row / size)
         apart = [*(each[0] for each in others), *np.log(finer) / self.span]
+        if abs(exponent) * self.span < NEUTRAL:
+            return None
         if any(abs(each - exponent) > AGREES * max(abs(exponent), 1e-2 / self.span) for each in apart):
             return None
         values = np.zeros(self.state.values.size)

@@ -163,17 +163,20 @@ class OnsetSearch:
         for (a, safe_a), (b, safe_b) in itertools.pairwise(zip(values, safe, strict=True)):
             if safe_a == safe_b:
                 continue
-            known = self._bracket(a, b)
-            if known is None:
+            try:
+                found.append(self._where_growth_is_zero(a, b, tolerance))
+            except SimulationError:
                 found += self.borders((a, b), (safe_a, safe_b), self._is_smooth, tolerance)
-                continue
-            a, b, way = known
-            precision = 1e-9 * max(abs(a), abs(b)) if way != "twin runs" else tolerance / 10
-            found.append(Border(self.branch.loss(a, b, precision), precision, "above" if safe_b else "below", True, followed=way))
         return found
 
-    def _bracket(self, a: float, b: float) -> tuple[float, float, str] | None:
-        """Values between two at which the growth is known and has different signs, and how it is known; None where there are none nearby."""
+    def _where_growth_is_zero(self, a: float, b: float, tolerance: float) -> Border:
+        """The border of smooth running between two values; raises SimulationError where its growth is not known on both sides."""
+        a, b, way = self._bracket(a, b)
+        precision = 1e-9 * max(abs(a), abs(b)) if way != "twin runs" else tolerance / 10
+        return Border(self.branch.loss(a, b, precision), precision, "above" if self.branch.rate(b) < 0 else "below", True, followed=way)
+
+    def _bracket(self, a: float, b: float) -> tuple[float, float, str]:
+        """Values between two at which the growth is known and has different signs, and how it is known; raises SimulationError where there are none nearby."""
         for _ in range(HALVINGS):
             rates = self.branch.rate(a), self.branch.rate(b)
             if rates[0] * rates[1] < 0:
@@ -182,12 +185,12 @@ class OnsetSearch:
             middle = (a + b) / 2
             rate = self.branch.rate(middle)
             if math.isnan(rates[0]) == math.isnan(rates[1]):
-                return None
+                break
             if math.isnan(rates[0]) == (math.isnan(rate) or rate * np.nansum(rates) < 0):
                 a = middle
             else:
                 b = middle
-        return None
+        raise SimulationError("The growth of smooth running is not known on both sides of its border.")
 
     def _is_smooth(self, value: float, origin: float, finer: float = 1.0) -> bool:
         return self.smooth(value, finer).regime == SMOOTH

@@ -9,6 +9,7 @@ that lasts longest.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 from toolbox.errors import SceneError, SimulationError
 from toolbox.measuring.judge import STICKS
@@ -18,10 +19,17 @@ from toolbox.onsets.search import OnsetSearch
 from toolbox.orbits.branch import Branch
 from toolbox.orbits.continuation import follow
 from toolbox.orbits.limit_cycle import limit_cycle
+from toolbox.orbits.orbit import Cycle
 from toolbox.simulation.run_state import RunState
 
 SETTLED = 60
 """Periods for which a run settles before its cycle is looked for."""
+
+SAME_PERIOD = 1e-3
+"""What the periods of a cycle and of a branch may differ by, for the cycle to be on the branch."""
+
+GOES_ON = ("period doubling", "Neimark-Sacker")
+"""Bifurcations beyond which the cycle that is born may go on for a little: the border keeps the tolerance of its runs."""
 
 NEAR = 0.01
 """How far from the border by runs, in parts of it, the end of the followed cycle may lie to be looked at."""
@@ -47,33 +55,49 @@ def exact(border: Border, inside: Inside, width: float) -> Border:
 
     any(inside.led(origin, near) for origin in origins()[:2])  # the nearest may be on its way out
     apart = (0.0, abs(near - border.value), 0.2 * reach)
-    tried = [next((value for value in origins() if abs(value - border.value) >= each), None) for each in apart]
+    tried = [next((value for value in origins() if abs(value - border.value) >= each), None) for each in reversed(apart)]
+    branches: list[Branch] = []
     for origin in dict.fromkeys(value for value in tried if value is not None):
-        branch = followed(inside.search, inside.cycling[origin], origin, border.value + sign * 2 * reach, width)
-        if branch is None or not branch.cycles[0].stable:
+        cycle = settled(inside.search, inside.cycling[origin], origin)
+        if cycle is None or not cycle.stable or any(_is_on(branch, origin, cycle) for branch in branches):
             continue
+        branch = followed(inside.search, cycle, origin, border.value + sign * 2 * reach, width)
+        branches.append(branch)
         lost = next((point for point in branch.bifurcations if point.kind != "Hopf"), None)
         if lost is None or abs(lost.value - border.value) > reach:
             continue
         value = float(lost.value)
         further = not found.followed or sign * (value - found.value) > 0
         if further and _lasts_only_to(value, border, branch, inside, sign):
-            found = dataclasses.replace(border, value=value, tolerance=1e-6 * abs(value), confirmed=True, followed=lost.kind)
+            tolerance = border.tolerance if lost.kind in GOES_ON else 1e-6 * abs(value)
+            found = dataclasses.replace(border, value=value, tolerance=tolerance, confirmed=True, followed=lost.kind)
     return found
 
 
-def followed(search: OnsetSearch, begin: RunState, origin: float, goal: float, width: float, points: int = 80) -> Branch | None:
-    """The branch of the cycle in which stick-slip at `origin` settles, towards `goal`; None where no cycle is found."""
+def settled(search: OnsetSearch, begin: RunState, origin: float) -> Cycle | None:
+    """The cycle in which stick-slip at a value settles; None where no cycle is found."""
     run = search.plain(origin, begin, SETTLED * search.period)
-    if run is None:
-        return None
-    low, high = min(origin, goal), max(origin, goal)
     try:
-        return follow(
-            limit_cycle(run), search.branch.free.name, (low, high), points=points, towards=goal, step=min(0.1, 0.02 * width / (high - low))
-        )
+        return None if run is None else limit_cycle(run)
     except (SceneError, SimulationError):
         return None
+
+
+def followed(search: OnsetSearch, cycle: Cycle, origin: float, goal: float, width: float) -> Branch:
+    """The branch of a cycle at `origin` towards `goal`, up to its first bifurcation."""
+    low, high = min(origin, goal), max(origin, goal)
+    step = min(0.1, 0.02 * width / (high - low))
+    return follow(cycle, search.branch.free.name, (low, high), points=80, towards=goal, step=step, first=True)
+
+
+def _is_on(branch: Branch, value: float, cycle: Cycle) -> bool:
+    """Whether a cycle at a value is one of a branch: what passes that value with its period."""
+    pairs = itertools.pairwise(zip(branch.values, branch.cycles, strict=True))
+    for (a, before), (b, after) in pairs:
+        if min(a, b) <= value <= max(a, b):
+            period = before.period + (after.period - before.period) * (value - a) / (b - a)
+            return abs(period / cycle.period - 1.0) < SAME_PERIOD
+    return False
 
 
 def _lasts_only_to(value: float, border: Border, branch: Branch, inside: Inside, sign: float) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -189,27 +189,31 @@ class ArcWalk:
         a, b = self.before, self.here
         return b.value + (b.value - a.value) * b.approach**2 / (a.approach**2 - b.approach**2)
 
+    def look_beyond(self, left: Any = None) -> Iterator[tuple[float, Trajectory, np.ndarray, float]]:
+        """(distance, run, tangent, period) of runs started nearby whose cycles have other switches; the first is kept for `corner`."""
+        self.beyond = None
+        mine, n = signature_of(self.here.run), self.kept.size
+        probes = [self.heading, -self.heading, *(sign * row for row in np.eye(self.heading.size)[:n] for sign in (1.0, -1.0))]
+        for near, probe in itertools.product((1e-6, 1e-5, 1e-4, 1e-3), probes):
+            try:
+                run, tangent, period = self._shot(self.here.u + near * probe)
+            except (SimulationError, SceneError):
+                continue
+            if signature_of(run) not in (mine, left):
+                self.beyond = self.beyond or run
+                yield near, run, tangent, period
+
     def around(self, left: Any = None) -> Corrected | None:
         """The branch beyond a corner: its tangent there is that of the cycles with other switches, which runs started nearby show.
 
         left: the switches that a corner just passed led away from, to which there is no way back.
         """
-        self.beyond = None
-        n, here, heading = self.kept.size, self.here, self.heading
-        mine = signature_of(here.run)
-        probes = [heading, -heading, *(sign * row for row in np.eye(heading.size)[:n] for sign in (1.0, -1.0))]
-        for near, probe in itertools.product((1e-6, 1e-5, 1e-4, 1e-3), probes):
-            try:
-                run, tangent, period = self._shot(here.u + near * probe)
-            except (SimulationError, SceneError):
-                continue
-            if signature_of(run) in (mine, left):
-                continue
-            self.beyond = self.beyond or run
+        heading, mine = self.heading, signature_of(self.here.run)
+        for near, run, tangent, period in self.look_beyond(left):
             beyond = np.linalg.svd(self._matrix(run, tangent, period))[2][-1]
             for far, way in itertools.product((3 * near, 10 * near, 100 * near), (beyond, -beyond)):
                 self.heading = way
-                point = self._corrected(here.u + far * way, way, float(way @ here.u) + far, most=20)
+                point = self._corrected(self.here.u + far * way, way, float(way @ self.here.u) + far, most=20)
                 if point is not None and not self._dead(point) and signature_of(point.run) not in (mine, left):
                     return point
         self.heading = heading

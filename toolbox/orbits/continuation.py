@@ -46,6 +46,7 @@ def follow(
     points: int = 100,
     step: float = 0.02,
     towards: NumberOrText | None = None,
+    first: bool = False,
 ) -> Branch:
     """Follow the branch of limit cycles through `cycle` while a parameter changes, by pseudo-arclength continuation.
 
@@ -68,6 +69,8 @@ def follow(
         Largest step of the arclength, in parts of the span and of the size of the states.
     towards
         The end of the span to start towards; by default the farther one.
+    first
+        Whether to end at the first bifurcation.
 
     Returns
     -------
@@ -114,7 +117,9 @@ def follow(
                 branch.ended = "the cycle shrinks to a steady state"
                 break
             here = branch.cycles[-1].signature
-            point = walk.around(left) if turned < 2 else None
+            if first:
+                next(walk.look_beyond(left), None)
+            point = walk.around(left) if turned < 2 and not first else None
             touched = walk.touched()
             if point is None:
                 branch.ended = (
@@ -136,6 +141,9 @@ def follow(
             branch.bifurcations += walk.changes(walk.here, point, size)
         if not span[0] <= point.value <= span[1]:
             branch.ended = f"the end of the span at {span[0] if point.value < span[0] else span[1]:g}"
+            break
+        if first and branch.bifurcations:
+            branch.ended = "the first bifurcation"
             break
         walk.move_to(point)
         branch.values.append(point.value)

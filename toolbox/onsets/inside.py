@@ -8,23 +8,33 @@ judged contact stuck, where there is one; otherwise what a run ends in.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.measuring.judge import FAILED, NONE, NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judged
 from toolbox.modelling.steady_point import Equilibrium
-from toolbox.onsets.growth import begun_at
+from toolbox.onsets.growth import begun_at, slip_rows
 from toolbox.onsets.report import Border
 from toolbox.onsets.search import OnsetSearch
+from toolbox.robustness.steady_loop import at_set_points
 from toolbox.simulation.run_state import RunState
-from toolbox.steady_states.equilibria import EquilibriumBranch
+from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes
 
 OUTWARD = (0.01, 0.03, 0.06, 0.1, 0.15, 0.25, 0.4, 0.6, 0.8)
 """How far beyond the edge of a range stick-slip is looked for: towards zero by these parts of the edge, away from it to 1/(1 - part) times the edge."""
+
+BEYOND = 1.5
+"""Swing of a mode from which stick-slip may start, in parts of what brings the slip of the contact to zero."""
+
+DAMPED = 0.3
+"""Damping ratio from which on a mode does not swing enough to begin stick-slip."""
 
 FINEST = 1 / 64
 """The smallest step, in parts of the way, in which stick-slip is led into the range."""
@@ -52,6 +62,10 @@ class Inside:
         {value: what stick-slip that was led there turned into}.
     outer
         Values outside of the range with stick-slip.
+    rounds
+        {value: (what it began from, verdict, where the run ended)} of all runs that came to stick-slip.
+    begun
+        (value, beginning) of all that were tried.
     """
 
     search: OnsetSearch
@@ -61,6 +75,8 @@ class Inside:
     found: dict[float, Judged] = field(default_factory=dict)
     became: dict[float, str] = field(default_factory=dict)
     outer: list[float] = field(default_factory=list)
+    rounds: dict[float, list[tuple[str, Judged, RunState]]] = field(default_factory=dict)
+    begun: set[tuple[float, str]] = field(default_factory=set)
 
     @staticmethod
     def of(search: OnsetSearch) -> Inside:
@@ -71,11 +87,28 @@ class Inside:
         return Inside(search, rest, ends[STICKS], ends[STANDS])
 
     # ------------------------------------------------------------------------------------------------------------------------------- beginnings
-    def starts(self, value: float) -> list[RunState]:
-        """Beginnings from which stick-slip may start: the steady state with the contact stopped, and the whole machine at rest."""
-        stopped = self.search.stopped(value)
-        return [*([stopped] if stopped is not None else []), self.search.base.start]
-
+    def starts(self, value: float) -> Iterator[tuple[str, RunState]]:
+        """(what it is, state) from which stick-slip may start: smooth running with the contact stopped, rest, smooth running in which each mode swings."""
+        search, smooth = self.search, self.search.branch(value)
+        stopped = search.stopped(value)
+        if stopped is not None:
+            yield "a stopped contact", stopped
+        yield "rest", search.base.start
+        if smooth is None:
+            return
+        with contextlib.suppress(SceneError):
+            point = at_set_points(search.at(value).loop)
+            names = [each.name for each in point.plant.elements]
+            row = slip_rows(point.plant, point.states, point.plant.values)[names.index(search.element)]
+            exponents, motions = np.linalg.eig(flow_slopes(point))
+            for exponent, motion in zip(exponents, motions.T, strict=True):
+                damped = -exponent.real > DAMPED * abs(exponent)
+                if exponent.imag <= 0.0 or damped or not abs(row @ motion) > 1e-6 * (np.abs(row) @ np.abs(motion)):
+                    continue
+                moved = np.real(motion * BEYOND * abs(search.steady(value, smooth)[0]) / (row @ motion))
+                places = {name: slice(first, first + (size or 1)) for name, (first, size, _) in point.plant.states.items()}
+                states = {name: np.atleast_1d(smooth.state[name]) - moved[place] for name, place in places.items()}
+                yield f"the swing of {2 * math.pi / exponent.imag:.3g} s", smooth.state.with_values(states)
     def standstill(self, value: float) -> RunState | None:
         """The steady state with the contact stuck, where there is one that stays."""
         if value not in self.standing:
@@ -94,11 +127,12 @@ class Inside:
             return None
 
     # ---------------------------------------------------------------------------------------------------------------------------------- stick-slip
-    def tried(self, value: float, begin: RunState, finer: float = 1.0) -> Judged:
-        """A run from a beginning, with where it ends kept by what it ends in."""
+    def tried(self, value: float, begin: RunState, finer: float = 1.0, begun: str = "stick-slip carried on") -> Judged:
+        """A run from a beginning, with where it ends kept by what it ends in; begun: what it begins from."""
         judged, end = self.search.run(value, begin, finer=finer)
         if end is not None and judged.regime == STICKS:
             self.cycling[value] = end
+            self.rounds.setdefault(value, []).append((begun, judged, end))
         elif end is not None and judged.regime == STANDS:
             self.standing.setdefault(value, end)
         if value not in self.found or worse(judged, self.found[value]):
@@ -107,10 +141,25 @@ class Inside:
 
     def seek(self, value: float) -> RunState | None:
         """Stick-slip at a value from all beginnings, until one leads into it."""
-        for begin in () if value in self.cycling else self.starts(value):
-            if self.tried(value, begin).regime == STICKS:
+        for begun, begin in () if value in self.cycling else self._untried(value):
+            if self.tried(value, begin, begun=begun).regime == STICKS:
                 break
         return self.cycling.get(value)
+
+    def begun_from_all(self, value: float) -> None:
+        """Begin stick-slip at a value from all beginnings; the cycle that is carried on stays the one that was known."""
+        known = self.cycling.get(value)
+        for begun, begin in self._untried(value):
+            self.tried(value, begin, begun=begun)
+        if known is not None:
+            self.cycling[value] = known
+
+    def _untried(self, value: float) -> Iterator[tuple[str, RunState]]:
+        """The beginnings at a value that were not tried yet."""
+        for begun, begin in self.starts(value):
+            if (value, begun) not in self.begun:
+                self.begun.add((value, begun))
+                yield begun, begin
 
     def outside(self, edge: float, sign: float, width: float) -> None:
         """Stick-slip outside of an edge of the range, led up to the edge; sign: the way out."""

@@ -30,6 +30,7 @@ from toolbox.measuring.judge import BUDGET, NOT_DECIDED, STANDS
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.elements import check_one_direction
+from toolbox.onsets.coexisting import coexisting
 from toolbox.onsets.cycles import exact
 from toolbox.onsets.growth import SmoothBranch
 from toolbox.onsets.inside import Inside
@@ -186,7 +187,10 @@ def _both_branches(
     inside = Inside.of(search)
     for edge, sign in ((numbers[0], -1.0), (numbers[-1], 1.0)):
         inside.outside(edge, sign, width)
-    cycles = [exact(border, inside, width) for border in inside.ends(numbers, tolerance)]
+    inside.sweep(numbers)
+    several = coexisting(inside, numbers)
+    lasting = sorted({*numbers, *(edge for each in several for edge in (each.low, each.high))})  # one may outlive what is carried along
+    cycles = [exact(border, inside, width) for border in inside.ends(lasting, tolerance)]
     sticking = [inside.found[value] for value in numbers]
     undecided += [f"{value:.5g}" for value, judged in inside.found.items() if judged.regime == NOT_DECIDED]
     breakaways = inside.breakaways(numbers, tolerance)
@@ -211,6 +215,7 @@ def _both_branches(
         ends=tuple(border for border in cycles if border.beyond != STANDS),
         stalls=tuple(border for border in cycles if border.beyond == STANDS),
         breakaways=tuple(breakaways),
+        coexisting=several,
         cycling=np.array([value in inside.cycling for value in numbers]),
         standing=np.array([value in inside.standing for value in numbers]),
         at=at,

@@ -52,6 +52,32 @@ class Border:
 
 
 @dataclass(frozen=True)
+class Coexisting:
+    """One of several stick-slip cycles at one value.
+
+    Attributes
+    ----------
+    value
+        The value at which several were seen.
+    period
+        Time from stick to stick, in the mean of a round [s].
+    severity
+        Half of the range of the judged signal, in parts of its mean.
+    begun
+        What it was begun from.
+    low, high
+        Where it lives; the edges of the range where it goes on beyond.
+    """
+
+    value: float
+    period: float
+    severity: float
+    begun: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
 class Onset:
     """What a machine does over one parameter, on both of its branches: `print(onset)` for the report, `onset.plot()` for the picture.
 
@@ -75,6 +101,8 @@ class Onset:
         Borders of existing stick-slip: those beyond which the machine keeps turning, and those beyond which it stands for good.
     breakaways
         Borders of standstill.
+    coexisting
+        The stick-slip cycles at the value at which the most of them live side by side; empty where nowhere two were seen.
     cycling, standing
         Whether stick-slip lasts, and whether standstill lasts, at each value.
     at
@@ -112,6 +140,7 @@ class Onset:
     accuracy: float
     perturbation: float
     runs: int
+    coexisting: tuple[Coexisting, ...] = ()
     notes: tuple[str, ...] = ()
     asked: Mapping[str, str] = field(default_factory=dict)
 
@@ -246,7 +275,7 @@ class Onset:
         rows = self._border_rows()
         widths = [max(len(row[i]) for row in rows) for i in (0, 1)]
         lines = [*self._headlines, "", *(f"  {name:<{widths[0]}}  {value:>{widths[1]}}{unit}  {note}" for name, value, note in rows)]
-        lines += ["", self.advice, ""]
+        lines += ["", self.advice, "", *self._side_by_side]
         cells = [self._head, *self._value_rows()]
         widths = [max(len(row[i]) for row in cells) for i in range(len(self._head))]
         lines += ["  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
@@ -254,9 +283,27 @@ class Onset:
 
     __repr__ = __str__
 
+    @property
+    def _side_by_side(self) -> list[str]:
+        """The cycles that live side by side, what each began from and where it ends, and an empty line; nothing where there are none."""
+        if not self.coexisting:
+            return []
+        factor, unit = self._read.factor, self._read.tail
+        rows = [
+            f"  a stick every {each.period:.3g} s, severity {each.severity:.3g}, from {each.low * factor:.5g} to {each.high * factor:.5g}{unit}; "
+            f"begun from {each.begun}"
+            for each in self.coexisting
+        ]
+        last = ""
+        for border in self.ends[:1]:
+            order = sorted(self.coexisting, key=lambda each: each.high if border.safe == "above" else -each.low)
+            last = f" That of {order[0].period:.3g} s ends first, that of {order[-1].period:.3g} s lives longest."
+        head = f"At {self.coexisting[0].value * factor:.5g}{unit} {len(rows)} stick-slip cycles live side by side.{last}"
+        return [head, *rows, ""]
+
     def _repr_html_(self) -> str:
         title, judged = self._headlines
-        notes = [self.advice, *(f"Note: {note}" for note in self.notes)]
+        notes = [self.advice, *self._side_by_side, *(f"Note: {note}" for note in self.notes)]
         borders = table(title, ("border", _labelled(self.parameter, self._read.unit), ""), self._border_rows(), notes)
         return borders + table(judged, self._head, self._value_rows(), [self._checked])
 

@@ -92,7 +92,7 @@ def follow(
     if not is_finite_number(step) or not step > 0:
         raise SceneError(f"Argument `step` must be > 0, but it is {step!r}.")
     walk = ArcWalk(cycle, parameter, (float(span[0]), float(span[1])))
-    if not span[0] <= walk.here.value <= span[1]:
+    if abs(min(max(walk.here.value, span[0]), span[1]) - walk.here.value) > 1e-14 * abs(walk.here.value):
         raise SceneError(f"Argument `span` must hold the value {walk.here.value:g} of `{parameter}`, but it is {span!r}.")
     whole("points", points, 1)
     goal = number("towards", towards) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))

@@ -1,0 +1,63 @@
+"""Stick-slip cycles that live side by side: a string may stick and slip in each of its modes, and what begins it decides in which.
+
+At every value stick-slip is begun from a stopped contact, from rest, and from the swing of each mode of the plant, so large that the contact sticks. Where
+rounds differ, each of them is carried on in small steps to where it ends or turns into another.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from toolbox.measuring.judge import STICKS, Judged
+from toolbox.onsets.inside import Inside
+from toolbox.onsets.report import Coexisting
+from toolbox.simulation.run_state import RunState
+
+UNLIKE = 0.1
+"""Part by which the time of a stick or the severity of two rounds differs where they are different cycles."""
+
+FIRST, LAST = 1 / 32, 1 / 4096
+"""Steps, in parts of the range, with which a cycle is carried on: the first, and the one at which its end is found."""
+
+
+def coexisting(inside: Inside, values: Sequence[float]) -> tuple[Coexisting, ...]:
+    """The cycles at the value with the most of them; none where nowhere two were seen."""
+    most: list[tuple[str, Judged, RunState]] = []
+    where = math.nan
+    for value in values:
+        inside.begun_from_all(value)
+        found: list[tuple[str, Judged, RunState]] = []
+        for begun, judged, end in inside.rounds.get(value, ()):
+            if not any(_alike(judged, other) for _, other, _ in found):
+                found.append((begun, judged, end))
+        if len(found) > max(len(most), 1):
+            most, where = found, value
+    return tuple(
+        Coexisting(where, _period(judged), judged.severity, begun, *(_carried(inside, where, goal, judged, end) for goal in (values[0], values[-1])))
+        for begun, judged, end in most
+    )
+
+
+def _period(judged: Judged) -> float:
+    return judged.interval / judged.sticks
+
+
+def _alike(one: Judged, other: Judged) -> bool:
+    """Whether two rounds are of the same cycle."""
+    pairs = ((_period(one), _period(other)), (one.severity, other.severity))
+    return all(abs(a - b) <= UNLIKE * max(a, b) for a, b in pairs)
+
+
+def _carried(inside: Inside, origin: float, goal: float, judged: Judged, state: RunState) -> float:
+    """How far towards another value a cycle lives on, in steps that are halved where it ends or turns into another."""
+    here, part, size = origin, 0.0, FIRST
+    while part < 1.0 and size >= LAST:
+        following = origin + (goal - origin) * min(part + size, 1.0)
+        found, end = inside.search.run(following, inside.search.walked(state, here, following))
+        if found.regime == STICKS and end is not None and _alike(found, judged):
+            part, here, judged, state, size = min(part + size, 1.0), following, found, end, min(2 * size, FIRST)
+            inside.cycling.setdefault(here, end)
+        else:
+            size /= 2
+    return here

@@ -72,10 +72,10 @@ class OnsetSearch:
         """What a run at a value of the free parameter comes to, and where it ended; silent: without measurement noise."""
         run = dataclasses.replace(self.branch.at(value) if silent else self.at(value), accuracy=self.base.accuracy * finer)
         self.runs += 1
+        if self.bar is not None:
+            self.bar.update()
 
         def on(state: RunState, duration: float) -> Trajectory:
-            if self.bar is not None:
-                self.bar.update()
             return run.again(start=state, duration=duration, longest_step=duration / 256)
 
         try:

@@ -14,7 +14,8 @@ from toolbox.compilation.formulas import ClosedEquations, Formulas
 from toolbox.modelling.elements import Element
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.inputs import ExpressionKey, Shape
+from toolbox.modelling.input_kinds import ExpressionKey
+from toolbox.modelling.inputs import Shape
 from toolbox.modelling.switching import Switching, depending, switching
 from toolbox.modelling.two_directions import resolution
 

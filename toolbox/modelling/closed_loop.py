@@ -28,7 +28,8 @@ from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.closing import Closed, closed_system, described, designed_laws, laws_of
 from toolbox.modelling.components import fields_of, is_nested, law_of, structure_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
-from toolbox.modelling.inputs import ExpressionKey, Shape, Table, extremes, input_kinds
+from toolbox.modelling.input_kinds import ExpressionKey, extremes, input_kinds
+from toolbox.modelling.inputs import Shape, Table
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.numbers import Number, number_of, numbers_in
 from toolbox.modelling.regularisation import SmoothSystem, smoothed

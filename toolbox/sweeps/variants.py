@@ -14,7 +14,8 @@ from toolbox.measuring.measures import Measure
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Component, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of
 from toolbox.modelling.elements import FrictionLaw
-from toolbox.modelling.inputs import Table, extremes
+from toolbox.modelling.input_kinds import extremes
+from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Controller, Held
 from toolbox.modelling.numbers import Number, designed_law
 from toolbox.modelling.start import place_starts

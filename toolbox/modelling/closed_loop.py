@@ -202,6 +202,12 @@ class ClosedLoop:
         """{name: every number of the loop that can be varied}, with unit, bounds, value, and the input that overrides it if one does."""
         return numbers_in(self)
 
+    @cached_property
+    def overridden(self) -> dict[str, str]:
+        """{parameter that has no effect: the input that takes its place}."""
+        scalars = [name for name, entry in self.system.parameters.items() if entry.size is None] if self.inputs else []
+        return {name: found for name in scalars if (found := self.number(name).overridden) is not None}
+
     def number(self, name: str) -> Number:
         """The number of that name; raises SceneError where there is none, with the nearest that there is."""
         found = number_of(self, name)
@@ -312,6 +318,7 @@ class ClosedLoop:
         for word, given in (("inputs", self.inputs), ("parameters", self.parameters), ("start", self.start)):
             if given:
                 lines.append(f"  {word}: " + ", ".join(f"{name} {self._read(name, value)}" for name, value in given.items()))
+        lines += [f"  {name} has no effect, because the input {taking} takes its place" for name, taking in self.overridden.items()]
         return "\n".join(lines)
 
     __repr__ = __str__

@@ -26,7 +26,7 @@ class Lifting(Controller):
 
     `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. From rest, too,
     the top is off its set-point, and the start is lifted. Sampled only. Source: the practice of lifting the rotary speed against stick-slip; the rule is a
-    choice of this file.
+    choice of this file. Around a law that is designed as a callable, such as a predictive one, the whole is a callable; `run.laws[0].inside` holds that law.
     """
 
     law: Controller = field(default_factory=Controller)

@@ -36,6 +36,10 @@ class ZenoError(SimulationError):
     """Endlessly many events in a time too short to resolve."""
 
 
+class NoModes(SimulationError):
+    """An instant at which no modes of the elements are consistent with the forces."""
+
+
 class BudgetError(SimulationError):
     """A run that used up its `Budget` of steps, events or seconds."""
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from controllers import PI, Lifting, StiffPI, ZTorque
+from controllers import PI, Lifting, LinearMPC, NonlinearMPC, StiffPI, ZTorque
 from models import BitRock, wells
 from studies import gains
 from studies.protocol import Law, Rig
@@ -74,6 +74,15 @@ def test_smooth_running_is_left_alone():
     run = simulate(RIG, 150.0, controller=Sampled(law, 0.01), inputs={"top.reference": ((0.0, 100.0, 110.0, 150.0), (8.0, 8.0, 9.0, 9.0))})
     after = run.at(np.arange(90.0, 150.0, 0.1))
     np.testing.assert_allclose(after["lifting.reference"], after["top.reference"], atol=0.011)  # held over a sample
+
+
+@pytest.mark.parametrize("kind", [LinearMPC, NonlinearMPC])
+def test_a_predictive_law_inside_is_lifted_from_rest_and_lowered_to_its_set_point(kind):
+    law = Lifting(law=kind(reference=4.0, **LIMITS), reference=4.0)
+    run = simulate(RIG, 90.0, controller=law, sample_time=0.1)
+    assert run.at(20.0)["top.speed"] == pytest.approx(12.0, rel=0.05)
+    assert run.at(90.0)["bit.speed"] == pytest.approx(4.0, rel=0.01)
+    assert run.time_in("bit", "stick", after=20.0) == 0.0
 
 
 def test_what_is_no_law_is_refused():

@@ -24,7 +24,7 @@ from controllers import (
 )
 from controllers.observers import DisturbanceObserver, Kalman, SlidingObserver
 from models import BitRock, wells
-from toolbox import Sampled, compose, simulate
+from toolbox import Sampled, SceneError, closed_loop, compose, simulate
 from toolbox.modelling import Observed, Takeover
 
 SPEED, AT, WEIGHT = 12.0, 40.0, 97_347.0
@@ -51,37 +51,20 @@ STRANGE = {"SlidingMode on estimates", "ImplicitSlidingMode on estimates"}
 """Laws whose filter trusts its drive and that swing on other rigs whatever way they start; see `studies.questions.drives`."""
 
 
-def torques(run, period):
+def torques(run, period, at=AT):
     """Torque and speed before the takeover, and the torque of every sample after it."""
-    held = run.at(np.arange(round(10.0 / period)) * period + AT + period / 2)["top.torque"]
-    return float(run.at(AT - period / 2)["top.torque"]), held
+    held = run.at(np.arange(round(10.0 / period)) * period + at + period / 2)["top.torque"]
+    return float(run.at(at - period / 2)["top.torque"]), held
 
 
-def smooth(law, rig, period=0.01):
-    """80 s in smooth running under soft torque, and from AT on under the law; drive, bit, stiffness and weight in parts of the declared."""
+def smooth(law, rig, period=0.01, at=AT):
+    """Smooth running under soft torque, and for 40 s from a time on under the law; drive, bit, stiffness and weight in parts of the declared."""
     drive, bit, stiffness, weight = rig
     parameters = {"chain.inertia": (2122.0 * drive, 374.0 * bit), "chain.stiffness": (473.0 * stiffness,)}
     return simulate(
-        RIG, 80.0, controller=Sampled(law, period), parameters=parameters, inputs={"bit.weight": weight * WEIGHT},
+        RIG, at + 40.0, controller=Sampled(law, period), parameters=parameters, inputs={"bit.weight": weight * WEIGHT},
         start={"chain.speed": (SPEED, SPEED), "chain.twist": 18.0},
     )  # fmt: skip
-
-
-class AfterSoftTorque:
-    """A predictive law that takes over from soft torque, which is sampled as slowly."""
-
-    def __init__(self, law):
-        self.law, self.drive, self.angle = law, SoftTorque(**NUMBERS).design(RIG), None
-        self.measures, self.drives, self.defaults = law.measures, law.drives, law.defaults
-
-    def __call__(self, t, y):
-        if t > AT - 1e-9:
-            return self.law(t, y)
-        error = y[-1] - y[0]
-        self.angle = 13_000.0 / self.drive.integral if self.angle is None else self.angle
-        torque = self.drive.proportional * error + self.drive.integral * self.angle
-        self.angle += 0.1 * error
-        return torque
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
@@ -106,10 +89,36 @@ def test_on_another_rig_it_does_so_too_and_the_bit_does_not_stick(name, rig):
 @pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
 @pytest.mark.parametrize("rig", RIGS)
 def test_predictive_laws_begin_with_the_torque_that_acts(law, rig):
-    run = smooth(AfterSoftTorque(law(**NUMBERS).design(RIG)), RIGS[rig], period=0.1)
-    before, held = torques(run, 0.1)
+    """A drive that samples as slowly leaves the string swinging for longer; the law begins as if it did not."""
+    at = 120.0
+    run = smooth(Takeover(SoftTorque(**NUMBERS), law(**NUMBERS), at=at), RIGS[rig], period=0.1, at=at)
+    before, held = torques(run, 0.1, at)
     assert abs(held[0] - before) <= 0.02 * before
     assert run.time_in("bit", "stick") == 0.0
+
+
+def test_a_predictive_law_is_not_asked_before_it_takes_over():
+    run = smooth(Takeover(SoftTorque(**NUMBERS), LinearMPC(**NUMBERS), at=AT), RIGS["declared"], period=0.1)
+    (inside,) = run.laws[0].inside
+    assert len(inside.record.seconds) == round((80.0 - AT) / 0.1) and not inside.record.fallbacks
+    back = smooth(Takeover(LinearMPC(**NUMBERS), SoftTorque(**NUMBERS), at=AT), RIGS["declared"], period=0.1)
+    before, held = torques(back, 0.1)
+    assert len(back.laws[0].inside[0].record.seconds) == round(AT / 0.1)
+    assert abs(held[0] - before) <= 1e-6 * before
+
+
+def test_a_run_of_a_law_around_one_in_python_goes_on_from_its_end_as_if_it_had_never_been_cut():
+    law = Takeover(SoftTorque(**NUMBERS), LinearMPC(**NUMBERS), at=2.05)
+    loop = closed_loop(RIG, law, sample_time=0.1, start={"chain.speed": (SPEED, SPEED), "chain.twist": 18.0})
+    whole, first = simulate(loop, 6.0), simulate(loop, 3.0)
+    assert simulate(loop, 3.0, start=first.last).at(6.0)["bit.speed"] == pytest.approx(whole.at(6.0)["bit.speed"], rel=1e-9)
+
+
+def test_laws_in_python_of_two_sample_times_are_refused():
+    with pytest.raises(SceneError, match=r"inside of Takeover must say one sample time, but they say \[0.05, 0.1\] s"):
+        simulate(RIG, 1.0, controller=Takeover(LinearMPC(), LinearMPC(period=0.05), at=0.5), sample_time=0.1)
+    with pytest.raises(SceneError, match="`sample_time` must be 0.1 s, for which the law was designed"):
+        simulate(RIG, 1.0, controller=Takeover(LinearMPC(), SoftTorque(), at=0.5), sample_time=0.01)
 
 
 @pytest.mark.parametrize("kind", [LQR, SlidingMode])

@@ -94,7 +94,7 @@ def test_a_loop_of_a_loop_keeps_what_is_not_given_anew():
 KINDS = [
     ("bit.weight", "input", "N", 9e4), ("top.reference", "input", "rad/s", 6.0), ("bit.friction.static", "parameter", "1", 0.7),
     ("chain.inertia.0", "parameter", "kg m2", 2000.0), ("pi.proportional", "parameter", "N m s/rad", 900.0), ("softtorque.detuning", "design", "1", 2.0),
-    ("bit.speed", "start", "rad/s", 3.0),
+    ("pi.period", "clock", "s", 0.02), ("bit.speed", "start", "rad/s", 3.0), ("pi.angle", "start", "rad", 2.0),
 ]  # fmt: skip
 
 
@@ -124,6 +124,20 @@ def test_a_number_that_only_the_design_knows_designs_the_law_anew():
         LOOP.acting("softtorque.detuning", "hopf_points")
 
 
+def test_a_sample_time_is_a_number_by_which_the_law_is_sampled():
+    """Both the clock and the formulas of the law know it."""
+    slower = LOOP.at("pi.period", "20 ms")
+    assert slower.closed.clocks == [(0.02, 0.0)] and slower.system.parameter("pi.period") == 0.02
+    assert (
+        slower
+        == closed_loop(LOOP, SoftTorque(reference="45 rpm"), sample_time="20 ms")
+        == closed_loop(LOOP, parameters={"pi.period": "20 ms"})
+    )
+    np.testing.assert_array_equal(
+        simulate(slower, 1.0).states, simulate(closed_loop(LOOP, SoftTorque(reference="45 rpm"), sample_time=0.02), 1.0).states
+    )
+
+
 def test_a_gain_is_changed_where_it_acts_and_the_design_stays():
     loop = closed_loop(RIG, LQR(reference=8.0))
     gains = [name for name, number in loop.numbers().items() if number.kind == "parameter" and name.startswith("lqr.")]
@@ -134,7 +148,14 @@ def test_a_gain_is_changed_where_it_acts_and_the_design_stays():
 def test_a_parameter_that_an_input_overrides_says_so():
     loop = closed_loop(RIG, PI(reference=8.0))
     assert loop.number("pi.reference").overridden is None
-    assert loop.at("top.reference", 6.0).number("pi.reference").overridden == "top.reference"
+    given = loop.at("top.reference", 6.0)
+    assert given.number("pi.reference").overridden == "top.reference" and given.overridden == {"pi.reference": "top.reference"}
+    assert "pi.reference has no effect, because the input top.reference takes its place" in str(given) and "no effect" not in str(loop)
+    for verb in (lambda: given.free("pi.reference"), lambda: toolbox.sweep(given, {"pi.reference": [5.0, 6.0]}, 1.0)):
+        with pytest.raises(
+            SceneError, match=r"`pi.reference` must have an effect to be varied, but the input `top.reference` takes its place"
+        ):
+            verb()
 
 
 def test_numbers_out_of_bounds_and_unknown_names_are_refused():

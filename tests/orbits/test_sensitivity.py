@@ -286,13 +286,27 @@ def test_wrong_arguments_are_named():
     run = simulate(plant, 1.0)
     with pytest.raises(SceneError, match=r"block\.mass"):
         sensitivity(run, "block.mas")
-    with pytest.raises(SceneError, match="one entry"):
+    with pytest.raises(SceneError, match="one number, but it has 2 entries"):
         sensitivity(simulate(compose(wells.JANSEN_2), 1.0), "chain.inertia")
     with pytest.raises(SceneError, match="varies in time"):
         sensitivity(simulate(plant, 1.0, inputs={"block.force": step(0, 1, 0.5)}), "block.force")
-    drilled = simulate(compose(wells.JANSEN_2), 1.0, controller=StiffPI())
-    with pytest.raises(SceneError, match=r"`top\.reference` must be given as a constant in `inputs` .* `pi\.reference`, its default"):
-        sensitivity(drilled, "top.reference")
+    with pytest.raises(
+        SceneError, match=r"`pi\.reference` must have an effect to be varied, but the input `top\.reference` takes its place"
+    ):
+        sensitivity(simulate(compose(wells.JANSEN_2), 1.0, controller=StiffPI(), inputs={"top.reference": 8.0}), "pi.reference")
+    with pytest.raises(SceneError, match="a number of a table in time, by which no slope is carried"):
+        sensitivity(simulate(plant, 1.0, inputs={"block.force": step(0, 1, 0.5)}), "block.force.at")
+
+
+def test_an_input_that_nobody_gives_has_the_derivatives_of_its_default():
+    rig = compose(wells.JANSEN_2, BitRock())
+    drilled = simulate(rig, 3.0, controller=StiffPI())
+    found = sensitivity(drilled, ("top.reference", "bit.weight")).end("top.speed")
+    assert found[0] == pytest.approx(sensitivity(drilled, "pi.reference").end("top.speed")[0], rel=1e-9) and found[0] > 0.1
+    given = simulate(rig, 3.0, controller=StiffPI(), inputs={"bit.weight": drilled.run.loop.number("bit.weight").value})
+    assert found[1] == pytest.approx(sensitivity(given, "bit.weight").end("top.speed")[0], rel=1e-9)
+    with pytest.raises(SceneError, match=r"the input `top\.reference` takes its place"):
+        sensitivity(drilled, ("top.reference", "pi.reference"))
 
 
 def test_derivatives_print_themselves_and_refuse_a_peak_at_the_end():

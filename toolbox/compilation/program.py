@@ -14,7 +14,9 @@ from toolbox.compilation.formulas import ClosedEquations, Formulas
 from toolbox.modelling.elements import Element
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.inputs import ExpressionKey, Shape
+from toolbox.modelling.input_kinds import ExpressionKey
+from toolbox.modelling.inputs import Shape
+from toolbox.modelling.numbers import Number
 from toolbox.modelling.switching import Switching, depending, switching
 from toolbox.modelling.two_directions import resolution
 
@@ -59,6 +61,13 @@ class Program:
         if self.formulas == formulas:
             return ""
         return f"{self.formulas.name}: {self.system.cache['lacking', ('program', kinds, formulas.name)]}"
+
+    def place(self, number: Number, inputs: Mapping[str, Any]) -> int:
+        """Where a parameter, an input that is given as a number, or a number of a shape stands in the vector of parameters."""
+        if number.kind == "parameter":
+            return self.system._parameter(number.name).offset
+        name, key = (number.name, "") if number.is_input else number.in_input(inputs)
+        return self.coefficient_slot[name] + (list(inputs[name].numbers).index(key) if key else 0)
 
     @cached_property
     def ints(self) -> np.ndarray:

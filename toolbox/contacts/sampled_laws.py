@@ -25,7 +25,8 @@ from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import state
 from toolbox.modelling.elements import time as clock
 from toolbox.modelling.hybrid_system import HybridSystem, SampledUpdate
-from toolbox.modelling.inputs import Shape, Table, input_kinds
+from toolbox.modelling.input_kinds import input_kinds
+from toolbox.modelling.inputs import Shape, Table
 from toolbox.modelling.laws import External, fresh
 
 

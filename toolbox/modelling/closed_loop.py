@@ -28,11 +28,21 @@ from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.closing import Closed, closed_system, described, designed_laws, laws_of
 from toolbox.modelling.components import fields_of, is_nested, law_of, structure_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
-from toolbox.modelling.inputs import ExpressionKey, Shape, Table, extremes, input_kinds
+from toolbox.modelling.input_kinds import ExpressionKey, extremes, input_kinds
+from toolbox.modelling.inputs import Shape, Table
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.numbers import Number, number_of, numbers_in
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.modelling.steady_point import Equilibrium
+
+WITHOUT_SLOPE = {
+    "design": "only the design of a law knows it, so that no equation of the loop has a slope by it: vary a gain that it gives",
+    "shape": "it shapes an input in time, and steady running has constant inputs",
+    "node": "it is a number of a table in time, by which no slope is carried: give `loop.at(name, value)` for each value",
+    "clock": "it is a sample time, and what is sampled at other instants is another loop: give `loop.at(name, value)` for each value",
+    "start": "it is a start value, of which a motion that has settled knows nothing",
+}
+"""Why a number of a kind is not one that verbs with slopes can vary."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +202,12 @@ class ClosedLoop:
         """{name: every number of the loop that can be varied}, with unit, bounds, value, and the input that overrides it if one does."""
         return numbers_in(self)
 
+    @cached_property
+    def overridden(self) -> dict[str, str]:
+        """{parameter that has no effect: the input that takes its place}."""
+        scalars = [name for name, entry in self.system.parameters.items() if entry.size is None] if self.inputs else []
+        return {name: found for name in scalars if (found := self.number(name).overridden) is not None}
+
     def number(self, name: str) -> Number:
         """The number of that name; raises SceneError where there is none, with the nearest that there is."""
         found = number_of(self, name)
@@ -209,16 +225,24 @@ class ClosedLoop:
             raise SceneError(f"Argument `{name}` must be one number, but it has {len(listed)} entries: name one, e.g. `{listed[0]}`.")
         raise SceneError(f"There is no number `{name}` in this loop: {suggest(name, known)}")
 
-    def acting(self, name: str, verb: str) -> Number:
-        """An input or a parameter where it acts, for a verb that needs slopes by it; raises SceneError for a number of any other kind."""
+    def free(self, name: str) -> Number:
+        """The number of that name, to be varied; raises SceneError where there is none, and where an input takes its place, so that nothing would change."""
         number = self.number(name)
-        if number.kind not in ("input", "parameter"):
-            why = {
-                "design": "only the design of a law knows it, so that no equation of the loop has a slope by it: vary a gain that it gives",
-                "shape": "it shapes an input in time, and steady running has constant inputs",
-                "start": "it is a start value, of which steady running knows nothing",
-            }[number.kind]
-            raise SceneError(f"Argument `{name}` must be an input or a parameter for `{verb}`, but {why}.")
+        if number.overridden is not None:
+            raise SceneError(
+                f"Argument `{name}` must have an effect to be varied, but the input `{number.overridden}` takes its place: vary that one."
+            )
+        return number
+
+    def acting(self, name: str, verb: str, also: tuple[str, ...] = ()) -> Number:
+        """An input, a parameter where it acts, or a number of the kinds `also`, for a verb that needs slopes by it; raises SceneError for any other."""
+        number = self.free(name)
+        if number.kind not in ("input", "parameter", *also):
+            raise SceneError(f"Argument `{name}` must be an input or a parameter for `{verb}`, but {WITHOUT_SLOPE[number.kind]}.")
+        if np.isnan(number.value):
+            raise SceneError(
+                f"Argument `{name}` must be a constant input for `{verb}`, but it varies in time: give `loop.at({name!r}, value)` or name a number of it."
+            )
         return number
 
     def at(self, name: str, value: NumberOrText) -> ClosedLoop:
@@ -249,7 +273,7 @@ class ClosedLoop:
         loop, values = self, dict(self.parameters)
         for name, value in mapping("parameters", given).items():
             number = None if self.plant.has_parameter(name) else number_of(self, name)
-            if number is not None and number.kind == "design":
+            if number is not None and number.kind in ("design", "clock"):
                 loop = number.put(loop, value)
             else:
                 owner = (
@@ -294,6 +318,7 @@ class ClosedLoop:
         for word, given in (("inputs", self.inputs), ("parameters", self.parameters), ("start", self.start)):
             if given:
                 lines.append(f"  {word}: " + ", ".join(f"{name} {self._read(name, value)}" for name, value in given.items()))
+        lines += [f"  {name} has no effect, because the input {taking} takes its place" for name, taking in self.overridden.items()]
         return "\n".join(lines)
 
     __repr__ = __str__

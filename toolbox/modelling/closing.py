@@ -13,6 +13,7 @@ from toolbox.errors import SceneError
 from toolbox.modelling.components import Component, checked, numbers_of, structure_of
 from toolbox.modelling.composition import assembled
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.law_in_python import LawInPython, holds_python
 from toolbox.modelling.laws import Controller, Sampled, as_held_part, callable_law, designed
 
 
@@ -55,7 +56,8 @@ def laws_of(given: Any, period: float | None) -> tuple[Any, ...]:
 def designed_laws(declared: HybridSystem, laws: Sequence[Any]) -> list[Any]:
     """Laws in order as they are designed on the declared plant, without what samples them."""
     inner = [given.law if isinstance(given, Sampled) else given for given in laws]
-    return [designed(law, declared) if isinstance(law, Controller) else law for law in inner]
+    made = [designed(law, declared) if isinstance(law, Controller) else law for law in inner]
+    return [LawInPython(law, declared) if holds_python(law) else law for law in made]
 
 
 def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[Any], made: Sequence[Any]) -> Closed:

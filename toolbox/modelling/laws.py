@@ -350,7 +350,8 @@ class Takeover(Controller):
     """One sampled law until a time and another from then on: a drive that is switched on in the middle of a run.
 
     The memory of `after` stays at its start values until then; that of `before`, recorded as `before.<name>`, stops. What only one of them gives is recorded
-    throughout. There is no continuous form. Raises SceneError where the two drive different signals.
+    throughout. There is no continuous form. Where one of them is designed as a callable, such as a predictive law, the whole is one, and `run.laws[0].inside`
+    holds that law. Raises SceneError where the two drive different signals.
 
     Parameters
     ----------

@@ -3,8 +3,10 @@
     input        a signal that nobody gives, held constant                       top.torque, top.reference
     parameter    a number of a part or of a law, where it acts                   bit.weight, chain.inertia.0, pi.proportional
     design       a field of a law that only its design knows                     softtorque.detuning
-    shape        a number of the shape that an input has, or of its table        top.torque.amplitude, top.torque.values.2
-    start        the start value of a state                                      bit.speed
+    shape        a number of the shape that an input has                         top.torque.amplitude
+    node         a time or a value of the table that an input has                top.torque.values.2
+    clock        the sample time of a law                                        pi.period
+    start        the start value of a state, or of what a sampled law remembers  bit.speed, pi.angle
 
 An input and a parameter of one name are one number: the input, whose default the parameter is.
 """
@@ -12,6 +14,7 @@ An input and a parameter of one name are one number: the input, whose default th
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -23,9 +26,9 @@ from toolbox.arguments import checked_range
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling import inputs as shapes
-from toolbox.modelling.components import bounds_broken, fields_of, is_nested
+from toolbox.modelling.components import bounds_broken, fields_of, is_nested, numbers_of
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.laws import Controller, Sampled
+from toolbox.modelling.laws import Controller, Held, Sampled
 from toolbox.modelling.start import place_start, started
 
 Loop = Any
@@ -43,7 +46,7 @@ class Number:
     unit
         Its unit in SI.
     kind
-        "input", "parameter", "design", "shape" or "start" (see `toolbox.modelling.numbers`).
+        "input", "parameter", "design", "shape", "node", "clock" or "start" (see `toolbox.modelling.numbers`).
     value
         Its value in the loop, in SI; NaN for an input that varies in time.
     meaning
@@ -84,10 +87,13 @@ class Number:
         if broken:
             raise SceneError(f"Argument `{self.name}` must be {broken}{'' if self.unit == '1' else f' {self.unit}'}, but it is {value!r}.")
 
-    def varied(self, system: HybridSystem, inputs: Mapping[str, float], value: float) -> tuple[HybridSystem, dict[str, float]]:
-        """A system and its constant inputs with this value of an input, or of a parameter where it acts."""
+    def varied(self, system: HybridSystem, inputs: Mapping[str, Any], value: float) -> tuple[HybridSystem, dict[str, Any]]:
+        """A system and its inputs with this value of an input, of a number of its shape, or of a parameter where it acts."""
         if self.kind == "input":
             return system, {**inputs, self.name: value}
+        if self.kind in ("shape", "node"):
+            name, key = self.in_input(inputs)
+            return system, {**inputs, name: _reshaped(inputs[name], key, value)}
         return system.with_parameters({self.name: value}), dict(inputs)
 
     def put(self, loop: Loop, value: NumberOrText) -> Loop:
@@ -104,8 +110,10 @@ class Number:
             return loop.but(start={**loop.start, self.name: value})
         if self.kind == "design":
             return _redesigned(loop, self.name, value)
-        name, key = self.in_input(loop.values)
-        return loop.but(inputs={**loop.inputs, name: _reshaped(loop.values[name], key, value)})
+        if self.kind == "clock":
+            return _resampled(loop, self.name, value)
+        name, _ = self.in_input(loop.values)
+        return loop.but(inputs={**loop.inputs, name: self.varied(loop.system, loop.values, value)[1][name]})
 
     def in_input(self, inputs: Iterable[str]) -> tuple[str, str]:
         """(input, name of the number in its shape or table), for the number of a shape."""
@@ -122,8 +130,8 @@ def numbers_in(loop: Loop) -> dict[str, Number]:
     names += [name for i in range(len(loop.laws)) for name in _design_fields(loop, i)]
     for name, value in loop.values.items():
         names += [f"{name}.{key}" for key in _shape_numbers(value)]
-    for name in started(system):
-        size = system.states[name][1] if name in system.states else None
+    sizes = {name: system.states[name][1] if name in system.states else None for name in started(system)}
+    for name, size in (sizes | remembered(system)).items():
         names += [name] if size is None else [f"{name}.{i}" for i in range(size)]
     found = {name: number_of(loop, name) for name in dict.fromkeys(names)}
     return {name: number for name, number in found.items() if number is not None}
@@ -147,28 +155,32 @@ def number_of(loop: Loop, name: str) -> Number | None:
         entry = system._parameter(name)
         if entry.size is not None:
             return None
-        return Number(
-            name,
-            entry.unit,
-            "parameter",
-            float(system.parameter(name)),
-            entry.meaning,
-            entry.bounds,
-            _usual(system, name),
-            overridden(loop, name),
-        )
+        kind, value = "parameter" if sampled_law(loop, name) is None else "clock", float(system.parameter(name))
+        return Number(name, entry.unit, kind, value, entry.meaning, entry.bounds, _usual(system, name), overridden(loop, name))
     for given, value in loop.values.items():
         key = name[len(given) + 1 :]
         if name.startswith(f"{given}.") and key in _shape_numbers(value):
             unit = shapes.UNITS.get(value.shape, {}).get(key, "s" if key.startswith("times.") else "")
-            return Number(name, unit or system.inputs[given].unit, "shape", float(_shape_numbers(value)[key]))
+            kind = "node" if isinstance(value, shapes.Table) else "shape"
+            return Number(name, unit or system.inputs[given].unit, kind, float(_shape_numbers(value)[key]))
     if _row(system, name) is not None:
         x = system.begin.copy()
         for each, given in loop.start.items():
-            if system.has_signal(each):
+            if system.has_signal(each) and not is_remembered(system, each):
                 place_start(system, x, each, given)
         return Number(name, system.signal_unit(name), "start", float(x[_row(system, name)]))
+    sizes, (head, _, place) = remembered(system), name.rpartition(".")
+    if is_remembered(system, name) and sizes.get(name) is None:
+        owner = name if name in sizes else head
+        whole = np.broadcast_to(loop.start.get(owner, 0.0), sizes[owner] or 1)
+        value = loop.start.get(name, whole[0 if name in sizes else int(place)])
+        return Number(name, system.signal_unit(owner), "start", float(value))
     return None
+
+
+def remembered(system: HybridSystem) -> dict[str, int | None]:
+    """{what a sampled law of the system remembers: its number of entries, None for one number}."""
+    return {name: size for update in system.updates for name, (_, size) in update.places.items()}
 
 
 def overridden(loop: Loop, name: str) -> str | None:
@@ -263,6 +275,21 @@ def _design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any],
     return {name: entry for name, entry in fields.items() if not (system.has_parameter(name) and acts(loop, name))}
 
 
+def is_remembered(system: HybridSystem, name: str) -> bool:
+    """Whether a name is that of something that a sampled law remembers, or of an entry of it."""
+    sizes, (head, _, place) = remembered(system), name.rpartition(".")
+    return name in sizes or (place.isdigit() and int(place) < (sizes.get(head) or 0))
+
+
+def sampled_law(loop: Loop, name: str) -> int | None:
+    """Which law of a loop a parameter of that name is the sample time of; None for none."""
+    parts, first = loop.system.parts, len(loop.system.parts) - len(loop.laws)
+    ends = itertools.accumulate(len(numbers_of(part)) for part in parts)
+    offset = loop.system._parameter(name).offset
+    held = (i for i, (part, end) in enumerate(zip(parts, ends, strict=True)) if isinstance(part, Held) and end - 1 == offset)
+    return next((i - first for i in held), None)
+
+
 def designed_law(loop: Loop, name: str) -> int | None:
     """Which law of a loop a field of that name belongs to that its design alone knows; None for none."""
     return next((index for index in range(len(loop.laws)) if name in _design_fields(loop, index)), None)
@@ -285,6 +312,14 @@ def _redesigned(loop: Loop, name: str, value: float) -> Loop:
     law = _replaced(given.law if isinstance(given, Sampled) else given, name.split(".")[1:], value)
     laws = (*loop.laws[:index], dataclasses.replace(given, law=law) if isinstance(given, Sampled) else law, *loop.laws[index + 1 :])
     return loop.but(laws=laws)
+
+
+def _resampled(loop: Loop, name: str, value: float) -> Loop:
+    """The loop with one law sampled at another time, designed as it is."""
+    index = sampled_law(loop, name)
+    assert index is not None
+    changed = dataclasses.replace(loop.laws[index], period=value)
+    return loop.with_laws((*loop.laws[:index], changed, *loop.laws[index + 1 :]))
 
 
 def _replaced(node: Any, path: list[str], value: float) -> Any:

@@ -19,6 +19,7 @@ from toolbox.errors import SceneError
 from toolbox.modelling.components import Equations, Signal, Update, check_fields
 from toolbox.modelling.elements import State, state
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.law_in_python import LawInPython
 from toolbox.modelling.laws import Controller, designed
 from toolbox.modelling.remembering import Remembering
 
@@ -104,7 +105,7 @@ class Observed(Controller):
                 raise SceneError(
                     f"Argument `late` must be 0, but it is {self.late}: {type(self.observer).__name__} has a delay of its own."
                 )
-            return EstimatedLaw(designed(self.law, plant), estimator, self.observer.measures)
+            return EstimatedLaw(LawInPython(designed(self.law, plant), plant, estimator.period), estimator, self.observer.measures)
         return dataclasses.replace(self, law=designed(self.law, plant), observer=designed(self.observer, plant))
 
     def continuous(self, signal: Signal) -> Equations:
@@ -136,45 +137,22 @@ class Observed(Controller):
 class EstimatedLaw(Remembering):
     """A law with a sampled form on the estimates of an `Estimator`: a callable (t, y) -> u; `estimates` are those of every sample so far."""
 
-    remembers: ClassVar[tuple[str, ...]] = ("estimator", "memory")
+    remembers: ClassVar[tuple[str, ...]] = ("estimator", "law")
 
-    def __init__(self, law: Controller, estimator: Estimator, measures: tuple[str, ...]):
-        self.estimator, self.drives, self.dt = estimator, law.drives, estimator.period
-        self.known = tuple(estimator.estimate(np.zeros(len(measures))))
-        self.defaults: dict[str, tuple[float, str]] = {}
-        asked: dict[str, ca.SX] = {}
-        more: list[str] = []
-
-        def signal(name: str, unit: str, default: Any = None) -> ca.SX:
-            if name not in asked:
-                asked[name] = ca.SX.sym(name)
-                if name not in self.known and default is not None:
-                    self.defaults[name] = (float(default), unit)
-                elif name not in self.known:
-                    more.append(name)
-            return asked[name]
-
-        update = law.sampled(signal, ca.SX(estimator.period))
-        self.own = len(measures)
-        self.measures = (*measures, *more)
-        self.asked = tuple(asked)
-        memory = [ca.SX(state) for state in update.memory]
-        self.step = ca.Function(
-            "step",
-            [ca.vertcat(*memory) if memory else ca.SX(0, 1), ca.vertcat(*asked.values()) if asked else ca.SX(0, 1)],
-            [ca.vertcat(*[ca.SX(v) for v in update.memory.values()]) if memory else ca.SX(0, 1), ca.SX(update.outputs[law.drives[0]][0])],
-        )
-        self.memory = np.zeros(sum(state.numel() for state in memory))
+    def __init__(self, law: LawInPython, estimator: Estimator, measures: tuple[str, ...]):
+        self.law, self.estimator, self.drives, self.dt, self.own = law, estimator, law.drives, estimator.period, len(measures)
+        known = tuple(estimator.estimate(np.zeros(len(measures))))
+        self.measures = (*measures, *(name for name in law.measures if name not in known))
+        self.defaults = {name: default for name, default in law.defaults.items() if name not in known}
         self.estimates = list[Mapping[str, float]]()
 
     def __call__(self, t: float, y: np.ndarray) -> float:
         found = self.estimator.estimate(y[: self.own])
         given = dict(zip((*self.measures, *self.defaults), y, strict=True)) | dict(found)
-        memory, output = self.step(self.memory, [given[name] for name in self.asked])
-        self.memory, command = np.array(memory).ravel(), float(output)
+        (command,) = self.law(t, np.array([given[name] for name in (*self.law.measures, *self.law.defaults)]))
         self.estimator.predict(command)
         self.estimates.append(found)
-        return command
+        return float(command)
 
 
 def _commands(law: Controller, signal: Signal) -> tuple[dict[str, ca.SX], Signal]:

@@ -126,7 +126,7 @@ class SmoothBranch:
 
     def at(self, value: float) -> Run:
         """The run with the free parameter at a value."""
-        return with_value(self.run, self.free, value)
+        return self.run.at(self.free, value)
 
     def __call__(self, value: float) -> Smooth | None:
         """Smooth running at a value; None where none is known."""
@@ -183,13 +183,13 @@ class SmoothBranch:
         """Period of the least damped swing [s], of the continuous form of the loop, else of the plant at the set-points; nan where neither runs steadily."""
         point = None if self.followed is None else self.followed(value)
         with contextlib.suppress(SceneError):
-            return swing_period(point or at_set_points(self.run.loop.at(self.free.name, value)))
+            return swing_period(point or at_set_points(self.at(value).loop))
         return math.nan
 
     def _beginnings(self, run: Run, value: float) -> Iterator[RunState]:
         """States near smooth running: of the continuous forms, of the plant at the set-points, and of the nearest value that is known."""
         points: list[Callable[[], Equilibrium | None]] = [lambda: None if self.followed is None else self.followed(value)]
-        points.append(lambda: at_set_points(run.loop.at(self.free.name, value)))
+        points.append(lambda: at_set_points(run.loop))
         for find in points:
             with contextlib.suppress(SceneError):
                 point = find()
@@ -217,13 +217,6 @@ def swing_period(rest: Equilibrium) -> float:
     if swinging.size:
         return float(2 * math.pi / swinging[int(np.argmax(swinging.real))].imag)
     return float(2 * math.pi / np.abs(poles).min(initial=1.0)) if poles.size else 1.0
-
-
-def with_value(run: Run, free: Number, value: float) -> Run:
-    """The run with a free parameter at a value."""
-    if free.is_input:
-        return dataclasses.replace(run, inputs={**run.inputs, free.name: value})
-    return dataclasses.replace(run, system=run.system.with_parameters({free.name: value}))
 
 
 def slip_rows(system: HybridSystem, states: FloatArray, values: FloatArray) -> FloatArray:

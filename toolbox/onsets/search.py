@@ -19,7 +19,7 @@ from toolbox.errors import SimulationError
 from toolbox.measuring import measure
 from toolbox.measuring.judge import FAILED, NONE, SMOOTH, STANDS, STICKS, Judge, Judged
 from toolbox.modelling.steady_point import function_of
-from toolbox.onsets.growth import Smooth, SmoothBranch, slip_rows, with_value
+from toolbox.onsets.growth import Smooth, SmoothBranch, slip_rows
 from toolbox.onsets.report import Border
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
@@ -65,7 +65,7 @@ class OnsetSearch:
 
     def at(self, value: float) -> Run:
         """The run with the free parameter at a value."""
-        return with_value(self.base, self.branch.free, value)
+        return self.base.at(self.branch.free, value)
 
     # ------------------------------------------------------------------------------------------------------------------------------------- one run
     def run(self, value: float, begin: RunState, /, finer: float = 1.0, silent: bool = False) -> tuple[Judged, RunState | None]:

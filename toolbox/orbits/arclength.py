@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
+from toolbox.modelling.numbers import Number
 from toolbox.orbits.branch import Bifurcation
 from toolbox.orbits.limit_cycle import anchored, forcing_period
 from toolbox.orbits.orbit import Cycle, CycleError, Orbit, multipliers_of, signature_of
-from toolbox.orbits.sensitivity import value_of, with_value
 from toolbox.orbits.sliding import sliding_kind
 from toolbox.simulation.trajectory import Trajectory
 
@@ -37,9 +37,9 @@ class Corrected:
 class ArcWalk:
     """The state of a continuation: where it is, which way it heads, and in which scales."""
 
-    def __init__(self, cycle: Cycle, parameter: str, span: tuple[float, float]):
-        self.parameter = parameter
-        self.orbit = Orbit.of(cycle.run, (parameter,), cycle.run.accuracy, cycle.period if cycle.forced else None)
+    def __init__(self, cycle: Cycle, free: Number, span: tuple[float, float]):
+        self.free = free
+        self.orbit = Orbit.of(cycle.run, free, cycle.run.accuracy, cycle.period if cycle.forced else None)
         self.kept = self.orbit.returning
         self.base = cycle.run.run
         self.forced = cycle.forced
@@ -47,14 +47,13 @@ class ArcWalk:
         natural = forcing_period(self.base) if self.forced else None
         self.multiple = round(cycle.period / natural) if natural else 0
         self.forced_period = cycle.period
-        if self.orbit.clocked and parameter.endswith(".frequency") and self.multiple:
+        if self.orbit.clocked and self._paces:
             raise SceneError(
-                f"Argument `parameter` must not be `{parameter}` under a sampled law: the period must stay a multiple of its sample time."
+                f"Argument `parameter` must not be `{free.name}` under a sampled law: the period must stay a multiple of its sample time."
             )
         self.rest = self.orbit.begins(cycle.run).copy()
         self.like = cycle.run
-        value = value_of(self.base, parameter)
-        u = np.concatenate([self.rest[self.kept], [] if self.forced else [cycle.period], [value]]) / self.scale
+        u = np.concatenate([self.rest[self.kept], [] if self.forced else [cycle.period], [free.value]]) / self.scale
         self.heading = np.zeros(u.size)
         self.before: Corrected | None = None
         self.beyond: Trajectory | None = None
@@ -63,6 +62,11 @@ class ArcWalk:
         if found is None:
             raise CycleError("The cycle to start from is not found again.", cycle.run)
         self.here = found
+
+    @property
+    def _paces(self) -> bool:
+        """Whether what varies is the frequency of the sines whose period the cycle has."""
+        return bool(self.multiple) and self.free.kind == "shape" and self.free.name.endswith(".frequency")
 
     def _phase_at(self, run: Trajectory) -> None:
         """Fix the phase of what follows by the flow at the start of a run."""
@@ -82,7 +86,7 @@ class ArcWalk:
         return self.multiple * natural if natural and self.multiple else self.forced_period
 
     def _shot(self, u: np.ndarray) -> tuple[Trajectory, np.ndarray, float]:
-        arguments = with_value(self.base, self.parameter, float(u[-1] * self.scale[-1]))
+        arguments = self.base.at(self.free, float(u[-1] * self.scale[-1]))
         taken = {word: getattr(arguments, word) for word in ("inputs", "system", "plant", "loop")}
         self.orbit.run = dataclasses.replace(self.orbit.run, **taken)
         x = self.rest.copy()
@@ -100,7 +104,7 @@ class ArcWalk:
         of_parameter = tangent[self.kept, -1]
         if not self.forced:
             columns.append((end[self.kept] * self.scale[-2] / s)[:, None])
-        elif self.multiple and self.parameter.endswith(".frequency"):
+        elif self._paces:
             of_parameter = of_parameter - end[self.kept] * period**2 / self.multiple
         columns.append((of_parameter * self.scale[-1] / s)[:, None])
         matrix = np.hstack(columns)

@@ -59,7 +59,7 @@ class Branch:
     asked: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def loop(self) -> ClosedLoop | None:
+    def loop(self) -> ClosedLoop:
         """The loop of the first cycle; that of each one is its own `loop`, with its value of the parameter."""
         return self.cycles[0].loop
 

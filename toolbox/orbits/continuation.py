@@ -21,7 +21,7 @@ taken up on the other side along the tangent of the cycles with other switches, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,7 @@ from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.orbits.arclength import ArcWalk
 from toolbox.orbits.branch import Bifurcation, Branch
 from toolbox.orbits.orbit import Cycle, signature_of
-from toolbox.orbits.sensitivity import unit_of
+from toolbox.orbits.sensitivity import placed
 from toolbox.steady_states.hopf import hopf_points
 
 
@@ -84,23 +84,19 @@ def follow(
     """
     if not isinstance(cycle, Cycle):
         raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")
-    if isinstance(towards, str) or (isinstance(span, Sequence) and any(isinstance(end, str) for end in span)):
-        unit = unit_of(cycle.run, parameter)
-        span, towards = in_si(span, unit, "span"), in_si(towards, unit, "towards")
-    if not isinstance(span, Sequence) or len(span) != 2 or not all(is_finite_number(v) for v in span) or not span[0] < span[1]:
-        raise SceneError(f"Argument `span` must be (low, high) with low < high, but it is {span!r}.")
+    free = cycle.run.run.loop.acting(parameter, "follow", ("shape",))
+    asked = {free.unit: asked_in(free.in_si("span", span), free.unit)}
+    span, towards = free.between(span, "span"), in_si(towards, free.unit, "towards")
     if not is_finite_number(step) or not step > 0:
         raise SceneError(f"Argument `step` must be > 0, but it is {step!r}.")
-    walk = ArcWalk(cycle, parameter, (float(span[0]), float(span[1])))
+    walk = ArcWalk(dataclasses.replace(cycle, run=placed(cycle.run, [free])), free, span)
     if abs(min(max(walk.here.value, span[0]), span[1]) - walk.here.value) > 1e-14 * abs(walk.here.value):
         raise SceneError(f"Argument `span` must hold the value {walk.here.value:g} of `{parameter}`, but it is {span!r}.")
     whole("points", points, 1)
     goal = number("towards", towards) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
-    branch = Branch(
-        parameter, unit_of(cycle.run, parameter), [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for"
-    )
-    branch.asked = {branch.unit: asked_in(span, branch.unit)}
+    ended = f"all {points} points asked for"
+    branch = Branch(parameter, free.unit, [walk.here.value], [walk.cycle(walk.here)], [], ended, asked)
     size, turned = step / 4, 0
     left: Any = None  # the switches of the cycles from which the last corner led away
     while len(branch.values) < points:

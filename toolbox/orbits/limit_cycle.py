@@ -89,7 +89,7 @@ def limit_cycle(
         raise SceneError(f"Argument `accuracy` must be a number between 1e-13 and 0.1, but it is {accuracy!r}.")
     if period is not None and not (is_finite_number(period) and period > 0):
         raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
-    orbit = Orbit.of(run, (), accuracy, period)
+    orbit = Orbit.of(run, None, accuracy, period)
     if orbit.forced:
         given = forcing_period(orbit.run) if period is None else float(period)
         if given is None and orbit.clocked and not orbit.variational.forced:

@@ -15,8 +15,8 @@ from toolbox.files.html import table
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
+from toolbox.modelling.numbers import Number
 from toolbox.orbits.sampled_memory import check_laws
-from toolbox.orbits.sensitivity import parameter_column
 from toolbox.simulation.methods import Explicit
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
@@ -66,7 +66,7 @@ class Cycle:
     period_error: float
 
     @property
-    def loop(self) -> ClosedLoop | None:
+    def loop(self) -> ClosedLoop:
         """The loop whose motion it is, with the numbers at which the cycle was found."""
         return self.run.run.loop
 
@@ -181,8 +181,8 @@ class Orbit:
     approach: float = np.inf
 
     @staticmethod
-    def of(run: Trajectory, names: tuple[str, ...], accuracy: float, period: float | None = None) -> Orbit:
-        """The equations for cycles of the same plant and arguments as a run, with derivatives by the named parameters."""
+    def of(run: Trajectory, free: Number | None, accuracy: float, period: float | None = None) -> Orbit:
+        """The equations for cycles of the same plant and arguments as a run, with derivatives by a number."""
         from toolbox.orbits.variational import variational_equations
 
         check_laws(run)
@@ -201,12 +201,9 @@ class Orbit:
                     + (": give its `period`." if period is None else f" that does not repeat itself after {period:g} s.")
                 )
         arguments = dataclasses.replace(run.run, accuracy=accuracy, method=Explicit(), output_times=None, duration=0.0)
-        columns = tuple(parameter_column(run, name) for name in names)
-        for name, column in zip(names, columns, strict=True):
-            if column is None:
-                raise SceneError(f"Argument `parameter` must be a parameter or a constant input, but `{name}` is a state.")
-        # a coarse run, or a stiff one, has another program
-        variational = variational_equations(arguments.again().program, columns)  # type: ignore[arg-type]
+        program = arguments.again().program  # that of a coarse run, or of a stiff one, is another
+        columns = () if free is None else (program.place(free, arguments.inputs),)
+        variational = variational_equations(program, columns)
         returning = np.flatnonzero(~variational.drifting)
         size = [np.abs(run.states).max(axis=0)]
         read = np.empty(0, int)
@@ -228,7 +225,7 @@ class Orbit:
         scale = np.concatenate(size)
         scale[scale == 0.0] = 1.0
         held = run.run.start.held
-        return Orbit(arguments, variational, columns, returning, variational.forced or variational.laws is not None, scale, held, read)  # type: ignore[arg-type]
+        return Orbit(arguments, variational, columns, returning, variational.forced or variational.laws is not None, scale, held, read)
 
     @property
     def _holding(self) -> np.ndarray:

@@ -18,8 +18,6 @@ import numpy as np
 
 from toolbox.compilation.program import Program
 from toolbox.errors import GrazingError, SceneError
-from toolbox.modelling.components import numbers_of
-from toolbox.modelling.laws import Held
 from toolbox.simulation.trajectory import Trajectory
 
 MEETING = 1e-9
@@ -208,16 +206,6 @@ def check_laws(run: Trajectory) -> None:
                 f"Argument `run` must be without encoder steps, but `{part.sensors.coarse[0]}` has some: what is rounded has the derivative 0. "
                 "Leave out `resolution`."
             )
-
-
-def sample_times(run: Any) -> list[int]:
-    """Places of the sample times in the parameter vector of a run."""
-    places, offset = [], 0
-    for part in run.system.parts:
-        offset += len(numbers_of(part))
-        if isinstance(part, Held):
-            places.append(offset - 1)
-    return places
 
 
 def default_slopes(run: Any, program: Program, columns: tuple[int, ...]) -> np.ndarray:

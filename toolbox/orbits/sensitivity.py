@@ -6,8 +6,7 @@ time (see `toolbox.orbits.variational`). Nothing is differenced, so one run give
 
 from __future__ import annotations
 
-import copy
-import dataclasses
+import functools
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
@@ -15,18 +14,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.inputs import Shape
 from toolbox.modelling.laws import names
+from toolbox.modelling.numbers import Number
 from toolbox.modelling.start import place_start
-from toolbox.orbits.sampled_memory import check_laws, sample_times
+from toolbox.orbits.sampled_memory import check_laws
 from toolbox.simulation.methods import Explicit
-from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
-
-COEFFICIENTS = {"sine": ("mean", "amplitude", "frequency", "phase")}
-"""Words by which the numbers of a shape are named: `block.load.amplitude`."""
 
 
 class Sensitivity:
@@ -52,7 +47,7 @@ class Sensitivity:
         self.event_times: np.ndarray = tangent.event_times[:, order]
 
     @property
-    def loop(self) -> ClosedLoop | None:
+    def loop(self) -> ClosedLoop:
         """The loop that was run."""
         return self.run.run.loop
 
@@ -203,9 +198,9 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     run
         The trajectory.
     to
-        Parameters of the plant or of a controller, continuous or sampled (`block.mass`, `chain.stiffness.0`, `pi.proportional`); constant inputs
-        (`top.torque`); numbers of a sine (`block.load.amplitude`, `.mean`, `.frequency`, `.phase`); start values of states and of what a sampled law
-        remembers (`chain.speed.1`, `pi.angle`, or `bit.speed`, a signal that is a state). A name that was given as an input means that input.
+        Numbers of the loop: parameters of the plant or of a controller, continuous or sampled (`block.mass`, `chain.stiffness.0`, `pi.proportional`); constant
+        inputs (`top.torque`, `top.reference`); numbers of a sine or a swept sine (`block.load.amplitude`); start values of states and of what a sampled law
+        remembers (`chain.speed.1`, `pi.angle`, or `bit.speed`, a signal that is a state).
 
     Returns
     -------
@@ -215,7 +210,8 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     Raises
     ------
     SceneError
-        If a name is unknown or is a sample time, or if a law is written in Python or a measurement has encoder steps.
+        If a name is unknown, or is a sample time, a number of a table, or one that only the design of a law knows or an input overrides; or if a law is
+        written in Python or a measurement has encoder steps.
     GrazingError
         If the run has no derivative.
     """
@@ -226,17 +222,20 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
 
     if not run.program.formulas.explicit:  # derivatives follow explicit steps, stage by stage
         run = run.run.again(method=Explicit())
-    wanted = names(to)
+    wanted, loop = names(to), run.run.loop
     if not wanted:
         raise SceneError("Argument `to` must name at least one start state, parameter or input, but it is empty.")
-    starts, columns, order = [], [], []
+    numbers = [loop.acting(name, "sensitivity", ("shape", "start")) for name in wanted]
+    run = placed(run, numbers)
     for name in wanted:
-        column = parameter_column(run, name)
-        if column is None:
-            starts.append(_direction(run, name))
+        run.run.loop.free(name)  # an input that is given now may take its place
+    starts, columns, order = [], [], []
+    for number in numbers:
+        if number.kind == "start":
+            starts.append(_direction(run, number.name))
             order.append(("start", len(starts) - 1))
         else:
-            columns.append(column)
+            columns.append(run.program.place(number, run.run.inputs))
             order.append(("parameter", len(columns) - 1))
     own = len(starts)
     n = run.program.system.x.numel()
@@ -246,40 +245,10 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     return Sensitivity(run, wanted, np.array([i if kind == "start" else own + i for kind, i in order]), tuple(columns), tangent)
 
 
-def parameter_column(run: Trajectory, name: str) -> int | None:
-    """Place of a parameter, or of a constant of an input, in the parameter vector of a run; None for a state."""
-    arguments, program = run.run, run.program
-    if not isinstance(name, str):
-        raise SceneError(f"Argument `to` must hold names, but one is {name!r}.")
-    value = arguments.inputs.get(name)
-    if isinstance(value, float):
-        return program.coefficient_slot[name]
-    if value is not None:
-        raise SceneError(f"Argument `{name}` must be a constant input to have a derivative, but it varies in time.")
-    head, _, tail = name.rpartition(".")
-    shape = arguments.inputs.get(head)
-    if isinstance(shape, Shape) and tail in COEFFICIENTS.get(shape.kind, ()):
-        return program.coefficient_slot[head] + COEFFICIENTS[shape.kind].index(tail)
-    system = program.system
-    try:
-        entry = system._parameter(name)
-    except SceneError:
-        if name in system.inputs:
-            default = system.inputs[name].default
-            owners = [
-                each for each, entry in system.parameters.items() if entry.size is None and ca.is_equal(default, system.p[entry.offset])
-            ]
-            other = f", or name `{owners[0]}`, its default" if owners else ""
-            raise SceneError(f"Argument `{name}` must be given as a constant in `inputs` of the run to be varied{other}.") from None
-        if system.has_signal(name):
-            return None
-        known = [*system.parameters, *system.states, *(n for n, v in arguments.inputs.items() if isinstance(v, float))]
-        raise SceneError(f"There is no parameter, constant input or state `{name}`: {suggest(name, known)}") from None
-    if entry.size is not None:
-        raise SceneError(f"Argument `{name}` must be one entry, such as `{name}.0`, but it has {entry.size}.")
-    if entry.offset in sample_times(run.run):
-        raise SceneError(f"Argument `{name}` must not be a sample time: a derivative belongs to given instants of the samples.")
-    return entry.offset
+def placed(run: Trajectory, numbers: Sequence[Number]) -> Trajectory:
+    """The run, or the same one with those inputs given that nobody gave, so that its program has a place for each of these numbers."""
+    lacking = [each for each in numbers if each.is_input and each.name not in run.run.inputs]
+    return functools.reduce(lambda made, each: made.at(each, each.value), lacking, run.run).again() if lacking else run
 
 
 def _direction(run: Trajectory, name: str) -> np.ndarray:
@@ -295,63 +264,4 @@ def _direction(run: Trajectory, name: str) -> np.ndarray:
         place += update.memory.numel()
     if not direction.any():
         place_start(system, direction[: system.x.numel()], name, 1.0)
-    if direction.sum() != 1.0:
-        raise SceneError(f"Argument `{name}` must be one entry, such as `{name}.0`, but it has {direction.sum():g}.")
     return direction
-
-
-def with_value(run: Run, name: str, value: float) -> Run:
-    """The arguments of a run with one parameter, constant input or number of a sine changed; raises SceneError where it breaks a bound."""
-    if name in run.inputs:
-        bounds = run.system.parameters.get(name)
-        if bounds is not None:
-            bounds.check(value)
-        return _with_input(run, name, float(value))
-    head, _, tail = name.rpartition(".")
-    shape = run.inputs.get(head)
-    if isinstance(shape, Shape) and tail in COEFFICIENTS.get(shape.kind, ()):
-        numbers = list(shape.coefficients)
-        numbers[COEFFICIENTS[shape.kind].index(tail)] = float(value)
-        named = {**shape.numbers, tail: float(value)} if shape.numbers else {}
-        return _with_input(run, head, dataclasses.replace(shape, coefficients=tuple(numbers), numbers=named))
-    system = copy.copy(run.system)
-    entry = system._parameter(name)
-    entry.check(value)
-    system.values = system.values.copy()
-    system.values[entry.offset] = value
-    plant = (
-        run.plant.with_parameters({name: value})
-        if name.rpartition(".")[0] in run.plant.parameters or name in run.plant.parameters
-        else run.plant
-    )
-    loop = run.loop and run.loop.but(parameters={**run.loop.parameters, name: float(value)})
-    return dataclasses.replace(run, system=system, plant=plant, loop=loop)
-
-
-def _with_input(run: Run, name: str, value: Any) -> Run:
-    loop = run.loop and run.loop.but(inputs={**run.loop.inputs, name: value})
-    return dataclasses.replace(run, inputs={**run.inputs, name: value}, loop=loop)
-
-
-def value_of(run: Run, name: str) -> float:
-    """The number that `with_value` changes."""
-    if name in run.inputs:
-        return float(run.inputs[name])
-    head, _, tail = name.rpartition(".")
-    shape = run.inputs.get(head)
-    if isinstance(shape, Shape) and tail in COEFFICIENTS.get(shape.kind, ()):
-        return shape.coefficients[COEFFICIENTS[shape.kind].index(tail)]
-    return float(
-        run.system.parameter(name) if run.system.parameters.get(name) is not None else run.system.values[run.system._parameter(name).offset]
-    )
-
-
-def unit_of(run: Trajectory, name: str) -> str:
-    """The unit of what `with_value` changes."""
-    system = run.program.system
-    if name in system.inputs:
-        return system.unit(name)
-    head, _, tail = name.rpartition(".")
-    if isinstance(run.run.inputs.get(head), Shape):
-        return {"frequency": "Hz", "phase": "rad"}.get(tail) or system.unit(head)
-    return system._parameter(name).unit

@@ -21,12 +21,10 @@ from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring import measures
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
 from toolbox.modelling.closing import described
-from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Sampled
 from toolbox.robustness.steady_loop import smooth_start
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.trajectory import Trajectory
-from toolbox.steady_states.linear import input_values
 from toolbox.sweeps.sweep import sweep
 
 DELAY = "delay"
@@ -192,15 +190,15 @@ def worst_case(
     Parameters
     ----------
     loop
-        A loop with constant inputs. A law is designed on the declared plant, and errors change the plant only.
+        A loop. A law is designed on the declared plant, and errors of parameters do not change its design.
     duration
         Length of a run [s].
     errors
-        {parameter or input: factor, or several}, each tried alone; "delay" is that of the sampled laws.
+        {number of the loop: factor, or several}, each tried alone; "delay" is that of the sampled laws.
     corners
-        Mappings {parameter or input: factor}, each of which is tried with all its errors at once.
+        Mappings {number of the loop: factor}, each of which is tried with all its errors at once.
     starts
-        Start values {state: value} of each run, for instance from `cycle_phases`; by default smooth running.
+        Start values {state: value} of each run, for instance from `cycle_phases`; by default smooth running, which needs constant inputs.
     seeds
         Seeds of the noise of `Sampled`, used where it has any.
     after
@@ -224,15 +222,15 @@ def worst_case(
     if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
     window = 0.7 * duration if after is None else after
-    plant, system, inputs = loop.plant, loop.system, loop.constant_inputs("its errors to be factors")
+    plant, system = loop.plant, loop.system
     noisy = any(isinstance(law, Sampled) and law.noise for law in loop.laws)
     contact = judged_contact(system, loop.element)
     speed = loop.signal or judged_speed(system, contact)
     drives = [name for name in plant.inputs if name not in system.inputs]
-    wanted = _set_point(system, inputs) if target is None else float(in_si(target, system.signal_unit(speed), "target"))
+    wanted = _set_point(loop) if target is None else float(in_si(target, system.signal_unit(speed), "target"))
     cases = _cases(errors, corners)
     names = sorted({name for case in cases.values() for name in case if name != DELAY})
-    declared = {name: _declared(system, name, inputs) for name in names}
+    declared = {name: _declared(loop, name) for name in names}
     if not declared:  # a sweep varies something
         entry = next(entry for entry in plant.parameters.values() if entry.size is None)
         declared = {entry.name: float(plant.parameter(entry.name))}
@@ -286,20 +284,20 @@ def _factors(name: str, given: Any) -> list[float]:
     return [float(value) for value in np.atleast_1d(array).ravel()]
 
 
-def _declared(system: HybridSystem, name: str, inputs: Mapping[str, float]) -> float:
-    """The value of an input or of a parameter that is one number, as declared or given; raises SceneError for any other name."""
-    if name in system.inputs:
-        return float(input_values(system, inputs)[list(system.inputs).index(name)])
-    value = np.asarray(system.parameter(name))
-    if value.ndim:
-        raise SceneError(f"Argument `errors` must name one number, but `{name}` has {value.size} entries: name one, e.g. `{name}.0`.")
-    return float(value)
+def _declared(loop: ClosedLoop, name: str) -> float:
+    """The value of a number of the loop; raises SceneError for a start value, and for an input that varies in time."""
+    number = loop.free(name)
+    if number.kind == "start":
+        raise SceneError(f"Argument `errors` must not hold `{name}`, because it is a start value: give `starts`.")
+    if math.isnan(number.value):
+        raise SceneError(f"Argument `errors` must name numbers, but `{name}` varies in time: name a number of it.")
+    return number.value
 
 
-def _set_point(system: HybridSystem, inputs: Mapping[str, float]) -> float:
-    """The set-point of the laws, the only input of the loop whose name ends so; nan where there is none."""
-    found = [name for name in system.inputs if name.endswith(".reference")]
-    return _declared(system, found[0], inputs) if len(found) == 1 else math.nan
+def _set_point(loop: ClosedLoop) -> float:
+    """The set-point of the laws, the only input of the loop whose name ends so; nan where there is none, or it varies in time."""
+    found = [name for name in loop.system.inputs if name.endswith(".reference")]
+    return loop.number(found[0]).value if len(found) == 1 else math.nan
 
 
 def _as_run(law: Any, late: float, seed: int) -> Any:

@@ -302,10 +302,8 @@ class Scene(Labelled):
     def _without_effect(self, label: str) -> list[str]:
         """What is said of numbers of a law that an input takes the place of; the set-point of the scene, which only judges then, is none."""
         loop = self[label]
-        own = [entry for name, entry in loop.system.parameters.items() if name not in loop.plant.parameters and entry.size is None]
-        found = [loop.number(entry.name) for entry in own] if loop.inputs else []
         return [
-            f"`{number.name}` has no effect, because the input `{number.overridden}` takes its place."
-            for number in found
-            if number.overridden and number.value != self.reference
+            f"`{name}` has no effect, because the input `{taking}` takes its place."
+            for name, taking in loop.overridden.items()
+            if name not in loop.plant.parameters and loop.number(name).value != self.reference
         ]

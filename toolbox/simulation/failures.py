@@ -11,7 +11,7 @@ import numpy as np
 
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program
-from toolbox.errors import BudgetError, SimulationError, ZenoError
+from toolbox.errors import BudgetError, NoModes, SimulationError, ZenoError
 from toolbox.modelling.elimination import dependent_rows, must_be_independent
 from toolbox.simulation.bottleneck import bottleneck
 from toolbox.simulation.run import Run
@@ -122,7 +122,7 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
         if (wrong := _rising_friction(program, range(len(names)), point, work, so_far)) is not None:
             return wrong
         words = f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s."
-        return SimulationError(words + _sharing(program, point, work, t), so_far)
+        return NoModes(words + _sharing(program, point, work, t), so_far)
     labels = [name for name, (_, size, _) in program.system.states.items() for _ in range(size or 1)]
     finite = np.isfinite(work.k[: len(labels)])
     if not finite.all():

@@ -20,7 +20,7 @@ Smoothed friction is never chosen: in no measured case was it the cheapest.
 
 from __future__ import annotations
 
-from toolbox.errors import AccuracyError, SimulationError, ZenoError
+from toolbox.errors import AccuracyError, NoModes, ZenoError
 from toolbox.simulation.methods import EventExact, TaylorSeries, TimeStepping
 from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
@@ -47,8 +47,8 @@ def cheapest_method(run: Run) -> Trajectory:
             return done
     try:
         done = run.again(method=EventExact() if run.system.updates else TaylorSeries())
-    except SimulationError as failed:
-        if not (isinstance(failed, ZenoError) or "No modes" in str(failed)) or not stepped:
+    except (ZenoError, NoModes) as failed:
+        if not stepped:
             raise
         reason = str(failed).rstrip(".")
         done = run.again(method=TimeStepping())

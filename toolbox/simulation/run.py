@@ -14,6 +14,7 @@ from toolbox.files.units import in_si
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.numbers import Number
 from toolbox.simulation.methods import Method, method_of
 from toolbox.simulation.run_state import RunState
 
@@ -117,6 +118,18 @@ class Run:
     def end(self) -> float:
         """The time at which the run ends [s]."""
         return self.start.time + self.duration
+
+    def at(self, number: Number, value: float) -> Run:
+        """The same run with another value of an input, of a number of its shape, or of a parameter where it acts.
+
+        Raises SceneError for a value out of its bounds.
+        """
+        loop = number.put(self.loop, value)
+        system, inputs = number.varied(self.system, self.inputs, value)
+        kinds = tuple(sorted({**dict(self.kinds), number.name: "number"}.items())) if number.is_input else self.kinds
+        own = number.kind == "parameter" and self.plant.has_parameter(number.name)
+        plant = number.varied(self.plant, {}, value)[0] if own else self.plant
+        return dataclasses.replace(self, plant=plant, system=system, inputs=inputs, kinds=kinds, loop=loop)
 
     def again(self, **changes: Any) -> Any:
         """The trajectory of the same run with some of its fields changed, for example another accuracy."""

@@ -19,6 +19,7 @@ from toolbox.arguments import FloatArray, finite_array
 from toolbox.errors import SceneError
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import fresh
+from toolbox.modelling.numbers import is_remembered
 from toolbox.modelling.remembering import offers_memory
 from toolbox.modelling.start import place_starts
 
@@ -91,21 +92,22 @@ class RunState:
         SceneError
             If a name is unknown, or a value does not fit.
         """
-        remembered = {name for update in system.updates for name in update.places}
+        given = start or {}
+        known = {name for name in given if is_remembered(system, name)}
         states = system.begin.copy()
-        place_starts(system, states, {name: value for name, value in (start or {}).items() if name not in remembered})
+        place_starts(system, states, {name: value for name, value in given.items() if name not in known})
         memory = np.zeros(sum(update.memory.numel() + len(update.channels) for update in system.updates))
         few = len(system.updates)
         state = RunState(
             time=0.0, states=states, memory=memory, held=held_defaults(system, plant, clocks, plant.values), taken=(0,) * few, applied=(0,) * few,
             waiting=tuple(np.empty((0, update.outputs.numel())) for update in system.updates), layout=layout_of(system), clocks=tuple(clocks),
         )  # fmt: skip
-        return state.with_values({name: value for name, value in (start or {}).items() if name in remembered})
+        return state.with_values({name: given[name] for name in known})
 
     def with_values(self, given: Mapping[str, Any]) -> RunState:
-        """Return the state with other values of what is named: states, what sampled laws remember, signals held. Raises SceneError for a value of another size.
+        """Return the state with other values of what is named: states, what sampled laws remember, signals held, or one entry of a vector of these.
 
-        Names that the state does not have are left out.
+        Raises SceneError for a value of another size. Names that the state does not have are left out.
         """
         values = self.values
         for name, first, size in self.layout:
@@ -114,6 +116,9 @@ class RunState:
                 if array is None or (array.ndim and array.shape != (size or 1,)):
                     raise SceneError(f"Argument `{name}` must be {size or 1} finite number(s), but it is {given[name]!r}.")
                 values[first : first + (size or 1)] = array
+        for name, first, size in self.layout:  # an entry that is named beside its vector wins
+            for i in range(size or 0):
+                values[first + i] = given.get(f"{name}.{i}", values[first + i])
         return self.at_values(values)
 
     @property

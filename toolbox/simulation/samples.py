@@ -15,7 +15,7 @@ from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.emitter import compiled, function_text
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.modelling.inputs import ExpressionKey
+from toolbox.modelling.input_kinds import ExpressionKey
 
 
 class Event(NamedTuple):

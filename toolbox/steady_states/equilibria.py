@@ -53,9 +53,9 @@ def equilibria(loop: ClosedLoop) -> list[Equilibrium]:
     found: list[Equilibrium] = []
     for combination in combinations:
         for factor in (1.0, 0.5, 0.25, 0.125, 1 / 16, 1 / 32, 1 / 64, 0.0):
-            start = state_values(plant, factor * smooth)
+            guess = state_values(plant, factor * smooth)
             try:
-                point = steady_state(plant, inputs, start, dict(zip(holding, combination, strict=True)), loop.asked)
+                point = steady_state(plant, inputs, guess, dict(zip(holding, combination, strict=True)), loop.asked)
             except SceneError:
                 continue
             if not any(_same(point, other) for other in found):

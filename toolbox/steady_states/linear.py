@@ -66,7 +66,7 @@ def equilibrium(loop: ClosedLoop, *, guess: Mapping[str, Any] | None = None, mod
 def steady_state(
     plant: HybridSystem,
     inputs: Mapping[str, Any] | None = None,
-    start: Mapping[str, Any] | None = None,
+    guess: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
     asked: Mapping[str, str] | None = None,
 ) -> Equilibrium:
@@ -78,7 +78,7 @@ def steady_state(
         A plant, with the laws in it.
     inputs
         {input: constant value}; the others keep their defaults.
-    start
+    guess
         Values {state: value} near the steady state.
     mode
         Modes {contact: mode}; by default those that the values near it have.
@@ -90,13 +90,13 @@ def steady_state(
     plant = _checked(plant)
     u = input_values(plant, inputs or {})
     given = plant.begin.copy()
-    place_starts(plant, given, mapping("start", start))
+    place_starts(plant, given, mapping("guess", guess))
     free = _free(plant)
-    guesses = [given] if start else [_frictionless(plant, free, u), given]
+    begins = [given] if guess else [_frictionless(plant, free, u), given]
     residual, jacobian = residual_functions(plant)
     reason = ""
-    for guess in guesses:
-        m = _modes_at(plant, guess, u, mode, resting=True)
+    for begin in begins:
+        m = _modes_at(plant, begin, u, mode, resting=True)
         sticking = (m == 0.0) & holding_elements(plant)
 
         def equations(x: np.ndarray, m: np.ndarray = m, sticking: np.ndarray = sticking) -> np.ndarray:
@@ -108,7 +108,7 @@ def steady_state(
             return np.vstack([np.array(of_flow), np.array(of_slip)[sticking]])
 
         # a plant in stick has more equations than states: its constraints repeat rows of the flow
-        x = root(equations, guess, jac=slopes, method="lm" if sticking.any() else "hybr", options={"xtol": 1e-14}).x
+        x = root(equations, begin, jac=slopes, method="lm" if sticking.any() else "hybr", options={"xtol": 1e-14}).x
         for _ in range(4):
             if not np.isfinite(slopes(x)).all():
                 break

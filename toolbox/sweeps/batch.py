@@ -260,11 +260,4 @@ def numbers_of_run(run: Run) -> np.ndarray:
 def slots(run: Run, numbers: Sequence[Number]) -> list[int]:
     """Where inputs, numbers of shapes and parameters stand among the numbers of a task; an input must be given as a number."""
     program = program_of(run.system, run.kinds, formulas_of(run))
-    places = []
-    for number in numbers:
-        if number.kind == "parameter":
-            places.append(run.system._parameter(number.name).offset)
-            continue
-        name, key = (number.name, "") if number.kind == "input" else number.in_input(run.inputs)
-        places.append(program.coefficient_slot[name] + (list(run.inputs[name].numbers).index(key) if key else 0))
-    return places
+    return [program.place(number, run.inputs) for number in numbers]

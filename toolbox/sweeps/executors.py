@@ -55,13 +55,20 @@ AHEAD = 4096
 class Manner:
     """How the runs of a sweep are done, decided once: the method, whether in lanes, and the seconds that one of them takes alone."""
 
-    method: str
+    method: Method
     lanes: bool
     cost: float
 
-    def steps_of(self, run: Run) -> Method:
-        """The method of the runs, with the options that it was given."""
-        return run.method if run.method.text == self.method else METHODS[self.method]
+    @staticmethod
+    def noted(notes: Mapping[str, Any], run: Run) -> Manner:
+        """What `notes` of an earlier call said of the same runs, whose own method keeps its options."""
+        method = notes["method"]
+        return Manner(run.method if run.method.text == method else METHODS[method], notes["lanes"], notes["cost"])
+
+    @property
+    def notes(self) -> dict[str, Any]:
+        """What a store keeps of it."""
+        return {"method": self.method.text, "lanes": self.lanes, "cost": self.cost}
 
     def together(self, runs: int) -> int:
         """Runs in one chunk: about `WORK` of them, and enough chunks for all cores."""
@@ -86,15 +93,15 @@ def evaluated(
     total = len(task.numbers)
     columns = Columns.empty(total, len(task.measures)) if store is None else store.columns()
     if store is not None and store.settings is not None:
-        manner = Manner(**store.settings)
+        manner = Manner.noted(store.settings, task.run)
     else:
         manner = _probed(task)
         if store is not None:
-            store.begin(dataclasses.asdict(manner), manner.together(total))
+            store.begin(manner.notes, manner.together(total))
     left = int((columns.status == WAITING).sum())
     if not left:
         return columns.values, columns.errors, 0.0
-    task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.steps_of(task.run)), lanes=manner.lanes)
+    task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method), lanes=manner.lanes)
     chunks = _chunks(columns.status, store.ranges if store is not None else [(0, total)], manner.together(total))
 
     def take(outcome: Outcome) -> None:
@@ -272,4 +279,4 @@ def _probed(task: Task) -> Manner:
         from toolbox.lanes.lanes import has_series
 
         method = TaylorSeries() if has_series(alone.run) else method
-    return Manner(method.text, lanes, seconds)
+    return Manner(method, lanes, seconds)

@@ -31,7 +31,7 @@ from toolbox.sweeps.designs import variations_of
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store
-from toolbox.sweeps.variants import run_fingerprint, shared_run, start_states, varied_held, varied_numbers
+from toolbox.sweeps.variants import run_fingerprint, shared_run, start_memories, start_states, varied_held, varied_numbers
 
 
 def named_measures(given: Any, run: Run) -> dict[str, Measure | Call]:
@@ -145,7 +145,14 @@ def sweep(
     if taken is not None:
         raise SceneError(f"Argument `measures` must use names that are free, without a slash, but one is `{taken}`.")
     numbers, broken = varied_numbers(run, variations)
-    task = Task(run, numbers, tuple(chosen.values()), start_states(run, variations, start), held=varied_held(run, variations))
+    task = Task(
+        run,
+        numbers,
+        tuple(chosen.values()),
+        start_states(run, variations, start),
+        start_memories(run, variations),
+        varied_held(run, variations),
+    )
     units = tuple(run.loop.number(name).unit for name in variations.names)
     sheet = Sweep(
         title=loop.title,

@@ -14,9 +14,10 @@ from toolbox.measuring.measures import Measure
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Component, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of
 from toolbox.modelling.elements import FrictionLaw
-from toolbox.modelling.inputs import Table, extremes
-from toolbox.modelling.laws import Controller, Held
-from toolbox.modelling.numbers import Number, designed_law
+from toolbox.modelling.input_kinds import extremes
+from toolbox.modelling.inputs import Table
+from toolbox.modelling.laws import Controller
+from toolbox.modelling.numbers import Number, designed_law, is_remembered
 from toolbox.modelling.start import place_starts
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
@@ -46,7 +47,7 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
     Raises SceneError for a value out of its bounds, for the sample time of a law, and for the nodes of a table.
     """
     loop, system = run.loop, run.system
-    numbers = [loop.number(name) for name in variations.names]
+    numbers = [loop.free(name) for name in variations.names]
     for k, (number, column) in enumerate(zip(numbers, variations.points.T, strict=True)):
         _check_values(loop, number, np.unique(variations.axes[k] if variations.axes else column))
     acting = [k for k, number in enumerate(numbers) if number.kind not in ("design", "start")]
@@ -55,10 +56,6 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
     for part in system.parts:
         size = len(numbers_of(part))
         own = [k for k, place in zip(acting, places, strict=True) if offset <= place < offset + size]
-        if isinstance(part, Held) and offset + size - 1 in places:
-            raise SceneError(
-                f"Argument `{variations.names[own[-1]]}` must not be varied: a sample time is structure; make one sweep for each."
-            )
         if own and _has_check(part):
             touched.append((part, offset))
         offset += size
@@ -87,13 +84,16 @@ def _check_values(loop: ClosedLoop, number: Number, values: np.ndarray) -> None:
         entry = loop.system.parameters.get(number.name) if number.kind == "input" else loop.system._parameter(number.name)
         if entry is not None:
             entry.check(values)
+    elif number.kind == "clock":
+        raise SceneError(f"Argument `{number.name}` must not be varied: a sample time is structure; make one sweep for each.")
+    elif number.kind == "node":
+        name, _ = number.in_input(loop.values)
+        raise SceneError(
+            f"Argument `{number.name}` must not be varied in a sweep: `{name}` is a table, whose times and values all runs share; simulate "
+            "`loop.at(name, value)` for each."
+        )
     elif number.kind == "shape":
         name, _ = number.in_input(loop.values)
-        if isinstance(loop.values[name], Table):
-            raise SceneError(
-                f"Argument `{number.name}` must not be varied in a sweep: `{name}` is a table, whose times and values all runs share; simulate "
-                "`loop.at(name, value)` for each."
-            )
         for value in values.tolist():
             shape = number.put(loop, value).inputs[name]
             if name in loop.system.parameters:
@@ -141,15 +141,29 @@ def _designs(loop: ClosedLoop, numbers: Sequence[Number], points: np.ndarray, br
 
 def start_states(run: Run, variations: Variations, begin: Callable[[Mapping[str, float]], Mapping[str, Any]] | None) -> np.ndarray | None:
     """Start states of every run, shape (runs, states): what a function of what is varied says, and start values that vary; None where all begin alike."""
-    varied = [name for name in variations.names if run.loop.number(name).kind == "start"]
-    if begin is None and not varied:
+    own = _started(run, variations, in_laws=False)
+    if begin is None and not own:
         return None
     starts = np.tile(run.start.states, (len(variations.points), 1))
     for x, point in zip(starts, variations.points.tolist(), strict=True):
         row = dict(zip(variations.names, point, strict=True))
         place_starts(run.system, x, begin(row) if begin else {})
-        place_starts(run.system, x, {name: row[name] for name in varied})
+        place_starts(run.system, x, {name: row[name] for name in own})
     return starts
+
+
+def start_memories(run: Run, variations: Variations) -> np.ndarray | None:
+    """What sampled laws remember at the start of every run, shape (runs, memory); None where all begin alike."""
+    own = _started(run, variations, in_laws=True)
+    if not own:
+        return None
+    rows = ({name: row[variations.names.index(name)] for name in own} for row in variations.points.tolist())
+    return np.array([run.start.with_values(row).memory for row in rows])
+
+
+def _started(run: Run, variations: Variations, in_laws: bool) -> list[str]:
+    """Names of the start values that vary: of what sampled laws remember, or of the others."""
+    return [name for name in variations.names if run.loop.number(name).kind == "start" and is_remembered(run.system, name) == in_laws]
 
 
 def _has_check(part: Any) -> bool:

@@ -16,7 +16,7 @@ import casadi as ca
 
 from models.friction import Coulomb, Exponential
 from toolbox import FrictionLaw, Quantity, SceneError, quantity
-from toolbox.authoring import in_si
+from toolbox.authoring import in_si, number
 
 
 class Bristle(FrictionLaw):
@@ -55,9 +55,7 @@ class Bristle(FrictionLaw):
     @classmethod
     def from_part(cls, table):
         """The table of a scene file that means this law by a part on a block, whose numbers are forces, as that of a `Guide`."""
-        load = in_si(table.get("load", 1.0), "N", "load")
-        if not load > 0:
-            raise SceneError(f"Argument `{cls.__name__}.load` must be > 0 N, but it is {load!r}.")
+        load = number(f"{cls.__name__}.load", table.get("load", 1.0), "N", above=0)
         specs = {spec.name: spec for spec in dataclasses.fields(cls)}
         law = {"law": cls.__name__} | ({"steady": table["friction"]} if "friction" in table else {})
         for name, spec in specs.items():

@@ -28,6 +28,7 @@ import numpy as np
 
 from models.friction import Coulomb
 from toolbox import Component, DryFriction, Equations, SceneError, quantity, state
+from toolbox.authoring import number
 from toolbox.modelling import OptionalQuantities, Quantities
 
 GROUND = "ground"
@@ -51,8 +52,7 @@ class Train:
 
     def __post_init__(self):
         _check_train((self.a, self.b, self.carrier), self.ratio)
-        if not 0.0 < self.efficiency <= 1.0:
-            raise SceneError(f"Argument `efficiency` must be > 0 and <= 1, but it is {self.efficiency!r}.")
+        number("efficiency", self.efficiency, above=0, at_most=1)
 
 
 @dataclass(frozen=True)

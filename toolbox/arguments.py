@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import math
+import operator
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.units import TypedNumber, in_si
+from toolbox.files.units import is_finite_number as is_finite_number
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,36 +29,55 @@ def mapping(word: str, given: Any) -> dict[str, Any]:
     return dict(given or {})
 
 
-def number(word: str, given: Any) -> float:
-    """A finite number."""
-    if not is_finite_number(given):
-        raise SceneError(f"Argument `{word}` must be a finite number, but it is {given!r}.")
-    return float(given)
+def number(
+    word: str,
+    given: Any,
+    unit: str = "1",
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    below: float | None = None,
+    at_most: float | None = None,
+) -> float:
+    """A finite number within bounds, in its unit; text such as "220 rpm" is converted."""
+    value = in_si(given, unit, word)
+    refuse(f"Argument `{word}`", value, unit, {"above": above, "at_least": at_least, "below": below, "at_most": at_most})
+    return value if isinstance(value, TypedNumber) else float(value)
 
 
-def numbers(word: str, given: Any) -> list[float]:
-    """A row of finite numbers."""
-    listed: list[Any] = list(given) if isinstance(given, Iterable) and not isinstance(given, (str, bytes, Mapping)) else [None]
-    if not all(is_finite_number(value) for value in listed):
-        raise SceneError(f"Argument `{word}` must be finite numbers, but it is {given!r}.")
-    return [float(value) for value in listed]
+def numbers(word: str, given: Any, unit: str = "1", **bounds: float) -> list[float]:
+    """A row of numbers, each as `number` takes it."""
+    if not isinstance(given, Iterable) or isinstance(given, (str, bytes, Mapping)):
+        raise SceneError(f"Argument `{word}` must be a row of finite numbers, but it is {short(given)}.")
+    return [number(word, value, unit, **bounds) for value in given]
 
 
-def whole(word: str, given: Any, at_least: int) -> int:
-    """An integer with a lower bound."""
-    if isinstance(given, (bool, np.bool_)) or not isinstance(given, (int, np.integer)) or given < at_least:
-        raise SceneError(f"Argument `{word}` must be an integer >= {at_least}, but it is {given!r}.")
+def whole(word: str, given: Any, at_least: int, at_most: int | None = None) -> int:
+    """An integer within bounds, of Python or of numpy."""
+    counted = isinstance(given, (int, np.integer)) and not isinstance(given, bool)
+    if not counted or given < at_least or (at_most is not None and given > at_most):
+        raise SceneError(
+            f"Argument `{word}` must be an integer >= {at_least}{'' if at_most is None else f' and <= {at_most}'}, but it is {short(given)}."
+        )
     return int(given)
 
 
-def is_finite_number(value: Any) -> bool:
-    """True for a finite real number that is not a bool."""
-    if isinstance(value, (bool, np.bool_, str, bytes)):
-        return False
-    try:
-        return math.isfinite(value)
-    except (TypeError, ValueError, OverflowError, NotImplementedError, RuntimeError):
-        return False
+_BOUNDS = {"above": (operator.gt, ">"), "at_least": (operator.ge, ">="), "below": (operator.lt, "<"), "at_most": (operator.le, "<=")}
+
+
+def within(value: Any, bounds: Mapping[str, Any]) -> bool:
+    """Whether a value is a finite number within {"above", "at_least", "below" or "at_most": bound or None}, as a `quantity` declares them."""
+    return is_finite_number(value) and all(holds(value, bounds[key]) for key, (holds, _) in _BOUNDS.items() if bounds.get(key) is not None)
+
+
+def refuse(subject: str, value: Any, unit: str, bounds: Mapping[str, Any]) -> None:
+    """Raise SceneError, in which the subject begins the sentence, unless a value is a finite number `within` bounds in this unit."""
+    if within(value, bounds):
+        return
+    words = " and ".join(f"{sign} {bounds[key]:.6g}" for key, (_, sign) in _BOUNDS.items() if bounds.get(key) is not None)
+    must = words if words and is_finite_number(value) else f"a finite number {words}".strip()
+    of_unit = "" if unit == "1" else f" {unit}" if words else f" in {unit}"
+    raise SceneError(f"{subject} must be {must}{of_unit}, but it is {short(value.item() if isinstance(value, np.generic) else value)}.")
 
 
 def finite_array(value: Any) -> np.ndarray | None:
@@ -71,14 +92,14 @@ def finite_array(value: Any) -> np.ndarray | None:
     return array if np.isfinite(array).all() else None
 
 
-def checked_range(between: Any, word: str = "between") -> tuple[float, float]:
-    """(low, high) of a range; raises SceneError unless it is two finite numbers in that order."""
+def checked_range(between: Any, word: str = "between", unit: str = "1") -> tuple[float, float]:
+    """(low, high) of a range, numbers or text in the unit; raises SceneError unless it is two finite numbers in that order."""
     try:
-        low, high = between
+        low, high = (in_si(end, unit, word) for end in between)
     except (TypeError, ValueError):
         low, high = None, None
     if not is_finite_number(low) or not is_finite_number(high) or not low < high:
-        raise SceneError(f"Argument `{word}` must be two finite numbers (low, high) with low < high, but it is {between!r}.")
+        raise SceneError(f"Argument `{word}` must be two finite numbers (low, high) with low < high, but it is {short(between)}.")
     return float(low), float(high)
 
 

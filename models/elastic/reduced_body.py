@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from toolbox import FrictionLaw, SceneError
-from toolbox.authoring import NumberOrText, finite_array, in_si, is_finite_number, read_arrays, replaced, suggest
+from toolbox.authoring import NumberOrText, finite_array, is_finite_number, number, read_arrays, replaced, suggest, whole
 from toolbox.contacts import ContactProblem
 
 MATRICES = ("mass", "damping", "stiffness")
@@ -78,10 +78,6 @@ class ReducedBody:
             raise SceneError(
                 f"Argument `errors` must have {len(self.frequencies)} entries, one for each frequency, but it has {len(self.errors)}."
             )
-        if not is_finite_number(self.band) or self.band < 0 or not is_finite_number(self.rigid) or self.rigid < 0 or self.rigid % 1:
-            raise SceneError(
-                f"Arguments `band` and `rigid` must be >= 0 Hz and a whole number, but they are {self.band!r} and {self.rigid!r}."
-            )
         for word, axes in (("places", 2), ("areas", 1)):
             given = getattr(self, word)
             values = None if given is None else finite_array(given)
@@ -90,8 +86,8 @@ class ReducedBody:
                     f"Argument `{word}` must be finite numbers, one {'row' if word == 'places' else 'number'} for each contact."
                 )
             object.__setattr__(self, word, values)
-        object.__setattr__(self, "band", float(self.band))
-        object.__setattr__(self, "rigid", int(self.rigid))
+        object.__setattr__(self, "band", number("band", self.band, "Hz", at_least=0))
+        object.__setattr__(self, "rigid", whole("rigid", self.rigid, 0))
 
     def _matrix(self, word: str) -> np.ndarray:
         given = getattr(self, word)
@@ -188,14 +184,9 @@ class ReducedBody:
         stiffness, damping = self.stiffness.copy(), self.damping.copy()
         for port, given in mounts.items():
             pair = given if isinstance(given, (tuple, list, np.ndarray)) and len(given) == 2 else (None, None)
-            i, numbers = (
-                self.index(port),
-                finite_array([in_si(one, unit, f"mounts.{port}") for one, unit in zip(pair, ("N/m", "N s/m"), strict=True)]),
-            )
-            if numbers is None or numbers.shape != (2,) or (numbers < 0).any():
-                raise SceneError(f"Argument `mounts` must give `{port}` a stiffness and a damping >= 0, but it is {given!r}.")
-            stiffness[i, i] += numbers[0]
-            damping[i, i] += numbers[1]
+            i = self.index(port)
+            stiffness[i, i] += number(f"mounts.{port}", pair[0], "N/m", at_least=0)
+            damping[i, i] += number(f"mounts.{port}", pair[1], "N s/m", at_least=0)
         return replace(self, stiffness=stiffness, damping=damping)
 
     def in_contact(

@@ -25,13 +25,12 @@ import numpy as np
 from models.elastic.reduced_body import ReducedBody
 from models.elastic.spectrum import DENSE, natural_frequencies
 from toolbox import SceneError
-from toolbox.authoring import finite_array, is_finite_number
+from toolbox.authoring import finite_array, number
 
 
 def reduce_body(mass: Any, damping: Any, stiffness: Any, ports: Mapping[str, Any], band: float, tolerance: float) -> ReducedBody:
     """See `ElasticBody.reduced`."""
-    if not is_finite_number(tolerance) or not 0 < tolerance < 1:
-        raise SceneError(f"Argument `tolerance` must be > 0 and < 1, but it is {tolerance!r}.")
+    tolerance = number("tolerance", tolerance, above=0, below=1)
     weights = _weights(ports, mass.shape[0])
     whole = natural_frequencies(mass, stiffness, band) if band else np.zeros(0)
     rigid = rigid_shapes(mass, stiffness).shape[1]

@@ -528,7 +528,7 @@ part = "BitRock"
         ('top_inertia = "2 kg"', "`DrillString.top_inertia` must be in kg m2"),
         ('top_inertia = 2000\nband = "2 rpm"', "`DrillString.band` must be in Hz"),
         ("top_inertia = 2000\nelements = 2.5", "`DrillString.elements` must be int"),
-        ("top_inertia = 2000\nelements = 0", "`elements` must be a whole number"),
+        ("top_inertia = 2000\nelements = 0", "`elements` must be an integer >= 1"),
         ('top_inertia = 2000\nsurvey = "tables/hole.csv"', "no table .*hole.csv"),
         ("top_inertia = 2000\nsurvey = 3", "`DrillString.survey` must be text"),
         ('top_inertia = 2000\nfriction = { law = "Coulomb" }', "`survey` must be given with `friction`"),

@@ -21,12 +21,11 @@ taken up on the other side along the tangent of the cycles with other switches, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number, number, whole
+from toolbox.arguments import checked_range, number, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, in_si
@@ -81,23 +80,17 @@ def follow(
     """
     if not isinstance(cycle, Cycle):
         raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")
-    if isinstance(towards, str) or (isinstance(span, Sequence) and any(isinstance(end, str) for end in span)):
-        unit = unit_of(cycle.run, parameter)
-        span, towards = in_si(span, unit, "span"), in_si(towards, unit, "towards")
-    if not isinstance(span, Sequence) or len(span) != 2 or not all(is_finite_number(v) for v in span) or not span[0] < span[1]:
-        raise SceneError(f"Argument `span` must be (low, high) with low < high, but it is {span!r}.")
-    if not is_finite_number(step) or not step > 0:
-        raise SceneError(f"Argument `step` must be > 0, but it is {step!r}.")
-    walk = ArcWalk(cycle, parameter, (float(span[0]), float(span[1])))
+    unit = unit_of(cycle.run, parameter)
+    asked, span = {unit: asked_in(in_si(span, unit, "span"), unit)}, checked_range(span, "span", unit)
+    step = number("step", step, above=0)
+    walk = ArcWalk(cycle, parameter, span)
     if not span[0] <= walk.here.value <= span[1]:
         raise SceneError(f"Argument `span` must hold the value {walk.here.value:g} of `{parameter}`, but it is {span!r}.")
     whole("points", points, 1)
-    goal = number("towards", towards) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
+    goal = number("towards", towards, unit) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
-    branch = Branch(
-        parameter, unit_of(cycle.run, parameter), [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for"
-    )
-    branch.asked = {branch.unit: asked_in(span, branch.unit)}
+    branch = Branch(parameter, unit, [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")
+    branch.asked = asked
     size, turned = step / 4, 0
     left: Any = None  # the switches of the cycles from which the last corner led away
     while len(branch.values) < points:

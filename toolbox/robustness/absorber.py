@@ -18,7 +18,7 @@ import numpy as np
 from toolbox.arguments import checked_range
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in, reading
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.steady_states.linear import linearise
 from toolbox.steady_states.running import running
@@ -98,8 +98,7 @@ def absorber_limit(
         If there is no steady running, or the force does not act on that speed.
     """
     unit = loop.unsampled().system.signal_unit(signal)
-    between = in_si(between, unit, "between")
-    low, high = checked_range(between)
+    between = low, high = checked_range(between, "between", unit)
 
     def best(speed: float) -> tuple[float, np.ndarray, Mapping[str, str]]:
         point = running(loop, {signal: speed}, drives)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import finite_array, is_finite_number, mapping
+from toolbox.arguments import mapping, number, numbers, whole
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring import measures
@@ -154,8 +154,7 @@ def cycle_phases(run: Trajectory, count: int = 8) -> list[dict[str, Any]]:
     SceneError
         If the run has less than two releases, or the count is below 1.
     """
-    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-        raise SceneError(f"Argument `count` must be an integer >= 1, but it is {count!r}.")
+    whole("count", count, 1)
     contact = judged_contact(run.run.system, run.run.loop.element)
     releases = [event.time for event in run.events if event.element == contact and event.before == "stick" and event.after != "stick"]
     if len(releases) < 2:
@@ -220,10 +219,8 @@ def worst_case(
     SceneError
         If a name is unknown, or a number is none.
     """
-    duration, after = in_si(duration, "s", "duration"), in_si(after, "s", "after")
-    if not is_finite_number(duration) or not duration > 0:
-        raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
-    window = 0.7 * duration if after is None else after
+    duration = number("duration", duration, "s", above=0)
+    window = 0.7 * duration if after is None else number("after", after, "s")
     plant, system, inputs = loop.plant, loop.system, loop.constant_inputs("its errors to be factors")
     noisy = any(isinstance(law, Sampled) and law.noise for law in loop.laws)
     contact = judged_contact(system, loop.element)
@@ -280,10 +277,7 @@ def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
 
 
 def _factors(name: str, given: Any) -> list[float]:
-    array = finite_array(given)
-    if array is None or not array.size or not (array > 0).all():
-        raise SceneError(f"Argument `{name}` must be a factor > 0, or several, but it is {given!r}.")
-    return [float(value) for value in np.atleast_1d(array).ravel()]
+    return numbers(name, np.atleast_1d(given).ravel(), above=0)
 
 
 def _declared(system: HybridSystem, name: str, inputs: Mapping[str, float]) -> float:

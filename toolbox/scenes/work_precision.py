@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number, numbers, whole
+from toolbox.arguments import number, numbers, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files import tables
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -79,10 +79,7 @@ class WorkPrecision:
 
         Raises SceneError below the disagreement of the truths, where the error of a run is not known.
         """
-        if not error >= self.disagreement:
-            raise SceneError(
-                f"Argument `error` must be >= {self.disagreement:.1e}, below which the truth is not known, but it is {error!r}."
-            )
+        error = number("error", error, at_least=self.disagreement)
         found = [point for point in self.points if not point.failed and point.error <= error]
         return min(found, key=lambda point: point.seconds, default=None)
 
@@ -167,9 +164,7 @@ def work_precision(
     if not loops:
         raise SceneError("Argument `loop` must hold at least one level of detail, but it is empty.")
     first = next(iter(loops.values()))
-    duration = in_si(first.duration if duration is None else duration, "s", "duration")
-    if not is_finite_number(duration) or not duration > 0:
-        raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
+    duration = number("duration", first.duration if duration is None else duration, "s", above=0)
     if len(loops) > 1 and not signals:
         raise SceneError("Argument `signals` must name what the levels of detail have in common, but it is empty.")
     for method in names(methods):

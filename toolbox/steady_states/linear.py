@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number, mapping
+from toolbox.arguments import mapping, number
 from toolbox.errors import NoSteadyState, SceneError, suggest
-from toolbox.files.units import in_si
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.components import structure_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -256,9 +255,7 @@ def input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
             if name in plant.signals:
                 raise SceneError(f"Argument `{name}` must not be an input: a part of the plant gives this signal.")
             raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")
-        value = in_si(value, plant.inputs[name].unit, name)
-        if not is_finite_number(value):
-            raise SceneError(f"Argument `{name}` must be a finite number at a steady point, but it is {value!r}.")
+        value = number(name, value, plant.inputs[name].unit)
         if name in plant.parameters:
             plant.parameters[name].check(value)
         u[list(plant.inputs).index(name)] = value

@@ -151,7 +151,7 @@ def test_a_file_that_lacks_an_array_or_has_another_one_is_refused(tmp_path, lack
         ({"places": [[math.nan]]}, "`places` must be finite"),
         ({"areas": [[1.0]]}, "`areas` must be finite numbers, one number"),
         ({"band": -1.0}, "band"),
-        ({"rigid": 0.5}, "whole number"),
+        ({"rigid": 0.5}, "`rigid` must be an integer"),
         ({"frequencies": [100.0]}, "1 entries"),
         ({"frequencies": [[100.0]], "errors": [[0.1]]}, "one row"),
     ],

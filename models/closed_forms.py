@@ -65,7 +65,8 @@ def driven_disks_cycle(disks: TwoDisks, rotor_speed: float) -> StickSlipPeriod:
 
 def _cycle(inertia: float, stiffness: float, fall: float, speed: float, part: str) -> StickSlipPeriod:
     number(f"{part}.stiffness", stiffness, above=0)
-    number("speed", abs(speed), above=0)
+    if number("speed", speed) == 0:
+        raise SceneError("Argument `speed` of the driver must not be 0.")
     w = math.sqrt(stiffness / inertia)
     z = fall * w / (stiffness * abs(speed))
     return StickSlipPeriod(slip=2 / w * (math.pi - math.atan(z)), stick=2 * z / w)
@@ -88,7 +89,10 @@ def slip_amplitude(block: BlockOnBelt) -> float:
     """
     _cubic(block)
     low, high = stick_slip_speed(block), hopf_speed(block)
-    number("block.belt_speed", block.belt_speed, "m/s", at_least=low)
+    if block.belt_speed < low:
+        raise SceneError(
+            f"Argument `block.belt_speed` must be >= {low:.6g} m/s, below which the block sticks, but it is {block.belt_speed!r}."
+        )
     return 2 * math.sqrt(max(0.0, high**2 - block.belt_speed**2) * block.mass / block.stiffness)
 
 
@@ -110,7 +114,9 @@ def den_hartog_amplitude(block: BlockOnBelt, force: float, frequency: float) -> 
     if not isinstance(law, Coulomb) or law.static != law.kinetic:
         raise SceneError(f"Argument `block.friction` must be Coulomb with static = kinetic for this closed form, but it is {law!r}.")
     ratio, bound = block.load * law.kinetic / force, den_hartog_bound(block, frequency)
-    number("force", force, "N", at_least=block.load * law.kinetic / bound)
+    if not ratio <= bound:
+        least = block.load * law.kinetic / bound
+        raise SceneError(f"Argument `force` must be >= {least:.6g} N for a motion without stops, but it is {force!r}.")
     v, u, _ = _den_hartog(block, frequency)
     return force / block.stiffness * math.sqrt(v * v - (ratio * u) ** 2)
 

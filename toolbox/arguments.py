@@ -39,7 +39,24 @@ def number(
     below: float | None = None,
     at_most: float | None = None,
 ) -> float:
-    """A finite number within bounds, in its unit; text such as "220 rpm" is converted."""
+    """Return a finite number within bounds.
+
+    Parameters
+    ----------
+    word
+        What the argument is called in messages.
+    given
+        A number in the unit, of Python or of numpy, or text with a unit that fits, such as "220 rpm".
+    unit
+        The unit of the result, such as "rad/s".
+    above, at_least, below, at_most
+        Bounds in that unit: >, >=, < and <=; None for none.
+
+    Raises
+    ------
+    SceneError
+        Where the argument is no finite number, out of bounds, or in a unit that does not fit.
+    """
     value = in_si(given, unit, word)
     refuse(f"Argument `{word}`", value, unit, {"above": above, "at_least": at_least, "below": below, "at_most": at_most})
     return value if isinstance(value, TypedNumber) else float(value)
@@ -94,8 +111,9 @@ def finite_array(value: Any) -> np.ndarray | None:
 
 def checked_range(between: Any, word: str = "between", unit: str = "1") -> tuple[float, float]:
     """(low, high) of a range, numbers or text in the unit; raises SceneError unless it is two finite numbers in that order."""
+    ends = in_si(between, unit, word)
     try:
-        low, high = (in_si(end, unit, word) for end in between)
+        low, high = ends
     except (TypeError, ValueError):
         low, high = None, None
     if not is_finite_number(low) or not is_finite_number(high) or not low < high:

@@ -222,7 +222,8 @@ def severity(
         raise SceneError(f"There is no definition of severity `{definition}`: {suggest(definition, SEVERITIES)}")
     (reference,) = _in_unit(run, signal, reference=reference)
     if definition == "reference":
-        number("reference", reference and abs(reference), above=0)
+        if number("reference", reference) == 0:
+            raise SceneError(f"Argument `reference` must be a finite set-point other than 0, but it is {reference!r}.")
     elif reference is not None:
         raise SceneError(f'Argument `reference` must come with definition "reference", but the definition is "{definition}".')
     return severity_of(extent(run, signal, after, until), definition, reference)

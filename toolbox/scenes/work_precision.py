@@ -79,7 +79,10 @@ class WorkPrecision:
 
         Raises SceneError below the disagreement of the truths, where the error of a run is not known.
         """
-        error = number("error", error, at_least=self.disagreement)
+        if not error >= self.disagreement:
+            raise SceneError(
+                f"Argument `error` must be >= {self.disagreement:.1e}, below which the truth is not known, but it is {error!r}."
+            )
         found = [point for point in self.points if not point.failed and point.error <= error]
         return min(found, key=lambda point: point.seconds, default=None)
 

@@ -152,7 +152,8 @@ class TimeStepping(Method):
     def check(self, duration: float, steps: float) -> None:
         """Raise SceneError unless the step is a positive number and long enough for the budget."""
         if self.step is not None:
-            number("step", self.step, "s", above=0, at_least=duration / steps)
+            number("step", self.step, "s", above=0)
+            number("step", self.step, "s", at_least=duration / steps)
 
     def formulas(self, accuracy: float, sampled: bool) -> Formulas:
         """The theta method of Moreau and Jean."""

@@ -47,7 +47,7 @@ def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], drives: str | Sequ
     plant, inputs = loop.system, loop.constant_inputs("a steady state")
     check_one_direction(plant.elements, "`running`", "give its inputs and a `guess` to `equilibrium`")
     driven = names(drives)
-    wanted = {name: number(f"at.{name}", value, plant.signal_unit(name)) for name, value in mapping("at", at).items()}
+    wanted = {name: number(name, value, plant.signal_unit(name)) for name, value in mapping("at", at).items()}
     for name in driven:
         if name not in plant.inputs:
             raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")

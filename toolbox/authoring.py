@@ -4,7 +4,7 @@ Everything here is public: it changes only with a line in the changelog. `models
 
     checks      number, numbers, whole, is_finite_number, finite_array, in_si, NumberOrText, check_fields, suggest, window
     symbols     State
-    files       Column, Table, read_table, read_arrays, read_mat, opened, replaced
+    files       columns, Column, Table, read_table, read_arrays, read_mat, opened, replaced
     predictions Rollout, regularised, advance_rollout, time_left
     machine     cached, announced
     export      Declared, written
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from toolbox.files.archives import arrays as read_arrays  # noqa: F401 (public under this name)
     from toolbox.files.atomic import replaced as replaced
     from toolbox.files.mat import read_mat as read_mat
+    from toolbox.files.printing import columns as columns
     from toolbox.files.reading import opened as opened
     from toolbox.files.tables import Column as Column
     from toolbox.files.tables import Table as Table

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.printing import columns
 from toolbox.modelling.components import numbers_of
 from toolbox.modelling.hybrid_system import HybridSystem
 
@@ -57,12 +58,11 @@ class Dependencies:
         return f"No measure depends on {parts}: leaving out what nobody looks at would save {100 * self.idle:.0f} % of the operations."
 
     def __str__(self) -> str:
-        width = max(len(dependency.part) for dependency in self.parts)
-        lines = [
-            f"{each.part:<{width}}  {each.states:>4} states  {each.elements:>4} elements  {', '.join(each.measures) or 'no measure depends on it'}"
+        rows = [
+            (each.part, f"{each.states} states", f"{each.elements} elements", ", ".join(each.measures) or "no measure depends on it")
             for each in self.parts
         ]
-        return "\n".join([*lines, *filter(None, [self.warning])])
+        return "\n".join([*columns(rows, (0, 3), ""), *filter(None, [self.warning])])
 
 
 def dependencies_of(system: HybridSystem, measures: Mapping[str, Sequence[str]], count: int | None = None) -> Dependencies:

@@ -159,7 +159,7 @@ class HybridSystem:
         return f"HybridSystem({parts}): {self.x.numel()} states ({', '.join(self.states)}); contacts: {contacts}; inputs: {free}"
 
     def _repr_html_(self) -> str:
-        from toolbox.files.html import table  # here, because only notebooks need it
+        from toolbox.files.printing import table  # here, because only notebooks need it
 
         rows = []
         for name, entry in self.parameters.items():

@@ -17,6 +17,7 @@ import numpy as np
 
 from toolbox.arguments import mapping, number, numbers, whole
 from toolbox.errors import SceneError, suggest
+from toolbox.files.printing import columns
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring import measures
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
@@ -119,12 +120,7 @@ class WorstCase:
     def __str__(self) -> str:
         failed = sum(outcome.excess > 1.0 for outcome in self.outcomes)
         verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
-        widths = [max(len(row[i]) for row in self.rows) for i in range(7)]
-        lines = [f"Worst case of {self.title}: {verdict}", f"  {self.way}"]
-        for row in self.rows:
-            cells = [cell.ljust(width) if i == 0 else cell.rjust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=True))]
-            lines.append("  " + "  ".join(cells).rstrip())
-        return "\n".join(lines)
+        return "\n".join([f"Worst case of {self.title}: {verdict}", f"  {self.way}", *columns(self.rows)])
 
     def plot(self, axes: Any = None) -> Any:
         """Time stuck and ripple of every run by its error; see `toolbox.robustness.figures.worst_case_diagram`. Returns both axes."""

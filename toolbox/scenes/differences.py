@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from toolbox.arguments import short
 from toolbox.errors import SceneError, suggest
-from toolbox.files.html import table
+from toolbox.files.printing import columns, table
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, TypedNumber, in_si
 from toolbox.measuring.measure import extent, stick_intervals
@@ -78,12 +78,7 @@ class Differences:
         if not self.rows:
             return f"{self.title}: no difference"
         rows = [("", *self.labels, "difference", ""), *self._cells()]
-        widths = [max(len(row[k]) for row in rows) for k in range(5)]
-        lines = [
-            "  ".join(cell.ljust(w) if k in (0, 4) else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True)))
-            for row in rows
-        ]
-        return "\n".join([self.title, *(f"  {line}".rstrip() for line in lines)])
+        return "\n".join([self.title, *columns(rows, (0, 4))])
 
     __repr__ = __str__
 

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import FrictionLaw, HybridSystem, SceneError
-from toolbox.authoring import number
+from toolbox.authoring import halved, number
 
 
 def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float:
@@ -117,10 +117,7 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     enough = next((i for i, amplitude in enumerate(grid) if slope(amplitude) >= 0.0), None)
     if enough is None:
         raise SceneError(f"No dither up to {grid[-1]:g} makes the friction of `{contact}` rise with speed at the slip {slip:g}.")
-    low, high = grid[max(enough - 1, 0)], grid[enough]
-    while high - low > 1e-3 * high:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if slope(middle) >= 0.0 else (middle, high)
+    _, high = halved(lambda amplitude: slope(amplitude) >= 0.0, grid[max(enough - 1, 0)], grid[enough], 1e-3)
     return TangentialDither(float(high), frequency, 2.0 * math.pi * frequency * float(high) / gain)
 
 

@@ -59,6 +59,11 @@ def number(
     """
     value = in_si(given, unit, word)
     refuse(f"Argument `{word}`", value, unit, {"above": above, "at_least": at_least, "below": below, "at_most": at_most})
+    return _plain(value)
+
+
+def _plain(value: Any) -> float:
+    """A number as a float, which remembers its unit where it was typed."""
     return value if isinstance(value, TypedNumber) else float(value)
 
 
@@ -118,7 +123,7 @@ def checked_range(between: Any, word: str = "between", unit: str = "1") -> tuple
         low, high = None, None
     if not is_finite_number(low) or not is_finite_number(high) or not low < high:
         raise SceneError(f"Argument `{word}` must be two finite numbers (low, high) with low < high, but it is {short(between)}.")
-    return float(low), float(high)
+    return _plain(low), _plain(high)
 
 
 def short(value: Any) -> str:

@@ -9,7 +9,7 @@ Everything here is public: it changes only with a line in the changelog. `models
     machine     cached, announced
     export      Declared, written
     packages    face
-    control     zero_order_hold
+    numerics    halved, zero_order_hold
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from toolbox.files.tables import read as read_table  # noqa: F401 (public under this name)
     from toolbox.files.units import NumberOrText as NumberOrText
     from toolbox.files.units import in_si as in_si
+    from toolbox.halving import halved as halved
     from toolbox.modelling.components import check_fields as check_fields
     from toolbox.modelling.elements import State as State
     from toolbox.modelling.regularisation import regularised as regularised

@@ -28,7 +28,7 @@ import numpy as np
 from toolbox.arguments import checked_range, number, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import asked_in
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.orbits.arclength import ArcWalk
 from toolbox.orbits.branch import Bifurcation, Branch
@@ -81,7 +81,7 @@ def follow(
     if not isinstance(cycle, Cycle):
         raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")
     unit = unit_of(cycle.run, parameter)
-    asked, span = {unit: asked_in(in_si(span, unit, "span"), unit)}, checked_range(span, "span", unit)
+    span = checked_range(span, "span", unit)
     step = number("step", step, above=0)
     walk = ArcWalk(cycle, parameter, span)
     if not span[0] <= walk.here.value <= span[1]:
@@ -90,7 +90,7 @@ def follow(
     goal = number("towards", towards, unit) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
     branch = Branch(parameter, unit, [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")
-    branch.asked = asked
+    branch.asked = {unit: asked_in(span, unit)}
     size, turned = step / 4, 0
     left: Any = None  # the switches of the cycles from which the last corner led away
     while len(branch.values) < points:

@@ -268,7 +268,7 @@ def test_the_command_writes_report_figure_and_data_that_agree_with_the_run(writt
         ('tangent = ["x"]', "", "The key `tangent` is missing in `ElasticFace`"),
         ('tangent = ["x"]', 'tangent = ["x", "x"]', "words that differ"),
         ('normal = "z"', "", "Either `normal` must be given, for contacts that open and close, or `loads`"),
-        ('tangent = ["x"]', 'tangent = "x"', "`ElasticFace.tangent` must be a list of names"),
+        ('tangent = ["x"]', 'tangent = "x"', "`tangent` of elasticface must be a row of strings"),
         ('body = "feet.npz"', "body = 3", "`ElasticFace.body`: it must be the path of a file, or a table"),
         ('normal = "z"', 'loads = ["1 N"]', "Argument `load` must be finite numbers of the shape (2,)"),
         ('normal = "z"', 'loads = ["1 N", "-1 N"]', "`loads` of elasticface must be >= 0"),

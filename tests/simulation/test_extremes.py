@@ -335,7 +335,7 @@ def test_a_number_of_an_observer_that_is_none_is_refused_by_its_name(observer):
         (HInfinity(margin=1.0), "`margin` of HInfinity must be > 1"),
         (LinearMPC(delay=1e9), "`delay` must be at most 1000 periods"),
         (NonlinearMPC(delay=1e9), "`delay` must be at most 1000 periods"),
-        (LinearMPC(sensors=3), "`sensors` of LinearMPC must be a tuple of strings"),  # type: ignore[arg-type]
+        (LinearMPC(sensors=3), "`sensors` of LinearMPC must be a row of strings"),  # type: ignore[arg-type]
         (LinearMPC(horizon=2.5), "`horizon` of LinearMPC must be an integer"),  # type: ignore[arg-type]
         (LinearMPC(noise=(1e-300,)), "squares"),
         (LQG(late=-1), "`late` must be an integer >= 0 and <= 1000"),

@@ -145,7 +145,13 @@ def warn_unusual(given: Any, value: Any, unit: str, usual: tuple[float, float], 
     """Warn once of every number among those of a field, typed as `given`, whose size is neither 0 nor within what is usual; symbols are left alone."""
     low, high = usual
     for typed, number in zip(given, value, strict=True) if isinstance(value, tuple) else ((given, value),):
-        if not isinstance(number, (int, float)) or not math.isfinite(number) or number == 0 or low <= abs(number) <= high:
+        if (
+            not isinstance(number, (int, float))
+            or isinstance(number, bool)
+            or not math.isfinite(number)
+            or number == 0
+            or low <= abs(number) <= high
+        ):
             continue
         if (field, float(number)) in _WARNED:
             continue

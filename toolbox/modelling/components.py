@@ -124,7 +124,7 @@ _KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "int": (lambda value: isinstance(value, (int, np.integer)) and not isinstance(value, bool), "an integer"),
     "str": (lambda value: isinstance(value, str), "a string"),
     "bool": (lambda value: isinstance(value, (bool, np.bool_)), "True or False"),
-    "tuple[str, ...]": (lambda value: isinstance(value, tuple) and all(isinstance(word, str) for word in value), "a tuple of strings"),
+    "tuple[str, ...]": (lambda value: isinstance(value, tuple) and all(isinstance(word, str) for word in value), "a row of strings"),
 }
 """Whether a value is of the kind that a field declares, and the words for it."""
 
@@ -228,7 +228,7 @@ def _check_kind(part: Any, field: _Field, value: Any) -> None:
     if not field.numeric:
         return
     if field.tuples and not isinstance(value, tuple):
-        raise SceneError(f"{where} must be a tuple of numbers, but it is {value!r}.")
+        raise SceneError(f"{where} must be a row of numbers, but it is {value!r}.")
     if isinstance(value, tuple) and not field.tuples:
         raise SceneError(f"{where} must be one number in {field.spec.metadata.get('unit', '1')}, but it is {value!r}.")
     for number in value if isinstance(value, tuple) else (value,):

@@ -266,7 +266,7 @@ MISTAKES = [
     (edited('"97.347 kN"', "nan"), "must be a finite number >= 0 N"),
     (edited('"97.347 kN"', "inf"), "must be a finite number >= 0 N"),
     (edited('"97.347 kN"', "true"), "`weight` of BitRock must be a number in N"),
-    (edited('"97.347 kN"', "[1.0]"), "`weight` of BitRock must be one number in N"),
+    (edited('"97.347 kN"', "[97347.0]"), "`weight` of BitRock must be one number in N"),
     (edited('"97.347 kN"', "{ law = 1 }"), "`weight` of BitRock must be a number"),
     (edited('bit_drag = "60 N m s/rad"', "inertia = 3.0"), "must be a row of numbers"),
     (edited('bit_drag = "60 N m s/rad"', "inertia = [3.0, 2.0, 1.0]"), "must have 2 entries"),

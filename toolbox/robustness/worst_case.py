@@ -8,6 +8,7 @@ start with every seed; the runs that differ by numbers alone step side by side (
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -224,42 +225,51 @@ def worst_case(
     drives = [name for name in plant.inputs if name not in system.inputs]
     wanted = _set_point(system, inputs) if target is None else float(in_si(target, system.signal_unit(speed), "target"))
     cases = _cases(errors, corners)
-    names = sorted({name for case in cases.values() for name in case if name != DELAY})
-    declared = {name: _declared(system, name, inputs) for name in names}
-    if not declared:  # a sweep varies something
-        entry = next(entry for entry in plant.parameters.values() if entry.size is None)
-        declared = {entry.name: float(plant.parameter(entry.name))}
-    asked = {
-        "stuck": measures.stuck_ratio(contact, window),
-        "mean": measures.mean(speed, window),
-        **{f"low {name}": measures.minimum(name, window) for name in drives},
-        **{f"high {name}": measures.maximum(name, window) for name in drives},
-        **{f"mean {name}": measures.mean(name, window) for name in drives},
-    }
-    begins = list(starts or ())
-    held: dict[str, float] = {}
-    if starts is None:
-        smooth, held = smooth_start(loop)
-        begins = [smooth]
+    declared = _varied(system, inputs, cases)
+    asked = _measures(contact, speed, drives, window)
+    begins, held = _begins(loop, starts)
     found: list[Outcome] = []
     seconds = 0.0
-    for late in sorted({case.get(DELAY, 1.0) for case in cases.values()}):
+    delays = sorted({case.get(DELAY, 1.0) for case in cases.values()})
+    for late, seed, (k, begin) in itertools.product(delays, seeds if noisy else (0,), enumerate(begins)):
         own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late}
         rows = [{name: value * case.get(name, 1.0) for name, value in declared.items()} for case in own.values()]
-        for seed in seeds if noisy else (0,):
-            running = loop.with_laws(_as_run(law, late, seed) for law in loop.laws)
-            for k, begin in enumerate(begins):
-                started = running.but(start=states_of(begin, plant), parameters={**held, **loop.parameters})
-                done = sweep(started, rows, duration, measures=asked)
-                seconds += done.seconds
-                for i, label in enumerate(own):
-                    numbers = {name: float(done[name][i]) for name in asked}
-                    found.append(_outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, wanted, (mean_within, ripple_within)))
+        running = loop.with_laws(_as_run(law, late, seed) for law in loop.laws)
+        done = sweep(running.but(start=states_of(begin, plant), parameters={**held, **loop.parameters}), rows, duration, measures=asked)
+        seconds += done.seconds
+        for i, label in enumerate(own):
+            numbers = {name: float(done[name][i]) for name in asked}
+            found.append(_outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, wanted, (mean_within, ripple_within)))
     order = {label: i for i, label in enumerate(cases)}
     found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
     begun = "smooth running (a stick-slip that exists: `starts=cycle_phases(...)`)" if starts is None else f"{len(begins)} given start(s)"
     way = f"runs of {duration:g} s from {begun}; `{contact}` judged from {window:g} s on"
     return WorstCase("; ".join(map(described, loop.laws)), way, tuple(found), seconds)
+
+
+def _varied(system: HybridSystem, inputs: Mapping[str, float], cases: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """{name: declared value} of all that errors change, at least of one number, as a sweep varies something."""
+    names = sorted({name for case in cases.values() for name in case if name != DELAY})
+    names = names or [next(entry.name for entry in system.parameters.values() if entry.size is None)]
+    return {name: _declared(system, name, inputs) for name in names}
+
+
+def _begins(loop: ClosedLoop, starts: Sequence[Mapping[str, Any]] | None) -> tuple[list[Any], dict[str, float]]:
+    """(start values of the runs, parameters at which they begin): those given, or smooth running."""
+    if starts is not None:
+        return list(starts), {}
+    smooth, held = smooth_start(loop)
+    return [smooth], held
+
+
+def _measures(contact: str, speed: str, drives: Sequence[str], window: float) -> dict[str, measures.Measure]:
+    """{name: measure} of what a run is judged by."""
+    swings = {
+        f"{word} {name}": measure(name, window)
+        for name in drives
+        for word, measure in (("low", measures.minimum), ("high", measures.maximum), ("mean", measures.mean))
+    }
+    return {"stuck": measures.stuck_ratio(contact, window), "mean": measures.mean(speed, window), **swings}
 
 
 def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:

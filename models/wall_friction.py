@@ -13,7 +13,7 @@ from models.axial import AxialChain
 from models.drill_string import TorsionalChain
 from models.friction import Coulomb
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity
-from toolbox.authoring import NumberOrText, check_fields, finite_array, number
+from toolbox.authoring import NumberOrText, array, check_fields, number
 from toolbox.contacts import ContactBody, ContactProblem
 from toolbox.modelling import Quantities
 
@@ -130,9 +130,9 @@ def string_on_wall(
             f"Argument `torsional` must have {n + 1} inertias, the top drive and one for each mass, but it has {len(torsional.inertia)}."
         )
     radius = number("radius", radius, "m", above=0)
-    side = finite_array(loads)
-    if side is None or side.shape != (n,) or (side < 0).any() or not side.any():
-        raise SceneError(f"Argument `loads` must be {n} numbers >= 0 N, one for each mass, that are not all 0, but it is {loads!r}.")
+    side = array("loads", loads, (n,), 0.0)
+    if not side.any():
+        raise SceneError("Argument `loads` must hold one that is > 0 N, but all are 0.")
     if not isinstance(top_drive, bool):
         raise SceneError(f"Argument `top_drive` must be True or False, but it is {top_drive!r}.")
     first = 0 if top_drive else 1  # of the inertias that are coordinates: behind a top drive that is told its speed the twists are relative

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -112,6 +112,30 @@ def finite_array(value: Any) -> np.ndarray | None:
     except (TypeError, ValueError, OverflowError, NotImplementedError, RuntimeError):
         return None
     return array if np.isfinite(array).all() else None
+
+
+def array(word: str, given: Any, shape: Sequence[int | range | None], at_least: float | None = None) -> np.ndarray:
+    """Finite numbers of a shape, in which a range is what a length may be and None any length, dense or sparse; each at least a bound."""
+    found = finite_array(given.toarray() if hasattr(given, "toarray") else given)
+    lengths = () if found is None else found.shape
+    fits = len(lengths) == len(shape) and all(
+        must is None or n == must or (isinstance(must, range) and n in must) for n, must in zip(lengths, shape, strict=True)
+    )
+    if found is None or not fits or (at_least is not None and (found < at_least).any()):
+        words = ["any" if must is None else f"{must[0]} to {must[-1]}" if isinstance(must, range) else str(must) for must in shape]
+        bound = "" if at_least is None else f" >= {at_least:g}"
+        has = "entries that are not finite numbers" if found is None else f"one of {found.min():g}" if fits else f"the shape {found.shape}"
+        raise SceneError(
+            f"Argument `{word}` must be finite numbers{bound} of the shape ({', '.join(words)}{',' * (len(words) == 1)}), but it has {has}."
+        )
+    return found
+
+
+def symmetric(word: str, matrix: np.ndarray) -> np.ndarray:
+    """A square matrix that is symmetric but for round-off."""
+    if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
+        raise SceneError(f"Argument `{word}` must be symmetric, but entries differ by {np.abs(matrix - matrix.T).max():.2g}.")
+    return matrix
 
 
 def checked_range(between: Any, word: str = "between", unit: str = "1") -> tuple[float, float]:

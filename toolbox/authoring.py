@@ -2,7 +2,7 @@
 
 Everything here is public: it changes only with a line in the changelog. `models` and `controllers` import nothing else of the toolbox.
 
-    checks      number, numbers, whole, is_finite_number, finite_array, in_si, NumberOrText, check_fields, suggest, window
+    checks      number, numbers, whole, array, symmetric, is_finite_number, finite_array, in_si, NumberOrText, check_fields, suggest, window
     symbols     State
     files       columns, Column, Table, read_table, read_arrays, read_mat, opened, replaced
     predictions Rollout, regularised, advance_rollout, time_left
@@ -19,10 +19,12 @@ from typing import TYPE_CHECKING
 from toolbox import faces
 
 if TYPE_CHECKING:
+    from toolbox.arguments import array as array
     from toolbox.arguments import finite_array as finite_array
     from toolbox.arguments import is_finite_number as is_finite_number
     from toolbox.arguments import number as number
     from toolbox.arguments import numbers as numbers
+    from toolbox.arguments import symmetric as symmetric
     from toolbox.arguments import whole as whole
     from toolbox.compilation.notices import announced as announced
     from toolbox.compilation.numba_cache import cached as cached

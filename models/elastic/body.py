@@ -14,7 +14,7 @@ from models.elastic.reduced_body import ReducedBody
 from models.elastic.reduction import reduce_body
 from models.elastic.spectrum import natural_frequencies
 from toolbox import SceneError
-from toolbox.authoring import NumberOrText, finite_array, number, suggest
+from toolbox.authoring import NumberOrText, array, finite_array, number, suggest
 
 AXES = "xyz"
 
@@ -51,24 +51,14 @@ class ElasticBody:
                 raise SceneError(f"Argument `{word}` must have {n} rows, as `mass` has, but it has {matrix.shape[0]}.")
         if not (mass.diagonal() > 0).all():
             raise SceneError("Argument `mass` must be > 0 kg on its diagonal: an entry without mass has no motion of its own.")
-        nodes = None
-        if self.nodes is not None:
-            nodes = finite_array(self.nodes)
-            if nodes is None or nodes.ndim != 2 or not 1 <= nodes.shape[1] <= 3:
-                raise SceneError("Argument `nodes` must be (k, 1 to 3) finite coordinates [m].")
+        nodes = None if self.nodes is None else array("nodes", self.nodes, (None, range(1, 4)))
         entries = self._placed(nodes, n)
-        faces = {name: finite_array(areas) for name, areas in self.faces.items()}
-        for name, areas in faces.items():
-            if areas is None or areas.shape != (len(entries),) or (areas < 0).any() or not areas.any():
-                raise SceneError(f"Argument `faces` must give `{name}` {len(entries)} areas >= 0, one for each node, that are not all 0.")
-        for word, value in (
-            ("mass", mass),
-            ("stiffness", stiffness),
-            ("damping", damping),
-            ("nodes", nodes),
-            ("entries", entries),
-            ("faces", faces),
-        ):
+        faces = {name: array(f"faces.{name}", areas, (len(entries),), 0.0) for name, areas in self.faces.items()}
+        empty = next((name for name, areas in faces.items() if not areas.any()), None)
+        if empty is not None:
+            raise SceneError(f"Argument `faces` must give `{empty}` areas that are not all 0.")
+        made = {"mass": mass, "stiffness": stiffness, "damping": damping, "nodes": nodes, "entries": entries, "faces": faces}
+        for word, value in made.items():
             object.__setattr__(self, word, value)
 
     def _placed(self, nodes: np.ndarray | None, n: int) -> np.ndarray:

@@ -25,7 +25,7 @@ import numpy as np
 from models.elastic.reduced_body import ReducedBody
 from models.elastic.spectrum import DENSE, natural_frequencies
 from toolbox import SceneError
-from toolbox.authoring import finite_array, number
+from toolbox.authoring import array, number
 
 
 def reduce_body(mass: Any, damping: Any, stiffness: Any, ports: Mapping[str, Any], band: float, tolerance: float) -> ReducedBody:
@@ -55,12 +55,9 @@ def _weights(ports: Mapping[str, Any], n: int) -> np.ndarray:
         raise SceneError(f"Argument `ports` must be {{name: weights}} with at least one port, but it is {ports!r}.")
     columns = []
     for name, given in ports.items():
-        weights = finite_array(given)
-        if weights is None or weights.shape != (n,) or not weights.any():
-            raise SceneError(
-                f"Argument `ports` must give `{name}` {n} finite weights, one for each entry of the displacement, that are not all 0."
-            )
-        columns.append(weights)
+        columns.append(array(f"ports.{name}", given, (n,)))
+        if not columns[-1].any():
+            raise SceneError(f"Argument `ports` must give `{name}` weights that are not all 0.")
     return np.column_stack(columns)
 
 

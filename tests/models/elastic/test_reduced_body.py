@@ -146,14 +146,14 @@ def test_a_file_that_lacks_an_array_or_has_another_one_is_refused(tmp_path, lack
         ({"stiffness": [[1.0, 2.0], [0.0, 1.0]]}, "symmetric"),
         ({"stiffness": [[1.0]]}, "2 rows"),
         ({"damping": [[math.nan, 0.0], [0.0, 1.0]]}, "finite"),
-        ({"damping": "none"}, "square"),
-        ({"places": [1.0, 2.0]}, "`places` must be finite numbers, one row"),
+        ({"damping": "none"}, "`damping` must be finite numbers"),
+        ({"places": [1.0, 2.0]}, "`places` must be finite numbers of the shape"),
         ({"places": [[math.nan]]}, "`places` must be finite"),
-        ({"areas": [[1.0]]}, "`areas` must be finite numbers, one number"),
+        ({"areas": [[1.0]]}, "`areas` must be finite numbers of the shape"),
         ({"band": -1.0}, "band"),
         ({"rigid": 0.5}, "`rigid` must be an integer"),
         ({"frequencies": [100.0]}, "1 entries"),
-        ({"frequencies": [[100.0]], "errors": [[0.1]]}, "one row"),
+        ({"frequencies": [[100.0]], "errors": [[0.1]]}, r"of the shape \(any,\)"),
     ],
 )
 def test_matrices_that_are_no_body_are_refused(changes, words):

@@ -204,23 +204,8 @@ class LeastSquares:
         misfit = self.misfit
         sizes = {name: float(np.std(values)) or 1.0 for name, values in misfit.measured.items()}
         scales = self._given_noise(sizes)
-        found: list[Any] = []
         trial = misfit.trial()
-        reason: Exception | None = None
-        evaluations = itertools.count(1)
-        with progress_bar(self.starts, "fit", unit="start") as bar:
-            for begin in self._begins():
-                if len(found) == self.starts:
-                    break
-                try:
-                    found.append(
-                        self._descend(begin, scales, trial.horizons(), lambda: bar.set_postfix_str(f"{next(evaluations)} evaluations"))
-                    )
-                    bar.update()
-                except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
-                    reason = reason or error
-        if not found:
-            raise reason or SimulationError("No start of the fit could be simulated.")
+        found = self._from_all_starts(trial, scales)
         best = min(found, key=lambda each: each.cost)
         agreeing = int(sum(each.cost <= best.cost * (1 + 1e-3) + 1e-12 for each in found))
         values = best.x if trial is misfit else self._descend(best.x, scales, [misfit]).x
@@ -277,6 +262,26 @@ class LeastSquares:
             bounds=(np.minimum(low, -1e-15), np.maximum(high, 1e-15)), xtol=1e-10, ftol=1e-12, gtol=1e-12, max_nfev=100,
         )  # fmt: skip
         return values + ways @ (found.x * length)
+
+    def _from_all_starts(self, trial: Any, scales: Mapping[str, float]) -> list[Any]:
+        """What every start comes to that can be simulated; raises the first error where none can."""
+        found: list[Any] = []
+        reason: Exception | None = None
+        evaluations = itertools.count(1)
+        with progress_bar(self.starts, "fit", unit="start") as bar:
+            for begin in self._begins():
+                if len(found) == self.starts:
+                    break
+                try:
+                    found.append(
+                        self._descend(begin, scales, trial.horizons(), lambda: bar.set_postfix_str(f"{next(evaluations)} evaluations"))
+                    )
+                    bar.update()
+                except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
+                    reason = reason or error
+        if not found:
+            raise reason or SimulationError("No start of the fit could be simulated.")
+        return found
 
     def _weighed(self, found: Mapping[str, np.ndarray], scales: Mapping[str, float]) -> np.ndarray:
         """All signals in a row, in parts of their noise."""

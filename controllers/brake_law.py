@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from toolbox import Controller, HybridSystem, Quantity, SceneError, quantity, state
-from toolbox.authoring import State
+from toolbox.authoring import State, number
 from toolbox.modelling import OptionalQuantity
 
 
@@ -40,8 +40,7 @@ class BrakeLaw(Controller):
     growth: OptionalQuantity = quantity(None, "s/rad", "growth q of that force with the disc speed", at_least=0)
 
     def check(self):
-        if self.lowest_force >= self.highest_force:
-            raise SceneError(f"Argument `highest_force` must be > {self.lowest_force:g} N, the lowest, but it is {self.highest_force!r}.")
+        number("highest_force", self.highest_force, "N", above=self.lowest_force)
 
     def design(self, plant: HybridSystem) -> Any:
         """The law with the numbers read from the plant that are not given; border and growth only where a `margin` asks for them."""

@@ -12,7 +12,7 @@ from controllers.brake_law import BrakeLaw
 from controllers.predictive import Record
 from controllers.quadratic_program import SOLVERS, QuadraticProgram
 from toolbox import HybridSystem, Quantity, SceneError, quantity
-from toolbox.authoring import check_fields
+from toolbox.authoring import check_fields, whole
 from toolbox.modelling import OptionalQuantity, Remembering
 
 
@@ -47,8 +47,7 @@ class BrakeMPC(BrakeLaw):
 
     def check(self):
         super().check()
-        if self.horizon < 2:
-            raise SceneError(f"Argument `horizon` must be an integer >= 2, but it is {self.horizon!r}.")
+        whole("horizon", self.horizon, 2)
         if self.solver not in SOLVERS:
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
 

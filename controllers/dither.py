@@ -24,6 +24,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import Controller, Equations, HybridSystem, Quantity, SceneError, Update, measure, quantity, simulate, time
+from toolbox.authoring import number
 from toolbox.inputs import sine
 from toolbox.modelling import OptionalQuantity
 
@@ -98,8 +99,7 @@ class SweptDither(NormalDither):
     sweep_time: Quantity = quantity(20.0, "s", "period of the sweep", above=0)
 
     def check(self):
-        if self.span >= self.frequency:
-            raise SceneError(f"Argument `span` must be below the frequency {self.frequency:g} Hz, but it is {self.span!r}.")
+        number("span", self.span, "Hz", below=self.frequency)
 
     def wave(self):
         swing = self.span * self.sweep_time * (1.0 - ca.cos(2.0 * ca.pi * time / self.sweep_time))
@@ -223,8 +223,7 @@ def dither_map(
     DitherMap
         The swing at every frequency and depth.
     """
-    if not (mean > 0 and natural > 0):
-        raise SceneError(f"Arguments `mean` and `natural` must be > 0, but they are {mean!r} and {natural!r}.")
+    mean, natural = number("mean", mean, "N", above=0), number("natural", natural, "Hz", above=0)
     duration = periods / natural
     given: Mapping[str, Any] = arguments.pop("inputs", None) or {}
 

@@ -11,6 +11,7 @@ from controllers.bumpless import acting, begun
 from controllers.string_model import drilling_point, entries, with_entries
 from controllers.torque_limits import TorqueLimits
 from toolbox import Equations, Quantity, SceneError, Update, quantity, state
+from toolbox.authoring import halved
 from toolbox.modelling import OptionalQuantities, OptionalQuantity
 
 
@@ -66,9 +67,7 @@ class HInfinity(TorqueLimits):
             low, high = high, 2 * high
             if high > 1e6:
                 raise none
-        while high - low > 1e-4 * high:
-            middle = (low + high) / 2
-            low, high = (low, middle) if central_law(F, B1, B2, C1, C2, middle) is not None else (middle, high)
+        _, high = halved(lambda gamma: central_law(F, B1, B2, C1, C2, gamma) is not None, low, high, 1e-4)
         law = central_law(F, B1, B2, C1, C2, self.margin * high)
         if law is None:
             raise none

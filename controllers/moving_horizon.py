@@ -12,7 +12,7 @@ from controllers.disturbance_filter import DisturbanceFilter, FilterModel
 from controllers.quadratic_program import SOLVERS, QuadraticProgram
 from controllers.string_model import StringModel, rock_table, string_model
 from toolbox import HybridSystem, Quantity, SceneError, quantity
-from toolbox.authoring import check_fields
+from toolbox.authoring import check_fields, whole
 from toolbox.modelling import Observer, OptionalQuantity
 
 
@@ -47,8 +47,7 @@ class MovingHorizon(Observer):
     solver: str = "daqp"
 
     def check(self):
-        if self.window < 1:
-            raise SceneError(f"Argument `window` must be an integer >= 1, but it is {self.window!r}.")
+        whole("window", self.window, 1)
         if self.solver not in SOLVERS:
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
 

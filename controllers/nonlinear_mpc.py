@@ -19,7 +19,7 @@ from controllers.quadratic_program import QuadraticProgram
 from controllers.rock_filter import RockFilter
 from controllers.string_model import drilling_point, rock_table, string_model, without_actuators
 from toolbox import HybridSystem, Quantity, SceneError, quantity
-from toolbox.authoring import announced, time_left, zero_order_hold
+from toolbox.authoring import announced, time_left, whole, zero_order_hold
 from toolbox.modelling import OptionalQuantity
 
 if TYPE_CHECKING:
@@ -63,9 +63,7 @@ class NonlinearMPC(Predictive):
     def check(self):
         super().check()
         for name in ("iterations", "steps"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise SceneError(f"Argument `{name}` must be an integer >= 1, but it is {value!r}.")
+            whole(name, getattr(self, name), 1)
         if not self.soft:
             raise SceneError("Argument `soft` must be True for a nonlinear law: its limits of speed and twist give way where they must.")
 

@@ -7,7 +7,8 @@ from typing import Any
 
 from controllers.bumpless import acting, begun, over
 from controllers.torque_limits import TorqueLimits
-from toolbox import Equations, Quantity, SceneError, Update, quantity, state
+from toolbox import Equations, Quantity, Update, quantity, state
+from toolbox.authoring import number
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,8 @@ class PI(TorqueLimits):
 
     def check(self):
         super().check()
-        if self.limits_known and not self.proportional > 0:
-            raise SceneError(f"Argument `proportional` must be > 0 N m s/rad with torque limits, but it is {self.proportional!r}.")
+        if self.limits_known:
+            number("proportional", self.proportional, "N m s/rad", above=0)
 
     def continuous(self, signal):
         angle = state("pi.angle", "rad")

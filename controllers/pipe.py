@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from toolbox import SceneError
+from toolbox.authoring import NumberOrText, number
 
 
-def pipe_impedance(outer: float, inner: float, shear_modulus: float, density: float) -> float:
+def pipe_impedance(outer: NumberOrText, inner: NumberOrText, shear_modulus: NumberOrText, density: NumberOrText) -> float:
     """Compute the torsional wave impedance of a pipe, zeta = I_p sqrt(G rho), with I_p = pi (outer^4 - inner^4) / 32.
 
     `toolbox.impedance` is that of a drive, and `toolbox.steady_states.reflection` tells what part of a wave the drive sends back.
@@ -32,9 +32,7 @@ def pipe_impedance(outer: float, inner: float, shear_modulus: float, density: fl
     SceneError
         Unless 0 <= inner < outer, and G and rho are > 0.
     """
-    if not 0 <= inner < outer:
-        raise SceneError(f"Argument `inner` must be >= 0 m and below the outer diameter {outer:g} m, but it is {inner!r}.")
-    for name, value in (("shear_modulus", shear_modulus), ("density", density)):
-        if not value > 0:
-            raise SceneError(f"Argument `{name}` must be > 0, but it is {value!r}.")
+    outer = number("outer", outer, "m", above=0)
+    inner = number("inner", inner, "m", at_least=0, below=outer)
+    shear_modulus, density = number("shear_modulus", shear_modulus, "Pa", above=0), number("density", density, "kg/m3", above=0)
     return float(np.pi / 32 * (outer**4 - inner**4) * np.sqrt(shear_modulus * density))

@@ -15,7 +15,7 @@ from controllers.string_model import StringModel
 from controllers.torque_limits import TorqueLimits
 from controllers.watchdog import Watchdog
 from toolbox import HybridSystem, Quantity, SceneError, quantity
-from toolbox.authoring import check_fields
+from toolbox.authoring import check_fields, whole
 from toolbox.modelling import OptionalQuantity, Quantities, Remembering
 
 MOST_LATE = 1000
@@ -76,8 +76,7 @@ class Predictive(TorqueLimits):
 
     def check(self):
         super().check()
-        if self.horizon < 1:
-            raise SceneError(f"Argument `horizon` must be an integer >= 1, but it is {self.horizon!r}.")
+        whole("horizon", self.horizon, 1)
         if len(self.noise) != len(self.sensors) or not self.sensors:
             raise SceneError(f"Argument `noise` must have one entry for each of {', '.join(self.sensors)}, but it has {len(self.noise)}.")
         if not self.delay / self.period <= MOST_LATE:

@@ -24,6 +24,7 @@ import casadi as ca
 from controllers.bumpless import acting, begun, over
 from controllers.torque_limits import TorqueLimits
 from toolbox import Equations, Quantity, SceneError, Update, quantity, state
+from toolbox.authoring import number, whole
 from toolbox.modelling import OptionalQuantity, Relay
 
 MOST_LATE = 100
@@ -54,10 +55,9 @@ class SlidingSurface(TorqueLimits):
 
     def check(self):
         super().check()
-        if not 0 <= self.late <= MOST_LATE:
-            raise SceneError(f"Argument `late` must be between 0 and {MOST_LATE} samples, but it is {self.late}.")
-        if self.limits_known and not self.surface > 0:
-            raise SceneError(f"Argument `surface` must be > 0 1/s with torque limits, but it is {self.surface!r}.")
+        whole("late", self.late, 0, MOST_LATE)
+        if self.limits_known:
+            number("surface", self.surface, "1/s", above=0)
 
     def design(self, plant):
         """The law with inertia and drag of the top drive read from the plant where they are not given."""

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from toolbox import Controller, SceneError, quantity, state
+from toolbox.authoring import number
 from toolbox.modelling import OptionalQuantity
 
 
@@ -29,10 +30,8 @@ class TorqueLimits(Controller):
     torque_rate: OptionalQuantity = quantity(None, "N m/s", "highest rate of the torque of the drive", above=0)
 
     def check(self):
-        if self.lowest_torque is not None and self.highest_torque is not None and self.lowest_torque >= self.highest_torque:
-            raise SceneError(
-                f"Argument `highest_torque` must be > {self.lowest_torque:g} N m, the lowest, but it is {self.highest_torque!r}."
-            )
+        if self.lowest_torque is not None and self.highest_torque is not None:
+            number("highest_torque", self.highest_torque, "N m", above=self.lowest_torque)
 
     @property
     def limits_known(self) -> bool:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from models.friction import Exponential
-from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
+from toolbox.authoring import number, whole
 
 
 @dataclass(frozen=True)
@@ -48,10 +49,8 @@ class OscillatorOnBar(Component):
     modes: int = 3
 
     def check(self):
-        if self.modes < 1:
-            raise SceneError(f"Argument `oscillator.modes` must be an integer >= 1, but it is {self.modes!r}.")
-        if self.contact >= 1:
-            raise SceneError(f"Argument `oscillator.contact` must be < 1, inside the bar, but it is {self.contact:g}.")
+        whole("oscillator.modes", self.modes, 1)
+        number("oscillator.contact", self.contact, below=1)
 
     def equations(self, signal):
         x, v = state("oscillator.position", "m"), state("oscillator.speed", "m/s")

@@ -9,6 +9,7 @@ import casadi as ca
 
 from models.friction import Hyperbolic
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
+from toolbox.authoring import number
 from toolbox.modelling import Quantities
 
 
@@ -174,9 +175,8 @@ class Absorber(Component):
         mass set otherwise bears at most sqrt((1 + e)(1 - 1 / sqrt(1 + e)) / 2), a factor of 1 + e / 8 to first order, and only near that limit.
         Raises SceneError unless e > 0 and the block has a spring.
         """
-        _check_ratio(mass_ratio)
-        if not block.stiffness > 0:
-            raise SceneError(f"Argument `block.stiffness` must be > 0 N/m to tune an absorber, but it is {block.stiffness!r}.")
+        number("mass_ratio", mass_ratio, above=0)
+        number("block.stiffness", block.stiffness, "N/m", above=0)
         mass = mass_ratio * block.mass
         w = math.sqrt(block.stiffness / block.mass / (1 + mass_ratio))
         ratio = math.sqrt(mass_ratio / (1 + mass_ratio)) / 2
@@ -188,7 +188,7 @@ class Absorber(Component):
 
         On a belt: sliding is stable while -N mu'(v_belt) - c < 2 m w_n times this. Raises SceneError unless e > 0.
         """
-        _check_ratio(mass_ratio)
+        number("mass_ratio", mass_ratio, above=0)
         return math.sqrt(mass_ratio) / 2
 
     def equations(self, signal):
@@ -202,8 +202,3 @@ class Absorber(Component):
             losses={"damping": self.damping * (v - w) ** 2},
             supplies={self.on: pull * v},
         )
-
-
-def _check_ratio(mass_ratio: float) -> None:
-    if not 0 < mass_ratio < math.inf:
-        raise SceneError(f"Argument `mass_ratio` must be > 0 and finite, but it is {mass_ratio!r}.")

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from toolbox import Component, Equations, Quantity, SceneError, quantity, state
+from toolbox.authoring import whole
 from toolbox.modelling import OptionalQuantities, Relay
 
 
@@ -25,8 +26,7 @@ def parabolic_shares(n: int) -> tuple[float, ...]:
     The pressure 3/4 (1 - s^2), -1 <= s <= 1, is integrated over each strip. Raises SceneError for fewer than 1 bristle. Source: textbook, Winkler foundation
     under a parabolic punch.
     """
-    if isinstance(n, bool) or not isinstance(n, int) or n < 1:
-        raise SceneError(f"Argument `n` must be a whole number >= 1, but it is {n!r}.")
+    whole("n", n, 1)
 
     def below(i: int) -> float:
         s = 2 * i / n - 1

@@ -9,14 +9,12 @@ deflection is a column (E. Velenis, P. Tsiotras, C. Canudas de Wit, 2002). State
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import casadi as ca
 
 from models.friction import Coulomb, Exponential
 from toolbox import FrictionLaw, Quantity, SceneError, quantity
-from toolbox.authoring import in_si
 
 
 class Bristle(FrictionLaw):
@@ -51,23 +49,6 @@ class Bristle(FrictionLaw):
             raise SceneError(f"Argument `steady` must be a law without memory and without jumps, but it is {self.steady!r}.")
         if not float(self.steady.breakaway()) > 0:
             raise SceneError(f"Argument `steady` must have a static friction > 0, at which bristles yield, but it is {self.steady!r}.")
-
-    @classmethod
-    def from_part(cls, table):
-        """The table of a scene file that means this law by a part on a block, whose numbers are forces, as that of a `Guide`."""
-        load = in_si(table.get("load", 1.0), "N", "load")
-        if not load > 0:
-            raise SceneError(f"Argument `{cls.__name__}.load` must be > 0 N, but it is {load!r}.")
-        specs = {spec.name: spec for spec in dataclasses.fields(cls)}
-        law = {"law": cls.__name__} | ({"steady": table["friction"]} if "friction" in table else {})
-        for name, spec in specs.items():
-            force = {"1/m": "N/m", "s/m": "N s/m", "1": "N"}.get(spec.metadata.get("unit"))
-            if force:
-                law[name] = in_si(table.get(name, spec.default), force, name) / load
-            elif name in table:
-                law[name] = table[name]
-        others = {key: value for key, value in table.items() if key not in ("part", "friction", *specs)}
-        return others | {"part": "Guide", "friction": law}
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from models.drill_string import TorsionalChain
 from models.friction import Coulomb, CubicStribeck, Exponential
 from models.oscillators import hopf_speed
 from toolbox import SceneError
+from toolbox.authoring import number
 
 
 @dataclass(frozen=True)
@@ -63,10 +64,9 @@ def driven_disks_cycle(disks: TwoDisks, rotor_speed: float) -> StickSlipPeriod:
 
 
 def _cycle(inertia: float, stiffness: float, fall: float, speed: float, part: str) -> StickSlipPeriod:
-    if not stiffness > 0:
-        raise SceneError(f"Argument `{part}.stiffness` must be > 0, but it is {stiffness!r}.")
-    if not (math.isfinite(speed) and speed != 0):
-        raise SceneError(f"Argument `speed` of the driver must be finite and not 0, but it is {speed!r}.")
+    number(f"{part}.stiffness", stiffness, above=0)
+    if number("speed", speed) == 0:
+        raise SceneError("Argument `speed` of the driver must not be 0.")
     w = math.sqrt(stiffness / inertia)
     z = fall * w / (stiffness * abs(speed))
     return StickSlipPeriod(slip=2 / w * (math.pi - math.atan(z)), stick=2 * z / w)
@@ -115,9 +115,8 @@ def den_hartog_amplitude(block: BlockOnBelt, force: float, frequency: float) -> 
         raise SceneError(f"Argument `block.friction` must be Coulomb with static = kinetic for this closed form, but it is {law!r}.")
     ratio, bound = block.load * law.kinetic / force, den_hartog_bound(block, frequency)
     if not ratio <= bound:
-        raise SceneError(
-            f"Argument `force` must be >= {block.load * law.kinetic / bound:.6g} N for a motion without stops, but it is {force!r}."
-        )
+        least = block.load * law.kinetic / bound
+        raise SceneError(f"Argument `force` must be >= {least:.6g} N for a motion without stops, but it is {force!r}.")
     v, u, _ = _den_hartog(block, frequency)
     return force / block.stiffness * math.sqrt(v * v - (ratio * u) ** 2)
 
@@ -192,8 +191,7 @@ def groan_growth(brake: DiscBrake, force: float, until: float = 0.0) -> float:
     law = brake.friction
     if not isinstance(law, Exponential):
         raise SceneError(f"Argument `brake.friction` must be Exponential, but it is {law!r}.")
-    if not 0 < force < math.inf:
-        raise SceneError(f"Argument `force` must be > 0 N and finite, but it is {force!r}.")
+    number("force", force, "N", above=0)
     drop, rate = law.static - law.kinetic, law.decay * brake.radius
     fed = 2.0 * force * drop * law.decay
     if fed <= brake.damping * math.exp(rate * until):

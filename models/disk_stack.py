@@ -8,7 +8,8 @@ import casadi as ca
 import numpy as np
 
 from models.friction import Exponential
-from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
+from toolbox.authoring import NumberOrText, number, whole
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,7 @@ class DiskStack(Component):
     friction: FrictionLaw = Exponential(static=0.4, kinetic=0.3, decay=2.0)
 
     def check(self):
-        if self.rotors < 1:
-            raise SceneError(f"Argument `rotors` of DiskStack must be >= 1, but it is {self.rotors!r}.")
+        whole("rotors", self.rotors, 1)
 
     def equations(self, signal):
         n = 2 * self.rotors + 1
@@ -114,14 +114,13 @@ class DiskStack(Component):
             supplies={"torque": torque * wheel, "actuator": actuator * v[0]},
         )
 
-    def clamped(self, force: float) -> np.ndarray:
+    def clamped(self, force: NumberOrText) -> np.ndarray:
         """Axial positions z [m], shape (2n+1,), at rest under another actuator force [N] > 0: a start without axial motion.
 
         Each of the springs in a row carries the force: z_j = (force - F_0) (1 / k_b + (2n - j) / k_c). Raises SceneError unless force > 0: faces that
         just touch would begin with bounds and gaps of nothing.
         """
-        if not 0 < force < float("inf"):
-            raise SceneError(f"Argument `force` must be > 0 N, but it is {force!r}.")
+        force = number("force", force, "N", above=0)
         behind = np.arange(2 * self.rotors, -1, -1)
         return (force - self.actuator_force) * (1 / self.back_stiffness + behind / self.contact_stiffness)
 

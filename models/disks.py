@@ -5,32 +5,31 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from models.friction import Exponential
-from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, UnilateralContact, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, UnilateralContact, quantity, state
+from toolbox.authoring import NumberOrText, number
 
 
-def uniform_wear_radius(inner: float, outer: float) -> float:
+def uniform_wear_radius(inner: NumberOrText, outer: NumberOrText) -> float:
     """Compute the effective radius of a worn annulus, whose pressure goes as 1/r: R = (R_o + R_i) / 2 [m].
 
     The torque is mu N R. Raises SceneError unless 0 <= inner < outer. Source: textbook.
     """
-    _check_annulus(inner, outer)
+    inner, outer = _annulus(inner, outer)
     return (outer + inner) / 2
 
 
-def uniform_pressure_radius(inner: float, outer: float) -> float:
+def uniform_pressure_radius(inner: NumberOrText, outer: NumberOrText) -> float:
     """Compute the effective radius of a new annulus under uniform pressure: R = (2/3) (R_o^3 - R_i^3) / (R_o^2 - R_i^2) [m].
 
     The torque is mu N R; R is never less than the radius of uniform wear. Raises SceneError unless 0 <= inner < outer. Source: textbook.
     """
-    _check_annulus(inner, outer)
+    inner, outer = _annulus(inner, outer)
     return 2 / 3 * (outer**2 + outer * inner + inner**2) / (outer + inner)  # free of cancellation for a thin ring
 
 
-def _check_annulus(inner: float, outer: float) -> None:
-    if not inner >= 0:
-        raise SceneError(f"Argument `inner` must be >= 0 m, but it is {inner!r}.")
-    if not inner < outer < float("inf"):
-        raise SceneError(f"Argument `outer` must be > {inner:g} m, but it is {outer!r}.")
+def _annulus(inner: NumberOrText, outer: NumberOrText) -> tuple[float, float]:
+    inner = number("inner", inner, "m", at_least=0)
+    return inner, number("outer", outer, "m", above=inner)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import FrictionLaw, HybridSystem, SceneError
+from toolbox.authoring import halved, number
 
 
 def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float:
@@ -36,10 +37,7 @@ def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float
     """
     if law.memory(1):
         raise SceneError(f"Argument `law` must be without memory, because bristles follow a dither that is small, but it is {law!r}.")
-    if not math.isfinite(speed):
-        raise SceneError(f"Argument `speed` must be a finite number, but it is {speed!r}.")
-    if not 0 <= amplitude < math.inf:
-        raise SceneError(f"Argument `amplitude` must be >= 0 and finite, but it is {amplitude!r}.")
+    speed, amplitude = number("speed", speed), number("amplitude", amplitude, at_least=0)
     # sin takes every value of a period twice between -pi/2 and pi/2; the slip turns at the phase between
     turn = -math.asin(min(1.0, max(-1.0, speed / amplitude))) if amplitude > 0 else -math.copysign(math.pi / 2, speed)
     points, weights = np.polynomial.legendre.leggauss(64)
@@ -90,9 +88,7 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     names = [element.name for element in plant.elements]
     if contact not in names:
         raise plant.no_element(contact)
-    for name, value in (("slip", slip), ("frequency", frequency)):
-        if not 0 < value < math.inf:
-            raise SceneError(f"Argument `{name}` must be > 0 and finite, but it is {value!r}.")
+    slip, frequency = number("slip", slip, above=0), number("frequency", frequency, "Hz", above=0)
     place = names.index(contact)
     element = plant.elements[place]
     if element.law is None or element.law.breaks():
@@ -121,10 +117,7 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     enough = next((i for i, amplitude in enumerate(grid) if slope(amplitude) >= 0.0), None)
     if enough is None:
         raise SceneError(f"No dither up to {grid[-1]:g} makes the friction of `{contact}` rise with speed at the slip {slip:g}.")
-    low, high = grid[max(enough - 1, 0)], grid[enough]
-    while high - low > 1e-3 * high:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if slope(middle) >= 0.0 else (middle, high)
+    _, high = halved(lambda amplitude: slope(amplitude) >= 0.0, grid[max(enough - 1, 0)], grid[enough], 1e-3)
     return TangentialDither(float(high), frequency, 2.0 * math.pi * frequency * float(high) / gain)
 
 

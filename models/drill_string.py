@@ -6,8 +6,10 @@ import math
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
+from toolbox.authoring import whole
 from toolbox.modelling import OptionalQuantities, Quantities
 
 
@@ -63,8 +65,8 @@ class TorsionalChain(Component):
                 f"{len(self.friction_load)}."
             )
 
-        if self.collar is not None and not (type(self.collar) is int and -n <= self.collar < n):
-            raise SceneError(f"Argument `chain.collar` must be the number of an inertia, {-n} to {n - 1}, but it is {self.collar!r}.")
+        if self.collar is not None:
+            whole("chain.collar", self.collar, -n, n - 1)
 
     def equations(self, signal):
         n = len(self.inertia)
@@ -123,7 +125,7 @@ class TorsionalChain(Component):
 def _check_friction_at(at: tuple[int, ...], load: tuple[float, ...] | None, n: int) -> None:
     if load is None:
         raise SceneError("Argument `chain.friction_at` must come with `chain.friction` and `chain.friction_load`, but they are not given.")
-    if list(at) != sorted({i for i in at if isinstance(i, int) and 0 <= i < n}):
+    if list(at) != sorted({i for i in at if isinstance(i, (int, np.integer)) and 0 <= i < n}):
         raise SceneError(f"Argument `chain.friction_at` must be increasing numbers of inertias, 0 to {n - 1}, but it is {at!r}.")
     if len(load) != len(at):
         raise SceneError(

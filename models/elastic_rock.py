@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from toolbox import Component, Equations, Quantity, SceneError, UnilateralContact, quantity, state
+from toolbox import Component, Equations, Quantity, UnilateralContact, quantity, state
+from toolbox.authoring import whole
 from toolbox.modelling import OptionalQuantity
 
 
@@ -32,8 +33,7 @@ class ElasticRock(Component):
     lobes: int = 3
 
     def check(self):
-        if self.lobes < 1:
-            raise SceneError(f"Argument `bit.lobes` must be a whole number >= 1, but it is {self.lobes!r}.")
+        whole("bit.lobes", self.lobes, 1)
 
     def equations(self, signal):
         position, axial_speed = state("bit.position", "m"), signal("bit.axial_speed", "m/s")

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
-from toolbox.authoring import is_finite_number
+from toolbox.authoring import NumberOrText, number, whole
 from toolbox.modelling import OptionalQuantities, Quantities
 
 
@@ -49,12 +49,12 @@ class FlowLine(Component):
 
     @staticmethod
     def pipe(
-        length: float,
-        diameter: float,
+        length: NumberOrText,
+        diameter: NumberOrText,
         *,
-        viscosity: float,
-        density: float,
-        bulk_modulus: float,
+        viscosity: NumberOrText,
+        density: NumberOrText,
+        bulk_modulus: NumberOrText,
         segments: int,
         end_loss: float = 0.0,
         gel: FrictionLaw | None = None,
@@ -81,9 +81,10 @@ class FlowLine(Component):
         gel
             Law of the yield stress [Pa] at the wall; None for a fluid that does not gel.
         """
-        if not isinstance(segments, int) or isinstance(segments, bool) or segments < 1:
-            raise SceneError(f"Argument `segments` must be an integer >= 1, but it is {segments!r}.")
-        _positive(length=length, diameter=diameter, viscosity=viscosity, density=density, bulk_modulus=bulk_modulus)
+        segments = whole("segments", segments, 1)
+        length, diameter = number("length", length, "m", above=0), number("diameter", diameter, "m", above=0)
+        viscosity, density = number("viscosity", viscosity, "Pa s", above=0), number("density", density, "kg/m3", above=0)
+        bulk_modulus = number("bulk_modulus", bulk_modulus, "Pa", above=0)
         area, part = math.pi * diameter**2 / 4, length / segments
         return FlowLine(
             resistance=(poiseuille_resistance(part, diameter, viscosity),) * segments,
@@ -165,33 +166,28 @@ class OutletRCR(Component):
         )
 
 
-def poiseuille_resistance(length: float, diameter: float, viscosity: float) -> float:
+def poiseuille_resistance(length: NumberOrText, diameter: NumberOrText, viscosity: NumberOrText) -> float:
     """Resistance of laminar flow in a round pipe, R = 128 mu l / (pi d^4) [Pa s/m3]. Raises SceneError for numbers that are not > 0."""
-    _positive(length=length, diameter=diameter, viscosity=viscosity)
+    length, diameter = number("length", length, "m", above=0), number("diameter", diameter, "m", above=0)
+    viscosity = number("viscosity", viscosity, "Pa s", above=0)
     return 128 * viscosity * length / (math.pi * diameter**4)
 
 
-def expansion_loss(density: float, narrow: float, wide: float) -> float:
+def expansion_loss(density: NumberOrText, narrow: NumberOrText, wide: NumberOrText) -> float:
     """Loss of a sudden expansion, K = density (1/A_narrow - 1/A_wide)^2 / 2 [Pa s2/m6] (Borda, Carnot), areas in m2.
 
     Raises SceneError for numbers that are not > 0 and for a wide area below the narrow one.
     """
-    _positive(density=density, narrow=narrow, wide=wide)
-    if wide < narrow:
-        raise SceneError(f"Argument `wide` must be >= the narrow area {narrow:g} m2, but it is {wide!r}.")
+    density, narrow = number("density", density, "kg/m3", above=0), number("narrow", narrow, "m2", above=0)
+    wide = number("wide", wide, "m2", at_least=narrow)
     return density * (1 / narrow - 1 / wide) ** 2 / 2
 
 
-def nozzle_loss(density: float, area: float, discharge: float = 0.95) -> float:
+def nozzle_loss(density: NumberOrText, area: NumberOrText, discharge: float = 0.95) -> float:
     """Loss of the nozzles of a bit, K = density / (2 (c_d A)^2) [Pa s2/m6]: their pressure is K Q|Q|. area: all nozzles together [m2].
 
     discharge: coefficient c_d, 0.95 by custom. Raises SceneError for numbers that are not > 0.
     """
-    _positive(density=density, area=area, discharge=discharge)
+    density, area = number("density", density, "kg/m3", above=0), number("area", area, "m2", above=0)
+    discharge = number("discharge", discharge, above=0)
     return density / (2 * (discharge * area) ** 2)
-
-
-def _positive(**numbers: float) -> None:
-    for name, value in numbers.items():
-        if not is_finite_number(value) or value <= 0:
-            raise SceneError(f"Argument `{name}` must be a finite number > 0, but it is {value!r}.")

@@ -28,6 +28,7 @@ import numpy as np
 
 from models.friction import Coulomb
 from toolbox import Component, DryFriction, Equations, SceneError, quantity, state
+from toolbox.authoring import columns, number
 from toolbox.modelling import OptionalQuantities, Quantities
 
 GROUND = "ground"
@@ -51,8 +52,7 @@ class Train:
 
     def __post_init__(self):
         _check_train((self.a, self.b, self.carrier), self.ratio)
-        if not 0.0 < self.efficiency <= 1.0:
-            raise SceneError(f"Argument `efficiency` must be > 0 and <= 1, but it is {self.efficiency!r}.")
+        number("efficiency", self.efficiency, above=0, at_most=1)
 
 
 @dataclass(frozen=True)
@@ -106,9 +106,9 @@ class SteadyGears:
         return float(gain[row, column] * value[to] / value[of])
 
     def __str__(self) -> str:
-        lines = ["shaft             speed [rad/s]    torque [N m]       power [W]"]
-        lines += [f"{name:<14}{self.speed[name]:>16.6g}{self.torque[name]:>16.6g}{power:>16.6g}" for name, power in self.power.items()]
-        return "\n".join([*lines, f"efficiency {self.efficiency:.6g}"])
+        head = ("shaft", "speed [rad/s]", "torque [N m]", "power [W]")
+        rows = [(name, *(f"{each:.6g}" for each in (self.speed[name], self.torque[name], power))) for name, power in self.power.items()]
+        return "\n".join([*columns([head, *rows], indent=""), f"efficiency {self.efficiency:.6g}"])
 
 
 def steady_gears(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from toolbox import Component, Equations, SceneError, quantity, state
-from toolbox.authoring import is_finite_number
+from toolbox.authoring import NumberOrText, number, numbers
 from toolbox.modelling import Quantities
 
 BAND = (10.0**0.8, 10.0**3.1)
@@ -105,7 +105,7 @@ def weighting(frequency: ArrayLike) -> np.ndarray:
     return np.abs(band * (s / w3 + 1) * w3**2 / (s**2 + s * w3 / TRANSITION_QUALITY + w3**2))
 
 
-def weighted_acceleration(speed: ArrayLike, sample_time: float) -> float:
+def weighted_acceleration(speed: ArrayLike, sample_time: NumberOrText) -> float:
     """Frequency-weighted rms acceleration a_hw [m/s2] of a handle, from its speed [m/s] sampled every `sample_time` [s].
 
     By Fourier transform under a Hann window, a = 2 pi i f v, weighted with `weighting`: the speed stays finite where friction makes the acceleration jump. The
@@ -115,8 +115,7 @@ def weighted_acceleration(speed: ArrayLike, sample_time: float) -> float:
     v = np.asarray(speed, float)
     if v.ndim != 1 or v.size < 16 or not np.isfinite(v).all():
         raise SceneError(f"Argument `speed` must be a row of at least 16 finite numbers, but its shape is {v.shape}.")
-    if not is_finite_number(sample_time) or sample_time <= 0:
-        raise SceneError(f"Argument `sample_time` must be > 0 s, but it is {sample_time!r}.")
+    sample_time = number("sample_time", sample_time, "s", above=0)
     window = np.hanning(v.size + 1)[:-1]
     spectrum = np.fft.rfft((v - v.mean()) * window)[1:]
     f = np.fft.rfftfreq(v.size, sample_time)[1:]
@@ -126,22 +125,20 @@ def weighted_acceleration(speed: ArrayLike, sample_time: float) -> float:
     return float(math.sqrt(2 * power.sum() / (v.size * (window**2).sum())))
 
 
-def daily_exposure(accelerations: Sequence[float], duration: float) -> float:
+def daily_exposure(accelerations: Sequence[float], duration: NumberOrText) -> float:
     """Daily vibration exposure A(8) = a_hv sqrt(T / 8 h), a_hv = sqrt(sum a_hw^2) over the three directions [m/s2]; `duration` T in s.
 
     accelerations: weighted rms acceleration of one to three directions. A day of several tasks has A(8) = sqrt(sum A_i(8)^2). Source: ISO 5349-1:2001.
     Raises SceneError for negative numbers.
     """
-    values = np.atleast_1d(np.asarray(accelerations, float))
-    if not 1 <= values.size <= 3 or not np.isfinite(values).all() or (values < 0).any():
-        raise SceneError(f"Argument `accelerations` must be one to three numbers >= 0 m/s2, but it is {accelerations!r}.")
-    if not is_finite_number(duration) or duration < 0:
-        raise SceneError(f"Argument `duration` must be >= 0 s, but it is {duration!r}.")
+    values = numbers("accelerations", np.atleast_1d(accelerations), "m/s2", at_least=0)
+    if not 1 <= len(values) <= 3:
+        raise SceneError(f"Argument `accelerations` must be of one to three directions, but it is {accelerations!r}.")
+    duration = number("duration", duration, "s", at_least=0)
     return float(np.linalg.norm(values) * math.sqrt(duration / 28_800.0))
 
 
 def _frequencies(frequency: ArrayLike) -> np.ndarray:
     f = np.asarray(frequency, float)
-    if not (np.isfinite(f) & (f > 0)).all():
-        raise SceneError(f"Argument `frequency` must be finite and > 0 Hz, but it is {frequency!r}.")
+    numbers("frequency", f.ravel(), "Hz", above=0)
     return f

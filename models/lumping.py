@@ -17,6 +17,7 @@ import numpy as np
 
 from models.sections import Section
 from toolbox import SceneError
+from toolbox.authoring import halved
 
 PHASE = 0.35
 """Largest phase 2 pi band sqrt(C I) [rad] of an element: natural frequencies within the band are then right within one per cent."""
@@ -48,13 +49,9 @@ class Lumping:
     def of_count(sections: Sequence[Section], elements: int) -> Lumping:
         """So many elements, all of the same C I."""
         compliance = sum(section.length / section.rigidity for section in sections)
-        low, high = 0.0, compliance * sum(section.length * section.inertia for section in sections) * (1 + 1e-9)
-        while high - low > 1e-12 * high:  # the smallest C I with which so many elements reach the end, and no round-off is left over
-            middle = (low + high) / 2
-            if len(_marched(sections, middle, elements)) <= elements:
-                high = middle
-            else:
-                low = middle
+        whole = compliance * sum(section.length * section.inertia for section in sections) * (1 + 1e-9)
+        # the smallest C I with which so many elements reach the end, and no round-off is left over
+        _, high = halved(lambda product: len(_marched(sections, product, elements)) <= elements, 0.0, whole, 1e-12)
         nodes = _marched(sections, high, elements)
         return Lumping(sections, [*nodes, sum(section.length for section in sections)])
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from models.sections import Section
 from toolbox import SceneError
+from toolbox.authoring import whole
 
 
 def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: float = 0.0, bit_inertia: float = 0.0) -> np.ndarray:
@@ -45,8 +46,7 @@ def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: f
 
     if not sections:
         raise SceneError("Argument `sections` must hold at least one section, but it is empty.")
-    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
-        raise SceneError(f"Argument `count` must be a whole number >= 0, but it is {count!r}.")
+    count = whole("count", count, 0)
     for name, inertia in (("top_inertia", top_inertia), ("bit_inertia", bit_inertia)):
         if not inertia >= 0:
             raise SceneError(f"Argument `{name}` must be >= 0 kg m2, but it is {inertia!r}.")

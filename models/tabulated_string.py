@@ -15,7 +15,7 @@ from models.sections import Section, read_sections
 from models.soft_string import side_force
 from models.survey import Survey, read_survey
 from toolbox import FrictionLaw, SceneError, quantity
-from toolbox.authoring import is_finite_number
+from toolbox.authoring import NumberOrText, number, whole
 from toolbox.modelling import OptionalQuantities
 
 
@@ -38,19 +38,19 @@ class DrillString(TorsionalChain):
         sections: Path | str | Sequence[Section],
         survey: Path | str | Survey | None = None,
         *,
-        top_inertia: Annotated[float, "kg m2"],
-        bit_inertia: Annotated[float, "kg m2"] = 0.0,
-        band: Annotated[float, "Hz"] = 2.0,
+        top_inertia: Annotated[NumberOrText, "kg m2"],
+        bit_inertia: Annotated[NumberOrText, "kg m2"] = 0.0,
+        band: Annotated[NumberOrText, "Hz"] = 2.0,
         elements: int | None = None,
         friction: FrictionLaw | None = None,
         on_bottom: bool = False,
-        mud_density: Annotated[float, "kg/m3"] = 0.0,
+        mud_density: Annotated[NumberOrText, "kg/m3"] = 0.0,
         doglegs: bool = False,
-        weight_on_bit: Annotated[float, "N"] = 0.0,
-        drag_rate: Annotated[float, "1/s"] = 0.0,
-        internal_damping: Annotated[float, "s"] = 0.0,
-        top_drag: Annotated[float, "N m s/rad"] = 0.0,
-        bit_drag: Annotated[float, "N m s/rad"] = 0.0,
+        weight_on_bit: Annotated[NumberOrText, "N"] = 0.0,
+        drag_rate: Annotated[NumberOrText, "1/s"] = 0.0,
+        internal_damping: Annotated[NumberOrText, "s"] = 0.0,
+        top_drag: Annotated[NumberOrText, "N m s/rad"] = 0.0,
+        bit_drag: Annotated[NumberOrText, "N m s/rad"] = 0.0,
         name: str | None = None,
     ) -> DrillString:
         """Make the chain of a string from its sections (top first) and, for friction along it, the survey of its hole.
@@ -94,18 +94,21 @@ class DrillString(TorsionalChain):
             If a table is bad (the message names file, row and column), an argument is out of range, friction is given without a survey, or the survey ends
             above the bit.
         """
-        numbers = {
-            "top_inertia": top_inertia, "bit_inertia": bit_inertia, "mud_density": mud_density, "weight_on_bit": weight_on_bit,
-            "drag_rate": drag_rate, "internal_damping": internal_damping, "top_drag": top_drag, "bit_drag": bit_drag, "band": band,
-        }  # fmt: skip
-        for word, value in numbers.items():
-            least = ">" if word == "band" else ">="
-            if not is_finite_number(value) or value < 0 or (word == "band" and value == 0):
-                raise SceneError(f"Argument `{word}` must be a finite number {least} 0, but it is {value!r}.")
-        if elements is not None and (
-            isinstance(elements, bool) or not isinstance(elements, (int, np.integer)) or not 1 <= elements <= MOST
-        ):
-            raise SceneError(f"Argument `elements` must be a whole number from 1 to {MOST}, but it is {elements!r}.")
+        top_inertia, bit_inertia = (
+            number(word, value, "kg m2", at_least=0) for word, value in (("top_inertia", top_inertia), ("bit_inertia", bit_inertia))
+        )
+        mud_density = number("mud_density", mud_density, "kg/m3", at_least=0)
+        weight_on_bit = number("weight_on_bit", weight_on_bit, "N", at_least=0)
+        drag_rate, internal_damping = (
+            number("drag_rate", drag_rate, "1/s", at_least=0),
+            number("internal_damping", internal_damping, "s", at_least=0),
+        )
+        top_drag, bit_drag = (
+            number(word, value, "N m s/rad", at_least=0) for word, value in (("top_drag", top_drag), ("bit_drag", bit_drag))
+        )
+        band = number("band", band, "Hz", above=0)
+        if elements is not None:
+            whole("elements", elements, 1, MOST)
         if weight_on_bit and not doglegs:
             raise SceneError("Argument `weight_on_bit` must come with `doglegs`, because without them no tension enters.")
         pipes = _sections(sections)

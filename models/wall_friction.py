@@ -13,7 +13,7 @@ from models.axial import AxialChain
 from models.drill_string import TorsionalChain
 from models.friction import Coulomb
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity
-from toolbox.authoring import check_fields, finite_array, is_finite_number
+from toolbox.authoring import NumberOrText, array, check_fields, number
 from toolbox.contacts import ContactBody, ContactProblem
 from toolbox.modelling import Quantities
 
@@ -48,7 +48,9 @@ class WallContact(Component):
         return Equations(gives=gives, elements=[wall])
 
 
-def sliding_resultant(friction: float, load: float, axial_speed: float, turning_speed: float, radius: float) -> tuple[float, float]:
+def sliding_resultant(
+    friction: float, load: NumberOrText, axial_speed: NumberOrText, turning_speed: NumberOrText, radius: NumberOrText
+) -> tuple[float, float]:
     """Axial force [N] and torque [N m] of dry friction on a string that slides and turns, both against its motion.
 
         F = mu N v / s ,   T = mu N R (R w) / s ,   s = sqrt(v^2 + (R w)^2)
@@ -70,15 +72,9 @@ def sliding_resultant(friction: float, load: float, axial_speed: float, turning_
     SceneError
         For numbers that are not finite or out of range, and at rest, where friction is whatever holds.
     """
-    for word, value in (
-        ("friction", friction),
-        ("load", load),
-        ("axial_speed", axial_speed),
-        ("turning_speed", turning_speed),
-        ("radius", radius),
-    ):
-        if not is_finite_number(value) or (word in ("friction", "load") and value < 0) or (word == "radius" and value <= 0):
-            raise SceneError(f"Argument `{word}` must be a finite number in its range, but it is {value!r}.")
+    friction, load = number("friction", friction, at_least=0), number("load", load, "N", at_least=0)
+    axial_speed, turning_speed = number("axial_speed", axial_speed, "m/s"), number("turning_speed", turning_speed, "rad/s")
+    radius = number("radius", radius, "m", above=0)
     speed = math.hypot(axial_speed, radius * turning_speed)
     if speed == 0:
         raise SceneError("Arguments `axial_speed` and `turning_speed` must not both be 0: at rest friction is whatever holds.")
@@ -86,7 +82,13 @@ def sliding_resultant(friction: float, load: float, axial_speed: float, turning_
 
 
 def string_on_wall(
-    axial: AxialChain, torsional: TorsionalChain, *, radius: float, loads: Sequence[float], friction: FrictionLaw, top_drive: bool = False
+    axial: AxialChain,
+    torsional: TorsionalChain,
+    *,
+    radius: NumberOrText,
+    loads: Sequence[float],
+    friction: FrictionLaw,
+    top_drive: bool = False,
 ) -> ContactProblem:
     """A string with dry friction against the wall of its hole at every mass, by one cone for axial and turning slip, for `toolbox.contacts.step_contacts`.
 
@@ -127,11 +129,10 @@ def string_on_wall(
         raise SceneError(
             f"Argument `torsional` must have {n + 1} inertias, the top drive and one for each mass, but it has {len(torsional.inertia)}."
         )
-    if not is_finite_number(radius) or not radius > 0:
-        raise SceneError(f"Argument `radius` must be a finite number > 0 m, but it is {radius!r}.")
-    side = finite_array(loads)
-    if side is None or side.shape != (n,) or (side < 0).any() or not side.any():
-        raise SceneError(f"Argument `loads` must be {n} numbers >= 0 N, one for each mass, that are not all 0, but it is {loads!r}.")
+    radius = number("radius", radius, "m", above=0)
+    side = array("loads", loads, (n,), 0.0)
+    if not side.any():
+        raise SceneError("Argument `loads` must hold one that is > 0 N, but all are 0.")
     if not isinstance(top_drive, bool):
         raise SceneError(f"Argument `top_drive` must be True or False, but it is {top_drive!r}.")
     first = 0 if top_drive else 1  # of the inertias that are coordinates: behind a top drive that is told its speed the twists are relative

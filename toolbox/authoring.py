@@ -2,14 +2,14 @@
 
 Everything here is public: it changes only with a line in the changelog. `models` and `controllers` import nothing else of the toolbox.
 
-    checks      is_finite_number, finite_array, in_si, NumberOrText, check_fields, suggest, window
+    checks      number, numbers, whole, array, symmetric, is_finite_number, finite_array, in_si, NumberOrText, check_fields, suggest, window
     symbols     State
-    files       Column, Table, read_table, read_arrays, read_mat, opened, replaced
+    files       columns, Column, Table, read_table, read_arrays, read_mat, opened, replaced
     predictions Rollout, regularised, advance_rollout, time_left
     machine     cached, announced
     export      Declared, written
     packages    face
-    control     zero_order_hold
+    numerics    halved, zero_order_hold
 """
 
 from __future__ import annotations
@@ -19,8 +19,13 @@ from typing import TYPE_CHECKING
 from toolbox import faces
 
 if TYPE_CHECKING:
+    from toolbox.arguments import array as array
     from toolbox.arguments import finite_array as finite_array
     from toolbox.arguments import is_finite_number as is_finite_number
+    from toolbox.arguments import number as number
+    from toolbox.arguments import numbers as numbers
+    from toolbox.arguments import symmetric as symmetric
+    from toolbox.arguments import whole as whole
     from toolbox.compilation.notices import announced as announced
     from toolbox.compilation.numba_cache import cached as cached
     from toolbox.errors import suggest as suggest
@@ -30,12 +35,14 @@ if TYPE_CHECKING:
     from toolbox.files.archives import arrays as read_arrays  # noqa: F401 (public under this name)
     from toolbox.files.atomic import replaced as replaced
     from toolbox.files.mat import read_mat as read_mat
+    from toolbox.files.printing import columns as columns
     from toolbox.files.reading import opened as opened
     from toolbox.files.tables import Column as Column
     from toolbox.files.tables import Table as Table
     from toolbox.files.tables import read as read_table  # noqa: F401 (public under this name)
     from toolbox.files.units import NumberOrText as NumberOrText
     from toolbox.files.units import in_si as in_si
+    from toolbox.halving import halved as halved
     from toolbox.modelling.components import check_fields as check_fields
     from toolbox.modelling.elements import State as State
     from toolbox.modelling.regularisation import regularised as regularised

@@ -14,7 +14,7 @@ from models.elastic.reduced_body import ReducedBody
 from models.elastic.reduction import reduce_body
 from models.elastic.spectrum import natural_frequencies
 from toolbox import SceneError
-from toolbox.authoring import NumberOrText, finite_array, in_si, is_finite_number, suggest
+from toolbox.authoring import NumberOrText, array, finite_array, number, suggest
 
 AXES = "xyz"
 
@@ -51,24 +51,14 @@ class ElasticBody:
                 raise SceneError(f"Argument `{word}` must have {n} rows, as `mass` has, but it has {matrix.shape[0]}.")
         if not (mass.diagonal() > 0).all():
             raise SceneError("Argument `mass` must be > 0 kg on its diagonal: an entry without mass has no motion of its own.")
-        nodes = None
-        if self.nodes is not None:
-            nodes = finite_array(self.nodes)
-            if nodes is None or nodes.ndim != 2 or not 1 <= nodes.shape[1] <= 3:
-                raise SceneError("Argument `nodes` must be (k, 1 to 3) finite coordinates [m].")
+        nodes = None if self.nodes is None else array("nodes", self.nodes, (None, range(1, 4)))
         entries = self._placed(nodes, n)
-        faces = {name: finite_array(areas) for name, areas in self.faces.items()}
-        for name, areas in faces.items():
-            if areas is None or areas.shape != (len(entries),) or (areas < 0).any() or not areas.any():
-                raise SceneError(f"Argument `faces` must give `{name}` {len(entries)} areas >= 0, one for each node, that are not all 0.")
-        for word, value in (
-            ("mass", mass),
-            ("stiffness", stiffness),
-            ("damping", damping),
-            ("nodes", nodes),
-            ("entries", entries),
-            ("faces", faces),
-        ):
+        faces = {name: array(f"faces.{name}", areas, (len(entries),), 0.0) for name, areas in self.faces.items()}
+        empty = next((name for name, areas in faces.items() if not areas.any()), None)
+        if empty is not None:
+            raise SceneError(f"Argument `faces` must give `{empty}` areas that are not all 0.")
+        made = {"mass": mass, "stiffness": stiffness, "damping": damping, "nodes": nodes, "entries": entries, "faces": faces}
+        for word, value in made.items():
             object.__setattr__(self, word, value)
 
     def _placed(self, nodes: np.ndarray | None, n: int) -> np.ndarray:
@@ -174,7 +164,7 @@ class ElasticBody:
 
     def frequencies(self, band: NumberOrText) -> np.ndarray:
         """Natural frequencies [Hz] of the undamped body from 0 up to `band` [Hz], in rising order; rigid-body motions are zeros."""
-        return natural_frequencies(self.mass, self.stiffness, _band(band))
+        return natural_frequencies(self.mass, self.stiffness, number("band", band, "Hz", at_least=0))
 
     def reduced(self, ports: Mapping[str, np.ndarray], band: NumberOrText = 0.0, tolerance: float = 0.01) -> ReducedBody:
         """The body in a few coordinates: the displacements of its ports, and as many modes with held ports as the band needs (Craig and Bampton).
@@ -183,7 +173,7 @@ class ElasticBody:
         within `tolerance` (relative); 0 for statics alone.  Statics under forces on ports are exact; rigid-body motions are kept. See `ReducedBody`.
         Raises SceneError for a band below 0, a tolerance that is not > 0 and < 1, and ports of another length or that depend on each other.
         """
-        return reduce_body(self.mass, self.damping, self.stiffness, ports, _band(band), tolerance)
+        return reduce_body(self.mass, self.damping, self.stiffness, ports, number("band", band, "Hz", at_least=0), tolerance)
 
     def _weighted(self, nodes: np.ndarray, weights: np.ndarray, axis: str) -> np.ndarray:
         entries = self.entries[self._nodes(nodes), self._axis(axis)]
@@ -204,13 +194,6 @@ class ElasticBody:
         if not isinstance(axis, str) or len(axis) != 1 or axis not in known:
             raise SceneError(f"Argument `axis` must be one of {', '.join(known)}, but it is {axis!r}.")
         return known.index(axis)
-
-
-def _band(band: Any) -> float:
-    band = in_si(band, "Hz", "band")
-    if not is_finite_number(band) or band < 0:
-        raise SceneError(f"Argument `band` must be a finite number >= 0 Hz, but it is {band!r}.")
-    return float(band)
 
 
 def _matrix(word: str, given: Any, singular: bool = False) -> Any:

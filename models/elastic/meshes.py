@@ -10,7 +10,7 @@ import numpy as np
 
 from models.elastic.body import ElasticBody
 from toolbox import SceneError
-from toolbox.authoring import NumberOrText, finite_array, in_si, is_finite_number, opened
+from toolbox.authoring import NumberOrText, finite_array, in_si, number, opened
 
 
 def block_mesh(size: Sequence[NumberOrText], divisions: Sequence[int | Sequence[float]]) -> Any:
@@ -67,15 +67,9 @@ def body_of_mesh(
     SceneError
         For numbers out of range, a file that cannot be read, other elements, and without scikit-fem.
     """
-    density, modulus = in_si(density, "kg/m3", "density"), in_si(modulus, "Pa", "modulus")
-    damping_time, thickness = in_si(damping_time, "s", "damping_time"), in_si(thickness, "m", "thickness")
-    for word, value in (("density", density), ("modulus", modulus), ("thickness", thickness)):
-        if not is_finite_number(value) or not value > 0:
-            raise SceneError(f"Argument `{word}` must be a finite number > 0, but it is {value!r}.")
-    if not is_finite_number(poisson) or not -1 < poisson < 0.5:
-        raise SceneError(f"Argument `poisson` must be > -1 and < 0.5, but it is {poisson!r}.")
-    if not is_finite_number(damping_time) or damping_time < 0:
-        raise SceneError(f"Argument `damping_time` must be a finite number >= 0 s, but it is {damping_time!r}.")
+    density, modulus = number("density", density, "kg/m3", above=0), number("modulus", modulus, "Pa", above=0)
+    damping_time, thickness = number("damping_time", damping_time, "s", at_least=0), number("thickness", thickness, "m", above=0)
+    poisson = number("poisson", poisson, above=-1, below=0.5)
     skfem = _skfem()
     from skfem.helpers import dot
     from skfem.models.elasticity import lame_parameters, linear_elasticity

@@ -11,6 +11,7 @@ import numpy as np
 from models.elastic.reduced_body import ReducedBody
 from models.friction import Coulomb
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, UnilateralContact, quantity, state
+from toolbox.authoring import halved
 from toolbox.modelling import Quantities
 
 
@@ -157,9 +158,6 @@ class ElasticPad(Component):
         low = 0.0
         for high in np.linspace(0.0, up_to, 201)[1:]:
             if unstable(high):
-                while high - low > tolerance:
-                    middle = (low + high) / 2
-                    low, high = (low, middle) if unstable(middle) else (middle, high)
-                return float((low + high) / 2)
+                return float(sum(halved(unstable, low, high, 0.0, tolerance)) / 2)
             low = float(high)
         return math.inf

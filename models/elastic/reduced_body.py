@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from toolbox import FrictionLaw, SceneError
-from toolbox.authoring import NumberOrText, finite_array, in_si, is_finite_number, read_arrays, replaced, suggest
+from toolbox.authoring import NumberOrText, array, is_finite_number, number, read_arrays, replaced, suggest, symmetric, whole
 from toolbox.contacts import ContactProblem
 
 MATRICES = ("mass", "damping", "stiffness")
@@ -70,40 +69,25 @@ class ReducedBody:
         if not roots.all() or not _positive(self.mass / np.outer(roots, roots)):
             raise SceneError("Argument `mass` must be positive definite: a coordinate without mass has no motion of its own.")
         for word in ("frequencies", "errors"):
-            values = finite_array(getattr(self, word))
-            if values is None or values.ndim != 1 or (values < 0).any():
-                raise SceneError(f"Argument `{word}` must be finite numbers >= 0 in one row, but it is {getattr(self, word)!r}.")
-            object.__setattr__(self, word, values)
+            object.__setattr__(self, word, array(word, getattr(self, word), (None,), 0.0))
         if len(self.frequencies) != len(self.errors):
             raise SceneError(
                 f"Argument `errors` must have {len(self.frequencies)} entries, one for each frequency, but it has {len(self.errors)}."
             )
-        if not is_finite_number(self.band) or self.band < 0 or not is_finite_number(self.rigid) or self.rigid < 0 or self.rigid % 1:
-            raise SceneError(
-                f"Arguments `band` and `rigid` must be >= 0 Hz and a whole number, but they are {self.band!r} and {self.rigid!r}."
-            )
         for word, axes in (("places", 2), ("areas", 1)):
-            given = getattr(self, word)
-            values = None if given is None else finite_array(given)
-            if given is not None and (values is None or values.ndim != axes):
-                raise SceneError(
-                    f"Argument `{word}` must be finite numbers, one {'row' if word == 'places' else 'number'} for each contact."
-                )
-            object.__setattr__(self, word, values)
-        object.__setattr__(self, "band", float(self.band))
-        object.__setattr__(self, "rigid", int(self.rigid))
+            if getattr(self, word) is not None:
+                object.__setattr__(self, word, array(word, getattr(self, word), (None,) * axes))
+        object.__setattr__(self, "band", number("band", self.band, "Hz", at_least=0))
+        object.__setattr__(self, "rigid", whole("rigid", self.rigid, 0))
 
     def _matrix(self, word: str) -> np.ndarray:
-        given = getattr(self, word)
-        matrix = finite_array(given.toarray() if hasattr(given, "toarray") else given)
-        if matrix is None or matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
-            raise SceneError(f"Argument `{word}` must be a square matrix of finite numbers, but it is {reprlib.repr(given)}.")
+        matrix = array(word, getattr(self, word), (None, None))
+        if matrix.shape[0] != matrix.shape[1]:
+            raise SceneError(f"Argument `{word}` must be a square matrix, but it has the shape {matrix.shape}.")
         if len(matrix) < len(self.ports) or (word != "mass" and len(matrix) != len(self.mass)):
             rows = f"{len(self.mass)} rows, as `mass` has" if word != "mass" else f"at least {len(self.ports)} rows, one for each port"
             raise SceneError(f"Argument `{word}` must have {rows}, but it has {len(matrix)}.")
-        if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
-            raise SceneError(f"Argument `{word}` must be symmetric, but entries differ by {np.abs(matrix - matrix.T).max():.2g}.")
-        return matrix
+        return symmetric(word, matrix)
 
     def save(self, path: str | Path) -> Path:
         """Write the body to a file (.npz) that `load` and scene files read, whole or not at all; returns its path.
@@ -188,14 +172,9 @@ class ReducedBody:
         stiffness, damping = self.stiffness.copy(), self.damping.copy()
         for port, given in mounts.items():
             pair = given if isinstance(given, (tuple, list, np.ndarray)) and len(given) == 2 else (None, None)
-            i, numbers = (
-                self.index(port),
-                finite_array([in_si(one, unit, f"mounts.{port}") for one, unit in zip(pair, ("N/m", "N s/m"), strict=True)]),
-            )
-            if numbers is None or numbers.shape != (2,) or (numbers < 0).any():
-                raise SceneError(f"Argument `mounts` must give `{port}` a stiffness and a damping >= 0, but it is {given!r}.")
-            stiffness[i, i] += numbers[0]
-            damping[i, i] += numbers[1]
+            i = self.index(port)
+            stiffness[i, i] += number(f"mounts.{port}", pair[0], "N/m", at_least=0)
+            damping[i, i] += number(f"mounts.{port}", pair[1], "N s/m", at_least=0)
         return replace(self, stiffness=stiffness, damping=damping)
 
     def in_contact(

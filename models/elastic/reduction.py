@@ -25,13 +25,12 @@ import numpy as np
 from models.elastic.reduced_body import ReducedBody
 from models.elastic.spectrum import DENSE, natural_frequencies
 from toolbox import SceneError
-from toolbox.authoring import finite_array, is_finite_number
+from toolbox.authoring import array, number
 
 
 def reduce_body(mass: Any, damping: Any, stiffness: Any, ports: Mapping[str, Any], band: float, tolerance: float) -> ReducedBody:
     """See `ElasticBody.reduced`."""
-    if not is_finite_number(tolerance) or not 0 < tolerance < 1:
-        raise SceneError(f"Argument `tolerance` must be > 0 and < 1, but it is {tolerance!r}.")
+    tolerance = number("tolerance", tolerance, above=0, below=1)
     weights = _weights(ports, mass.shape[0])
     whole = natural_frequencies(mass, stiffness, band) if band else np.zeros(0)
     rigid = rigid_shapes(mass, stiffness).shape[1]
@@ -56,12 +55,9 @@ def _weights(ports: Mapping[str, Any], n: int) -> np.ndarray:
         raise SceneError(f"Argument `ports` must be {{name: weights}} with at least one port, but it is {ports!r}.")
     columns = []
     for name, given in ports.items():
-        weights = finite_array(given)
-        if weights is None or weights.shape != (n,) or not weights.any():
-            raise SceneError(
-                f"Argument `ports` must give `{name}` {n} finite weights, one for each entry of the displacement, that are not all 0."
-            )
-        columns.append(weights)
+        columns.append(array(f"ports.{name}", given, (n,)))
+        if not columns[-1].any():
+            raise SceneError(f"Argument `ports` must give `{name}` weights that are not all 0.")
     return np.column_stack(columns)
 
 

@@ -204,7 +204,7 @@ def test_bad_data_are_refused_by_column_and_sample(change, words):
         ({"starts": 0}, "`starts` must be an integer >= 1"),
         ({"confidence": 95}, "`confidence` must be > 0 and < 1"),
         ({"contact": "bti"}, "There is no contact with dry friction `bti`"),
-        ({"noise": {"bit.speed": -1.0}}, "`noise` must give `bit.torque` a standard deviation > 0"),
+        ({"noise": {"bit.speed": -1.0}}, "`noise.bit.torque` must be a finite number > 0"),
         ({"columns": {"bit.speed": "bit.speed", "bit.torque": "torque"}}, "must have `torque`"),
     ],
 )

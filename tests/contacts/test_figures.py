@@ -99,7 +99,7 @@ def test_a_film_has_its_frames_and_is_written_whole(run, tmp_path):
 @pytest.mark.parametrize(
     ("ask", "words"),
     [
-        (lambda run: run.plot_map(1.0), "from 0 to 0.1 s"),
+        (lambda run: run.plot_map(1.0), ">= 0 and <= 0.1 s"),
         (lambda run: run.plot_map(0.05, "speed"), "pressure, traction"),
         (lambda run: run.animate("face.mp4"), ".gif"),
         (lambda run: run.animate("face.gif", frames=1), "frames"),

@@ -114,5 +114,5 @@ def test_a_step_of_the_set_point_asks_for_no_more_than_the_reaching_rate():
 
 
 def test_samples_that_no_memory_holds_are_refused():
-    with pytest.raises(SceneError, match="`late` must be between 0 and 100 samples"):
+    with pytest.raises(SceneError, match="`late` must be an integer >= 0 and <= 100"):
         simulate(RIG, 1.0, controller=SlidingMode(late=-1), sample_time=0.01)

@@ -599,7 +599,7 @@ def test_bad_arguments_are_named():
         ({"period": -1.0}, "period"),
         ({"highest_torque": -5000.0, "lowest_torque": 0.0}, "highest_torque"),
     ):
-        with pytest.raises(SceneError, match=f"`.*{words}` must"):
+        with pytest.raises(SceneError, match=f"`.*{words}`.* must"):
             simulate(RIG, 1.0, controller=LinearMPC(**wrong), sample_time=0.1)
     with pytest.raises(SceneError, match="`sample_time` must be 0.1 s"):
         simulate(RIG, 1.0, controller=LinearMPC(), sample_time=0.05)

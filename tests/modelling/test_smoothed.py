@@ -142,9 +142,7 @@ def test_what_cannot_be_smoothed_or_reached_says_so():
 
     with pytest.raises(SceneError, match="The rigid contact `floor` cannot be smoothed: give it a `stiffness`"):
         simulate(compose(Ball()), 1.0, method="smoothed")
-    with pytest.raises(SceneError, match=r"Argument `width` is an option of the method now: give `method=Smoothing\(width=\.\.\.\)`"):
-        simulate(BELT, 1.0, width=0.1)
-    with pytest.raises(SceneError, match="Argument `width` of `belt` must be > 0 m/s, but it is 0.0"):
+    with pytest.raises(SceneError, match="Argument `width.belt` must be > 0 m/s, but it is 0.0"):
         simulate(BELT, 1.0, method=Smoothing(0.0))
     with pytest.raises(SceneError, match="There is no friction or relay `bell`: did you mean `belt`"):
         smoothed(BELT, {"bell": 0.1})

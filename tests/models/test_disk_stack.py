@@ -167,7 +167,7 @@ def test_axial_modes_show_in_the_torsional_spectrum_of_steady_slip(stop):
 
 @pytest.mark.parametrize("rotors", [0, -1, 1.5, True])
 def test_a_stack_without_rotors_is_refused(rotors):
-    with pytest.raises(SceneError, match=r"Argument `rotors` of DiskStack must be (>= 1|an integer), but it is "):
+    with pytest.raises(SceneError, match=r"Argument `rotors`.* must be an integer( >= 1)?, but it is "):
         compose(DiskStack(rotors=rotors))
 
 

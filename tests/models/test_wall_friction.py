@@ -75,7 +75,7 @@ def test_weight_and_torque_on_the_bit_reach_hook_and_top():
     [
         ({"radius": 0.0}, "radius"),
         ({"loads": (1.0, 2.0, -1.0)}, "loads"),
-        ({"loads": (0.0, 0.0, 0.0)}, "not all 0"),
+        ({"loads": (0.0, 0.0, 0.0)}, "all are 0"),
         ({"loads": "much"}, "loads"),
     ],
 )

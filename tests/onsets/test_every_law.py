@@ -1,6 +1,5 @@
 """Onset criteria for every law: laws that exist only sampled, predictive laws and Python functions, against long runs and other ways to the same number."""
 
-
 import numpy as np
 import pytest
 

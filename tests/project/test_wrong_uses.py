@@ -30,7 +30,7 @@ RIG = compose(wells.JANSEN_2, BitRock())
         (lambda: simulate(RIG, 5.0, inputs={"top.torque": lambda t: 1e4}), r"write a formula of the symbol `toolbox.time`"),
         (lambda: simulate(RIG, 5.0, start={"bit.velocity": 1.0}), r"There is no state `bit.velocity`: .*(chain|bit)\.speed"),
         (lambda: simulate(RIG, 5.0, method="rk45"), r"must be one of 'event', .*, but it is 'rk45'\.$"),
-        (lambda: simulate(RIG, 5.0, accuracy="1 %"), r"must be a number between"),
+        (lambda: simulate(RIG, 5.0, accuracy="1 kg"), r"`accuracy` must be a plain number"),
         (
             lambda: onset(RIG, "top.reference", (3, 14)),
             r"a set-point belongs to a control law, and there is none: give it to `closed_loop`",

@@ -109,8 +109,8 @@ def test_mistakes_are_told(rig, stuck):
     for arguments, word in (
         ({"errors": {"chain.inertia": 0.8}}, "chain.inertia.0"),
         ({"errors": {"chain.inertai.0": 0.8}}, "chain.inertia"),
-        ({"errors": {"bit.weight": -1.0}}, "factor > 0"),
-        ({"errors": {"bit.weight": (0.8, "x")}}, "factor > 0"),
+        ({"errors": {"bit.weight": -1.0}}, "must be (> 0|a finite number)"),
+        ({"errors": {"bit.weight": (0.8, "x")}}, "must be (> 0|a finite number)"),
     ):
         with pytest.raises(SceneError, match=word):
             worst_case(closed_loop(rig, law), 10.0, **arguments)

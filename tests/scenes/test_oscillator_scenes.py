@@ -7,8 +7,8 @@ import math
 
 import pytest
 
-from models import BlockOnBelt, Coulomb, Dahl, Dankowicz, Exponential, Guide, LuGre
-from toolbox import Scene, SceneError, compose, measure
+from models import BlockOnBelt, Dahl, Guide, LuGre
+from toolbox import Scene, compose, measure
 from toolbox.scenes.verdicts import table, verdict_row
 
 
@@ -70,39 +70,6 @@ def test_creep_groan_ends_where_the_brake_is_released_and_shrinks_under_an_alter
     shaken, less = stuck(found, "alternating force, 150 Hz")
     assert shaken < 0.5 * groan and less < 0.5 * swing
     assert stuck(found, "released")[0] == 0.0
-
-
-OLD_GUIDES = {
-    "LuGre": ('load = "0.2 N"\nstiffness = "80 N/m"\nfriction = {static = 0.9}', LuGre(400.0, 50.0, 0.0, Exponential(0.9, 0.6, 3.0)), 0.2),
-    "Dahl": ('stiffness = "50 N/m"\nkinetic = "0.3 N"\nbelt_speed = "0.1 m/s"', Dahl(50.0, 0.3), 1.0),
-    "Dankowicz": (
-        'reach = "5 mm"\nload = 0.5\nfriction = {law = "Coulomb", static = 0.4, kinetic = 0.4}',
-        Dankowicz(0.005, Coulomb(0.4, 0.4)),
-        0.5,
-    ),
-}
-
-
-@pytest.mark.parametrize("name", OLD_GUIDES)
-def test_a_scene_that_names_a_bristle_as_a_part_loads_as_the_guide_that_it_means(tmp_path, name):
-    lines, law, load = OLD_GUIDES[name]
-    path = tmp_path / "old.toml"
-    path.write_text(f'title = "old"\nduration = "5 s"\n[[plant]]\npart = "oscillators.LEINE"\n[[plant]]\npart = "{name}"\n{lines}\n')
-    found = Scene.load(path)
-    guide = found.parts[1]
-    assert type(guide) is Guide and guide.friction == law and guide.load == load
-    assert guide.belt_speed == (0.1 if name == "Dahl" else 0.0)
-    saved = tmp_path / "new.toml"
-    found.save(saved)
-    assert 'part = "Guide"' in saved.read_text() and Scene.load(saved).parts == found.parts
-    if name != "Dahl":
-        path.write_text(path.read_text().replace(f"load = {load}", "load = 0.0").replace(f'load = "{load} N"', "load = 0.0"))
-        with pytest.raises(SceneError, match=f"`{name}.load` must be > 0 N"):
-            Scene.load(path)
-        path.write_text(path.read_text().replace("load = 0.0", "load = 1.0"))
-    path.write_text(path.read_text() + 'stifness = "1 N/m"\n')
-    with pytest.raises(SceneError, match="There is no key `stifness`"):
-        Scene.load(path)
 
 
 def test_the_guide_of_the_scene_is_the_bristle_of_forces_that_it_was(root):

@@ -141,7 +141,7 @@ def _largest_slip(case):
 def test_methods_are_named_or_refused():
     with pytest.raises(SceneError, match="Argument `methods` must be among .* but one is 'magic'"):
         work_precision(BELT, 1.0, methods=("magic",))
-    with pytest.raises(SceneError, match="Argument `duration` must be > 0 s, but it is None"):
+    with pytest.raises(SceneError, match="Argument `duration` must be a finite number > 0 s, but it is None"):
         work_precision(BELT)
 
 

@@ -332,14 +332,14 @@ def test_a_number_of_an_observer_that_is_none_is_refused_by_its_name(observer):
     [
         (LQR(top_size=1e-300), "LQR cannot be designed"),
         (HInfinity(speed_noise=1e-300), "HInfinity"),
-        (HInfinity(margin=1.0), "`margin` must be > 1"),
+        (HInfinity(margin=1.0), "`margin` of HInfinity must be > 1"),
         (LinearMPC(delay=1e9), "`delay` must be at most 1000 periods"),
         (NonlinearMPC(delay=1e9), "`delay` must be at most 1000 periods"),
-        (LinearMPC(sensors=3), "`sensors` of LinearMPC must be a tuple of strings"),  # type: ignore[arg-type]
+        (LinearMPC(sensors=3), "`sensors` of LinearMPC must be a row of strings"),  # type: ignore[arg-type]
         (LinearMPC(horizon=2.5), "`horizon` of LinearMPC must be an integer"),  # type: ignore[arg-type]
         (LinearMPC(noise=(1e-300,)), "squares"),
-        (LQG(late=-1), "`late` must be between 0 and 1000"),
-        (LQG(late=10**9), "`late` must be between 0 and 1000"),
+        (LQG(late=-1), "`late` must be an integer >= 0 and <= 1000"),
+        (LQG(late=10**9), "`late` must be an integer >= 0 and <= 1000"),
         (Observed(StiffPI(), observers.Kalman(speed_noise=1e-300)), "Kalman cannot be designed"),
         (PI(proportional=(1.0, 2.0)), "`proportional` of PI must be one number"),  # type: ignore[arg-type]
         (Takeover(before=StiffPI(), after=5.0), "must be a Controller"),  # type: ignore[arg-type]

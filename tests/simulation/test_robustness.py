@@ -96,7 +96,7 @@ def test_modes_are_known_at_any_time_and_unknown_elements_are_errors(rig):
         run.modes["bitt"]
     with pytest.raises(SceneError, match="after"):
         run.time_in("bit", "stick", after=float("nan"))
-    with pytest.raises(SceneError, match="must be at most the end of the run at 20 s, but it is 100"):
+    with pytest.raises(SceneError, match="must be <= 20 s, but it is 100"):
         run.time_in("bit", "stick", after=100.0)
     with pytest.raises(SceneError, match="time"):
         run.at([[1.0, 2.0], [3.0, 4.0]])

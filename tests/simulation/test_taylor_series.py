@@ -218,7 +218,7 @@ def test_kinks_are_passed_on_the_right_side():
 
 def test_an_order_that_is_none_is_refused():
     for order in (3, 40, 12.5, True, "16"):
-        with pytest.raises(SceneError, match="Argument `order` must be a whole number from 6 to 30"):
+        with pytest.raises(SceneError, match="Argument `order` must be an integer >= 6 and <= 30"):
             simulate(MACHINES["block on belt"][0], 1.0, method=TaylorSeries(order))
 
 

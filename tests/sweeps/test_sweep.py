@@ -575,7 +575,7 @@ def test_variations_that_make_no_sense_are_refused_by_name(vary, message):
         ("severety", "There is no measure `severety`: did you mean `severity`"),
         ({"a": measures.maximum("bit.sped")}, "There is no signal `bit.sped`"),
         ({"a": measures.maximum("chain.speed")}, "must be a scalar, but `chain.speed` has several entries"),
-        ({"a": measures.mean("bit.speed", 2.0)}, "Argument `after` must be >= 0 s and before the end"),
+        ({"a": measures.mean("bit.speed", 2.0)}, "Argument `after` must be >= 0 and < "),
         ({"a": measures.stays("bot")}, "There is no element `bot`: did you mean `bit`"),
         ({"a": measures.stays("bit", "stuck")}, "There is no mode `stuck` of `bit`: did you mean `stick`"),
         ({"a": 3}, "must be a measure of `toolbox.measuring.measures` or a function"),

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number, mapping, whole
+from toolbox.arguments import mapping, number, whole
 from toolbox.calibration.recording import Recording
 from toolbox.calibration.residuals import MeasuredLoop, Simulated, residuals
 from toolbox.calibration.resting import resting
@@ -114,13 +114,8 @@ def fit(
     names = names_of(free)
     if not names or len(set(names)) < len(names):
         raise SceneError(f"Argument `free` must name at least one number, and each once, but it is {names!r}.")
-    for word, number, low, high in (("confidence", confidence, 0.0, 1.0), ("still", still, 0.0, math.inf)):
-        if number is None and word == "still":
-            continue
-        if number is None or not (is_finite_number(number) and low < number < high):
-            raise SceneError(f"Argument `{word}` must be > {low:g}{'' if high == math.inf else f' and < {high:g}'}, but it is {number!r}.")
-    if not isinstance(starts, int) or starts < 1:
-        raise SceneError(f"Argument `starts` must be an integer >= 1, but it is {starts!r}.")
+    confidence, starts = number("confidence", confidence, above=0, below=1), whole("starts", starts, 1)
+    still = None if still is None else number("still", still, above=0)
     misfit: Any
     if contact is not None:
         alone = loop.bare
@@ -171,20 +166,15 @@ def _bounds(numbers: Sequence[Number], bounds: Mapping[str, Any]) -> tuple[np.nd
         if name not in names:
             raise SceneError(f"Argument `bounds` has `{name}`, which is not free: {suggest(name, names)}")
     low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
-    for i, number in enumerate(numbers):
-        if number.name in bounds:
-            pair = number.in_si(f"bounds.{number.name}", bounds[number.name])
-            if len(pair) != 2 or not all(is_finite_number(value) for value in pair) or not pair[0] < pair[1]:
-                raise SceneError(
-                    f"Argument `bounds` must give `{number.name}` two finite numbers (low, high) with low < high, but it is {pair!r}."
-                )
-            low[i], high[i] = pair
-        elif number.bounds:
-            lowest = [value for value in (number.bounds["at_least"], number.bounds["above"]) if value is not None]
+    for i, each in enumerate(numbers):
+        if each.name in bounds:
+            low[i], high[i] = each.between(bounds[each.name], f"bounds.{each.name}")
+        elif each.bounds:
+            lowest = [value for value in (each.bounds["at_least"], each.bounds["above"]) if value is not None]
             low[i] = max(lowest, default=-np.inf)
-            high[i] = np.inf if number.bounds["at_most"] is None else number.bounds["at_most"]
-            if number.bounds["above"] is not None and number.bounds["above"] == low[i]:
-                low[i] += 1e-12 * max(abs(number.value), 1e-300)
+            high[i] = np.inf if each.bounds["at_most"] is None else each.bounds["at_most"]
+            if each.bounds["above"] is not None and each.bounds["above"] == low[i]:
+                low[i] += 1e-12 * max(abs(each.value), 1e-300)
     return low, high
 
 
@@ -214,23 +204,8 @@ class LeastSquares:
         misfit = self.misfit
         sizes = {name: float(np.std(values)) or 1.0 for name, values in misfit.measured.items()}
         scales = self._given_noise(sizes)
-        found: list[Any] = []
         trial = misfit.trial()
-        reason: Exception | None = None
-        evaluations = itertools.count(1)
-        with progress_bar(self.starts, "fit", unit="start") as bar:
-            for begin in self._begins():
-                if len(found) == self.starts:
-                    break
-                try:
-                    found.append(
-                        self._descend(begin, scales, trial.horizons(), lambda: bar.set_postfix_str(f"{next(evaluations)} evaluations"))
-                    )
-                    bar.update()
-                except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
-                    reason = reason or error
-        if not found:
-            raise reason or SimulationError("No start of the fit could be simulated.")
+        found = self._from_all_starts(trial, scales)
         best = min(found, key=lambda each: each.cost)
         agreeing = int(sum(each.cost <= best.cost * (1 + 1e-3) + 1e-12 for each in found))
         values = best.x if trial is misfit else self._descend(best.x, scales, [misfit]).x
@@ -288,6 +263,26 @@ class LeastSquares:
         )  # fmt: skip
         return values + ways @ (found.x * length)
 
+    def _from_all_starts(self, trial: Any, scales: Mapping[str, float]) -> list[Any]:
+        """What every start comes to that can be simulated; raises the first error where none can."""
+        found: list[Any] = []
+        reason: Exception | None = None
+        evaluations = itertools.count(1)
+        with progress_bar(self.starts, "fit", unit="start") as bar:
+            for begin in self._begins():
+                if len(found) == self.starts:
+                    break
+                try:
+                    found.append(
+                        self._descend(begin, scales, trial.horizons(), lambda: bar.set_postfix_str(f"{next(evaluations)} evaluations"))
+                    )
+                    bar.update()
+                except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
+                    reason = reason or error
+        if not found:
+            raise reason or SimulationError("No start of the fit could be simulated.")
+        return found
+
     def _weighed(self, found: Mapping[str, np.ndarray], scales: Mapping[str, float]) -> np.ndarray:
         """All signals in a row, in parts of their noise."""
         return np.concatenate([found[name] / scales[name] for name in self.misfit.outputs])
@@ -295,11 +290,7 @@ class LeastSquares:
     def _given_noise(self, sizes: Mapping[str, float]) -> dict[str, float]:
         if self.noise is None:
             return dict(sizes)
-        for name in self.misfit.outputs:
-            value = self.noise.get(name)
-            if not is_finite_number(value) or value <= 0:  # type: ignore[operator]
-                raise SceneError(f"Argument `noise` must give `{name}` a standard deviation > 0, but it is {value!r}.")
-        return {name: float(self.noise[name]) for name in self.misfit.outputs}
+        return {name: number(f"noise.{name}", self.noise.get(name), above=0) for name in self.misfit.outputs}
 
     def _size(self, values: np.ndarray) -> np.ndarray:
         """What a number is measured by: its value, or the declared one, or the width of its bounds where both are zero."""

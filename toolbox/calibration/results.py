@@ -15,7 +15,7 @@ from toolbox.calibration.residuals import MeasuredLoop
 from toolbox.calibration.trust import Residual
 from toolbox.errors import SceneError, suggest
 from toolbox.files import tables
-from toolbox.files.html import table
+from toolbox.files.printing import columns, table
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -116,11 +116,7 @@ class Fit:
         return all(residual.whiteness >= 0.05 for residual in self.residuals)
 
     def __str__(self) -> str:
-        rows = self._rows()
-        widths = [max(len(row[i]) for row in rows) for i in range(5)]
-        lines = [*self._headlines, ""]
-        lines += ["  " + "  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        return "\n".join([*lines, "", *self._remarks()])
+        return "\n".join([*self._headlines, "", *columns(self._rows(), range(5)), "", *self._remarks()])
 
     __repr__ = __str__
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from toolbox.arguments import whole
 from toolbox.commands import figures
 from toolbox.commands.interrupt import NOTHING
 from toolbox.commands.terminal import FORMATS, complaint, drawn_as, figure_format, plain
@@ -81,8 +82,7 @@ def run(given: argparse.Namespace) -> int:
         path: f"tuned_{path.name}" if len({p.name for p in scenes}) == len(scenes) else f"tuned_{i}_{path.name}"
         for i, path in enumerate(scenes, 1)
     }
-    if given.processes < 1:
-        raise SceneError(f"Argument `--processes` must be >= 1, but it is {given.processes}.")
+    whole("--processes", given.processes, 1)
     with (
         whole_folder(given.out, [*drawn_as(TUNE_FILES, given.format), *names.values()], _earlier_tuning) as folder,
         _pool(given.processes) as executor,

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import number
 from toolbox.contacts.problem import LEGEND, OPEN, SLIP, STICK, ContactProblem
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import replaced
 from toolbox.files.tables import write as write_table
+from toolbox.files.units import NumberOrText
 from toolbox.simulation.samples import Event
 
 
@@ -254,14 +255,13 @@ class ContactRun:
     def _friction(self) -> dict[str, np.ndarray]:
         return {f"tangential {i}": self.tangential[:, :, i].sum(axis=1) for i in range(self.problem.directions)}
 
-    def plot_map(self, time: float, values: str = "mode", ax: Any = None) -> Any:
+    def plot_map(self, time: NumberOrText, values: str = "mode", ax: Any = None) -> Any:
         """Draw the face at an instant [s]: values "mode", "pressure", "traction" or "rubbed" of every contact; returns the axes."""
         from toolbox.contacts.figures import draw_field, draw_modes
 
         if self.problem.places is None:
             raise SceneError("Argument `places` of the problem must be given for a picture of its contacts.")
-        if not is_finite_number(time) or not self.time[0] <= time <= self.end * (1 + 1e-12):
-            raise SceneError(f"Argument `time` must be from {self.time[0]:g} to {self.end:g} s, but it is {time!r}.")
+        time = number("time", time, "s", at_least=self.time[0], at_most=self.end * (1 + 1e-12))
         i = int(np.argmin(np.abs(self.time - time)))
         plane = face_of(self.problem.places)
         if values == "mode":

@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
+from toolbox.arguments import number, whole
 from toolbox.contacts.problem import LEGEND, OPEN, SLIP, STICK
 from toolbox.errors import SceneError
 from toolbox.figures.style import LINES, PAPER, WIDTH, name_axis
@@ -109,8 +110,8 @@ def write_animation(path: Any, run: tuple[np.ndarray, np.ndarray, np.ndarray, np
     path = Path(path)
     if path.suffix.lower() != ".gif":
         raise SceneError(f"Argument `path` must end in .gif, but it is `{path}`.")
-    if isinstance(frames, bool) or not isinstance(frames, int) or frames < 2 or not seconds > 0:
-        raise SceneError(f"Arguments `frames` and `seconds` must be >= 2 and > 0, but they are {frames!r} and {seconds!r}.")
+    whole("frames", frames, 2)
+    seconds = number("seconds", seconds, "s", above=0)
     times, places, modes, share = run
     shown = np.searchsorted(times, np.linspace(times[0], times[-1], frames)).clip(0, len(times) - 1)
     pictures = []

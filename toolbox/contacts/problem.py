@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import finite_array
+from toolbox.arguments import array, symmetric
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import parse
 from toolbox.modelling.components import check_fields
@@ -85,47 +85,38 @@ class ContactProblem:
 
     def __post_init__(self) -> None:
         size = np.shape(self.stiffness)[0] if np.ndim(self.stiffness) == 2 else 0
-        tangent = finite_array(self.tangent)
-        if tangent is None or tangent.ndim != 3 or tangent.shape[1] not in (1, 2) or not tangent.shape[0]:
-            raise SceneError("Argument `tangent` must be (contacts, 1 or 2, n) finite numbers with at least one contact.")
+        tangent = array("tangent", self.tangent, (None, range(1, 3), None))
+        if not len(tangent):
+            raise SceneError("Argument `tangent` must hold at least one contact, but it is empty.")
         count, directions, _ = tangent.shape
         if (self.normal is None) == (self.load is None):
             raise SceneError("Either `normal` must be given, for contacts that open and close, or `load`, for given loads.")
-        shapes = {
+        usual = {"damping": np.zeros((size, size)), "gap": np.zeros(count), "areas": np.ones(count)}
+        shapes: dict[str, tuple[int | range, ...]] = {
             "mass": (size, size), "stiffness": (size, size), "damping": (size, size), "tangent": (count, directions, size), "normal": (count, size),
-            "load": (count,), "gap": (count,), "areas": (count,),
+            "load": (count,), "gap": (count,), "areas": (count,), "places": (count, range(1, 4)),
         }  # fmt: skip
         for word, shape in shapes.items():
-            given = getattr(self, word)
-            if given is None and word == "damping":
-                given = np.zeros(shape)
-            elif given is None and word in ("gap", "areas"):
-                given = np.full(shape, float(word == "areas"))
-            object.__setattr__(self, word, None if given is None else _array(word, given, shape))
+            given = usual.get(word) if getattr(self, word) is None else getattr(self, word)
+            least = 0.0 if word in ("load", "areas") else None
+            object.__setattr__(self, word, None if given is None else array(word, given, shape, least))
         for word, shape in (("forces", (size,)), ("surface", (count, directions)), ("outputs", (size,))):
-            object.__setattr__(self, word, {name: _array(f"{word}[{name!r}]", given, shape) for name, given in getattr(self, word).items()})
+            object.__setattr__(self, word, {name: array(f"{word}[{name!r}]", given, shape) for name, given in getattr(self, word).items()})
         for name, unit in self.units.items():
             if not any(name in known for known in (self.forces, self.surface, self.outputs)):
                 raise SceneError(f"Argument `units` names `{name}`: {suggest(name, [*self.forces, *self.surface, *self.outputs])}")
             parse(f"1 {unit}", unit, f"units.{name}")
-        if self.places is not None:
-            places = finite_array(self.places)
-            if places is None or places.ndim != 2 or len(places) != count or not 1 <= places.shape[1] <= 3:
-                raise SceneError(f"Argument `places` must be ({count}, 1 to 3) finite coordinates [m], one row for each contact.")
-            object.__setattr__(self, "places", places)
+        self._check()
+
+    def _check(self) -> None:
+        """Raise SceneError for matrices that are those of no body, and for a friction law that time stepping does not take."""
         for word in ("mass", "stiffness", "damping"):
-            matrix = getattr(self, word)
-            if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
-                raise SceneError(f"Argument `{word}` must be symmetric, but it is not.")
-        for word in ("load", "areas"):
-            if getattr(self, word) is not None and (getattr(self, word) < 0).any():
-                raise SceneError(f"Argument `{word}` must be >= 0, but an entry is {getattr(self, word).min():g}.")
+            symmetric(word, getattr(self, word))
         if not self.areas.any():
             raise SceneError("Argument `areas` must be > 0 for one contact at least, but all are 0.")
-        if np.linalg.eigvalsh(self.mass)[0] < -1e-9 * np.abs(self.mass).max():
-            raise SceneError(
-                f"Argument `mass` must not be negative along any motion, but its least eigenvalue is {np.linalg.eigvalsh(self.mass)[0]:.3g}."
-            )
+        least = np.linalg.eigvalsh(self.mass)[0]
+        if least < -1e-9 * np.abs(self.mass).max():
+            raise SceneError(f"Argument `mass` must not be negative along any motion, but its least eigenvalue is {least:.3g}.")
         if not isinstance(self.friction, FrictionLaw):
             raise SceneError(f"Argument `friction` must be a friction law such as Coulomb(), but it is {self.friction!r}.")
         check_fields(self.friction)
@@ -184,11 +175,3 @@ class ContactBody:
     def problem(self) -> ContactProblem:
         """The matrices, contacts, inputs and outputs that the fields describe."""
         raise NotImplementedError
-
-
-def _array(word: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
-    array = finite_array(given.toarray() if hasattr(given, "toarray") else given)
-    if array is None or array.shape != shape:
-        found = "entries that are not finite numbers" if array is None else f"the shape {array.shape}"
-        raise SceneError(f"Argument `{word}` must be finite numbers of the shape {shape}, but it has {found}.")
-    return array

@@ -20,13 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number, short
+from toolbox.arguments import number, short
 from toolbox.contacts.contact_run import ContactRun, Energies
 from toolbox.contacts.newton import ContactSolver, Given, Solution
 from toolbox.contacts.problem import OPEN, SLIP, STICK, ContactProblem
 from toolbox.contacts.sampled_laws import Acting, constants
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 
 MOST_STEPS = 1_000_000
 
@@ -95,10 +95,7 @@ def step_contacts(
 
 def instants(duration: NumberOrText, step: NumberOrText, begin: float = 0.0) -> tuple[np.ndarray, float]:
     """The instants of a run [s], and the length of its steps. Raises SceneError for arguments out of range."""
-    duration, step = in_si(duration, "s", "duration"), in_si(step, "s", "step")
-    for word, value in (("duration", duration), ("step", step)):
-        if not is_finite_number(value) or not value > 0:
-            raise SceneError(f"Argument `{word}` must be a finite number > 0 s, but it is {value!r}.")
+    duration, step = number("duration", duration, "s", above=0), number("step", step, "s", above=0)
     if duration / step > MOST_STEPS:
         raise SceneError(f"Argument `step` must be at least {duration / MOST_STEPS:g} s, {MOST_STEPS} steps, but it is {step!r}.")
     count = max(1, math.ceil(duration / step * (1 - 1e-9)))

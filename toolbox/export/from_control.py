@@ -9,8 +9,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number, mapping
+from toolbox.arguments import mapping, number
 from toolbox.errors import SceneError
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.components import Equations, Signal, Update
 from toolbox.modelling.elements import State, state
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -38,13 +39,22 @@ class StateSpaceLaw(Controller):
     driven_at: tuple[float, ...] = ()
     reference: float | None = None
     units: tuple[str, ...] | None = None
+    typed: tuple[tuple[str, str], ...] = ()
+    """(argument, text with a unit) of numbers that the plant tells the unit of."""
 
     def design(self, plant: HybridSystem) -> StateSpaceLaw:
         """The law with the units of the signals of a plant."""
         unit = plant.signal_unit(self.measures[0]) if self.measures else "1"  # of set-points, which no plant has
-        return replace(
-            self, units=tuple(unit if name.endswith(".reference") else plant.signal_unit(name) for name in (*self.measures, *self.drives))
+        names = (*self.measures, *self.drives)
+        units = tuple(unit if name.endswith(".reference") else plant.signal_unit(name) for name in names)
+        given = dict(self.typed)
+        point = tuple(
+            number(f"at.{name}", given.get(f"at.{name}", value), of)
+            for name, value, of in zip(names, (*self.measured_at, *self.driven_at), units, strict=True)
         )
+        reference = None if self.reference is None else number("reference", given.get("reference", self.reference), unit)
+        count = len(self.measures)
+        return replace(self, units=units, typed=(), measured_at=point[:count], driven_at=point[count:], reference=reference)
 
     def continuous(self, signal: Signal) -> Equations:
         if self.discrete:
@@ -79,6 +89,10 @@ class StateSpaceLaw(Controller):
         return ca.SX(len(self.drives), 1) if z is None else ca.mtimes(c, z)
 
     def _read(self, signal: Signal) -> ca.SX:
+        if self.typed:
+            raise SceneError(
+                f"Argument `{self.typed[0][0]}` must be a plain number where no plant tells its unit, but it is {self.typed[0][1]!r}."
+            )
         units = self.units or ("1",) * (len(self.measures) + len(self.drives))
         read = [
             signal(name, unit, *([0.0] if name.endswith(".reference") else [])) for name, unit in zip(self.measures, units, strict=False)
@@ -97,8 +111,8 @@ def from_control(
     *,
     measures: str | Sequence[str],
     drives: str | Sequence[str],
-    reference: float | None = None,
-    at: Mapping[str, float] | None = None,
+    reference: NumberOrText | None = None,
+    at: Mapping[str, NumberOrText] | None = None,
 ) -> StateSpaceLaw:
     """Make a controller from a linear system of python-control.
 
@@ -112,12 +126,12 @@ def from_control(
     drives
         The signals that are its outputs, in order, for example "top.torque".
     reference
-        Set-point, in the unit of the one measured signal. With it the system sees the error e = reference - y, as K in the usual loop with negative
-        feedback does; it is the default of the signal `top.reference` (of the part that is measured), so that a run may change it in time.
-        Without it the system sees y itself, and gives what it drives with its sign, as the systems that `to_control` returns do.
+        Set-point, in the unit of the one measured signal, or text such as "60 rpm". With it the system sees the error e = reference - y, as K in the usual
+        loop with negative feedback does; it is the default of the signal `top.reference` (of the part that is measured), so that a run may change it in
+        time. Without it the system sees y itself, and gives what it drives with its sign, as the systems that `to_control` returns do.
     at
-        Working point: values of measured and driven signals by name, 0 for those that are left out. The system sees deviations of what is measured from it
-        (where there is no reference), and what it gives is added to that of the driven signals.
+        Working point: values, or text with units, of measured and driven signals by name, 0 for those that are left out. The system sees deviations of what
+        is measured from it (where there is no reference), and what it gives is added to that of the driven signals.
 
     Returns
     -------
@@ -141,17 +155,20 @@ def from_control(
     for word, named, count in (("measures", inputs, found.ninputs), ("drives", outputs, found.noutputs)):
         if len(named) != count:
             raise SceneError(f"Argument `{word}` must name {count} signals, as many as the system has, but it names {len(named)}.")
-    if reference is not None:
-        if len(inputs) != 1:
-            raise SceneError(f"Argument `reference` must come with one measured signal, but there are {len(inputs)}.")
-        if not is_finite_number(reference):
-            raise SceneError(f"Argument `reference` must be a finite number, but it is {reference!r}.")
+    if reference is not None and len(inputs) != 1:
+        raise SceneError(f"Argument `reference` must come with one measured signal, but there are {len(inputs)}.")
     point = mapping("at", at)
-    for name, value in point.items():
+    for name in point:
         if name not in (*inputs, *outputs):
             raise SceneError(f"Argument `at` must name signals that the law measures or drives, but `{name}` is none.")
-        if not is_finite_number(value):
-            raise SceneError(f"Argument `at` of `{name}` must be a finite number, but it is {value!r}.")
+    typed: list[tuple[str, str]] = []
+
+    def plain(word: str, value: Any) -> float:
+        if isinstance(value, str):
+            typed.append((word, value))
+            return 0.0
+        return number(word, value)
+
     matrices = [np.atleast_2d(np.asarray(matrix, float)) for matrix in (found.A, found.B, found.C, found.D)]
     if not all(np.isfinite(matrix).all() for matrix in matrices):
         raise SceneError("Argument `system` must have finite numbers, but one is none.")
@@ -160,6 +177,7 @@ def from_control(
     return StateSpaceLaw(
         measures=inputs, drives=outputs, matrices=tuple(tuple(map(tuple, matrix.tolist())) if matrix.size else () for matrix in matrices),  # type: ignore[arg-type]
         dt=float(timing) if discrete and timing is not True else None, discrete=discrete,
-        measured_at=tuple(float(point.get(name, 0.0)) for name in inputs), driven_at=tuple(float(point.get(name, 0.0)) for name in outputs),
-        reference=None if reference is None else float(reference),
+        measured_at=tuple(plain(f"at.{name}", point.get(name, 0.0)) for name in inputs),
+        driven_at=tuple(plain(f"at.{name}", point.get(name, 0.0)) for name in outputs),
+        reference=None if reference is None else plain("reference", reference), typed=tuple(typed),
     )  # fmt: skip

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.files.reading import most_unpacked, opened
+from toolbox.files.units import is_finite_number
 
 Shape = tuple[str, *tuple[int | str, ...]]
 """Kinds of the numbers of an array, as numpy names them (`f`, `iu`, `U`), and its lengths: a length with a name is the same wherever the name stands."""

@@ -16,8 +16,9 @@ import sys
 import warnings
 from decimal import Decimal
 from functools import cache
-from numbers import Real
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from toolbox.errors import SceneError, UnusualValue, suggest
 
@@ -116,15 +117,19 @@ def parse(value: Any, unit: str, name: str = "value", instead: str | None = None
         return _converted(value, unit, name)
     if isinstance(value, TypedNumber):
         return value
-    if isinstance(value, bool) or not isinstance(value, Real):
+    if not is_finite_number(value):
         raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is {_shown(value)}.")
+    return float(value)
+
+
+def is_finite_number(value: Any) -> bool:
+    """True for a finite real number that is not a bool."""
+    if isinstance(value, (bool, np.bool_, str, bytes)):
+        return False
     try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise SceneError(f"Argument `{name}` must be finite, but it is {_shown(value)}.")
-    return number
+        return math.isfinite(value)
+    except (TypeError, ValueError, OverflowError, NotImplementedError, RuntimeError):
+        return False
 
 
 def in_si(value: Any, unit: str, name: str, instead: str | None = None) -> Any:
@@ -140,7 +145,13 @@ def warn_unusual(given: Any, value: Any, unit: str, usual: tuple[float, float], 
     """Warn once of every number among those of a field, typed as `given`, whose size is neither 0 nor within what is usual; symbols are left alone."""
     low, high = usual
     for typed, number in zip(given, value, strict=True) if isinstance(value, tuple) else ((given, value),):
-        if not isinstance(number, (int, float)) or not math.isfinite(number) or number == 0 or low <= abs(number) <= high:
+        if (
+            not isinstance(number, (int, float))
+            or isinstance(number, bool)
+            or not math.isfinite(number)
+            or number == 0
+            or low <= abs(number) <= high
+        ):
             continue
         if (field, float(number)) in _WARNED:
             continue
@@ -193,7 +204,7 @@ def _shown(value: Any) -> str:
 
 
 def _words(unit: str) -> str:
-    return "a number" if unit == "1" else f"a number in {unit}, or text such as `1.5 {unit}`"
+    return "a finite number" if unit == "1" else f"a finite number in {unit}, or text such as `1.5 {unit}`"
 
 
 def _converted(text: str, unit: str, name: str) -> float:

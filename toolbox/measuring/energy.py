@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.printing import columns
 from toolbox.files.unit_systems import reading
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import Samples, check_run, output_function, window
@@ -66,13 +67,9 @@ class EnergyAudit:
         rows += [(f"supply {name}", value, "") for name, value in self.supplies.items()]
         rows += [(f"loss {name}", 0.0 - value, "") for name, value in self.losses.items()]
         rows += [("impacts", 0.0 - self.impacts, "")] if self.impacts else []
-        width = max([len(name) for name, _, _ in rows] + [len("residual")])
-        lines = [f"Energy over {self.duration:g} s [{unit}]"]
-        lines += [f"  {name:<{width}} {value * factor:>15.8g}  {note}".rstrip() for name, value, note in rows]
-        lines.append(
-            f"  {'residual':<{width}} {self.residual * factor:>15.3g}  {self.relative:.1e} of {self.turnover * factor:.6g} turned over"
-        )
-        return "\n".join(lines)
+        told = [(name, f"{value * factor:.8g}", note) for name, value, note in rows]
+        told.append(("residual", f"{self.residual * factor:.3g}", f"{self.relative:.1e} of {self.turnover * factor:.6g} turned over"))
+        return "\n".join([f"Energy over {self.duration:g} s [{unit}]", *columns(told, (0, 2))])
 
 
 def energy_audit(run: Trajectory) -> EnergyAudit:

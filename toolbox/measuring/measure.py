@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring.energy import EnergyAudit as EnergyAudit
@@ -172,8 +172,7 @@ def mean_square(run: Recorded, signal: str, target: float = 0.0, *, after: Numbe
         If the signal is unknown or a vector, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
-    if not is_finite_number(target):
-        raise SceneError(f"Argument `target` must be a finite number, but it is {target!r}.")
+    target = number("target", target, run.unit(signal))
     return sum(float(weights @ (scalar(samples, signal) - target) ** 2) for weights, samples in gauss(run, begin, end)) / (end - begin)
 
 
@@ -223,7 +222,7 @@ def severity(
         raise SceneError(f"There is no definition of severity `{definition}`: {suggest(definition, SEVERITIES)}")
     (reference,) = _in_unit(run, signal, reference=reference)
     if definition == "reference":
-        if not is_finite_number(reference) or reference == 0:
+        if number("reference", reference) == 0:
             raise SceneError(f"Argument `reference` must be a finite set-point other than 0, but it is {reference!r}.")
     elif reference is not None:
         raise SceneError(f'Argument `reference` must come with definition "reference", but the definition is "{definition}".')
@@ -273,8 +272,7 @@ def settling(
     begin, end = window(run, after, until)
     target, size = _in_unit(run, signal, target=target, size=size)
     size = _size(target, size)
-    if not is_finite_number(band) or not 0 < band < 1:
-        raise SceneError(f"Argument `band` must be between 0 and 1, but it is {band!r}.")
+    band = number("band", band, above=0, below=1)
     width = band * size
     steps = _steps(run, signal, begin, end)
     if abs(_value(run, signal, end) - target) > width:
@@ -325,8 +323,7 @@ def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberO
     from scipy.optimize import brentq
 
     begin, end = window(run, after, None)
-    if not is_finite_number(speed):
-        raise SceneError(f"Argument `speed` must be a finite number, but it is {speed!r}.")
+    speed = number("speed", speed, run.unit(signal))
     steps = _steps(run, signal, begin, end)
     below = np.flatnonzero(steps.lowest <= speed)
     if not below.size:
@@ -397,15 +394,12 @@ def _in_unit(run: Recorded, signal: str, **given: Any) -> list[Any]:
 
 
 def _size(target: NumberOrText, size: float | None) -> float:
-    if not is_finite_number(target):
-        raise SceneError(f"Argument `target` must be a finite number, but it is {target!r}.")
+    target = number("target", target)
     if size is None:
         if target == 0:
             raise SceneError("Argument `size` must be given where `target` is 0, because nothing else says how large a deviation is.")
         return abs(target)
-    if not is_finite_number(size) or size <= 0:
-        raise SceneError(f"Argument `size` must be > 0, but it is {size!r}.")
-    return float(size)
+    return number("size", size, above=0)
 
 
 # ------------------------------------------------------------------------------------------------------------------------- unilateral contacts

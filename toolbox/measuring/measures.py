@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import is_finite_number, number
 from toolbox.compilation import work_layout
 from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program
@@ -55,10 +55,9 @@ class Measure:
 
     def check(self, system: HybridSystem, duration: float) -> None:
         """Raise SceneError unless the signal or element exists, the window lies in the run, and the definition is known."""
-        if not is_finite_number(self.after) or not 0 <= self.after < duration:
-            raise SceneError(f"Argument `after` must be >= 0 s and before the end at {duration:g} s, but it is {self.after!r}.")
-        if self.until is not None and not (is_finite_number(self.until) and self.after < self.until <= duration):
-            raise SceneError(f"Argument `until` must be after {self.after:g} s and at most {duration:g} s, but it is {self.until!r}.")
+        number("after", self.after, "s", at_least=0, below=duration)
+        if self.until is not None:
+            number("until", self.until, "s", above=self.after, at_most=duration)
         if self.kind in _OF_SIGNALS:
             system.signal_unit(self.of)
             if (system.rows(self.of) is None and system.expression(self.of).numel() != 1) or (system.rows(self.of) or (0, None))[

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import refuse, within
 from toolbox.errors import SceneError
 from toolbox.modelling.elements import Element, FrictionLaw, State, declared_type, fields_in_si
 
@@ -124,7 +124,7 @@ _KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "int": (lambda value: isinstance(value, (int, np.integer)) and not isinstance(value, bool), "an integer"),
     "str": (lambda value: isinstance(value, str), "a string"),
     "bool": (lambda value: isinstance(value, (bool, np.bool_)), "True or False"),
-    "tuple[str, ...]": (lambda value: isinstance(value, tuple) and all(isinstance(word, str) for word in value), "a tuple of strings"),
+    "tuple[str, ...]": (lambda value: isinstance(value, tuple) and all(isinstance(word, str) for word in value), "a row of strings"),
 }
 """Whether a value is of the kind that a field declares, and the words for it."""
 
@@ -161,7 +161,6 @@ def checked(part: Any) -> None:
 
     Where they are not, the parameter table of the composed plant knows the full name to complain about.
     """
-    sound = True
     for field in fields_of(type(part)):
         value = getattr(part, field.name)
         if is_nested(value):
@@ -169,10 +168,7 @@ def checked(part: Any) -> None:
                 checked(value)
             except SceneError as error:
                 raise SceneError(f"Field `{field.name}` of {type(part).__name__}: {error}") from None
-        elif field.numeric and value is not None:
-            numbers = value if isinstance(value, tuple) else (value,)
-            sound = sound and not any(bounds_broken(number, field.spec.metadata) for number in numbers)
-    if sound:
+    if all(within(number, field.spec.metadata) for field, number in _numbers(part)):
         part.check()
 
 
@@ -182,47 +178,27 @@ def check_fields(part: Any) -> None:
     Raises SceneError unless they are of their kind and within their bounds, and the method `check` of the part accepts them.
     """
     structure_of(part)
-    for field in fields_of(type(part)):
-        value = getattr(part, field.name)
-        if field.numeric and value is not None:
-            for number in value if isinstance(value, tuple) else (value,):
-                broken = bounds_broken(number, field.spec.metadata)
-                if broken:
-                    raise SceneError(
-                        f"Argument `{field.name}` must be {broken} {field.spec.metadata.get('unit', '1')}, but it is {number!r}."
-                    )
+    bounds_checked(part)
     checked(part)
-
-
-def bounds_broken(value: Any, bounds: Mapping[str, Any]) -> str | None:
-    """What a number must be and is not, by the bounds of a `quantity`; None where it is sound."""
-    if not is_finite_number(value):
-        return "a finite number"
-    for key, holds, words in _BOUNDS:
-        bound = bounds.get(key)
-        if bound is not None and not holds(value, bound):
-            return f"{words} {bound:g}"
-    return None
-
-
-_BOUNDS: list[tuple[str, Callable[[float, float], bool], str]] = [
-    ("at_least", lambda value, bound: value >= bound, ">="),
-    ("above", lambda value, bound: value > bound, ">"),
-    ("at_most", lambda value, bound: value <= bound, "<="),
-]
 
 
 def bounds_checked(part: Any) -> None:
     """Raise SceneError for the first numeric field of a part, or of its laws, that is not finite or out of bounds."""
     for field in fields_of(type(part)):
+        if is_nested(getattr(part, field.name)):
+            bounds_checked(getattr(part, field.name))
+    for field, number in _numbers(part):
+        metadata = field.spec.metadata
+        refuse(f"Argument `{field.name}` of {type(part).__name__}", number, metadata.get("unit", "1"), metadata)
+
+
+def _numbers(part: Any) -> Iterator[tuple[_Field, Any]]:
+    """(field, number) of every numeric field of a part itself, of a row each number."""
+    for field in fields_of(type(part)):
         value = getattr(part, field.name)
-        if is_nested(value):
-            bounds_checked(value)
-        elif field.numeric and value is not None:
+        if field.numeric and value is not None and not is_nested(value):
             for number in value if isinstance(value, tuple) else (value,):
-                broken = bounds_broken(number, field.spec.metadata)
-                if broken:
-                    raise SceneError(f"Argument `{field.name}` of {type(part).__name__} must be {broken}, but it is {number!r}.")
+                yield field, number
 
 
 def numbers_of(part: Any) -> list[float]:
@@ -233,10 +209,7 @@ def numbers_of(part: Any) -> list[float]:
         if is_nested(value):
             out.extend(numbers_of(value))
         elif field.numeric and value is not None:
-            if isinstance(value, tuple):
-                out.extend(value)
-            else:
-                out.append(value)
+            out.extend(value if isinstance(value, tuple) else (value,))
     return out
 
 
@@ -255,7 +228,7 @@ def _check_kind(part: Any, field: _Field, value: Any) -> None:
     if not field.numeric:
         return
     if field.tuples and not isinstance(value, tuple):
-        raise SceneError(f"{where} must be a tuple of numbers, but it is {value!r}.")
+        raise SceneError(f"{where} must be a row of numbers, but it is {value!r}.")
     if isinstance(value, tuple) and not field.tuples:
         raise SceneError(f"{where} must be one number in {field.spec.metadata.get('unit', '1')}, but it is {value!r}.")
     for number in value if isinstance(value, tuple) else (value,):

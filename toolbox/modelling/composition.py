@@ -10,13 +10,13 @@ from __future__ import annotations
 import copy
 import copyreg
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import refuse
 from toolbox.errors import SceneError, suggest
 from toolbox.modelling.components import (
     Component,
@@ -157,15 +157,10 @@ class _Composer:
         title = type(component).__name__
         slots: list[Slot] = []
         symbolic = symbolic_copy(component, "", slots)
-        needs: list[tuple[str, str, Any, ca.SX]] = []
+        needs: dict[tuple[str, str], tuple[Any, ca.SX]] = {}
 
         def signal(name: str, unit: str, default: Any = None) -> ca.SX:
-            for known, known_unit, _, placeholder in needs:
-                if known == name and known_unit == unit:
-                    return placeholder
-            placeholder = ca.SX.sym(name)
-            needs.append((name, unit, default, placeholder))
-            return placeholder
+            return needs.setdefault((name, unit), (default, ca.SX.sym(name)))[1]
 
         equations = equations_of(symbolic, signal, title)
         law = law_of(component)
@@ -186,37 +181,22 @@ class _Composer:
         elements = self._add_elements(component, originals, own, renamed)
         self._check_regular(title, equations)
         for slot in slots:
-            path = f"{own}.{slot.field_path.removeprefix('law.')}"
-            unit = slot.spec.metadata.get("unit", "1")
-            if slot.owner is not symbolic:
-                users = [e for e, original in zip(elements, originals, strict=True) if governed(original.law, slot.owner)]
-                if len(users) == 1:
-                    path = f"{users[0].name}.{slot.field_path}"
-                if users:
-                    unit = unit_at(users[0], unit)
-            self._add_parameter(path, slot, unit)
-        for name, unit, default, placeholder in needs:
+            users = [e for e, original in zip(elements, originals, strict=True) if governed(original.law, slot.owner)]
+            self._add_parameter(own, slot, users if slot.owner is not symbolic else [])
+        for (name, unit), (default, placeholder) in needs.items():
             self._need(renamed(name), unit, default, placeholder, title)
         for variable, derivative in equations.flow.items():
             self._add_state(renamed(variable.label), variable, derivative, variable.unit)
         for name, (expression, unit) in equations.gives.items():
             self._give(renamed(name), ca.SX(expression), unit)
-        for element in elements:
-            for tail, (expression, unit) in element.signals().items():
-                if f"{element.name}.{tail}" not in self.given:
-                    self._give(f"{element.name}.{tail}", expression, unit)
         if equations.update is not None:
             self._add_update(equations.update, renamed)
         if equations.stored is not None:
             self.stored[own] = ca.SX(equations.stored)
-        for target, source in ((self.losses, equations.losses), (self.supplies, equations.supplies)):
-            for name, power in source.items():
-                target[f"{own}.{name}"] = ca.SX(power)
+        self.losses |= {f"{own}.{name}": ca.SX(power) for name, power in equations.losses.items()}
+        self.supplies |= {f"{own}.{name}": ca.SX(power) for name, power in equations.supplies.items()}
         for element in elements:
-            for variable, derivative in element.flow.items():
-                self._add_state(f"{element.name}.{variable.label}", variable, derivative, unit_at(element, variable.unit))
-            for target, source in zip((self.losses, self.supplies), element.powers, strict=False):
-                target.update({f"{element.name} {name}": power for name, power in source.items()})
+            self._add_of_element(element)
 
     def _add_elements(self, component: Component, originals: list[Element], own: str, renamed: Callable[[str], str]) -> list[Element]:
         """Copies of the elements of a component, under their names in the plant."""
@@ -230,6 +210,16 @@ class _Composer:
             self.modeless |= {element.name: type(element.law).__name__} if element.flow else {}
             self.elements += [] if element.flow else [element]
         return elements
+
+    def _add_of_element(self, element: Element) -> None:
+        """What an element says by itself: its signals, the memory of its law, and its powers."""
+        for tail, (expression, unit) in element.signals().items():
+            if f"{element.name}.{tail}" not in self.given:
+                self._give(f"{element.name}.{tail}", expression, unit)
+        for variable, derivative in element.flow.items():
+            self._add_state(f"{element.name}.{variable.label}", variable, derivative, unit_at(element, variable.unit))
+        for target, source in zip((self.losses, self.supplies), element.powers, strict=False):
+            target.update({f"{element.name} {name}": power for name, power in source.items()})
 
     def _add_state(self, name: str, variable: State, derivative: Any, unit: str) -> None:
         """A state and its derivative."""
@@ -279,7 +269,13 @@ class _Composer:
                         f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`."
                     )
 
-    def _add_parameter(self, path: str, slot: Slot, unit: str) -> None:
+    def _add_parameter(self, own: str, slot: Slot, users: Sequence[Element]) -> None:
+        """A number of a part, or of a friction law that these elements use."""
+        path, unit = f"{own}.{slot.field_path.removeprefix('law.')}", slot.spec.metadata.get("unit", "1")
+        if len(users) == 1:
+            path = f"{users[0].name}.{slot.field_path}"
+        if users:
+            unit = unit_at(users[0], unit)
         if path in self.parameters:
             raise SceneError(f"Two parts have the parameter `{path}`: give one of them a `name=`.")
         metadata = slot.spec.metadata
@@ -311,38 +307,71 @@ class _Composer:
             self.disputed.add(name)
 
     def _connected(self) -> HybridSystem:
+        """The system of all parts, checked."""
+        inputs = self._inputs()
+        bundle = self._linked(self._bundle())
+        if not self.x:
+            raise SceneError("A plant needs at least one state, but these parts have none.")
+        system = HybridSystem()
+        system.t, system.x, system.p, system.held = time, _column(self.x), _column(self.symbols), _column(self.held)
+        system.u = _column([entry.symbol for entry in inputs.values()])
+        system.F, system.m = _column([e.multiplier for e in self.elements]), _column([e.mode for e in self.elements])
+        system.flow = ca.vertcat(*[bundle[f"flow:{i}"] for i in range(len(self.flow))])
+        system.states, system.begin = self.states, np.concatenate(self.begin)
+        system.signals = {name: (bundle[f"given:{name}"], unit) for name, (_, unit) in self.given.items()}
+        for i, element in enumerate(self.elements):
+            for name in element.expressions:
+                setattr(element, name, bundle[f"{name}:{i}"])
+        for kind in ("stored", "losses", "supplies"):
+            setattr(system, kind, {name: bundle[f"{kind}:{name}"] for name in getattr(self, kind)})
+        system.updates = tuple(
+            SampledUpdate(
+                _column(update.memory), bundle[f"memory:{i}"], bundle[f"output:{i}"], names, places, first, update.external,
+                _column(update.noise.values()), tuple(update.noise),
+            )
+            for i, (update, first, names, places) in enumerate(self.updates)
+        )  # fmt: skip
+        system.inputs, system.parameters, system.routes, system.owners = inputs, self.parameters, self.routes, self.owners
+        system.elements, system.modeless = tuple(self.elements), self.modeless
+        system.values, system.cache, system.parts = np.array(self.values, float), {}, ()
+        self._check(system, bundle)
+        return system
+
+    def _inputs(self) -> dict[str, Input]:
+        """The signals that nobody gives, with their defaults; one entry of a vector state is given where it is needed."""
         inputs: dict[str, Input] = {}
-        for name in self.placeholders:  # one entry of a vector state
+        for name, (placeholder, unit) in self.placeholders.items():
             head, _, tail = name.rpartition(".")
             if name not in self.given and head in self.states and tail.isdigit() and int(tail) < (self.states[head][1] or 0):
                 self.given[name] = (self.given[head][0][int(tail)], self.given[head][1])
-        for name, (placeholder, unit) in self.placeholders.items():
-            if name in self.given:
-                if self.given[name][1] != unit:
-                    raise SceneError(f"Signal `{name}` is given in {self.given[name][1]} but needed in {unit}: units must agree.")
-                continue
-            default = self.defaults[name]
-            if name in self.disputed:
-                raise SceneError(f"Two parts have different defaults for the signal `{name}`: let one of them, or an input, give it.")
-            if default is None:
-                raise SceneError(f"Nobody gives the signal `{name}` [{unit}], and it has no default: {suggest(name, self.given)}")
-            if isinstance(default, ca.SX):
-                expression = default
-                if not all(ca.depends_on(ca.vertcat(*self.symbols), s) for s in ca.symvar(default)):
-                    raise SceneError(f"The default of `{name}` must be a number or an expression of parameters, but it is {default}.")
-            elif not is_finite_number(default):
-                raise SceneError(f"The default of `{name}` must be a finite number in {unit}, but it is {default!r}.")
-            else:
-                if name in self.parameters:
-                    raise SceneError(f"The default of `{name}` and its parameter are different things: use the parameter as default.")
-                expression = ca.SX.sym(name)
-                self.parameters[name] = Parameter(name, unit, "default of a signal", None, self._n_parameters, {})
-                self.symbols.append(expression)
-                self.values.append(float(default))
-            inputs[name] = Input(name, placeholder, unit, expression)
+            if name not in self.given:
+                inputs[name] = Input(name, placeholder, unit, self._default(name, unit))
+            elif self.given[name][1] != unit:
+                raise SceneError(f"Signal `{name}` is given in {self.given[name][1]} but needed in {unit}: units must agree.")
+        return inputs
 
-        links = {name: self.placeholders[name][0] for name in self.placeholders if name in self.given}
-        system = HybridSystem()
+    def _default(self, name: str, unit: str) -> ca.SX:
+        """The default of an input as an expression of parameters: a number becomes one of them."""
+        default = self.defaults[name]
+        if name in self.disputed:
+            raise SceneError(f"Two parts have different defaults for the signal `{name}`: let one of them, or an input, give it.")
+        if default is None:
+            raise SceneError(f"Nobody gives the signal `{name}` [{unit}], and it has no default: {suggest(name, self.given)}")
+        if isinstance(default, ca.SX):
+            if not all(ca.depends_on(ca.vertcat(*self.symbols), s) for s in ca.symvar(default)):
+                raise SceneError(f"The default of `{name}` must be a number or an expression of parameters, but it is {default}.")
+            return default
+        refuse(f"The default of `{name}`", default, unit, {})
+        if name in self.parameters:
+            raise SceneError(f"The default of `{name}` and its parameter are different things: use the parameter as default.")
+        symbol = ca.SX.sym(name)
+        self.parameters[name] = Parameter(name, unit, "default of a signal", None, self._n_parameters, {})
+        self.symbols.append(symbol)
+        self.values.append(float(default))
+        return symbol
+
+    def _bundle(self) -> dict[str, ca.SX]:
+        """{kind:name: expression} of all that parts say, with placeholders for the signals that they need."""
         bundle: dict[str, ca.SX] = {f"given:{k}": v for k, (v, _) in self.given.items()}
         bundle |= {f"flow:{i}": v for i, v in enumerate(self.flow)}
         for kind in ("stored", "losses", "supplies"):
@@ -350,50 +379,24 @@ class _Composer:
         for i, element in enumerate(self.elements):
             bundle |= {f"{name}:{i}": getattr(element, name) for name in element.expressions}
         for i, (update, _, _, _) in enumerate(self.updates):
-            memory = [ca.SX(value) for value in update.memory.values()]
-            bundle[f"memory:{i}"] = ca.densify(ca.vertcat(*memory)) if memory else ca.SX(0, 1)
+            bundle[f"memory:{i}"] = ca.densify(_column(map(ca.SX, update.memory.values())))
             bundle[f"output:{i}"] = ca.densify(ca.vertcat(*[ca.SX(value) for value, _ in update.outputs.values()], *update.memory))
+        return bundle
+
+    def _linked(self, bundle: dict[str, ca.SX]) -> dict[str, ca.SX]:
+        """The same expressions with what parts give in place of what others need."""
+        links = {name: placeholder for name, (placeholder, _) in self.placeholders.items() if name in self.given}
         if self.aliases:  # a signal that several parts need has several placeholders: all become the first one
             bundle = _substituted(bundle, [a for a, _ in self.aliases], [b for _, b in self.aliases])
-        order = _topological({name: bundle[f"given:{name}"] for name in links}, links)
-        for name in order:
+        for name in _topological({name: bundle[f"given:{name}"] for name in links}, links):
             bundle = _substituted(bundle, [links[name]], [bundle[f"given:{name}"]])
+        return bundle
 
-        system.t = time
-        system.x = ca.vertcat(*self.x) if self.x else ca.SX(0, 1)
-        system.p = ca.vertcat(*self.symbols) if self.symbols else ca.SX(0, 1)
-        system.u = ca.vertcat(*[i.symbol for i in inputs.values()]) if inputs else ca.SX(0, 1)
-        system.F = ca.vertcat(*[e.multiplier for e in self.elements]) if self.elements else ca.SX(0, 1)
-        system.m = ca.vertcat(*[e.mode for e in self.elements]) if self.elements else ca.SX(0, 1)
-        if not self.x:
-            raise SceneError("A plant needs at least one state, but these parts have none.")
-        system.flow = ca.vertcat(*[bundle[f"flow:{i}"] for i in range(len(self.flow))])
-        system.states, system.begin = self.states, np.concatenate(self.begin)
-        system.owners = self.owners
-        system.signals = {name: (bundle[f"given:{name}"], unit) for name, (_, unit) in self.given.items()}
-        for i, element in enumerate(self.elements):
-            for name in element.expressions:
-                setattr(element, name, bundle[f"{name}:{i}"])
-        system.elements, system.modeless = tuple(self.elements), self.modeless
-        system.inputs = inputs
-        system.parameters = self.parameters
-        for kind in ("stored", "losses", "supplies"):
-            setattr(system, kind, {name: bundle[f"{kind}:{name}"] for name in getattr(self, kind)})
-        system.held = ca.vertcat(*self.held) if self.held else ca.SX(0, 1)
-        memories = [ca.vertcat(*u.memory) if u.memory else ca.SX(0, 1) for u, _, _, _ in self.updates]
-        noises = [ca.vertcat(*u.noise.values()) if u.noise else ca.SX(0, 1) for u, _, _, _ in self.updates]
-        system.updates = tuple(
-            SampledUpdate(
-                z, bundle[f"memory:{i}"], bundle[f"output:{i}"], names, places, first, update.external, noise, tuple(update.noise)
-            )
-            for i, (z, noise, (update, first, names, places)) in enumerate(zip(memories, noises, self.updates, strict=True))
-        )
-        system.routes = self.routes
-        system.values = np.array(self.values, float)
-        system.cache = {}
-        system.parts = ()
-        symbols = [time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises]
-        known = ca.vertcat(*symbols, *[element.speed for element in self.elements])
+    def _check(self, system: HybridSystem, bundle: dict[str, ca.SX]) -> None:
+        """Raise SceneError for symbols that nobody declared, what must not depend on something else, and elements that are not well posed."""
+        of_laws = [symbol for update in system.updates for symbol in (update.memory, update.noise)]
+        others = ca.vertcat(system.p, system.u, system.F, system.m, system.held)
+        known = ca.vertcat(time, system.x, others, *of_laws, *[element.speed for element in self.elements])
         strangers = ca.Function("scan", [known], [ca.vertcat(*bundle.values())], {"allow_free": True}).get_free()
         if strangers:
             unlisted = sorted({name.rpartition(".")[0] for name in strangers if name.endswith((".multiplier", ".mode"))})
@@ -406,9 +409,12 @@ class _Composer:
         if ca.depends_on(slips, system.held):
             raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")
         _ = system.switching  # raises where the elements are not well posed
-        others = ca.vertcat(system.p, system.u, system.F, system.m, system.held)
         check_rates(time, system.x, others, system.flow, system.elements)
-        return system
+
+
+def _column(entries: Iterable[Any]) -> ca.SX:
+    """Expressions one below the other, shape (0, 1) without any."""
+    return ca.vertcat(ca.SX(0, 1), *entries)
 
 
 def _substituted(bundle: dict[str, ca.SX], old: list[ca.SX], new: list[ca.SX]) -> dict[str, ca.SX]:

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.printing import columns
 from toolbox.modelling.components import numbers_of
 from toolbox.modelling.hybrid_system import HybridSystem
 
@@ -57,12 +58,11 @@ class Dependencies:
         return f"No measure depends on {parts}: leaving out what nobody looks at would save {100 * self.idle:.0f} % of the operations."
 
     def __str__(self) -> str:
-        width = max(len(dependency.part) for dependency in self.parts)
-        lines = [
-            f"{each.part:<{width}}  {each.states:>4} states  {each.elements:>4} elements  {', '.join(each.measures) or 'no measure depends on it'}"
+        rows = [
+            (each.part, f"{each.states} states", f"{each.elements} elements", ", ".join(each.measures) or "no measure depends on it")
             for each in self.parts
         ]
-        return "\n".join([*lines, *filter(None, [self.warning])])
+        return "\n".join([*columns(rows, (0, 3), ""), *filter(None, [self.warning])])
 
 
 def dependencies_of(system: HybridSystem, measures: Mapping[str, Sequence[str]], count: int | None = None) -> Dependencies:
@@ -72,63 +72,72 @@ def dependencies_of(system: HybridSystem, measures: Mapping[str, Sequence[str]],
     """
     if not isinstance(measures, Mapping) or any(isinstance(names, str) for names in measures.values()):
         raise SceneError(f"Argument `measures` must map the names of measures to lists of signals and elements, but it is {measures!r}.")
-    form = system.switching
-    elements = [element.name for element in system.elements]
-    memory = [update.memory for update in system.updates]
-    held = [update.outputs for update in system.updates]
-    nodes = ca.vertcat(system.x, system.m, *memory, system.held)
-    first = system.x.numel()
-    guards = [ca.vertcat(form.guards[2 * i], form.guards[2 * i + 1]) for i in range(len(elements))]
-    expressions = [
-        *(form.field[j] for j in range(first)),
-        *guards,
-        *(entry for update in system.updates for entry in ca.vertsplit(ca.densify(update.following)) if update.memory.numel()),
-        *(entry for outputs in held for entry in ca.vertsplit(ca.densify(outputs))),
-    ]
-    expressions = [ca.substitute(expression, system.F, form.force) if elements else expression for expression in expressions]
-    depends = [_columns(expression, nodes) for expression in expressions]
-    values = np.cumsum([0, *(len(numbers_of(part)) for part in system.parts)])
+    graph = _Graph(system)
+    of_parts = np.cumsum([0, *(len(numbers_of(part)) for part in system.parts)])
+    owners = {name: graph.places(name) for name in system.owners}
     chosen: list[set[str]] = [set() for _ in system.parts]
     every: set[int] = set()
     for measure, names in measures.items():
-        seen: set[int] = set()
-        read = ca.SX(0, 1)
-        for name in names:
-            if name in elements:
-                seen.add(first + elements.index(name))
-                continue
-            system.signal_unit(name)
-            row = system.rows(name)
-            signal = system.expression(name) if row is None else system.x[row[0] : row[0] + (row[1] or 1)]
-            read = ca.vertcat(read, ca.substitute(signal, system.F, form.force) if elements else signal)
-        seen |= _columns(read, nodes)
-        waiting = list(seen)
-        while waiting:
-            following = depends[waiting.pop()] - seen
-            seen |= following
-            waiting += following
-        used = ca.vertcat(read, *[expressions[k] for k in sorted(seen)])
-        parameters = _columns(used, system.p)
-        for name, owner in system.owners.items():
-            if name in elements:
-                rows = {first + elements.index(name)}
-            else:
-                start, size, _ = system.states[name]
-                rows = set(range(start, start + (size or 1)))
-            if rows & seen:
-                chosen[owner].add(measure)
-        for i in range(len(system.parts)):
-            if any(values[i] <= k < values[i + 1] for k in parameters):
-                chosen[i].add(measure)
+        seen, used = graph.needed(names)
         every |= seen
-    total, spent = (_operations([expressions[k] for k in chosen_rows]) for chosen_rows in (range(len(expressions)), sorted(every)))
+        for name, owner in system.owners.items():
+            if owners[name] & seen:
+                chosen[owner].add(measure)
+        for k in _columns(used, system.p):
+            owner = int(np.searchsorted(of_parts, k, "right")) - 1
+            if owner < len(chosen):  # behind them stand defaults of signals
+                chosen[owner].add(measure)
+    total, spent = _operations(graph.expressions), _operations([graph.expressions[k] for k in sorted(every)])
     parts = []
     for i, part in enumerate(system.parts[:count]):
         own = [name for name, owner in system.owners.items() if owner == i]
         states = sum(system.states[name][1] or 1 for name in own if name in system.states)
         read_by = tuple(measure for measure in measures if measure in chosen[i])
-        parts.append(Dependency(type(part).__name__, states, sum(name in elements for name in own), read_by))
+        parts.append(Dependency(type(part).__name__, states, sum(name in graph.elements for name in own), read_by))
     return Dependencies(tuple(parts), 1.0 - spent / total if total else 0.0)
+
+
+class _Graph:
+    """What each state, element, and memory or output of a sampled law is computed from: entries of the four, numbered in that order."""
+
+    def __init__(self, system: HybridSystem):
+        self.system, form = system, system.switching
+        self.elements = [element.name for element in system.elements]
+        self.nodes = ca.vertcat(system.x, system.m, *(update.memory for update in system.updates), system.held)
+        guards = [ca.vertcat(form.guards[2 * i], form.guards[2 * i + 1]) for i in range(len(self.elements))]
+        following = [update.following for update in system.updates if update.memory.numel()]
+        of_laws = [
+            entry for each in (*following, *(update.outputs for update in system.updates)) for entry in ca.vertsplit(ca.densify(each))
+        ]
+        self.expressions = [self.with_forces(each) for each in (*(form.field[j] for j in range(system.x.numel())), *guards, *of_laws)]
+        self.depends = [_columns(expression, self.nodes) for expression in self.expressions]
+
+    def with_forces(self, expression: ca.SX) -> ca.SX:
+        """An expression with the forces of the elements as they follow from the state."""
+        return ca.substitute(expression, self.system.F, self.system.switching.force) if self.elements else expression
+
+    def places(self, name: str) -> set[int]:
+        """The entries of an element or a state."""
+        if name in self.elements:
+            return {self.system.x.numel() + self.elements.index(name)}
+        start, size, _ = self.system.states[name]
+        return set(range(start, start + (size or 1)))
+
+    def needed(self, names: Sequence[str]) -> tuple[set[int], ca.SX]:
+        """(entries that elements and signals are computed from, the expressions of all of them)."""
+        system, read = self.system, ca.SX(0, 1)
+        seen = {place for name in names if name in self.elements for place in self.places(name)}
+        for name in (name for name in names if name not in self.elements):
+            system.signal_unit(name)
+            row = system.rows(name)
+            read = ca.vertcat(read, self.with_forces(system.expression(name)) if row is None else system.x[row[0] : row[0] + (row[1] or 1)])
+        seen |= _columns(read, self.nodes)
+        waiting = list(seen)
+        while waiting:
+            following = self.depends[waiting.pop()] - seen
+            seen |= following
+            waiting += following
+        return seen, ca.vertcat(read, *[self.expressions[k] for k in sorted(seen)])
 
 
 def _columns(expression: ca.SX, symbols: ca.SX) -> set[int]:

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import mapping
+from toolbox.arguments import mapping, refuse
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units, reading
 from toolbox.files.units import in_si
-from toolbox.modelling.components import Component, bounds_broken, checked, numbers_of, rebuilt
+from toolbox.modelling.components import Component, checked, numbers_of, rebuilt
 from toolbox.modelling.elements import Element
 from toolbox.modelling.switching import Switching, switching
 
@@ -36,12 +36,7 @@ class Parameter(NamedTuple):
     def check(self, values: Any) -> None:
         """Raise SceneError unless every value is finite and within the declared bounds."""
         for value in values if isinstance(values, (tuple, list, np.ndarray)) else (values,):
-            broken = bounds_broken(value, self.bounds)
-            if broken:
-                unit = "" if self.unit == "1" else f" in {self.unit}" if broken == "a finite number" else f" {self.unit}"
-                raise SceneError(
-                    f"Argument `{self.name}` must be {broken}{unit}, but it is {(value.item() if isinstance(value, np.generic) else value)!r}."
-                )
+            refuse(f"Argument `{self.name}`", value, self.unit, self.bounds)
 
 
 class Input(NamedTuple):
@@ -164,7 +159,7 @@ class HybridSystem:
         return f"HybridSystem({parts}): {self.x.numel()} states ({', '.join(self.states)}); contacts: {contacts}; inputs: {free}"
 
     def _repr_html_(self) -> str:
-        from toolbox.files.html import table  # here, because only notebooks need it
+        from toolbox.files.printing import table  # here, because only notebooks need it
 
         rows = []
         for name, entry in self.parameters.items():

@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import finite_array, is_finite_number
+from toolbox.arguments import finite_array, number
 from toolbox.errors import SceneError
 from toolbox.files.units import TypedNumber, parse
 
@@ -164,8 +164,7 @@ def sweep(mean: float, amplitude: float, start: float, end: float, duration: flo
     duration
         Time from the one to the other [s].
     """
-    if not is_finite_number(duration) or duration <= 0:
-        raise SceneError(f"Argument `duration` of a sweep must be > 0 s, but it is {duration!r}.")
+    number("duration", duration, "s", above=0)
     return Shape("sweep", _checked("sweep", mean, amplitude, start, end, duration))
 
 
@@ -196,16 +195,12 @@ def triangle(mean: float, amplitude: float, frequency: float, until: float) -> T
 def _half_periods(kind: str, mean: float, amplitude: float, frequency: float, until: float) -> np.ndarray:
     """Begins of all half periods up to the first one not before `until`."""
     _checked(kind, mean, amplitude, frequency, until)
-    for name, value in (("frequency", frequency), ("until", until)):
-        if not value > 0:
-            raise SceneError(f"Argument `{name}` of a {kind} must be > 0, but it is {value!r}.")
+    number("frequency", frequency, "Hz", above=0)
+    number("until", until, "s", above=0)
     if frequency * until > 1e6:
         raise SceneError(f"Argument `until` of a {kind} must leave at most 1e6 periods, but there are {frequency * until:g}.")
     return np.arange(int(np.ceil(2 * frequency * until * (1 - 1e-12))) + 1) / (2 * frequency)
 
 
 def _checked(kind: str, *numbers: Any) -> tuple[float, ...]:
-    for number in numbers:
-        if not is_finite_number(number):
-            raise SceneError(f"The numbers of a {kind} must be finite, but one is {number!r}.")
-    return tuple(float(number) for number in numbers)
+    return tuple(number(f"number of a {kind}", each) for each in numbers)

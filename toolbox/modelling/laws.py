@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import finite_array, is_finite_number
+from toolbox.arguments import finite_array, number, refuse, whole
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
@@ -173,18 +173,14 @@ class Sampled:
                 raise SceneError(f"Argument `{word}` must be left to a callable: {type(self.law).__name__} declares what it {word}.")
             if not isinstance(told, (str, list, tuple)) or not told or not all(isinstance(name, str) for name in told):
                 raise SceneError(f"Argument `{word}` must be the name of a signal, or several, but it is {told!r}.")
-        if not is_finite_number(self.period) or self.period <= 0:
-            raise SceneError(f"Argument `sample_time` must be > 0 s, but it is {self.period!r}.")
-        if not is_finite_number(self.delay) or self.delay < 0:
-            raise SceneError(f"Argument `delay` must be >= 0 s, but it is {self.delay!r}.")
-        for word, given, bound in (("noise", self.noise, ">="), ("resolution", self.resolution, ">")):
+        number("sample_time", self.period, "s", above=0)
+        number("delay", self.delay, "s", at_least=0)
+        whole("seed", self.seed, 0, 2**63 - 1)
+        for word, given, bounds in (("noise", self.noise, {"at_least": 0.0}), ("resolution", self.resolution, {"above": 0.0})):
             if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):
                 raise SceneError(f"Argument `{word}` must map names of signals to numbers, but it is {given!r}.")
             for name, value in given.items():
-                if not is_finite_number(value) or value < 0 or (bound == ">" and value == 0):
-                    raise SceneError(f"Argument `{word}` of `{name}` must be {bound} 0, but it is {value!r}.")
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**63:
-            raise SceneError(f"Argument `seed` must be an integer >= 0, but it is {self.seed!r}.")
+                refuse(f"Argument `{word}` of `{name}`", value, "1", bounds)
 
     def sensors(self, measured: Sequence[str]) -> Sensors:
         """The sensors of a law that measures these signals; raises SceneError for a name that is not among them."""

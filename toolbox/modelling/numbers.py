@@ -22,11 +22,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import checked_range
-from toolbox.errors import SceneError
+from toolbox.arguments import checked_range, refuse
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling import inputs as shapes
-from toolbox.modelling.components import bounds_broken, fields_of, is_nested, numbers_of
+from toolbox.modelling.components import fields_of, is_nested, numbers_of
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Held, Sampled
 from toolbox.modelling.start import place_start, started
@@ -79,13 +78,11 @@ class Number:
 
     def between(self, given: Any, word: str = "between") -> tuple[float, float]:
         """A range of it, numbers in SI or text with units. Raises SceneError unless it is (low, high) in that order."""
-        return checked_range(self.in_si(word, given), word)
+        return checked_range(given, word, self.unit)
 
     def check(self, value: Any) -> None:
         """Raise SceneError unless a value is finite and within the bounds."""
-        broken = bounds_broken(value, self.bounds)
-        if broken:
-            raise SceneError(f"Argument `{self.name}` must be {broken}{'' if self.unit == '1' else f' {self.unit}'}, but it is {value!r}.")
+        refuse(f"Argument `{self.name}`", value, self.unit, self.bounds)
 
     def varied(self, system: HybridSystem, inputs: Mapping[str, Any], value: float) -> tuple[HybridSystem, dict[str, Any]]:
         """A system and its inputs with this value of an input, of a number of its shape, or of a parameter where it acts."""

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Protocol
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import whole
 from toolbox.errors import SceneError
 from toolbox.modelling.components import Equations, Signal, Update, check_fields
 from toolbox.modelling.elements import State, state
@@ -88,8 +89,7 @@ class Observed(Controller):
     late: int = 0
 
     def check(self) -> None:
-        if not 0 <= self.late <= MOST_LATE:
-            raise SceneError(f"Argument `late` must be between 0 and {MOST_LATE} samples, but it is {self.late}.")
+        whole("late", self.late, 0, MOST_LATE)
 
     @property
     def drives(self) -> tuple[str, ...]:  # type: ignore[override]

@@ -21,7 +21,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import number
 from toolbox.errors import SceneError, suggest
 from toolbox.modelling.elements import Element, Hysteresis, check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem, Parameter, checked_plant
@@ -103,14 +103,12 @@ def checked_widths(plant: HybridSystem, width: Any) -> dict[str, float]:
     holding = {element.name: element for element in plant.elements if element.holds}
     rigid = next((e.name for e in holding.values() if e.rigid), None)
     given = width if isinstance(width, Mapping) else dict.fromkeys(holding, width)
-    for name, value in given.items():
+    for name in given:
         if name not in holding:
             raise SceneError(f"There is no friction or relay `{name}`: {suggest(name, holding)}")
         if holding[name].rigid:
             raise SceneError(f"The rigid contact `{rigid}` cannot be smoothed: give it a `stiffness` in place of a restitution.")
-        if not is_finite_number(value) or not value > 0:
-            raise SceneError(f"Argument `width` of `{name}` must be > 0 {holding[name].slip_unit}, but it is {value!r}.")
-    return {name: float(given[name]) for name in holding if name in given}
+    return {name: number(f"width.{name}", given[name], holding[name].slip_unit, above=0) for name in holding if name in given}
 
 
 def _smooth_structure(plant: HybridSystem, names: list[str]) -> SmoothSystem:

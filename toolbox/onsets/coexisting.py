@@ -34,7 +34,13 @@ def coexisting(inside: Inside, values: Sequence[float]) -> tuple[Coexisting, ...
         if len(found) > max(len(most), 1):
             most, where = found, value
     return tuple(
-        Coexisting(where, _period(judged), judged.severity, begun, *(_carried(inside, where, goal, judged, end) for goal in (values[0], values[-1])))
+        Coexisting(
+            where,
+            _period(judged),
+            judged.severity,
+            begun,
+            *(_carried(inside, where, goal, judged, end) for goal in (values[0], values[-1])),
+        )
         for begun, judged, end in most
     )
 

@@ -109,6 +109,7 @@ class Inside:
                 places = {name: slice(first, first + (size or 1)) for name, (first, size, _) in point.plant.states.items()}
                 states = {name: np.atleast_1d(smooth.state[name]) - moved[place] for name, place in places.items()}
                 yield f"the swing of {2 * math.pi / exponent.imag:.3g} s", smooth.state.with_values(states)
+
     def standstill(self, value: float) -> RunState | None:
         """The steady state with the contact stuck, where there is one that stays."""
         if value not in self.standing:

@@ -12,7 +12,7 @@ from typing import Any
 
 from toolbox.arguments import BoolArray, FloatArray, is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.files.html import table
+from toolbox.files.printing import table
 from toolbox.files.unit_systems import Reading, reading
 from toolbox.measuring.judge import SMOOTH, STANDS, SWINGS, Judged
 from toolbox.steady_states.hopf import HopfPoint

@@ -26,7 +26,7 @@ from toolbox.arguments import BoolArray, FloatArray
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import Shape, arrays, check_notes, check_shapes, understood
 from toolbox.files.atomic import replaced
-from toolbox.files.html import table
+from toolbox.files.printing import table
 from toolbox.files.unit_systems import Reading, reading
 from toolbox.files.units import NumberOrText
 from toolbox.messages import progress_bar

@@ -26,10 +26,10 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number, number, whole
+from toolbox.arguments import number, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import asked_in
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.orbits.arclength import ArcWalk
 from toolbox.orbits.branch import Bifurcation, Branch
@@ -86,14 +86,13 @@ def follow(
         raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")
     free = cycle.run.run.loop.acting(parameter, "follow", ("shape",))
     asked = {free.unit: asked_in(free.in_si("span", span), free.unit)}
-    span, towards = free.between(span, "span"), in_si(towards, free.unit, "towards")
-    if not is_finite_number(step) or not step > 0:
-        raise SceneError(f"Argument `step` must be > 0, but it is {step!r}.")
+    span = free.between(span, "span")
+    step = number("step", step, above=0)
     walk = ArcWalk(dataclasses.replace(cycle, run=placed(cycle.run, [free])), free, span)
     if abs(min(max(walk.here.value, span[0]), span[1]) - walk.here.value) > 1e-14 * abs(walk.here.value):
         raise SceneError(f"Argument `span` must hold the value {walk.here.value:g} of `{parameter}`, but it is {span!r}.")
     whole("points", points, 1)
-    goal = number("towards", towards) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
+    goal = number("towards", towards, free.unit) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
     ended = f"all {points} points asked for"
     branch = Branch(parameter, free.unit, [walk.here.value], [walk.cycle(walk.here)], [], ended, asked)

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import number
 from toolbox.errors import SceneError
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
@@ -72,7 +72,9 @@ def limit_cycle(
         If an argument is wrong.
     """
     refuse_former("limit_cycle", loop, former)
-    settle, period = in_si(settle, "s", "settle"), in_si(period, "s", "period")
+    settle = None if settle is None else number("settle", settle, "s", above=0)
+    period = None if period is None else number("period", period, "s", above=0)
+    accuracy = number("accuracy", accuracy, at_least=1e-13, at_most=0.1)
     if isinstance(loop, Trajectory):
         if settle is not None:
             raise SceneError("Argument `settle` must be left out for a trajectory, which has settled.")
@@ -85,13 +87,9 @@ def limit_cycle(
                 "`limit_cycle(loop, 200.0)`; or a guess of the `period`, with a start of the loop near the cycle."
             )
         run = simulate(as_loop(loop), length, accuracy=1e-8)
-    if not is_finite_number(accuracy) or not 1e-13 <= accuracy <= 0.1:
-        raise SceneError(f"Argument `accuracy` must be a number between 1e-13 and 0.1, but it is {accuracy!r}.")
-    if period is not None and not (is_finite_number(period) and period > 0):
-        raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
     orbit = Orbit.of(run, None, accuracy, period)
     if orbit.forced:
-        given = forcing_period(orbit.run) if period is None else float(period)
+        given = forcing_period(orbit.run) if period is None else period
         if given is None and orbit.clocked and not orbit.variational.forced:
             raise SceneError(
                 "The laws of the loop must act continuously for a free cycle: a sampled law comes round with it only where the period is a whole multiple of "

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.html import table
+from toolbox.files.printing import table
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table

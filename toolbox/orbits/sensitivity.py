@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.printing import columns
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import names
 from toolbox.modelling.numbers import Number
@@ -181,10 +182,12 @@ class Sensitivity:
 
     def __str__(self) -> str:
         lines = [f"Derivatives of {self.run!r} at its end, with respect to {', '.join(self.to)}"]
+        rows = []
         for name in self.run.names:
-            rows = np.atleast_2d(self.end(name))
-            labels = [name] if rows.shape[0] == 1 else [f"{name}.{i}" for i in range(rows.shape[0])]
-            lines += [f"  {label:<24} " + "  ".join(f"{value:12.5g}" for value in row) for label, row in zip(labels, rows, strict=True)]
+            values = np.atleast_2d(self.end(name))
+            labels = [name] if len(values) == 1 else [f"{name}.{i}" for i in range(len(values))]
+            rows += [(label, *(f"{value:.5g}" for value in row)) for label, row in zip(labels, values, strict=True)]
+        lines += columns(rows)
         return "\n".join(lines)
 
 

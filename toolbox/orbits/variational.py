@@ -335,15 +335,11 @@ class VariationalEquations:
         x, p[first_held:] = state[k], nodes.held[k]
         flow, of_t, of_z = (np.array(v) for v in self.edge(t, x, p, modes[k]))
         flow, of_t = flow.ravel(), of_t.ravel()
-        firing = []
-        for i in sorted({*np.flatnonzero(changed).tolist(), *struck}):
-            firing.append(2 * i + (1 if kind[i] == work_layout.FRICTION and before[i] == 0 and after[i] == 1 else 0))
-        values = np.array(self.guards(t, x, p, modes[k])).ravel()
-        if struck:
-            firing = [2 * i for i in struck]
-        elif len(firing) > 1:
+        upwards = (kind == work_layout.FRICTION) & (before == 0) & (after == 1)
+        firing = [2 * i for i in struck] if struck else [2 * i + int(upwards[i]) for i in np.flatnonzero(changed).tolist()]
+        if len(firing) > 1 and not struck:
             size = np.abs(of_z[:, :n]) @ np.abs(x) + np.abs(of_t * t) + 1e-300
-            distance = np.abs(values[firing]) / size[firing]
+            distance = np.abs(np.array(self.guards(t, x, p, modes[k])).ravel()[firing]) / size[firing]
             firing = [j for j, d in zip(firing, distance, strict=True) if d <= max(1e-9, 1.0001 * distance.min())]
         dates, slowest = [], np.inf
         for j in firing:

@@ -18,7 +18,8 @@ import numpy as np
 from toolbox.arguments import checked_range
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in, reading
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
+from toolbox.halving import halved
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.steady_states.linear import linearise
 from toolbox.steady_states.running import running
@@ -98,30 +99,26 @@ def absorber_limit(
         If there is no steady running, or the force does not act on that speed.
     """
     unit = loop.unsampled().system.signal_unit(signal)
-    between = in_si(between, unit, "between")
-    low, high = checked_range(between)
+    between = low, high = checked_range(between, "between", unit)
 
-    def best(speed: float) -> tuple[float, np.ndarray, Mapping[str, str]]:
+    calm: list[np.ndarray] = []  # the absorbers of the speeds that are smooth, of which each is lower than the one before
+    units = {unit: asked_in(between, unit)}
+
+    def smooth(speed: float) -> bool:
         point = running(loop, {signal: speed}, drives)
         linear = linearise(point.plant, point, inputs=drives, outputs=signal)
-        return *tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], own_inertia), point.asked
-
-    growth, numbers, asked = best(high)
-    asked = {**asked, unit: asked_in(between, unit)}
-    if growth >= 0.0:
-        return Absorber(signal, unit, math.nan, math.nan, math.nan, math.nan, asked)
-    growth, reached, _ = best(low)
-    if growth < 0.0:
-        high, numbers = low, reached
-    while high - low > 1e-3 * high:
-        middle = 0.5 * (low + high)
-        growth, reached, _ = best(middle)
+        growth, numbers = tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], own_inertia)
+        for each, asked in point.asked.items():
+            units.setdefault(each, asked)
         if growth < 0.0:
-            high, numbers = middle, reached
-        else:
-            low = middle
-    damping, stiffness, inertia = numbers.tolist()
-    return Absorber(signal, unit, high, damping, stiffness, inertia, asked)
+            calm.append(numbers)
+        return growth < 0.0
+
+    if not smooth(high):
+        return Absorber(signal, unit, math.nan, math.nan, math.nan, math.nan, units)
+    speed = low if smooth(low) else halved(smooth, low, high, 1e-3)[1]
+    damping, stiffness, inertia = calm[-1].tolist()
+    return Absorber(signal, unit, speed, damping, stiffness, inertia, units)
 
 
 def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, own_inertia: bool) -> tuple[float, np.ndarray]:

@@ -25,10 +25,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import number
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import names
 from toolbox.robustness.loop import zero_order_hold
@@ -128,11 +128,9 @@ def performance_limit(
         raise SceneError(
             f"Argument `drives` must be the name of one input, but it is {drives!r}: with several the limits are not known in this form."
         )
-    period, delay = in_si(period, "s", "period"), in_si(delay, "s", "delay")
-    if period is not None and (not is_finite_number(period) or period <= 0):
-        raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
-    if not is_finite_number(delay) or delay < 0 or (delay > 0 and period is None):
-        raise SceneError(f"Argument `delay` must be >= 0 s, and 0 without a `period`, but it is {delay!r}.")
+    period, delay = None if period is None else number("period", period, "s", above=0), number("delay", delay, "s", at_least=0)
+    if delay > 0 and period is None:
+        raise SceneError(f"Argument `delay` must be 0 without a `period`, but it is {delay!r}.")
     drives, seen = plant.routes.get(drives, drives), [plant.routes.get(name, name) for name in names(measures)]
     point = running(loop, at, drives)
     linear = linearise(point.plant, point, inputs=drives, outputs=seen)

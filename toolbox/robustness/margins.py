@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from toolbox.arguments import is_finite_number, mapping
+from toolbox.arguments import mapping, number
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import described
 from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
@@ -169,9 +169,7 @@ def margins(
     SceneError
         If an argument is wrong as in `simulate`, laws have different periods, or measured margins are needed but no steady running is known: give `guess`.
     """
-    duration = in_si(duration, "s", "duration")
-    if not is_finite_number(duration) or not duration > 0:
-        raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
+    duration = number("duration", duration, "s", above=0)
     plant, system, title = loop.plant, loop.system, "; ".join(map(described, loop.laws))
     reason, found = "", None
     try:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.halving import halved
 from toolbox.measuring import measure
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Equations, Signal, Update
@@ -175,8 +176,5 @@ def border(fails: Callable[[float], bool], values: Sequence[float]) -> float:
     """Where something begins to fail on the way through increasing values, of which the first does not: halved to `CLOSE`; infinity where none fails."""
     for low, high in itertools.pairwise(values):
         if fails(high):
-            while high - low > CLOSE * high:
-                middle = 0.5 * (low + high)
-                low, high = (low, middle) if fails(middle) else (middle, high)
-            return 0.5 * (low + high)
+            return 0.5 * sum(halved(fails, low, high, CLOSE))
     return math.inf

@@ -8,6 +8,7 @@ start with every seed; the runs that differ by numbers alone step side by side (
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import finite_array, is_finite_number, mapping
+from toolbox.arguments import mapping, number, numbers, whole
 from toolbox.errors import SceneError, suggest
+from toolbox.files.printing import columns
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring import measures
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
@@ -117,12 +119,7 @@ class WorstCase:
     def __str__(self) -> str:
         failed = sum(outcome.excess > 1.0 for outcome in self.outcomes)
         verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
-        widths = [max(len(row[i]) for row in self.rows) for i in range(7)]
-        lines = [f"Worst case of {self.title}: {verdict}", f"  {self.way}"]
-        for row in self.rows:
-            cells = [cell.ljust(width) if i == 0 else cell.rjust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=True))]
-            lines.append("  " + "  ".join(cells).rstrip())
-        return "\n".join(lines)
+        return "\n".join([f"Worst case of {self.title}: {verdict}", f"  {self.way}", *columns(self.rows)])
 
     def plot(self, axes: Any = None) -> Any:
         """Time stuck and ripple of every run by its error; see `toolbox.robustness.figures.worst_case_diagram`. Returns both axes."""
@@ -152,8 +149,7 @@ def cycle_phases(run: Trajectory, count: int = 8) -> list[dict[str, Any]]:
     SceneError
         If the run has less than two releases, or the count is below 1.
     """
-    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-        raise SceneError(f"Argument `count` must be an integer >= 1, but it is {count!r}.")
+    whole("count", count, 1)
     contact = judged_contact(run.run.system, run.run.loop.element)
     releases = [event.time for event in run.events if event.element == contact and event.before == "stick" and event.after != "stick"]
     if len(releases) < 2:
@@ -218,10 +214,8 @@ def worst_case(
     SceneError
         If a name is unknown, or a number is none.
     """
-    duration, after = in_si(duration, "s", "duration"), in_si(after, "s", "after")
-    if not is_finite_number(duration) or not duration > 0:
-        raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
-    window = 0.7 * duration if after is None else after
+    duration = number("duration", duration, "s", above=0)
+    window = 0.7 * duration if after is None else number("after", after, "s")
     plant, system = loop.plant, loop.system
     noisy = any(isinstance(law, Sampled) and law.noise for law in loop.laws)
     contact = judged_contact(system, loop.element)
@@ -229,42 +223,51 @@ def worst_case(
     drives = [name for name in plant.inputs if name not in system.inputs]
     wanted = _set_point(loop) if target is None else float(in_si(target, system.signal_unit(speed), "target"))
     cases = _cases(errors, corners)
-    names = sorted({name for case in cases.values() for name in case if name != DELAY})
-    declared = {name: _declared(loop, name) for name in names}
-    if not declared:  # a sweep varies something
-        entry = next(entry for entry in plant.parameters.values() if entry.size is None)
-        declared = {entry.name: float(plant.parameter(entry.name))}
-    asked = {
-        "stuck": measures.stuck_ratio(contact, window),
-        "mean": measures.mean(speed, window),
-        **{f"low {name}": measures.minimum(name, window) for name in drives},
-        **{f"high {name}": measures.maximum(name, window) for name in drives},
-        **{f"mean {name}": measures.mean(name, window) for name in drives},
-    }
-    begins = list(starts or ())
-    held: dict[str, float] = {}
-    if starts is None:
-        smooth, held = smooth_start(loop)
-        begins = [smooth]
+    declared = _varied(loop, cases)
+    asked = _measures(contact, speed, drives, window)
+    begins, held = _begins(loop, starts)
     found: list[Outcome] = []
     seconds = 0.0
-    for late in sorted({case.get(DELAY, 1.0) for case in cases.values()}):
+    delays = sorted({case.get(DELAY, 1.0) for case in cases.values()})
+    for late, seed, (k, begin) in itertools.product(delays, seeds if noisy else (0,), enumerate(begins)):
         own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late}
         rows = [{name: value * case.get(name, 1.0) for name, value in declared.items()} for case in own.values()]
-        for seed in seeds if noisy else (0,):
-            running = loop.with_laws(_as_run(law, late, seed) for law in loop.laws)
-            for k, begin in enumerate(begins):
-                started = running.but(start=states_of(begin, plant), parameters={**held, **loop.parameters})
-                done = sweep(started, rows, duration, measures=asked)
-                seconds += done.seconds
-                for i, label in enumerate(own):
-                    numbers = {name: float(done[name][i]) for name in asked}
-                    found.append(_outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, wanted, (mean_within, ripple_within)))
+        running = loop.with_laws(_as_run(law, late, seed) for law in loop.laws)
+        done = sweep(running.but(start=states_of(begin, plant), parameters={**held, **loop.parameters}), rows, duration, measures=asked)
+        seconds += done.seconds
+        for i, label in enumerate(own):
+            numbers = {name: float(done[name][i]) for name in asked}
+            found.append(_outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, wanted, (mean_within, ripple_within)))
     order = {label: i for i, label in enumerate(cases)}
     found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
     begun = "smooth running (a stick-slip that exists: `starts=cycle_phases(...)`)" if starts is None else f"{len(begins)} given start(s)"
     way = f"runs of {duration:g} s from {begun}; `{contact}` judged from {window:g} s on"
     return WorstCase("; ".join(map(described, loop.laws)), way, tuple(found), seconds)
+
+
+def _varied(loop: ClosedLoop, cases: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """{name: declared value} of all that errors change, at least of one number, as a sweep varies something."""
+    names = sorted({name for case in cases.values() for name in case if name != DELAY})
+    names = names or [next(entry.name for entry in loop.plant.parameters.values() if entry.size is None)]
+    return {name: _declared(loop, name) for name in names}
+
+
+def _begins(loop: ClosedLoop, starts: Sequence[Mapping[str, Any]] | None) -> tuple[list[Any], dict[str, float]]:
+    """(start values of the runs, parameters at which they begin): those given, or smooth running."""
+    if starts is not None:
+        return list(starts), {}
+    smooth, held = smooth_start(loop)
+    return [smooth], held
+
+
+def _measures(contact: str, speed: str, drives: Sequence[str], window: float) -> dict[str, measures.Measure]:
+    """{name: measure} of what a run is judged by."""
+    swings = {
+        f"{word} {name}": measure(name, window)
+        for name in drives
+        for word, measure in (("low", measures.minimum), ("high", measures.maximum), ("mean", measures.mean))
+    }
+    return {"stuck": measures.stuck_ratio(contact, window), "mean": measures.mean(speed, window), **swings}
 
 
 def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
@@ -278,10 +281,7 @@ def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
 
 
 def _factors(name: str, given: Any) -> list[float]:
-    array = finite_array(given)
-    if array is None or not array.size or not (array > 0).all():
-        raise SceneError(f"Argument `{name}` must be a factor > 0, or several, but it is {given!r}.")
-    return [float(value) for value in np.atleast_1d(array).ravel()]
+    return numbers(name, np.atleast_1d(given).ravel(), above=0)
 
 
 def _declared(loop: ClosedLoop, name: str) -> float:

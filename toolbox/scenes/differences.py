@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from toolbox.arguments import short
 from toolbox.errors import SceneError, suggest
-from toolbox.files.html import table
+from toolbox.files.printing import columns, table
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, TypedNumber, in_si
 from toolbox.measuring.measure import extent, stick_intervals
@@ -78,12 +78,7 @@ class Differences:
         if not self.rows:
             return f"{self.title}: no difference"
         rows = [("", *self.labels, "difference", ""), *self._cells()]
-        widths = [max(len(row[k]) for row in rows) for k in range(5)]
-        lines = [
-            "  ".join(cell.ljust(w) if k in (0, 4) else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True)))
-            for row in rows
-        ]
-        return "\n".join([self.title, *(f"  {line}".rstrip() for line in lines)])
+        return "\n".join([self.title, *columns(rows, (0, 4))])
 
     __repr__ = __str__
 
@@ -127,10 +122,9 @@ def compare(
         If one is a run and the other a scene, a signal is unknown, of another unit or a vector, or the window lies outside of a run.
     """
     if isinstance(first, Scene) and isinstance(second, Scene):
-        keys = [dict(each.keys()) for each in (first, second)]
-        names = [*keys[0], *(name for name in keys[1] if name not in keys[0])]
-        pairs = [(name, keys[0].get(name), keys[1].get(name)) for name in names]
-        differing = tuple(Difference(name, _typed_unit(one, other), one, other) for name, one, other in pairs if one != other)
+        one, other = dict(first.keys()), dict(second.keys())
+        pairs = ((name, one.get(name), other.get(name)) for name in {**one, **other})
+        differing = tuple(Difference(name, _typed_unit(*pair), *pair) for name, *pair in pairs if pair[0] != pair[1])
         return Differences("Keys that differ, in SI where no unit stands", labels, differing, {**second.asked, **first.asked})
     for word, run in (("first", first), ("second", second)):
         if not isinstance(run, Recorded):
@@ -140,27 +134,33 @@ def compare(
         shown = dict.fromkeys([*first.main_signals, *second.main_signals])
         signals = [name for name in shown if name in first and name in second and first.unit(name) == second.unit(name)]
     last = min(first.end, second.end) if until is None else until
-    rows: list[Difference] = []
+    rows = [*_sticks(first, second, after, last), *(row for name in signals for row in _extents(first, second, name, after, last))]
+    if not rows:
+        raise SceneError("Argument `second` must have an element or a signal that `first` has, too, but it has none.")
+    return Differences(f"Measures from {after:g} to {last:g} s", labels, tuple(rows), {**second.asked, **first.asked})
+
+
+def _sticks(first: Recorded, second: Recorded, after: float, last: float) -> Iterator[Difference]:
+    """What differs in the sticking of each element that both have."""
     for element, words in first._legends.items():
         if "stick" in words.values() and "stick" in second._legends.get(element, {}).values():
             stays = [stick_intervals(run, element, after, last) for run in (first, second)]
             lengths = [[end - begin for begin, end in each] for each in stays]
-            rows += [
-                Difference(f"{element}, part of the time in stick", "1", *(sum(each) / (last - after) for each in lengths)),
-                Difference(f"{element}, stick phases", "1", *map(len, lengths)),
-                Difference(f"{element}, longest stick", "s", *(max(each, default=0.0) for each in lengths)),
-            ]
-    for name in signals:
-        unit = first.unit(name)
-        if second.unit(name) != unit:
-            raise SceneError(f"Argument `signals` must name signals of one unit, but `{name}` is in {unit} and in {second.unit(name)}.")
-        found = [extent(run, name, after, last) for run in (first, second)]
-        rows += [Difference(f"{name}, {word}", unit, *(getattr(each, word) for each in found)) for word in ("minimum", "maximum", "mean")]
-        if unit in SPEEDS:
-            rows.append(Difference(f"{name}, severity", "1", *map(severity_of, found)))
-    if not rows:
-        raise SceneError("Argument `second` must have an element or a signal that `first` has, too, but it has none.")
-    return Differences(f"Measures from {after:g} to {last:g} s", labels, tuple(rows), {**second.asked, **first.asked})
+            yield Difference(f"{element}, part of the time in stick", "1", *(sum(each) / (last - after) for each in lengths))
+            yield Difference(f"{element}, stick phases", "1", *map(len, lengths))
+            yield Difference(f"{element}, longest stick", "s", *(max(each, default=0.0) for each in lengths))
+
+
+def _extents(first: Recorded, second: Recorded, name: str, after: float, last: float) -> Iterator[Difference]:
+    """What differs in a signal."""
+    unit = first.unit(name)
+    if second.unit(name) != unit:
+        raise SceneError(f"Argument `signals` must name signals of one unit, but `{name}` is in {unit} and in {second.unit(name)}.")
+    found = [extent(run, name, after, last) for run in (first, second)]
+    for word in ("minimum", "maximum", "mean"):
+        yield Difference(f"{name}, {word}", unit, *(getattr(each, word) for each in found))
+    if unit in SPEEDS:
+        yield Difference(f"{name}, severity", "1", *map(severity_of, found))
 
 
 def _typed_unit(*values: Any) -> str:

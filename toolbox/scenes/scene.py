@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units
 from toolbox.messages import LOG
@@ -126,8 +126,7 @@ class Scene(Labelled):
             As `check` does.
         """
         checked_plant(plant)
-        if not is_finite_number(duration) or not duration > 0:
-            raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
+        duration = number("duration", duration, "s", above=0)
         contacts = [each.name for each in plant.elements if element not in plant.modeless] or [*plant.modeless]
         if not contacts and signal is None:
             raise SceneError(
@@ -275,8 +274,7 @@ class Scene(Labelled):
     def check(self) -> None:
         """Raise SceneError unless every case could be simulated and what is to be looked at exists; nothing is compiled."""
         plant = self.plant()
-        if not self.duration > 0:
-            raise SceneError(f"Argument `duration` must be > 0 s, but it is {self.duration:g}.")
+        number("duration", self.duration, "s", above=0)
         contacts = [element.name for element in plant.elements]
         if self.element is not None and self.element not in contacts:
             raise SceneError(f"There is no element `{self.element}` to be judged: {suggest(self.element, contacts)}")
@@ -284,10 +282,7 @@ class Scene(Labelled):
             plant.signal_unit(name)
             if name in plant.signals and plant.signals[name][0].numel() > 1:
                 raise SceneError(f"Argument `verdict` must name scalars, but `{name}` has several entries: choose one, e.g. `{name}.0`.")
-        if not 0 <= self.after < self.duration:
-            raise SceneError(
-                f"Argument `verdict.after` must be >= 0 s and before the end at {self.duration:g} s, but it is {self.after:g}."
-            )
+        number("verdict.after", self.after, "s", at_least=0, below=self.duration)
         self._check_cases()
         for name, value in self.start.items():
             place_start(plant, np.zeros(plant.x.numel()), name, value)

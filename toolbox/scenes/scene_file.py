@@ -25,7 +25,7 @@ from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.closing import laws_of
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
-from toolbox.modelling.elements import TURNED, FrictionLaw
+from toolbox.modelling.elements import FrictionLaw
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import UNITS
 from toolbox.scenes import catalogue, keys
@@ -124,8 +124,6 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 def _component(data: Any, where: str, folder: Path, kind: str = "part") -> Any:
     """A part of a plant, or another kind of body, with its fields."""
     _keys(data, where, None, keys.required("[[plant]]"))
-    former = getattr(catalogue.part(data["part"]), "from_part", None)  # a friction law that was a part once
-    data = data if former is None else former(data)
     item = catalogue.part(data["part"], kind)
     values, title = {key: value for key, value in data.items() if key != "part"}, _text(data["part"], where)
     if isinstance(item, type) and hasattr(item, "from_tables"):
@@ -155,7 +153,7 @@ def _loaded(kind: Any, value: Any, name: str, folder: Path) -> Any:
 
 
 def _tabulated(item: Any, data: Mapping[str, Any], title: str, folder: Path) -> Component:
-    """A part made by its `from_tables`, whose annotations say what each argument is: a path, `Annotated[float, unit]`, or as for fields."""
+    """A part made by its `from_tables`, whose annotations say which argument is a path."""
     made = inspect.signature(item.from_tables).parameters
     hints = typing.get_type_hints(item.from_tables, include_extras=True)
     _keys(data, title, tuple(made), [name for name, argument in made.items() if argument.default is inspect.Parameter.empty])
@@ -164,10 +162,8 @@ def _tabulated(item: Any, data: Mapping[str, Any], title: str, folder: Path) -> 
         options = typing.get_args(hints[key]) if isinstance(hints[key], types.UnionType) else (hints[key],)
         if Path in options:
             values[key] = folder / _text(value, f"{title}.{key}")
-        elif typing.get_origin(hints[key]) is typing.Annotated:
-            values[key] = parse(value, hints[key].__metadata__[0], f"{title}.{key}")
         else:
-            values[key] = _field_value(value, "1", hints[key], f"{title}.{key}", None, False)
+            values[key] = _field_value(value, hints[key], f"{title}.{key}", None)
     return item.from_tables(**values)
 
 
@@ -224,10 +220,7 @@ def _filled(item: Any, data: Mapping[str, Any], title: str, also: Sequence[str] 
     for key, value in data.items():
         if key not in specs:
             raise SceneError(f"There is no key `{key}` in `{title}`: {suggest(key, [*specs, *also])}")
-        current = getattr(item, key, None)
-        values[key] = _field_value(
-            value, specs[key].metadata.get("unit", "1"), hints[key], f"{title}.{key}", current, issubclass(cls, FrictionLaw)
-        )
+        values[key] = _field_value(value, hints[key], f"{title}.{key}", getattr(item, key, None))
     if not isinstance(item, type):
         return dataclasses.replace(item, **values)
     for spec in specs.values():
@@ -236,40 +229,20 @@ def _filled(item: Any, data: Mapping[str, Any], title: str, also: Sequence[str] 
     return item(**values)
 
 
-def _field_value(value: Any, unit: str, hint: Any, name: str, current: Any, turned: bool) -> Any:
-    """A field of a part from TOML, by its annotation."""
+def _field_value(value: Any, hint: Any, name: str, current: Any) -> Any:
+    """A field of a part from TOML, whose numbers and kinds the part itself reads and checks."""
     options = typing.get_args(hint) if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union else (hint,)
     if value == "none" and types.NoneType in options:
         return None
-    if isinstance(value, dict):
-        if any(isinstance(option, type) and issubclass(option, FrictionLaw) for option in options):
-            return _friction(value, name, current)
-    elif isinstance(value, list) and tuple[int, ...] in options:
-        if all(type(entry) is int for entry in value):
-            return tuple(value)
-    elif any(typing.get_origin(option) is tuple and float not in typing.get_args(option) for option in options):
-        return _words(value, name)
-    elif float in options or any(typing.get_origin(option) is tuple for option in options):
-        if isinstance(value, list) != (float not in options):
-            shape = "one number" if float in options else "a list of numbers"
-            raise SceneError(f"Argument `{name}` must be {shape} in {unit}, but it is {value!r}.")
-        return parse(value, unit, name, TURNED.get(unit)) if turned and isinstance(value, str) else _number(value, unit, name)
-    choices = [choice for option in options if typing.get_origin(option) is typing.Literal for choice in typing.get_args(option)]
-    if type(value) in options or value in choices:
-        return value
-    if choices:
-        _known(value, choices, name)
-    words = " or ".join(
-        "a table with `law`" if isinstance(o, type) and issubclass(o, FrictionLaw) else getattr(o, "__name__", str(o)) for o in options
-    )
-    raise SceneError(f"Argument `{name}` must be {words}, but it is {value!r}.")
+    if any(isinstance(option, type) and issubclass(option, FrictionLaw) for option in options):
+        if not isinstance(value, dict):
+            raise SceneError(f"Argument `{name}` must be a table with `law`, but it is {value!r}.")
+        return _friction(value, name, current)
+    return _tuples(value)
 
 
-def _words(value: Any, name: str) -> Any:
-    """Text, or tuples of text, from a list that may hold lists: names that are structure."""
-    if isinstance(value, list):
-        return tuple(entry if isinstance(entry, str) else _words(entry, name) for entry in value)
-    raise SceneError(f"Argument `{name}` must be a list of names, but it holds {value!r}.")
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def _friction(data: Mapping[str, Any], name: str, current: Any) -> FrictionLaw:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from toolbox.errors import SimulationError
 from toolbox.files import tables
+from toolbox.files.printing import columns
 from toolbox.files.unit_systems import reading
 
 if TYPE_CHECKING:
@@ -172,11 +173,7 @@ def table(scene: Scene, rows: Sequence[Row]) -> str:
                 _number(1e3 * row.wall_time, "{:.2g} ms" if row.wall_time < 0.1 else "{:.0f} ms"),
             ]
         )
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    lines = []
-    for line in cells:
-        words = [cell.ljust(width) if i < 2 else cell.rjust(width) for i, (cell, width) in enumerate(zip(line, widths, strict=True))]
-        lines.append("  ".join(words).rstrip())
+    lines = columns(cells, (0, 1), "")
     lines.insert(1, "-" * max(map(len, lines)))
     judged_by = f"{scene.judges}, judged from {scene.after:g} s to {until}{set_point}."
     reasons = [f"{row.controller} {row.verdict}" for row in rows if row.failed]

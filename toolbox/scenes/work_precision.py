@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number, numbers, whole
+from toolbox.arguments import number, numbers, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files import tables
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.printing import columns
+from toolbox.files.units import NumberOrText
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -87,21 +88,15 @@ class WorkPrecision:
         return min(found, key=lambda point: point.seconds, default=None)
 
     def __str__(self) -> str:
-        lines = [
-            self.title,
-            f"{self.duration:g} s; truth: {self.truths[0]} and {self.truths[1]} differ by {self.disagreement:.1e}",
-            f"{'method':<24}{'setting':>22}{'error':>10}{'time':>12}{'steps':>10}",
-        ]
+        rows = [("method", "setting", "error", "time", "steps")]
         several = len({point.plant for point in self.points}) > 1
         for point in self.points:
-            name = f"{point.method}, {point.plant}" if several else point.method
-            setting = f"{point.varied} {point.setting:.2g}"
-            if point.failed:
-                lines.append(f"{name:<24}{setting:>22}  {point.failed.split('.')[0]}")
-                continue
-            error = f"{point.error:10.1e}" if point.error > 2 * self.disagreement else f"{'<' + format(2 * self.disagreement, '.0e'):>10}"
-            lines.append(f"{name:<24}{setting:>22}{error}{1e3 * point.seconds:9.3f} ms{point.steps:10d}")
-        return "\n".join(lines)
+            name, setting = f"{point.method}, {point.plant}" if several else point.method, f"{point.varied} {point.setting:.2g}"
+            error = f"{point.error:.1e}" if point.error > 2 * self.disagreement else f"<{2 * self.disagreement:.0e}"
+            done = (error, f"{1e3 * point.seconds:.3f} ms", str(point.steps))
+            rows.append((name, setting, *((point.failed.split(".")[0], "", "") if point.failed else done)))
+        truth = f"{self.duration:g} s; truth: {self.truths[0]} and {self.truths[1]} differ by {self.disagreement:.1e}"
+        return "\n".join([self.title, truth, *columns(rows, indent="")])
 
     def plot(self, ax: Any = None) -> Any:
         """Draw time against error on logarithmic axes, one line per method and plant; errors in the grey band are below what is known."""
@@ -167,9 +162,7 @@ def work_precision(
     if not loops:
         raise SceneError("Argument `loop` must hold at least one level of detail, but it is empty.")
     first = next(iter(loops.values()))
-    duration = in_si(first.duration if duration is None else duration, "s", "duration")
-    if not is_finite_number(duration) or not duration > 0:
-        raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
+    duration = number("duration", first.duration if duration is None else duration, "s", above=0)
     if len(loops) > 1 and not signals:
         raise SceneError("Argument `signals` must name what the levels of detail have in common, but it is empty.")
     for method in names(methods):

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import number, whole
 from toolbox.compilation.formulas import Formulas
 from toolbox.compilation.moreau_jean import MOREAU_JEAN
 from toolbox.compilation.rosenbrock import RODAS5P
@@ -118,8 +118,8 @@ class TaylorSeries(Method):
 
     def check(self, duration: float, steps: float) -> None:
         """Raise SceneError unless the order is a whole number from 6 to 30."""
-        if self.order is not None and not (isinstance(self.order, int) and not isinstance(self.order, bool) and 6 <= self.order <= 30):
-            raise SceneError(f"Argument `order` must be a whole number from 6 to 30, but it is {self.order!r}.")
+        if self.order is not None:
+            whole("order", self.order, 6, 30)
 
     def formulas(self, accuracy: float, sampled: bool) -> Formulas:
         """Series of the order that the accuracy asks for."""
@@ -151,10 +151,9 @@ class TimeStepping(Method):
 
     def check(self, duration: float, steps: float) -> None:
         """Raise SceneError unless the step is a positive number and long enough for the budget."""
-        if self.step is not None and (not is_finite_number(self.step) or not self.step > 0 or duration / self.step > steps):
-            raise SceneError(
-                f"Argument `step` must be > 0 s and at least {duration / steps:.2g} s, {steps} steps, but it is {self.step!r}."
-            )
+        if self.step is not None:
+            number("step", self.step, "s", above=0)
+            number("step", self.step, "s", at_least=duration / steps)
 
     def formulas(self, accuracy: float, sampled: bool) -> Formulas:
         """The theta method of Moreau and Jean."""

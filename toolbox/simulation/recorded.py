@@ -10,7 +10,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray, finite_array, short
 from toolbox.errors import SceneError
-from toolbox.files.html import table
+from toolbox.files.printing import table
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.simulation.samples import Stays

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import finite_array, is_finite_number
+from toolbox.arguments import finite_array, number
 from toolbox.errors import SceneError
-from toolbox.files.units import in_si
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, value_at
 from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -37,8 +36,14 @@ class Request:
 
     def checked(self) -> Run:
         """The run that is asked for, with all names resolved; raises SceneError as `simulate` does."""
-        duration = in_si(self.duration, "s", "duration")
-        method = self._checked_numbers(duration)
+        duration = number("duration", self.duration, "s", at_least=0)
+        accuracy = number("accuracy", self.accuracy, at_least=1e-13, at_most=0.1)
+        if self.budget is not None and not isinstance(self.budget, Budget):
+            raise SceneError(f"Argument `budget` must be a Budget, such as Budget(seconds=60), but it is {self.budget!r}.")
+        budget = self.budget or UNHURRIED
+        budget.check()
+        method = method_of(self.method)
+        method.check(duration, budget.steps)
         loop, start = self.loop, self.start
         closed, system = loop.closed, loop.closed.system
         grid = _checked_times(self.output_times, start.time if isinstance(start, RunState) else 0.0, duration)
@@ -60,28 +65,11 @@ class Request:
             widths = checked_widths(system, 1.0 if method.width is None else method.width)
             if method.width is not None:
                 method = Smoothing(widths, method.tolerance)
-        duration = float(duration)
         return Run(
             plant=closed.plant, system=loop.system, duration=duration, start=begin, inputs=loop.values, kinds=loop.kinds, clocks=closed.clocks,
-            laws=closed.callables, accuracy=float(self.accuracy), output_times=grid, longest_step=duration / 256, seeds=closed.seeds, method=method,
-            budget=self.budget or UNHURRIED, solver=carry_out, loop=loop,
+            laws=closed.callables, accuracy=accuracy, output_times=grid, longest_step=duration / 256, seeds=closed.seeds, method=method,
+            budget=budget, solver=carry_out, loop=loop,
         )  # fmt: skip
-
-    def _checked_numbers(self, duration: float) -> Method:
-        """The method, after all that can be said of the arguments one by one."""
-        if not is_finite_number(duration) or duration < 0:
-            raise SceneError(f"Argument `duration` must be a finite number >= 0 s, but it is {duration!r}.")
-        method = method_of(self.method)
-        if not is_finite_number(self.accuracy) or not 1e-13 <= self.accuracy <= 0.1:
-            raise SceneError(f"Argument `accuracy` must be a number between 1e-13 and 0.1, but it is {self.accuracy!r}.")
-        budget = UNHURRIED
-        if self.budget is not None:
-            if not isinstance(self.budget, Budget):
-                raise SceneError(f"Argument `budget` must be a Budget, such as Budget(seconds=60), but it is {self.budget!r}.")
-            budget = self.budget
-            budget.check()
-        method.check(duration, budget.steps)
-        return method
 
 
 def _checked_times(given: Any, begin: float, duration: float) -> np.ndarray | None:

@@ -10,11 +10,11 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import FloatArray, is_finite_number, short
+from toolbox.arguments import FloatArray, number, short
 from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.emitter import compiled, function_text
 from toolbox.errors import SceneError, suggest
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.input_kinds import ExpressionKey
 
 
@@ -67,13 +67,8 @@ class Stays:
         known = self._legends[element].values()
         if mode not in known:
             raise SceneError(f"There is no mode `{mode}` of `{element}`: {suggest(mode, known)}")
-        after, until = in_si(after, "s", "after"), in_si(until, "s", "until")
-        for word, value in (("after", after), ("until", until)):
-            if (value is not None or word == "after") and not (isinstance(value, (int, float, np.integer, np.floating)) and value == value):
-                raise SceneError(f"Argument `{word}` must be a time in s, but it is {value!r}.")
-        if after > self.end:  # no stick in no time would read as cured
-            raise SceneError(f"Argument `after` must be at most the end of the run at {self.end:g} s, but it is {after!r}.")
-        last = np.inf if until is None else until
+        after = number("after", after, "s", at_most=self.end)  # no stick in no time would read as cured
+        last = self.end if until is None else number("until", until, "s")
         return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in intervals if word == mode))
 
 
@@ -218,18 +213,11 @@ def window(run: Any, after: NumberOrText, until: NumberOrText | None) -> tuple[f
         If the window is empty or outside the run.
     """
     check_run(run)
-    after, until = in_si(after, "s", "after"), in_si(until, "s", "until")
     last = float(run.nodes.time[-1])
     if last <= run.begin:
         raise SceneError("Argument `run` must last longer than 0 s to be measured, but it ends where it begins.")
-    if not is_finite_number(after) or not 0 <= after < last:
-        raise SceneError(f"Argument `after` must be >= 0 s and before the end of the run at {last:g} s, but it is {after!r}.")
-    after = max(after, run.begin)
-    if until is None:
-        return float(after), last
-    if not is_finite_number(until) or not after < until <= last:
-        raise SceneError(f"Argument `until` must be after {after:g} s and at most {last:g} s, but it is {until!r}.")
-    return float(after), float(until)
+    begin = max(float(number("after", after, "s", at_least=0, below=last)), run.begin)
+    return begin, last if until is None else float(number("until", until, "s", above=begin, at_most=last))
 
 
 def check_run(run: Any) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from toolbox.simulation.run_state import RunState
     from toolbox.simulation.samples import Samples
     from toolbox.simulation.trajectory import Trajectory
-
-FORMER = {"step": "method=TimeStepping(step=...)", "width": "method=Smoothing(width=...)"}
-"""Arguments that have become options of a method, and how they are given now."""
 
 
 def simulate(
@@ -35,7 +32,6 @@ def simulate(
     accuracy: float | None = None,
     output_times: Sequence[float] | np.ndarray | None = None,
     budget: Budget | None = None,
-    **former: Any,
 ) -> Trajectory:
     """Simulate a closed loop, or a plant, for `duration` seconds; every switch between stick and slip is located as an event.
 
@@ -90,8 +86,6 @@ def simulate(
     AccuracyError
         If a method cannot meet the accuracy at a bearable price.
     """
-    if former:
-        _refuse(former)
     # here, so that a script pays for the machinery of runs with its first run
     from toolbox.errors import SceneError
     from toolbox.messages import LOG
@@ -120,13 +114,3 @@ def simulate(
         run.system.cache[told] = True
         LOG.warning("method=%r was not taken: %s", run.method.text, done.why)
     return done
-
-
-def _refuse(former: Mapping[str, Any]) -> NoReturn:
-    """Raise the error of arguments that `simulate` does not have, or has no longer."""
-    from toolbox.errors import SceneError
-
-    for name in former:
-        if name not in FORMER:
-            raise TypeError(f"simulate() got an unexpected keyword argument {name!r}")
-    raise SceneError(f"Argument `{name}` is an option of the method now: give `{FORMER[name]}`.")

@@ -34,26 +34,7 @@ def work_arrays(run: Run, program: Program) -> Any:
     p[program.first_held :] = 0.0
     if any(element.second for element in system.elements):
         p[program.first_held - 3 : program.first_held] = _resolution(run)
-    jumps: list[tuple[float, int, float]] = []
-    for name, value in run.inputs.items():
-        if isinstance(value, Table):
-            slot = program.table_slot[name]
-            for begin, a, b, t0 in value.segments():
-                if begin <= state.time:
-                    p[slot : slot + 3] = a, b, t0
-                else:
-                    jumps += [(begin, slot, a), (begin, slot + 1, b), (begin, slot + 2, t0)]
-        elif isinstance(value, Shape):
-            slot = program.coefficient_slot[name]
-            p[slot : slot + len(value.coefficients)] = value.coefficients
-        elif not isinstance(value, ca.SX):
-            p[program.coefficient_slot[name]] = value
-    times, first, index, values = _NO_NUMBERS, _FROM_THE_START, _NO_INDICES, _NO_NUMBERS
-    if jumps:
-        jumps.sort(key=lambda jump: jump[0])
-        index, values = np.array([j[1] for j in jumps], np.int64), np.array([j[2] for j in jumps])
-        times, first = np.unique(np.array([jump[0] for jump in jumps]), return_index=True)
-        first = np.append(first, len(jumps)).astype(np.int64)
+    times, first, index, values = _put_inputs(p, run, program)
 
     ints = program.ints.copy()
     ints[work_layout.NODES] = 1 if run.output_times is None else 0
@@ -72,11 +53,12 @@ def work_arrays(run: Run, program: Program) -> Any:
         samplers, clocks, keys, queue, widest = _sampling(run, program)
     p[program.held_slot : program.held_slot + state.held.size] = state.held
     room = max(4 * n + 2 * ng, 3 * n + 4 * ng, kernel.slopes, n + 6 * ne, state.memory.size + widest, n) + 8
-    capacity = 1024 if run.output_times is None else run.output_times.size + 8
-    if run.output_times is None:  # arrays that are full cost a copy each time
-        capacity += int(min(sum([1.05 * run.duration / period for period, _ in run.clocks]), MAX_SAMPLES))
-    if fixed is not None and run.output_times is None:
+    if run.output_times is not None:
+        capacity = run.output_times.size + 8
+    elif fixed is not None:
         capacity = 1024 + int(run.duration / fixed / ints[work_layout.NODES])
+    else:  # arrays that are full cost a copy each time
+        capacity = 1024 + int(min(sum([1.05 * run.duration / period for period, _ in run.clocks]), MAX_SAMPLES))
     x = np.zeros(n)  # behind the states come those of hidden forces
     x[: state.states.size] = state.states
     initial = program.initial
@@ -98,6 +80,28 @@ def work_arrays(run: Run, program: Program) -> Any:
         out_t=run.output_times if run.output_times is not None else _NO_NUMBERS,
         samplers=samplers, clocks=clocks, memory=state.memory.copy(), keys=keys, queue=queue,
     )  # fmt: skip
+
+
+def _put_inputs(p: np.ndarray, run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Write the inputs as they begin among the parameters; returns (times of jumps, first jump of each, place, value) of what changes later."""
+    jumps: list[tuple[float, int, float]] = []
+    for name, value in run.inputs.items():
+        if isinstance(value, Table):
+            slot = program.table_slot[name]
+            for begin, a, b, t0 in value.segments():
+                if begin <= run.start.time:
+                    p[slot : slot + 3] = a, b, t0
+                else:
+                    jumps += [(begin, slot, a), (begin, slot + 1, b), (begin, slot + 2, t0)]
+        elif isinstance(value, Shape):
+            slot = program.coefficient_slot[name]
+            p[slot : slot + len(value.coefficients)] = value.coefficients
+        elif not isinstance(value, ca.SX):
+            p[program.coefficient_slot[name]] = value
+    jumps.sort(key=lambda jump: jump[0])
+    times, first = np.unique(np.array([jump[0] for jump in jumps], float), return_index=True)
+    places, values = np.array([jump[1] for jump in jumps], np.int64), np.array([jump[2] for jump in jumps], float)
+    return times, np.append(first, len(jumps)).astype(np.int64), places, values
 
 
 _NO_NUMBERS, _NO_INDICES, _FROM_THE_START = np.empty(0), np.empty(0, np.int64), np.zeros(1, np.int64)

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import finite_array, is_finite_number
+from toolbox.arguments import finite_array, number
 from toolbox.errors import SceneError
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.components import Component, Equations
 from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import Quantity, quantity, state
@@ -86,12 +86,8 @@ def impedance(
     w = finite_array(frequency)
     if w is None or not w.size or not (w > 0).all():
         raise SceneError(f"Argument `frequency` must be numbers > 0 rad/s, but it is {frequency!r}.")
-    inertia, drag, speed = in_si(inertia, "kg m2", "inertia"), in_si(drag, "N m s/rad", "drag"), in_si(speed, "rad/s", "speed")
-    for word, number in (("inertia", inertia), ("drag", drag)):
-        if not is_finite_number(number) or number < 0:
-            raise SceneError(f"Argument `{word}` must be >= 0, but it is {number!r}.")
-    if not is_finite_number(speed):
-        raise SceneError(f"Argument `speed` must be a finite number, but it is {speed!r}.")
+    inertia, drag = number("inertia", inertia, "kg m2", at_least=0), number("drag", drag, "N m s/rad", at_least=0)
+    speed = number("speed", speed, "rad/s")
     if plant is not None and not isinstance(plant, HybridSystem):
         raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
     late, own = 0.0, []
@@ -140,8 +136,7 @@ def reflection(impedance: np.ndarray, characteristic: float) -> np.ndarray:
     SceneError
         If zeta is not > 0.
     """
-    if not is_finite_number(characteristic) or characteristic <= 0:
-        raise SceneError(f"Argument `characteristic` must be > 0 N m s/rad, but it is {characteristic!r}.")
+    characteristic = number("characteristic", characteristic, "N m s/rad", above=0)
     try:
         z = np.asarray(impedance, complex)
     except (TypeError, ValueError):

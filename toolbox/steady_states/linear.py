@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number, mapping
+from toolbox.arguments import mapping, number
 from toolbox.errors import NoSteadyState, SceneError, suggest
-from toolbox.files.units import in_si
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.components import structure_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -190,15 +189,7 @@ def linearise(
         )
     plant, constant = loop.unsampled().system, loop.constant_inputs("a linear system")
     if isinstance(at, Equilibrium) and plant is not at.plant and not loop.parameters:
-        if plant.cache is at.plant.cache:
-            plant = at.plant
-        elif {structure_of(part) for part in plant.parts} <= {
-            structure_of(part) for part in at.plant.parts
-        }:  # that of the plant within a loop
-            shared = {name: at.plant.parameter(name) for name in plant.parameters if at.plant.has_parameter(name)}
-            plant = plant.with_parameters(shared)
-        else:
-            raise SceneError("Argument `at` must be a steady state of `plant`, or of a loop with it, but it belongs to another plant.")
+        plant = _with_numbers_of(plant, at.plant)
     plant = _checked(plant)
     t, x, u, m = _point(plant, at, mode, constant)
     kept_inputs = _kept(plant, inputs, list(plant.inputs), "input")
@@ -215,16 +206,15 @@ def linearise(
         raise SceneError("The plant has no finite slope at this point: move `at` away from the kink or pole of its equations.")
 
     sticking = np.flatnonzero((m == 0.0) & holding_elements(plant))
+    # an input that shifts the constraint acts through its rate, which a state space cannot say
+    movers = {
+        name: i for i in sticking[::-1] for name, moved in zip(plant.inputs, slip_u[i], strict=True) if moved != 0.0 and name in kept_inputs
+    }
+    if movers and inputs is not None:
+        name, i = min(movers.items(), key=lambda each: each[1])
+        raise SceneError(f"Argument `inputs` must not hold `{name}`, because it moves the slip of the sticking `{plant.elements[i].name}`.")
+    kept_inputs = [name for name in kept_inputs if name not in movers]
     columns = [list(plant.inputs).index(name) for name in kept_inputs]
-    for i in sticking:
-        movers = [name for name, column in zip(kept_inputs, columns, strict=True) if slip_u[i, column] != 0.0]
-        if movers and inputs is None:  # an input that shifts the constraint acts through its rate, which a state space cannot say
-            kept_inputs = [name for name in kept_inputs if name not in movers]
-            columns = [list(plant.inputs).index(name) for name in kept_inputs]
-        elif movers:
-            raise SceneError(
-                f"Argument `inputs` must not hold `{movers[0]}`, because it moves the slip of the sticking `{plant.elements[i].name}`."
-            )
     free, lift = _constrained(slip_x[sticking])
     labels = [name for name, _ in state_labels(plant, control_names=True)]
     return control.ss(
@@ -241,6 +231,15 @@ def linearise(
 
 
 # ---------------------------------------------------------------------------------------------------------------------------- points and modes
+def _with_numbers_of(plant: HybridSystem, other: HybridSystem) -> HybridSystem:
+    """A plant with the numbers of another of its structure, or of a loop that holds it; raises SceneError for any other."""
+    if plant.cache is other.cache:
+        return other
+    if {structure_of(part) for part in plant.parts} <= {structure_of(part) for part in other.parts}:
+        return plant.with_parameters({name: other.parameter(name) for name in plant.parameters if other.has_parameter(name)})
+    raise SceneError("Argument `at` must be a steady state of `plant`, or of a loop with it, but it belongs to another plant.")
+
+
 def _checked(plant: HybridSystem) -> HybridSystem:
     checked_plant(plant)
     if plant.updates:
@@ -256,9 +255,7 @@ def input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
             if name in plant.signals:
                 raise SceneError(f"Argument `{name}` must not be an input: a part of the plant gives this signal.")
             raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")
-        value = in_si(value, plant.inputs[name].unit, name)
-        if not is_finite_number(value):
-            raise SceneError(f"Argument `{name}` must be a finite number at a steady point, but it is {value!r}.")
+        value = number(name, value, plant.inputs[name].unit)
         if name in plant.parameters:
             plant.parameters[name].check(value)
         u[list(plant.inputs).index(name)] = value

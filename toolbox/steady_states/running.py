@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number, mapping
+from toolbox.arguments import mapping, number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.laws import names
@@ -47,13 +47,11 @@ def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], drives: str | Sequ
     plant, inputs = loop.system, loop.constant_inputs("a steady state")
     check_one_direction(plant.elements, "`running`", "give its inputs and a `guess` to `equilibrium`")
     driven = names(drives)
-    wanted = {
-        name: in_si(value, plant.signal_unit(name), name) if isinstance(value, str) else value for name, value in mapping("at", at).items()
-    }
+    wanted = {name: number(name, value, plant.signal_unit(name)) for name, value in mapping("at", at).items()}
     for name in driven:
         if name not in plant.inputs:
             raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")
-    if len(driven) != len(wanted) or not all(is_finite_number(value) for value in wanted.values()):
+    if len(driven) != len(wanted):
         raise SceneError(f"Argument `at` must give a number for {len(driven)} signal(s), as many as `drives` has, but it is {at!r}.")
     u = input_values(plant, {name: value for name, value in inputs.items() if name not in driven})
     columns = [list(plant.inputs).index(name) for name in driven]

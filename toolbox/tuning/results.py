@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.files.html import table
+from toolbox.files.printing import table
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.scenes.scene import Scene

@@ -21,14 +21,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import is_finite_number, refuse
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, TypedNumber, in_si
 from toolbox.measuring import measure
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.components import bounds_broken, fields_of, is_nested, numbers_of
+from toolbox.modelling.components import fields_of, is_nested, numbers_of
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.scenes.cases import Case
@@ -244,9 +244,7 @@ def _free(loop: ClosedLoop, bounds: Any) -> tuple[Free, ...]:
         if not isinstance(pair, Sequence) or len(pair) != 2 or not all(map(is_finite_number, pair)) or not pair[0] < pair[1]:
             raise SceneError(f"Argument `bounds` of `{name}` must be (low, high) in {unit} with low < high, but it is {pair!r}.")
         for number in pair:
-            broken = bounds_broken(number, spec)
-            if broken:
-                raise SceneError(f"Argument `bounds` of `{name}` must be {broken} {unit}, but it holds {number!r}.")
+            refuse(f"Argument `bounds` of `{name}`", number, unit, spec)
         low, high = (end if isinstance(end, TypedNumber) else float(end) for end in pair)
         free.append(Free(str(name), unit, low, high, None if given is None else float(given)))
     return tuple(free)

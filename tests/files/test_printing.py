@@ -10,7 +10,7 @@ import pytest
 from controllers import PI
 from models import BitRock, BlockOnBelt, oscillators, wells
 from toolbox import Trajectory, compose, fit, limit_cycle, onset, severity_map, simulate, tune
-from toolbox.files.html import table
+from toolbox.files.printing import table
 
 BELT = compose(BlockOnBelt())
 RIG = compose(wells.JANSEN_2, BitRock())

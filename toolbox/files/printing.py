@@ -1,9 +1,9 @@
-"""Tables in HTML, as notebooks show results."""
+"""Tables of results: in HTML for notebooks, and as text."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 
 
 def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[object]], notes: Iterable[str] = ()) -> str:
@@ -30,6 +30,25 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[object]],
         lines += ["<tbody>", *("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows), "</tbody>", "</table>"]
     lines += [f"<p>{html.escape(note)}</p>" for note in notes]
     return "\n".join([*lines, "</div>"])
+
+
+def columns(rows: Sequence[Sequence[str]], left: Container[int] = (0,), indent: str = "  ") -> list[str]:
+    """Return the lines of a table of text, two spaces between columns as wide as their longest cells.
+
+    Parameters
+    ----------
+    rows
+        Cells, one sequence per row; a row may end early.
+    left
+        Columns that stand at the left of their width; the others stand at the right.
+    indent
+        What every line begins with.
+    """
+    widths = [max(len(row[i]) for row in rows if i < len(row)) for i in range(max(map(len, rows)))]
+    aligned = (
+        [cell.ljust(w) if i in left else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=False))] for row in rows
+    )
+    return [(indent + "  ".join(row)).rstrip() for row in aligned]
 
 
 def _cell(value: object) -> str:

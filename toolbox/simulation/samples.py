@@ -155,7 +155,7 @@ class Samples(Generic[Read]):
         wanted = tuple(name for name in names if system.rows(name) is None)
         function = _function(self.program, wanted, ca.vertcat(*map(system.expression, wanted)))
         found = dict(zip(wanted, _evaluated(function, self).T, strict=True))
-        return {name: found[name] if name in found else self[name] for name in names}
+        return {name: found[name] if name in found else np.asarray(self[name]) for name in names}
 
     def computed(self, wanted: str | ca.SX) -> np.ndarray:
         """Values of a signal by name, or of an expression in the plant's symbols, at all times."""
@@ -171,7 +171,7 @@ BLOCK = 64
 
 
 def _evaluated(function: ca.Function, samples: Samples[Any]) -> np.ndarray:
-    """Values (nt, rows) of a function of `output_function` at all times; casadi reads and writes them where they are, for it copies one number after another."""
+    """Values (nt, rows) of a function of `output_function` at all times. Casadi reads and writes where they are: it copies one number after another."""
     given = (samples.time, samples.states, samples.held, samples.mode)
     time, states, held, mode = (np.ascontiguousarray(array, float) for array in given)
     found = np.empty((time.size, function.numel_out(0)))
@@ -180,12 +180,13 @@ def _evaluated(function: ca.Function, samples: Samples[Any]) -> np.ndarray:
         if time.size - first < size:
             continue
         constants = np.tile(samples._constants, (size, 1))
-        buffer, evaluate = (function.map(size) if size > 1 else function).buffer()
+        repeated: Any = function.map(size) if size > 1 else function
+        buffer, evaluate = repeated.buffer()
         while time.size - first >= size:
             piece = slice(first, first + size)
             for i, array in enumerate((time[piece], states[piece], constants, held[piece], mode[piece])):
-                buffer.set_arg(i, memoryview(array))
-            buffer.set_res(0, memoryview(found[piece]))
+                buffer.set_arg(i, array.data)
+            buffer.set_res(0, found[piece].data)
             evaluate()
             first += size
     return found

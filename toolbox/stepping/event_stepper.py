@@ -16,8 +16,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from toolbox.compilation import work_layout as layout
 from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.numba_cache import cached, inlined

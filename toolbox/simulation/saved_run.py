@@ -179,6 +179,10 @@ class SavedSamples(Generic[Read]):
         values = self.steps.values(name, self.row, self.time)
         return (float(values[0]) if values.ndim == 1 else values[0]) if self._single else values  # type: ignore[return-value]
 
+    def columns(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """{signal: its values at all times}; raises SceneError for an unknown name."""
+        return {name: self.steps.values(name, self.row, self.time) for name in names}
+
     @property
     def modes(self) -> dict[str, np.ndarray]:
         """Mode of each element, as words."""

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import matplotlib.pyplot as plt
 import pytest
+from matplotlib.figure import Figure
 
+from models import BlockOnBelt
 from tests.commands.test_command_line import BELT
-from toolbox import Trajectory
+from toolbox import Trajectory, compose, simulate
+from toolbox.commands import figures as figures_of_commands
 from toolbox.commands.command_line import main
 
 BEGINNINGS = {"png": b"\x89PNG", "pdf": b"%PDF-", "svg": b"<?xml"}
@@ -31,6 +35,19 @@ def test_figures_are_written_in_the_format_asked_for_and_replace_those_of_anothe
     assert set(found) == {f"01_one.{kind}", f"02_two.{kind}"}
     assert all(content.startswith(BEGINNINGS[kind]) for content in found.values())
     assert Trajectory.load(out / "01_one.npz").end == 5.0
+
+
+def test_a_figure_is_drawn_once_for_its_file_and_is_the_one_that_matplotlib_draws_by_itself(tmp_path, monkeypatch):
+    drawn = []
+    draw = Figure.draw
+    monkeypatch.setattr(Figure, "draw", lambda self, renderer: (drawn.append(self), draw(self, renderer))[1])
+    run = simulate(compose(BlockOnBelt()), 20.0)
+    figures_of_commands.draw_found(run, None, tmp_path / "ours.png")
+    assert len(drawn) == 1
+    figure = run.plot()[0].figure
+    figure.savefig(tmp_path / "theirs.png", dpi=figures_of_commands.DPI)
+    plt.close(figure)
+    assert len(drawn) > 2 and (plt.imread(tmp_path / "ours.png") == plt.imread(tmp_path / "theirs.png")).all()
 
 
 @pytest.mark.slow

@@ -9,7 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from toolbox import SceneError
-from toolbox.files.units import USUAL, parse
+from toolbox.files import units
+from toolbox.files.plain_units import plain
+from toolbox.files.unit_systems import SYSTEMS
+from toolbox.files.units import HABITS, MISTAKEN, USUAL, parse
 
 EXACT = [
     ("97.3 kN", "N", 97_300.0),
@@ -173,3 +176,25 @@ def test_habits_of_drillers_and_letters_of_the_wrong_case_are_understood_where_o
 def test_a_prefix_of_the_wrong_case_is_refused_because_milli_is_not_mega(text):
     with pytest.raises(SceneError):
         parse(text, {"n": "N", "m": "m", "a": "Pa"}[text[-1].lower()])
+
+
+EVERYDAY = {*USUAL, *HABITS.values(), *(word for system in SYSTEMS.values() for pair in system.items() for word in pair)} | {
+    *(word for pair in MISTAKEN.items() for word in (pair[0], *pair[1])), "N/m s", "kg/m3", "GPa", "m/s/s", "rad/min", "cm2", "rev/min", "1/s/rad", "kN*m",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("word", sorted(EVERYDAY))
+def test_everyday_units_are_read_without_the_registry_and_as_it_reads_them(word, monkeypatch):
+    units._roots.cache_clear()
+    with monkeypatch.context() as without:
+        without.setattr(units, "_registry", lambda: pytest.fail("asked"))
+        found = units._roots(word)
+    units._roots.cache_clear()
+    monkeypatch.setattr(units, "plain", lambda text: None)
+    assert found == units._roots(word)
+    units._roots.cache_clear()
+
+
+@pytest.mark.parametrize("text", ["", "m m/", "furlong", "m**0.5", "s**-1/2", "(N m)/s", "2 m", "/s", "kgm", "* m", "kK", "m 1"])
+def test_what_is_no_product_of_everyday_units_is_left_to_the_registry(text):
+    assert plain(text) is None

@@ -178,3 +178,24 @@ def test_a_package_of_the_user_that_hides_ours_is_named(tmp_path, package, scene
     done = subprocess.run(words, cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False)
     assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
     assert f"because `{hiding}` hides the package `{package}` of the toolbox: rename it" in done.stderr
+
+
+def test_what_is_offered_under_a_name_is_what_the_whole_catalogue_has_there():
+    for entry in catalogue._entries():
+        for name in (entry.name, f"{entry.source}.{entry.name}"):
+            assert [(found.item, found.kind) for found in catalogue.offered(name) if found.source == entry.source] == [
+                (entry.item, entry.kind)
+            ]
+    for name in ("", "wells", "models", "os", "wells.JANSEN", "wells._tables", "drill_string", "wells.wells.JANSEN_2"):
+        assert catalogue.offered(name) == []
+
+
+def test_a_scene_loads_only_the_parts_that_it_names(root, tmp_path):
+    code = """
+import sys
+from toolbox import Scene
+Scene.load("studies/scenes/jansen_2.toml").save(sys.argv[1])
+print([name for name in ("models.squeal", "models.tabulated_string", "pint", "matplotlib") if name in sys.modules], "models.wells" in sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "scene.toml")], capture_output=True, text=True, cwd=root, timeout=60)
+    assert done.stdout == "[] True\n", done.stderr

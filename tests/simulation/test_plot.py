@@ -176,6 +176,15 @@ def test_the_sticking_segment_of_a_phase_plane_is_thick_and_lies_at_the_speed_of
     ax.figure.canvas.draw()
 
 
+def test_a_phase_plane_has_no_more_points_than_a_page_shows(belt_run):
+    (thin, *_), points = hairlines(phase_plane(belt_run, "block.position", "block.speed")), curves(traces(belt_run, "block.speed")[0])
+    stretches = thin.get_segments()
+    drawn = np.concatenate(stretches)
+    assert len(stretches) < 40 < len(drawn) <= len(points["block speed"])
+    steps = [np.abs(np.diff(stretch, axis=0) / np.ptp(drawn, axis=0)).max() for stretch in stretches]
+    assert max(steps) < 0.1  # and each is still a curve
+
+
 def test_a_phase_plane_without_stick_has_no_thick_segment():
     run = simulate(compose(wells.JANSEN_2, BitRock()), 5.0, start={"bit.speed": 20.0, "top.speed": 20.0}, inputs={"top.torque": 2e4})
     ax = phase_plane(run, "chain.twist.0", "bit.speed")

@@ -12,7 +12,7 @@ from models import BitRock, BlockOnBelt, Coulomb, Drop, wells
 from tests.simulation.test_contacts import Ball
 from toolbox import Budget, SceneError, Trajectory, closed_loop, compose, energy_audit, fit, measure, simulate
 from toolbox.errors import BudgetError
-from toolbox.simulation import Smoothing
+from toolbox.simulation import Smoothing, saved_run
 from toolbox.simulation.saved_run import interpolated, points
 
 
@@ -227,3 +227,30 @@ def test_a_file_of_an_older_version_opens_with_straight_lines_between_its_record
     assert old.contacts == ["belt"] and old.main_signals == ["block.speed"]
     assert "saved by an older version: straight lines" in str(old)
     old.plot()
+
+
+def test_signals_that_are_computed_together_are_those_that_are_computed_one_by_one():
+    for plant, duration, arguments in RUNS.values():
+        run = simulate(plant, duration, **arguments)
+        for samples in (run, run.at(np.linspace(0.0, run.end, 131))):  # whole blocks, and what is left over
+            together = samples.columns(run.names)
+            assert list(together) == run.names
+            for name in run.names:
+                np.testing.assert_array_equal(together[name], samples[name])
+    with pytest.raises(SceneError, match=r"There is no signal `bit.sped`: did you mean `bit.speed`"):
+        simulate(RIG, 1.0).columns(["bit.speed", "bit.sped"])
+
+
+def test_the_file_of_a_long_run_is_as_long_as_its_arrays(tmp_path):
+    path = simulate(RIG, 60.0, controller=PI(reference=9.0)).save(tmp_path / "run.npz")
+    with np.load(path) as arrays:
+        assert path.stat().st_size <= 1.2 * sum(arrays[name].nbytes for name in arrays.files)
+
+
+def test_a_run_that_takes_long_to_save_says_once_how_far_it_is(tmp_path, monkeypatch, caplog):
+    run = simulate(RIG, 120.0, controller=PI(reference=9.0), sample_time=0.01)
+    run.save(tmp_path / "run.npz")
+    assert not caplog.messages
+    monkeypatch.setattr(saved_run, "SILENT", 0.0)
+    run.save(tmp_path / "run.npz")
+    assert caplog.messages == [f"saving {run.time.size} steps: {saved_run.CHUNK} are done after 0 s ..."]

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from toolbox.simulation.trajectory import Trajectory
     from toolbox.tuning.results import Tuned
 
+DPI = 150
+"""Dots per inch of a figure in a file."""
+
 
 def draw(scene: Scene, label: str, run: Trajectory, traces: Path, phase: Path) -> None:
     """Write the figures of one controller: time traces with the modes, and the phase plane of the judged speed."""
@@ -77,5 +80,9 @@ def _write(axes: Any, title: str | None, path: Path) -> None:
     figure = np.ravel(axes)[0].figure
     if title is not None:
         figure.suptitle(textwrap.fill(title, int(13 * figure.get_figwidth())), fontsize=10.0)  # letters of this size that fit into an inch
-    figure.savefig(path, dpi=150)
+    figure.set_dpi(DPI)
+    if (layout := figure.get_layout_engine()) is not None:  # `savefig` would draw everything once for the layout and once for the file
+        layout.execute(figure)
+        figure.set_layout_engine(None)
+    figure.savefig(path, dpi=DPI)
     plt.close(figure)

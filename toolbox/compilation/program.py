@@ -51,7 +51,7 @@ class Program:
     groups: np.ndarray
     group_count: int
     outputs: dict[Any, Any]
-    signals: dict[str | ExpressionKey, ca.Function]
+    signals: dict[str | tuple[str, ...] | ExpressionKey, ca.Function]
     updates: list[tuple[ca.SX, ca.SX, ca.SX]]
     expressions: tuple[ca.SX, ...]
     form: Switching

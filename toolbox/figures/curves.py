@@ -43,21 +43,28 @@ def thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return centre, both
 
 
+def apart(points: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """A curve (n, 2) in a picture of a size, without the points that lie on the one before them as far as a page shows it."""
+    cells = np.rint(points * (2 * RESOLUTION / size))
+    moved = np.append(True, (np.diff(cells, axis=0) != 0).any(axis=1))
+    moved[-1] = True
+    return points[moved]
+
+
 def part_colours(run: Any) -> dict[str, dict[str, Any]]:
     """{part: look of its curves}, the same in every picture of a run: the parts of the main signals come first."""
     parts = dict.fromkeys(name.partition(".")[0] for name in (*run.main_signals, *run.names))
     return dict(zip(parts, itertools.cycle(LINES), strict=False))
 
 
-def draw_signals(ax: Any, samples: Any, names: Sequence[str], looks: Mapping[str, dict[str, Any]]) -> int:
-    """Draw signals in the colours of their parts, several of one part with different dashes, and entries of vectors one by one in shades.
+def draw_signals(ax: Any, time: np.ndarray, signals: Mapping[str, np.ndarray], looks: Mapping[str, dict[str, Any]]) -> int:
+    """Draw signals {name: values} in the colours of their parts, several of one part with different dashes, and entries of vectors one by one in shades.
 
     Returns how many curves there are.
     """
     curves: list[tuple[str, np.ndarray, dict[str, Any]]] = []
     seen: dict[str, int] = {}
-    for name in names:
-        values = np.asarray(samples[name])
+    for name, values in signals.items():
         part = name.partition(".")[0]
         if values.ndim == 1:
             again = seen[part] = seen.get(part, -1) + 1
@@ -75,7 +82,7 @@ def draw_signals(ax: Any, samples: Any, names: Sequence[str], looks: Mapping[str
         ]
     for i, (label, values, look) in enumerate(curves):
         named = not many or i in (0, len(curves) - 1)
-        draw_line(ax, samples.time, values, label if named else "_" + label, look)
+        draw_line(ax, time, values, label if named else "_" + label, look)
     return len(curves)
 
 

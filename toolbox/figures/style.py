@@ -57,7 +57,6 @@ PAPER = {
     "ytick.major.width": 0.7,
     "axes.spines.right": False,
     "axes.spines.top": False,
-    "axes.formatter.use_mathtext": True,
     "hatch.linewidth": 0.7,
     "figure.dpi": 110,
     "savefig.dpi": 200,

@@ -14,13 +14,14 @@ import re
 import reprlib
 import sys
 import warnings
-from decimal import Decimal
+from decimal import Context, Decimal
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from toolbox.errors import SceneError, UnusualValue, suggest
+from toolbox.files.plain_units import plain
 
 if TYPE_CHECKING:
     NumberOrText = float | Any  # to a type checker, because a function that has converted its argument goes on with a float of that name
@@ -292,9 +293,13 @@ class _UnknownUnit(Exception):
     pass
 
 
+_DIGITS = Context(prec=24)
+"""To so many digits factors are kept, whose last ones depend on the order in which they were multiplied."""
+
+
 @cache
 def _registry() -> Any:
-    import pint  # here, because it takes half a second and only strings need it
+    import pint  # here, because it takes half a second, and only rare units need it
 
     return pint.UnitRegistry(non_int_type=Decimal)  # decimals: 97.3 kN is 97300 N to the last digit
 
@@ -307,6 +312,9 @@ def _roots(unit: str) -> tuple[tuple[Decimal, Decimal], dict[str, Decimal]]:
         raise _UnknownUnit(unit)
     for pattern, replacement in _SPELLINGS:
         text = re.sub(pattern, replacement, text)
+    known = plain(text)
+    if known is not None:
+        return (known[0].normalize(_DIGITS), Decimal(0)), known[1]
     registry = _registry()
     try:
         parsed = registry.parse_units("" if text == "1" else text)
@@ -314,4 +322,6 @@ def _roots(unit: str) -> tuple[tuple[Decimal, Decimal], dict[str, Decimal]]:
         one = registry.Quantity(Decimal(1), parsed).to_root_units()
     except Exception:  # pint has no common base for what its parser raises
         raise _UnknownUnit(unit) from None
-    return (one.magnitude - zero.magnitude, zero.magnitude), {str(base): Decimal(power) for base, power in one._units.items()}
+    return ((one.magnitude - zero.magnitude).normalize(_DIGITS), zero.magnitude), {
+        str(base): Decimal(power) for base, power in one._units.items()
+    }

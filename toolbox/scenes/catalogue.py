@@ -61,7 +61,7 @@ def part(name: str, kind: str | None = None) -> Any:
     """The class or ready-made part of that name, of any kind or of the given one. Raises SceneError with the nearest names where there is none."""
     if not isinstance(name, str):
         raise SceneError(f"The name of a {kind or 'part'} must be text, but it is {name!r}.")
-    found = [entry for entry in _entries() if name in (entry.name, f"{entry.source}.{entry.name}")]
+    found = offered(name)
     if not found and not _packages()[0]:
         raise SceneError(
             f"There is no {kind or 'part'} `{name}`, because no package offers any: install stickslip-toolbox (pip install .) to register its parts."
@@ -84,6 +84,26 @@ def part(name: str, kind: str | None = None) -> Any:
     raise SceneError(
         f"There is no {kind or 'part'} `{name}`: {suggest(name, _names(kind))}{broken} One of your own needs its file: `--load FILE.py`."
     )
+
+
+def offered(name: str) -> list[Entry]:
+    """All that the packages offer under a name, without a look at anything else: much of the rest is only made when it is asked for."""
+    found = []
+    for source, module in _modules().items():
+        for path in dict.fromkeys((name, name.removeprefix(f"{source}."))):
+            place, seen = module, [module]
+            *way, last = path.split(".")
+            for step in way:
+                inner = _public(place, step)
+                if not _is_room(inner, module.__name__) or inner in seen:
+                    break
+                place = inner
+                seen.append(inner)
+            else:
+                kind = _kind_offered(_public(place, last), module.__name__)
+                if kind:
+                    found.append(Entry(path, kind, _public(place, last), source))
+    return found
 
 
 def load_parts(path: str | Path) -> list[str]:
@@ -148,13 +168,13 @@ def parts(kind: str | None = None) -> list[Entry]:
 
 def name_of(cls: type) -> str:
     """The name under which scenes can ask for a class. Raises SceneError where no package offers it."""
-    candidates = [entry for entry in parts() if entry.item is cls]
+    candidates = [entry for entry in offered(cls.__name__) if entry.item is cls] or [entry for entry in parts() if entry.item is cls]
     if not candidates:
         raise SceneError(
             f"{cls.__name__} must be in the catalogue to be written to a scene, but no package registered under `{GROUP}` offers it."
         )
     entry = candidates[0]
-    clash = any(other.name == entry.name and other.item is not cls for other in _entries())
+    clash = any(other.item is not cls for other in offered(entry.name))
     return f"{entry.source}.{entry.name}" if clash else entry.name
 
 
@@ -197,29 +217,45 @@ def _hiding(source: str) -> str | None:
 _HOME = Path(__file__).resolve().parents[2]
 
 
+def _modules() -> dict[str, ModuleType]:
+    return {**_packages()[0], **_LOADED}
+
+
 @cache
 def _entries() -> list[Entry]:
     return [
         Entry(name, kind, item, source)
-        for source, module in {**_packages()[0], **_LOADED}.items()
-        for name, kind, item in _walk(module, "", module.__name__, ())
+        for source, module in _modules().items()
+        for name, kind, item in _walk(module, "", module.__name__, (module,))
     ]
 
 
 def _walk(module: ModuleType, prefix: str, package: str, seen: tuple[ModuleType, ...]) -> Iterator[tuple[str, str, Any]]:
     """(name, kind, item) of everything public in a module and, through it, in modules of the same package."""
     for name in getattr(module, "__all__", sorted(vars(module))):
-        item = getattr(module, name, None)
-        if name.startswith("_"):
-            continue
-        if isinstance(item, ModuleType):
-            if item.__name__.startswith(package + ".") and item not in seen:
-                yield from _walk(item, f"{prefix}{name}.", package, (*seen, module))
-        else:
-            kind = _kind(item)
-            owner = (item if isinstance(item, type) else type(item)).__module__
-            if kind and (not isinstance(item, type) or owner == package or owner.startswith(package + ".")):
-                yield f"{prefix}{name}", kind, item
+        item = _public(module, name)
+        if _is_room(item, package):
+            if item not in seen:
+                yield from _walk(item, f"{prefix}{name}.", package, (*seen, item))
+        elif kind := _kind_offered(item, package):
+            yield f"{prefix}{name}", kind, item
+
+
+def _public(module: ModuleType, name: str) -> Any:
+    """What a module offers under a public name; None where it offers nothing."""
+    offers = not name.startswith("_") and name in getattr(module, "__all__", vars(module))
+    return getattr(module, name, None) if offers else None
+
+
+def _is_room(item: Any, package: str) -> bool:
+    """Whether something is a module of a package."""
+    return isinstance(item, ModuleType) and item.__name__.startswith(package + ".")
+
+
+def _kind_offered(item: Any, package: str) -> str | None:
+    """The kind of what a package may offer: its own classes, and ready-made parts."""
+    owner = (item if isinstance(item, type) else type(item)).__module__
+    return _kind(item) if not isinstance(item, type) or owner == package or owner.startswith(package + ".") else None
 
 
 def _kind(item: Any) -> str | None:

@@ -69,9 +69,9 @@ def _data(path: Path) -> dict[str, Any]:
 def contact_body(data: Mapping[str, Any]) -> str | None:
     """The name of the body with many contacts that a scene is about; None where its plant has equations."""
     entries = data.get("plant", [])
-    bodies = {f"{entry.source}.{entry.name}"[skip:] for entry in catalogue.parts("contact body") for skip in (0, len(entry.source) + 1)}
     named = [entry.get("part") for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
-    return next((name for name in named if isinstance(name, str) and name in bodies), None)
+    texts = [name for name in named if isinstance(name, str)]
+    return next((name for name in texts if any(entry.kind == "contact body" for entry in catalogue.offered(name))), None)
 
 
 def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -20,24 +20,25 @@ def main_signals(run: Any) -> list[str]:
     own = {f"{element.name}.{tail}" for element in system.elements for tail in element.signals()}
     # what a part gives comes before the force and slip of its contact, which often repeat it
     names = [name for name in _of_the_machine(run) if name not in own] + sorted(own)
+    columns = some.columns(names)
     seen: list[np.ndarray] = []
     groups: dict[str, list[str]] = {}
     for name in names:
         unit = run.unit(name)
-        values = np.asarray(some[name])
+        values = columns[name]
         if unit not in ranks or values.ndim != 1:
             continue
         size = np.abs(values).max(initial=0.0)
-        if size == 0.0 or any(np.allclose(np.abs(values), np.abs(other), rtol=0, atol=1e-9 * size) for other in seen):
+        if size == 0.0 or any(np.abs(np.abs(values) - other).max() <= 1e-9 * size for other in seen):
             continue
         if name in own and groups.get(unit):
-            if np.ptp(values) == 0 or any(np.ptp(some[other]) > 0 for other in groups[unit]):
+            if np.ptp(values) == 0 or any(np.ptp(columns[other]) > 0 for other in groups[unit]):
                 continue
             groups[unit] = []  # a load that stands still makes room for what it presses
         if len(groups.get(unit, [])) < 3:
-            seen.append(values)
+            seen.append(np.abs(values))
             groups.setdefault(unit, []).append(name)
-    moving = {unit: group for unit, group in groups.items() if any(np.ptp(some[name]) > 0 for name in group)}
+    moving = {unit: group for unit, group in groups.items() if any(np.ptp(columns[name]) > 0 for name in group)}
     chosen = sorted(moving or groups, key=lambda unit: ranks[unit])[:3]
     found = [name for unit in chosen for name in groups[unit]]
     return found or [next(iter(system.states))]

@@ -118,16 +118,16 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0
             f"Argument `ax` must take signals of one unit, but these are in {', '.join(units)}: leave `ax` out for one panel per unit."
         )
     samples = curves.sampled(run, begin, end)
+    columns = samples.columns(names)
     elements = _shown_elements(run)
     contacts, looks = run.contacts, curves.part_colours(run)
     with plt.rc_context(PAPER):
         panels = [ax] if ax is not None else stacked_panels(len(units), 1.75 if len(units) > 1 else 2.3, 0.15 * len(elements))
         for panel, (unit, group) in zip(panels, units.items(), strict=True):
-            lines = curves.draw_signals(panel, samples, group, looks)
+            shown = {name: columns[name] for name in group}
+            lines = curves.draw_signals(panel, samples.time, shown, looks)
             panel.set_xlim(begin, end)
-            curves.scale_robustly(
-                panel, [(samples.time, values) for name in group if (values := np.asarray(samples[name])).ndim == 1], unit, run.asked
-            )
+            curves.scale_robustly(panel, [(samples.time, values) for values in shown.values() if values.ndim == 1], unit, run.asked)
             curves.draw_limits(panel, run.limits, group, looks)
             name_axis(panel.yaxis, axis_words(group, unit), unit, run.asked)
             top = panel is panels[0]
@@ -182,15 +182,13 @@ def phase_plane(
             _, ax = plt.subplots(figsize=(4.6, 3.9), layout="constrained")
         # a segment belongs to a mode when both of its ends do, so that the point of release is drawn in both
         points = np.stack([x, y], axis=1)
-        pieces = np.stack([points[:-1], points[1:]], axis=1)
         both = sticks[:-1] & sticks[1:]
         color = curves.part_colours(run).get(y_signal.partition(".")[0], LINES[0])["color"]
-        ax.add_collection(LineCollection(list(pieces[~both]), colors=color, linewidths=1.0, capstyle="round"))
+        ax.add_collection(LineCollection(_stretches(points, ~both), colors=color, linewidths=1.0, capstyle="round", joinstyle="round"))
         if both.any():
-            starts = np.flatnonzero(both & ~np.concatenate([[False], both[:-1]]))
-            ends = np.flatnonzero(both & ~np.concatenate([both[1:], [False]])) + 2
-            segments = [points[i:j] for i, j in zip(starts, ends, strict=True)]  # whole, for short pieces would leave gaps
-            ax.add_collection(LineCollection(segments, colors="black", linewidths=3.4, capstyle="butt", joinstyle="round", zorder=3))
+            ax.add_collection(
+                LineCollection(_stretches(points, both), colors="black", linewidths=3.4, capstyle="butt", joinstyle="round", zorder=3)
+            )
             ax.plot([], [], color=color, linewidth=1.0, label="slip")
             ax.plot([], [], color="black", linewidth=3.4, label=f"stick ({in_words(str(element))})")
             ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderaxespad=0.2, handlelength=1.6)
@@ -201,6 +199,14 @@ def phase_plane(
         name_axis(ax.xaxis, in_words(x_signal), run.unit(x_signal), run.asked)
         name_axis(ax.yaxis, in_words(y_signal), run.unit(y_signal), run.asked)
     return ax
+
+
+def _stretches(points: np.ndarray, chosen: np.ndarray) -> list[np.ndarray]:
+    """The chosen of the segments between points, those that follow each other as one curve: short pieces would leave gaps, and fill a file."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int))).reshape(-1, 2)
+    size = np.ptp(points, axis=0)
+    size[size == 0.0] = 1.0
+    return [curves.apart(points[i : j + 1], size) for i, j in edges]
 
 
 def comparison(

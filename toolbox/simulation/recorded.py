@@ -44,6 +44,8 @@ class Recorded(Stays):
 
         def __getitem__(self, name: str) -> FloatArray: ...
 
+        def columns(self, names: Sequence[str]) -> dict[str, np.ndarray]: ...
+
         def unit(self, name: str) -> str: ...
 
     @property
@@ -54,8 +56,7 @@ class Recorded(Stays):
     def _ranges(self) -> list[tuple[str, float, float, float, str]]:
         """(signal, smallest value, largest value, last value, unit) of the scalar signals at the recorded times."""
         rows = []
-        for name in self.names if self.time.size else ():
-            values = np.asarray(self[name])
+        for name, values in self.columns(self.names).items() if self.time.size else ():
             if values.ndim == 1:
                 values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
                 factor, unit = reading(self.unit(name), self.asked)
@@ -117,8 +118,7 @@ class Recorded(Stays):
         except ImportError:
             raise ImportError("`to_pandas` needs pandas: pip install 'stickslip-toolbox[pandas]'.") from None
         columns: dict[str, np.ndarray] = {}
-        for name in self.names:
-            values = self[name]
+        for name, values in self.columns(self.names).items():
             if values.ndim == 1:
                 columns[name] = values
             else:
@@ -135,8 +135,8 @@ class Recorded(Stays):
         from toolbox.files import tables
 
         columns: dict[tuple[str, str], np.ndarray] = {("time", "s"): self.time}
-        for name in self.names:
-            values, unit = self[name], self.unit(name)
+        for name, values in self.columns(self.names).items():
+            unit = self.unit(name)
             columns |= {(name, unit): values} if values.ndim == 1 else {(f"{name}.{i}", unit): values[:, i] for i in range(values.shape[1])}
         once = np.append(np.diff(self.time) > 0.0, True)[: self.time.size]
         headings = [name if unit == "1" else f"{name} [{unit}]" for name, unit in columns]

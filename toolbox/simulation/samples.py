@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -144,34 +144,68 @@ class Samples(Generic[Read]):
             return float(values[0]) if values.ndim == 1 else values[0]  # type: ignore[return-value]
         return values  # type: ignore[return-value]
 
+    def columns(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """{signal: its values at all times}, computed together: many signals cost little more than one. Raises SceneError for an unknown name."""
+        system = self.program.system
+        wanted = tuple(name for name in names if system.rows(name) is None)
+        function = _function(self.program, wanted, ca.vertcat(*map(system.expression, wanted)))
+        found = dict(zip(wanted, _evaluated(function, self).T, strict=True))
+        return {name: found[name] if name in found else np.asarray(self[name]) for name in names}
+
     def computed(self, wanted: str | ca.SX) -> np.ndarray:
         """Values of a signal by name, or of an expression in the plant's symbols, at all times."""
         function = output_function(self.program, wanted)
         if not self.time.size:
             return np.empty(0)
-        # casadi maps over columns
-        result = function(self.time[None, :], self.states.T, self._constants, self.held.T, self.mode.T.astype(float))
-        values = np.array(result)
-        return values[0] if values.shape[0] == 1 else values.T
+        values = _evaluated(function, self)
+        return values[:, 0] if values.shape[1] == 1 else values
+
+
+BLOCK = 64
+"""Times at which a function is evaluated in one call."""
+
+
+def _evaluated(function: ca.Function, samples: Samples[Any]) -> np.ndarray:
+    """Values (nt, rows) of a function of `output_function` at all times. Casadi reads and writes where they are: it copies one number after another."""
+    given = (samples.time, samples.states, samples.held, samples.mode)
+    time, states, held, mode = (np.ascontiguousarray(array, float) for array in given)
+    found = np.empty((time.size, function.numel_out(0)))
+    first = 0
+    for size in (BLOCK, 1):
+        if time.size - first < size:
+            continue
+        constants = np.tile(samples._constants, (size, 1))
+        repeated: Any = function.map(size) if size > 1 else function
+        buffer, evaluate = repeated.buffer()
+        while time.size - first >= size:
+            piece = slice(first, first + size)
+            for i, array in enumerate((time[piece], states[piece], constants, held[piece], mode[piece])):
+                buffer.set_arg(i, array.data)
+            buffer.set_res(0, found[piece].data)
+            evaluate()
+            first += size
+    return found
 
 
 def output_function(program: Any, wanted: str | ca.SX) -> ca.Function:
     """casadi Function (t, x, constants, held, m) -> signal or expression of a program; raises SceneError for an unknown name."""
+    if isinstance(wanted, ca.SX):
+        return _function(program, ExpressionKey(wanted), wanted)
+    return _function(program, wanted, program.system.expression(wanted))
+
+
+def _function(program: Any, key: str | tuple[str, ...] | ExpressionKey, expression: ca.SX) -> ca.Function:
     system = program.system
-    key = wanted if isinstance(wanted, str) else ExpressionKey(wanted) if isinstance(wanted, ca.SX) else None
-    found = program.signals.get(key)
-    if found is not None:
-        return found
-    p, u, force = program.expressions
-    expression = ca.densify(ca.SX(wanted if isinstance(wanted, ca.SX) else system.expression(wanted)))
-    if system.elements:
-        expression = ca.substitute(expression, system.F, force)
-    if system.inputs:
-        expression = ca.substitute(expression, system.u, u)
-    first = program.first_held
-    arguments = [system.t, system.x, p[:first], p[first:], system.m]
-    made = program.signals[key] = ca.Function("signal", arguments, [expression])
-    return made
+    if key not in program.signals:
+        p, u, force = program.expressions
+        expression = ca.densify(ca.SX(expression))
+        if system.elements:
+            expression = ca.substitute(expression, system.F, force)
+        if system.inputs:
+            expression = ca.substitute(expression, system.u, u)
+        first = program.first_held
+        program.signals[key] = ca.Function("signal", [system.t, system.x, p[:first], p[first:], system.m], [expression])
+    return program.signals[key]
 
 
 def read_signals(program: Any, names: tuple[str, ...], t: float, work: Any) -> np.ndarray:

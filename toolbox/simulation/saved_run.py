@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, Generic, overload
 
 import numpy as np
@@ -26,6 +27,7 @@ from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import Shape, arrays, check_shapes, understood
 from toolbox.files.atomic import replaced
+from toolbox.messages import LOG
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import Event, Modes, Read
 
@@ -35,14 +37,17 @@ DEGREES = (1, 2, 4, 8, 16, 32)
 SAME = 1e-12
 """How far polynomials may be from the run, in parts of the size of a signal: what is read back is the same run, not another within its accuracy."""
 
-CHUNK = 4096
+CHUNK = 512
 """Steps that are sampled together."""
+
+SILENT = 2.0
+"""Seconds after which a word says how far saving is."""
 
 
 def write(run: Any, target: Path) -> Path:
     """Write a trajectory, whole or not at all."""
     written: dict[str, np.ndarray] = {"time": run.time, "begin": np.array(run.begin), "end": np.array(run.end)}
-    written |= {name: run[name] for name in run.names}
+    written |= run.columns(run.names)
     elements = list(run.modes)
     written |= {f"{name}.mode": run.mode[:, i] for i, name in enumerate(elements)}
     legend = [(name, mode, word) for name, words in run._legends.items() for mode, word in words.items()]
@@ -71,7 +76,7 @@ def write(run: Any, target: Path) -> Path:
     written["error"] = np.array(vars(run).get("error", np.nan))
     written["accuracy"] = np.array(run.accuracy)
     with replaced(target) as file:
-        np.savez_compressed(file, **written)  # type: ignore[arg-type]
+        np.savez(file, **written)  # type: ignore[arg-type]  # packed it would be half as long, and take ten times the time of all the rest
     return target
 
 
@@ -97,61 +102,67 @@ def interpolated(values: np.ndarray, at: np.ndarray) -> np.ndarray:
 def polynomials(run: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """(degree of each node, {signal: values at the points of all nodes in order}), as a file holds them."""
     nodes = run.nodes
-    size = {name: np.maximum(np.abs(np.asarray(nodes[name])).max(axis=0, initial=0.0), 1e-300) for name in run.names}
+    at_nodes = nodes.columns(run.names)
+    size = np.maximum(np.abs(np.column_stack(list(at_nodes.values()))).max(axis=0, initial=0.0), 1e-300)
     long = np.append(np.diff(nodes.time) > 0, False)[: nodes.time.size]
     degree = np.zeros(nodes.time.size, np.int8)
-    kept: list[tuple[np.ndarray, dict[str, np.ndarray]]] = []
+    kept: list[tuple[np.ndarray, np.ndarray]] = []
+    began, silent = perf_counter(), True
     for first in range(0, nodes.time.size, CHUNK):
         rows = np.arange(first, min(first + CHUNK, nodes.time.size))
-        instants, rows = rows[~long[rows]], rows[long[rows]]
-        if instants.size:
-            kept.append((instants, _sampled(nodes, instants, 0, run.names)))
-        for fine in DEGREES[2:] if rows.size else ():
-            values = _sampled(nodes, rows, fine, run.names)
-            # the first comparison has the degrees 1 and 2 on the points of 4, so that nothing passes by chance at one point
-            for coarse in (1, 2) if fine == 4 else (fine // 2,):
-                fits = _agrees(values, coarse, fine, size)
-                kept.append((rows[fits], {name: each[fits][:, :: fine // coarse] for name, each in values.items()}))
-                degree[rows[fits]] = coarse
-                rows, values = rows[~fits], {name: each[~fits] for name, each in values.items()}
-            if not rows.size:
-                break
-        else:
-            if rows.size:
-                kept.append((rows, values))
-                degree[rows] = DEGREES[-1]
+        found = _instants(nodes, rows[~long[rows]], run.names) + _lowest(nodes, rows[long[rows]], run.names, size)
+        for chosen, values in found:
+            degree[chosen] = values.shape[1] - 1
+        kept += found
+        if silent and perf_counter() - began > SILENT and rows[-1] + 1 < degree.size:
+            LOG.info("saving %d steps: %d are done after %.0f s ...", degree.size, rows[-1] + 1, perf_counter() - began)
+            silent = False
     offset = np.cumsum(degree + 1, dtype=int) - (degree + 1)
-    found = {}
-    for name in run.names:
-        flat = np.empty((int((degree + 1).sum(dtype=int)), *np.shape(nodes[name])[1:]))
-        for rows, values in kept:
-            flat[offset[rows][:, None] + np.arange(values[name].shape[1])] = values[name]
-        found[name] = flat
-    return degree, found
+    flat = np.empty((int((degree + 1).sum(dtype=int)), size.size))
+    for chosen, values in kept:
+        flat[offset[chosen][:, None] + np.arange(values.shape[1])] = values
+    ends = np.cumsum([values[:1].size if values.ndim > 1 else 1 for values in at_nodes.values()])
+    parts = zip(at_nodes.items(), np.split(flat, ends[:-1], axis=1), strict=True)
+    return degree, {name: np.ascontiguousarray(part).reshape(-1, *values.shape[1:]) for (name, values), part in parts}
 
 
-def _sampled(nodes: Any, rows: np.ndarray, degree: int, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """{signal: values (steps, degree + 1, ...)} at the points of a degree in the steps that begin at `rows`."""
+def _instants(nodes: Any, rows: np.ndarray, names: Sequence[str]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The nodes `rows`, which begin no step, with their values as polynomials of degree 0."""
+    return [(rows, _sampled(nodes, rows, points(0), names))] if rows.size else []
+
+
+def _lowest(nodes: Any, rows: np.ndarray, names: Sequence[str], size: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Those of the steps that begin at `rows` which have one degree, with their values (steps, degree + 1, scalars): the lowest degree that agrees."""
+    found: list[tuple[np.ndarray, np.ndarray]] = []
+    values = _sampled(nodes, rows, points(4), names) if rows.size else np.empty(0)
+    for fine in DEGREES[2:]:
+        # the first comparison has the degrees 1 and 2 on the points of 4, so that nothing passes by chance at one point
+        for coarse in (1, 2) if fine == 4 else (fine // 2,):
+            if rows.size:
+                fits = _agrees(values, coarse, fine, size)
+                found.append((rows[fits], values[fits][:, :: fine // coarse]))
+                rows, values = rows[~fits], values[~fits]
+        if rows.size and fine < DEGREES[-1]:
+            finer = np.empty((rows.size, 2 * fine + 1, size.size))
+            finer[:, ::2], finer[:, 1::2] = values, _sampled(nodes, rows, points(2 * fine)[1::2], names)
+            values = finer
+    return [*found, (rows, values)] if rows.size else found
+
+
+def _sampled(nodes: Any, rows: np.ndarray, places: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Values (steps, places, scalars) of signals at places between 0 and 1 in the steps that begin at `rows`."""
     end = nodes.time[np.minimum(rows + 1, nodes.time.size - 1)]
-    times = nodes.time[rows][:, None] + (end - nodes.time[rows])[:, None] * points(degree)
-    times[:, -1] = end if degree else times[:, -1]
-    samples = nodes.inside(np.repeat(rows, degree + 1), times.ravel())
-    found = {}
-    for name in names:
-        values = np.asarray(samples[name])
-        found[name] = values.reshape(rows.size, degree + 1, *values.shape[1:])
-    return found
+    times = nodes.time[rows][:, None] + (end - nodes.time[rows])[:, None] * places
+    times[:, places == 1.0] = end[:, None]
+    columns = nodes.inside(np.repeat(rows, places.size), times.ravel()).columns(names)
+    return np.column_stack(list(columns.values())).reshape(rows.size, places.size, -1)
 
 
-def _agrees(values: dict[str, np.ndarray], coarse: int, fine: int, size: dict[str, Any]) -> np.ndarray:
+def _agrees(values: np.ndarray, coarse: int, fine: int, size: np.ndarray) -> np.ndarray:
     """In which steps the polynomials of the coarse degree are those of the fine one, to the last digits."""
-    agrees = np.ones(len(next(iter(values.values()))), bool)
     between = [k for k in range(fine + 1) if k % (fine // coarse)]
     basis = interpolated(np.broadcast_to(np.eye(coarse + 1), (len(between), coarse + 1, coarse + 1)), points(fine)[between])
-    for name, exact in values.items():
-        guessed = np.einsum("bk,sk...->sb...", basis, exact[:, :: fine // coarse])
-        agrees &= (np.abs(guessed - exact[:, between]) <= SAME * size[name]).all(axis=tuple(range(1, exact.ndim)))
-    return agrees
+    return (np.abs(basis @ values[:, :: fine // coarse] - values[:, between]) <= SAME * size).all(axis=(1, 2))
 
 
 class SavedSamples(Generic[Read]):
@@ -167,6 +178,10 @@ class SavedSamples(Generic[Read]):
     def __getitem__(self, name: str) -> Read:
         values = self.steps.values(name, self.row, self.time)
         return (float(values[0]) if values.ndim == 1 else values[0]) if self._single else values  # type: ignore[return-value]
+
+    def columns(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """{signal: its values at all times}; raises SceneError for an unknown name."""
+        return {name: self.steps.values(name, self.row, self.time) for name in names}
 
     @property
     def modes(self) -> dict[str, np.ndarray]:
@@ -384,6 +399,10 @@ class SavedRun(Recorded):
         self.unit(name)
         head, _, tail = name.rpartition(".")
         return self._signals[head][:, int(tail)]
+
+    def columns(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """{signal: its values at the recorded times}; raises SceneError for an unknown name."""
+        return {name: self[name] for name in names}
 
     def unit(self, name: str) -> str:
         """Unit of a signal, or of one entry of a vector (`chain.speed.0`); raises SceneError for an unknown name."""

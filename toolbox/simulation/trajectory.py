@@ -262,10 +262,12 @@ class Trajectory(Recorded, Samples[FloatArray]):
         """States at times within the recorded steps that begin at the nodes `row`: by one step from the node."""
         from toolbox.stepping import event_stepper as loop
 
-        program = self.program
+        kernel = self.program.kernel
+        n, guards = kernel.states, kernel.guards
         states = np.empty((times.size, self.states.shape[1]))
         nodes = Nodes(self.time, self.states, self.mode, self.held)
-        loop.evaluate(program.ints, program.kernel.slopes, nodes, self.parameters.copy(), times, states)
+        sizes = (n, kernel.slopes, max(kernel.elements, 1), n, max(4 * n + 2 * guards, 3 * n + 4 * guards))
+        loop.evaluate(self.program.ints, nodes, tuple(np.zeros(size) for size in sizes), self.parameters.copy(), row, times, states)
         return states
 
     @cached_property
@@ -335,7 +337,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         return self.time[1:][(np.diff(self.time) == 0.0) & (change.max(axis=1) > least)]
 
     def save(self, path: str | Path) -> Path:
-        """Write signals, modes and events to a compressed npz file without pickle, whole or not at all; `Trajectory.load` reads it.
+        """Write signals, modes and events to an npz file without pickle, whole or not at all; `Trajectory.load` reads it.
 
         The file holds the records, and every step as a polynomial of each signal, the same as `run.at` to 1e-12. Its keys stand in
         `toolbox.simulation.saved_run`.

@@ -16,8 +16,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from toolbox.compilation import work_layout as layout
 from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.numba_cache import cached, inlined
@@ -322,21 +320,18 @@ def run_on(work: Any) -> Any:
 
 
 @cached
-def evaluate(ints, slopes, nodes, p, times, x_out):
-    """States at `times` by one step from the last node at or before each of them.
+def evaluate(ints, nodes, scratch, p, row, times, x_out):
+    """States at `times`, each by one step from its node `row`.
 
-    ints: as in `Work`;  slopes: size of what a step takes as slopes;  p: the whole parameter vector.
+    ints: as in `Work`;  scratch: arrays for x, k, m, a projected x, and y;  p: the whole parameter vector.
     """
-    n, ne, ng, first_held = ints[layout.N], ints[layout.NE], ints[layout.NG], ints[layout.FIRST_HELD]
+    n, ne, first_held = ints[layout.N], ints[layout.NE], ints[layout.FIRST_HELD]
     step, projection, field, series = ints[layout.STEP], ints[layout.PROJECT], ints[layout.FIELD], ints[layout.SERIES]
     node_t, node_x, node_m, node_p = nodes
-    x, k, m, new = np.zeros(n), np.zeros(slopes), np.zeros(max(ne, 1)), np.zeros(n)
-    y = np.zeros(max(4 * n + 2 * ng, 3 * n + 4 * ng))
+    x, k, m, new, y = scratch
     last = -1
     for q in range(times.size):
-        r = np.searchsorted(node_t, times[q], side="right") - 1
-        if r < 0:
-            r = 0
+        r = row[q]
         if r != last:
             for i in range(node_x.shape[1]):
                 x[i] = node_x[r, i]

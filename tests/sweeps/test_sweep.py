@@ -128,8 +128,9 @@ def test_measures_in_machine_code_agree_with_those_of_the_trajectory(case, accur
         loop, {name: values}, duration=duration, accuracy=accuracy, **rest,
         measures={
             "minimum": measures.minimum(signal, after, until), "maximum": measures.maximum(signal, after, until), "mean": measures.mean(signal, after, until),
-            "severity": measures.severity(signal, after, until=until), "final": measures.final(signal), "time": measures.time_in(element, mode, after, until),
-            "stays": measures.stays(element, mode, after, until), "last": measures.last_stay(element, mode), "events": measures.events(element),
+            "severity": measures.severity(signal, after, until=until), "final": measures.final(signal),
+            "time": measures.time_in(element, after, until, mode=mode), "stays": measures.stays(element, after, until, mode=mode),
+            "last": measures.last_stay(element, mode=mode), "events": measures.events(element),
         },
     )  # fmt: skip
     assert not found.errors
@@ -577,8 +578,8 @@ def test_variations_that_make_no_sense_are_refused_by_name(vary, message):
         ({"a": measures.maximum("chain.speed")}, "must be a scalar, but `chain.speed` has several entries"),
         ({"a": measures.mean("bit.speed", 2.0)}, "Argument `after` must be >= 0 s and before the end"),
         ({"a": measures.stays("bot")}, "There is no element `bot`: did you mean `bit`"),
-        ({"a": measures.stays("bit", "stuck")}, "There is no mode `stuck` of `bit`: did you mean `stick`"),
-        ({"a": 3}, "must be a measure of `toolbox.measuring.measures` or a function"),
+        ({"a": measures.stays("bit", mode="stuck")}, "There is no mode `stuck` of `bit`: did you mean `stick`"),
+        ({"a": 3}, "`measures` must hold names of measures, measures or functions of a run"),
         ({}, "must hold at least one measure"),
         ({"error": "mean"}, "must use names that are free, without a slash, but one is `error`"),
         ({"bit.weight": "mean"}, "must use names that are free, without a slash, but one is `bit.weight`"),

@@ -18,15 +18,13 @@ import numpy as np
 from toolbox.arguments import finite_array, is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.measuring import measures
+from toolbox.measuring.measures import maximum, mean, minimum, stuck_ratio
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
 from toolbox.modelling.closing import described
-from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Sampled
 from toolbox.robustness.steady_loop import smooth_start
-from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.scenes.judged import judged_contact, judged_measures, judged_speed, set_point
 from toolbox.simulation.trajectory import Trajectory
-from toolbox.steady_states.linear import input_values
 from toolbox.sweeps.sweep import sweep
 
 DELAY = "delay"
@@ -53,6 +51,8 @@ class Outcome:
         Why the run could not be finished; empty where it could.
     excess
         The largest of these by what is allowed, infinite for a run that sticks or fails; at most 1 is a success.
+    more
+        {name: value} of further measures.
     """
 
     error: str
@@ -63,6 +63,7 @@ class Outcome:
     ripple: float
     failure: str
     excess: float
+    more: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -108,18 +109,19 @@ class WorstCase:
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text: the worst outcome of each error, and how many of its runs fail."""
-        lines: list[tuple[str, ...]] = [("error", "failed", "start", "seed", "stuck", "mean error", "ripple")]
+        lines: list[tuple[str, ...]] = [("error", "failed", "start", "seed", "stuck", "mean error", "ripple", *self.outcomes[0].more)]
         for error, worst in self.by_error.items():
             own = [outcome for outcome in self.outcomes if outcome.error == error]
             failed = sum(outcome.excess > 1.0 for outcome in own)
             numbers = [_percent(each) for each in (worst.stuck, worst.mean_error, worst.ripple)]
+            numbers += [f"{value:.4g}" for value in worst.more.values()]
             lines.append((error, f"{failed} of {len(own)}", str(worst.start), str(worst.seed), *numbers))
         return lines
 
     def __str__(self) -> str:
         failed = sum(outcome.excess > 1.0 for outcome in self.outcomes)
         verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
-        widths = [max(len(row[i]) for row in self.rows) for i in range(7)]
+        widths = [max(len(row[i]) for row in self.rows) for i in range(len(self.rows[0]))]
         lines = [f"Worst case of {self.title}: {verdict}", f"  {self.way}"]
         for row in self.rows:
             cells = [cell.ljust(width) if i == 0 else cell.rjust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=True))]
@@ -183,6 +185,7 @@ def worst_case(
     target: NumberOrText | None = None,
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
+    measures: Any = (),
 ) -> WorstCase:
     """Run a closed loop with every model error, from every start and with every seed of its noise, and judge the end of each run.
 
@@ -209,6 +212,8 @@ def worst_case(
         Target of the mean speed of the judged contact; by default the set-point of the law.
     mean_within, ripple_within
         Allowed error of the mean speed and ripple of a command, as parts of their means [1].
+    measures
+        Further measures of every run from `after` on, as `sweep` takes them.
 
     Returns
     -------
@@ -224,24 +229,28 @@ def worst_case(
     if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
     window = 0.7 * duration if after is None else after
-    plant, system, inputs = loop.plant, loop.system, loop.constant_inputs("its errors to be factors")
+    loop.constant_inputs("its errors to be factors")
+    plant, system = loop.plant, loop.system
     noisy = any(isinstance(law, Sampled) and law.noise for law in loop.laws)
     contact = judged_contact(system, loop.element)
     speed = loop.signal or judged_speed(system, contact)
     drives = [name for name in plant.inputs if name not in system.inputs]
-    wanted = _set_point(system, inputs) if target is None else float(in_si(target, system.signal_unit(speed), "target"))
+    aim = loop.reference or set_point(system, speed) if target is None else in_si(target, system.signal_unit(speed), "target")
+    wanted = math.nan if aim is None else loop.number(aim).value if isinstance(aim, str) else float(aim)
     cases = _cases(errors, corners)
     names = sorted({name for case in cases.values() for name in case if name != DELAY})
-    declared = {name: _declared(system, name, inputs) for name in names}
+    declared = {name: loop.number(name).value for name in names}
     if not declared:  # a sweep varies something
         entry = next(entry for entry in plant.parameters.values() if entry.size is None)
         declared = {entry.name: float(plant.parameter(entry.name))}
+    more = judged_measures(measures, loop, 0.0, duration, after=window) if measures else {}
     asked = {
-        "stuck": measures.stuck_ratio(contact, window),
-        "mean": measures.mean(speed, window),
-        **{f"low {name}": measures.minimum(name, window) for name in drives},
-        **{f"high {name}": measures.maximum(name, window) for name in drives},
-        **{f"mean {name}": measures.mean(name, window) for name in drives},
+        "stuck": stuck_ratio(contact, window),
+        "mean": mean(speed, window),
+        **{f"low {name}": minimum(name, window) for name in drives},
+        **{f"high {name}": maximum(name, window) for name in drives},
+        **{f"mean {name}": mean(name, window) for name in drives},
+        **{f"further {name}": each for name, each in more.items()},
     }
     begins = list(starts or ())
     held: dict[str, float] = {}
@@ -261,7 +270,8 @@ def worst_case(
                 seconds += done.seconds
                 for i, label in enumerate(own):
                     numbers = {name: float(done[name][i]) for name in asked}
-                    found.append(_outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, wanted, (mean_within, ripple_within)))
+                    outcome = _outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, wanted, (mean_within, ripple_within))
+                    found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
     order = {label: i for i, label in enumerate(cases)}
     found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
     begun = "smooth running (a stick-slip that exists: `starts=cycle_phases(...)`)" if starts is None else f"{len(begins)} given start(s)"
@@ -284,22 +294,6 @@ def _factors(name: str, given: Any) -> list[float]:
     if array is None or not array.size or not (array > 0).all():
         raise SceneError(f"Argument `{name}` must be a factor > 0, or several, but it is {given!r}.")
     return [float(value) for value in np.atleast_1d(array).ravel()]
-
-
-def _declared(system: HybridSystem, name: str, inputs: Mapping[str, float]) -> float:
-    """The value of an input or of a parameter that is one number, as declared or given; raises SceneError for any other name."""
-    if name in system.inputs:
-        return float(input_values(system, inputs)[list(system.inputs).index(name)])
-    value = np.asarray(system.parameter(name))
-    if value.ndim:
-        raise SceneError(f"Argument `errors` must name one number, but `{name}` has {value.size} entries: name one, e.g. `{name}.0`.")
-    return float(value)
-
-
-def _set_point(system: HybridSystem, inputs: Mapping[str, float]) -> float:
-    """The set-point of the laws, the only input of the loop whose name ends so; nan where there is none."""
-    found = [name for name in system.inputs if name.endswith(".reference")]
-    return _declared(system, found[0], inputs) if len(found) == 1 else math.nan
 
 
 def _as_run(law: Any, late: float, seed: int) -> Any:

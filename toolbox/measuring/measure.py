@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolbox.arguments import is_finite_number
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring.energy import EnergyAudit as EnergyAudit
 from toolbox.measuring.energy import energy_audit as energy_audit
 from toolbox.measuring.energy import gauss
-from toolbox.measuring.severity import SEVERITIES, Extent, severity_of
+from toolbox.measuring.severity import Extent, check_definition, severity_of
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import scalar, window
 
@@ -223,14 +223,8 @@ def severity(
     SceneError
         If the definition or the signal is unknown, or the reference is missing or not needed.
     """
-    if not isinstance(definition, str) or definition not in SEVERITIES:
-        raise SceneError(f"There is no definition of severity `{definition}`: {suggest(definition, SEVERITIES)}")
     (reference,) = _in_unit(run, signal, reference=reference)
-    if definition == "reference":
-        if not is_finite_number(reference) or reference == 0:
-            raise SceneError(f"Argument `reference` must be a finite set-point other than 0, but it is {reference!r}.")
-    elif reference is not None:
-        raise SceneError(f'Argument `reference` must come with definition "reference", but the definition is "{definition}".')
+    check_definition(definition, reference)
     return severity_of(extent(run, signal, after, until), definition, reference)
 
 

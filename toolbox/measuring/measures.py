@@ -19,7 +19,7 @@ from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring import measure
-from toolbox.measuring.severity import SEVERITIES
+from toolbox.measuring.severity import check_definition
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import window
@@ -124,13 +124,7 @@ class Measure:
         if rows[1] is not None if rows else system.expression(self.of).numel() != 1:
             raise SceneError(f"Argument `signal` must be a scalar, but `{self.of}` has several entries: name one, e.g. `{self.of}.0`.")
         if self.name == "severity":
-            definition, reference = (dict(self.settings)[word] for word in ("definition", "reference"))
-            if definition not in SEVERITIES:
-                raise SceneError(f"There is no definition of severity `{definition}`: {suggest(definition, SEVERITIES)}")
-            if (definition == "reference") != (is_finite_number(reference) and reference != 0):
-                raise SceneError(
-                    f'Argument `reference` must be a set-point other than 0 with definition "reference" alone, but it is {reference!r}.'
-                )
+            check_definition(*(dict(self.settings)[word] for word in ("definition", "reference")))
 
 
 # ---------------------------------------------------------------------------------------------------------------------- what reads them from a run

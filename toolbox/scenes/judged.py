@@ -17,11 +17,6 @@ from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.trajectory import Trajectory
 
 
-def judged_signal(plant: HybridSystem, element: str) -> str:
-    """The signal whose severity is judged where nobody names one: the speed of what rubs, else its slip."""
-    return f"{element}.speed" if f"{element}.speed" in plant.signals else f"{element}.slip"
-
-
 def judged_effort(plant: HybridSystem, signal: str) -> str:
     """The input whose peak is reported where nobody names one: the torque of a top drive, else the first input, else the judged signal."""
     return "top.torque" if "top.torque" in plant.inputs else next(iter(plant.inputs), signal)

@@ -23,7 +23,7 @@ from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_start
 from toolbox.scenes import scene_file
 from toolbox.scenes.cases import Case, Labelled, Number, Waveform, _reference
-from toolbox.scenes.judged import judged_effort, judged_element, judged_signal, set_point
+from toolbox.scenes.judged import judged_effort, judged_element, judged_speed, set_point
 from toolbox.simulation.request import Request
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
@@ -135,7 +135,7 @@ class Scene(Labelled):
             )
         element = judged_element(contacts, element)
         cases = tuple(Case.of(label, law) for label, law in (controllers or {"no controller": None}).items())
-        signal = signal or judged_signal(plant, element or "")
+        signal = signal or judged_speed(plant, element or "")
         element = None if element in plant.modeless else element
         wished = {_reference(case.law, plant.signal_unit(signal)) for case in cases}
         reference = wished.pop() if reference is None and len(wished) == 1 else reference

@@ -69,6 +69,7 @@ def verdict_row(scene: Scene, label: str, files: str = "", measures: Any = ()) -
 
     A run that fails is a row as well, with the trajectory so far.
     """
+    further = judged_measures(measures, scene[label], 0.0, scene.duration) if measures else {}
     try:
         run = scene.run(label)
     except SimulationError as failure:
@@ -77,9 +78,8 @@ def verdict_row(scene: Scene, label: str, files: str = "", measures: Any = ()) -
         error = run.error
     except SimulationError:  # the run to compare with, at a hundredth of the accuracy, may fail alone
         error = math.nan
-    stops, loop = scene.standstill is not None, scene[label]
-    found = {name: _number_of(name, run) for name in (("stuck", "settling", "peak") if stops else COLUMNS)}
-    more = {name: each.read(run) for name, each in judged_measures(measures, loop, run.begin, run.end).items()} if measures else {}
+    found = {name: _number_of(name, run) for name in (COLUMNS if scene.standstill is None else ("stuck", "settling", "peak"))}
+    more = {name: each.read(run) for name, each in further.items()}
     return Row(label, _words(scene, run, found), **found, error=error, wall_time=run.wall_time, files=files, more=more), run
 
 

@@ -30,7 +30,7 @@ from toolbox.files.units import NumberOrText, TypedNumber, in_si
 from toolbox.measuring.measures import measures_of
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.components import bounds_broken, law_of, numbers_of
+from toolbox.modelling.components import law_of, numbers_of
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.numbers import law_with_numbers
@@ -219,9 +219,7 @@ def _free(loop: ClosedLoop, bounds: Any) -> tuple[Free, ...]:
         if not isinstance(ends, Sequence) or len(ends) != 2 or not all(map(is_finite_number, ends)) or not ends[0] < ends[1]:
             raise SceneError(f"Argument `bounds` of `{name}` must be (low, high) in {number.unit} with low < high, but it is {pair!r}.")
         for end in ends:
-            broken = bounds_broken(end, number.bounds)
-            if broken:
-                raise SceneError(f"Argument `bounds` of `{name}` must be {broken} {number.unit}, but it holds {end!r}.")
+            number.check(end)
         low, high = (end if isinstance(end, TypedNumber) else float(end) for end in ends)
         free.append(Free(number.name, number.unit, low, high, number.value))
     return tuple(free)

@@ -151,6 +151,17 @@ def test_a_measure_without_a_compiled_form_does_not_change_the_others():
     np.testing.assert_allclose(both, alone, rtol=1e-6)
 
 
+def test_the_page_lists_every_measure(root):
+    page = (root / "docs" / "concepts" / "analysis.md").read_text(encoding="utf-8")
+    listed = [
+        name
+        for line in page.splitlines()
+        if line.startswith("| `")
+        for name in line.split("|")[1].replace("`", "").replace(" ", "").split(",")
+    ]
+    assert set(MEASURES) == {name for name in listed if name in MEASURES}
+
+
 def test_the_commands_know_every_measure(tmp_path, capsys):
     assert main(["list", "measures"]) == 0
     printed = capsys.readouterr().out

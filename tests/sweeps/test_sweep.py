@@ -696,3 +696,14 @@ def test_a_sweep_finds_out_once_that_its_plant_is_stiff_and_steps_all_runs_so(mo
     np.testing.assert_allclose(found["event"]["severity"], found["explicit"]["severity"], rtol=1e-3)
     mild = {method: sweep(soft, axes, duration=20.0, method=method, **arguments)["severity"] for method in ("event", "explicit")}
     np.testing.assert_array_equal(mild["event"], mild["explicit"])
+
+
+def test_a_number_goes_by_the_end_of_its_name_where_no_other_ends_so():
+    loop = closed_loop(RIG, StiffPI())
+    found = sweep(loop, {"proportional": [2e4, 3e4], "weight": ["60 kN"]}, 5.0, measures="maximum")
+    assert found.names == ("pi.proportional", "bit.weight") and found.asked["N"] == "kN"
+    whole = sweep(loop, {"pi.proportional": [2e4, 3e4], "bit.weight": [60e3]}, 5.0, measures="maximum")
+    np.testing.assert_array_equal(found["maximum"], whole["maximum"])
+    assert loop.at("proportional", 3e4) == loop.at("pi.proportional", 3e4)
+    with pytest.raises(SceneError, match="`reference` must name one number, but `top.reference`, `pi.reference` end so"):
+        loop.number("reference")

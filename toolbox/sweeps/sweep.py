@@ -105,6 +105,9 @@ def sweep(
         )
     duration = in_si(loop.duration if duration is None else duration, "s", "duration")
     variations = variations_of(_in_si(vary, loop))
+    full = {name: loop.number(name).name for name in variations.names}
+    asked = {full[name]: unit for name, unit in variations.asked.items()}
+    variations = dataclasses.replace(variations, names=tuple(full.values()), asked=asked)
     if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
     accuracy = (loop.accuracy or 1e-6) if accuracy is None else accuracy

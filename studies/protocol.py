@@ -243,7 +243,7 @@ def _in_lanes(
     sampled = Sampled(both, law.period, delay=rigs[0].delay, noise=noise, seed=seed)
     loop = closed_loop(plant_with(rigs[0].rock), sampled, inputs={"top.reference": given}, start=start)
     means = {name: measures.mean(of, after) for name, of in signals.items()}
-    found = sweep(loop, vary, end, measures={"stuck": measures.time_in("bit", "stick", after), **means})
+    found = sweep(loop, vary, end, measures={"stuck": measures.time_in("bit", after), **means})
     failed = []
     for i, (rig, phase) in enumerate(rows):
         numbers = {name: float(found[name][i]) for name in ("stuck", *signals)}

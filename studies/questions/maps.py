@@ -157,7 +157,7 @@ def touching(points: np.ndarray, start: Any) -> np.ndarray:
         rows,
         duration=TURNS,
         start=start,
-        measures={"wall": measures.time_in("wall", "closed", TURNS / 2), "hits": measures.stays("wall", "closed", TURNS / 2)},
+        measures={"wall": measures.time_in("wall", TURNS / 2, mode="closed"), "hits": measures.stays("wall", TURNS / 2, mode="closed")},
     )
     failed = np.isnan(found["wall"])
     if failed.any():

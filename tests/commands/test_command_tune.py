@@ -92,7 +92,7 @@ def test_an_interrupted_tuning_says_how_to_go_on_and_does(rigs, tmp_path, capsys
         (["--free", "pi.proportional"], "NAME=LOW:HIGH"),
         (["--free", "pi.proportional=3:4"], "twice"),
         (["--free", "pi.highest_torque=1:2 rpm"], "highest_torque"),
-        (["--free", "stiffpi.highest_torque=2:1"], "low < high"),
+        (["--free", "pi.reference=2:1"], "low < high"),
         (["--objective", "severty"], "severity"),
         (["--runs", "2"], "runs"),
         (["--processes", "0"], "processes"),

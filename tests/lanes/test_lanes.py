@@ -248,7 +248,7 @@ def test_a_force_at_the_bound_exactly_where_its_table_turns_releases_in_lanes_on
 
 def test_stick_is_measured_in_the_window_asked():
     run = simulate(RIG, 60.0, controller=PI(), method="explicit")
-    asked = (measures.time_in("bit", "stick", 21.5), measures.last_stay("bit"))
+    asked = (measures.time_in("bit", 21.5), measures.last_stay("bit"))
     found = batch(RIG, 60.0, count=1, controller=PI(), measures=asked)
     assert found.values[0, 0] == pytest.approx(run.time_in("bit", "stick", after=21.5), abs=1e-5)
     assert found.values[0, 0] > 1.0

@@ -207,8 +207,8 @@ def task_of(name, runs, accuracy=1e-6, measured=True):
         asked += [measures.final(signal), measures.severity(signal, after, until=until)]
     if element:
         mode = run.system.elements[[e.name for e in run.system.elements].index(element)].legend[0]
-        asked += [measures.time_in(element, mode, after, until), measures.stuck_ratio(element, after)] if mode == "stick" else []
-        asked += [measures.stays(element, mode, after, until), measures.events(element)]
+        asked += [measures.time_in(element, after, until, mode=mode), measures.stuck_ratio(element, after)] if mode == "stick" else []
+        asked += [measures.stays(element, after, until, mode=mode), measures.events(element)]
     return Task(run, varied_numbers(run, variations)[0], tuple(asked) if measured else ())
 
 
@@ -251,13 +251,13 @@ def test_all_measures_are_those_of_runs_one_after_the_other(name):
     assert not found.errors and not expected.errors
     values = dict(zip(task.measures, expected.values.T, strict=True))
     for q, asked in enumerate(task.measures):
-        if asked.kind in ("stays", "events"):
+        if asked.name in ("sticks", "events"):
             np.testing.assert_array_equal(found.values[:, q], values[asked])
             continue
-        size = {"time": duration, "ratio": 1.0}.get(asked.kind)
+        size = {"stuck": duration, "stuck_ratio": 1.0}.get(asked.name)
         if size is None:
-            size = np.max([np.abs(column) for m, column in values.items() if m.of == asked.of and m.kind in ("minimum", "maximum")], axis=0)
-        if asked.kind == "severity":  # swing over twice the mean: an error of the mean counts more the smaller it is
+            size = np.max([np.abs(column) for m, column in values.items() if m.of == asked.of and m.name in ("minimum", "maximum")], axis=0)
+        if asked.name == "severity":  # swing over twice the mean: an error of the mean counts more the smaller it is
             average = np.abs(values[measures.mean(asked.of, asked.after, asked.until)])
             size = np.maximum(1.0, values[asked]) * size / average
         assert np.array_equal(np.isnan(found.values[:, q]), np.isnan(values[asked]))

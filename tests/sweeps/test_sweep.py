@@ -128,8 +128,9 @@ def test_measures_in_machine_code_agree_with_those_of_the_trajectory(case, accur
         loop, {name: values}, duration=duration, accuracy=accuracy, **rest,
         measures={
             "minimum": measures.minimum(signal, after, until), "maximum": measures.maximum(signal, after, until), "mean": measures.mean(signal, after, until),
-            "severity": measures.severity(signal, after, until=until), "final": measures.final(signal), "time": measures.time_in(element, mode, after, until),
-            "stays": measures.stays(element, mode, after, until), "last": measures.last_stay(element, mode), "events": measures.events(element),
+            "severity": measures.severity(signal, after, until=until), "final": measures.final(signal),
+            "time": measures.time_in(element, after, until, mode=mode), "stays": measures.stays(element, after, until, mode=mode),
+            "last": measures.last_stay(element, mode=mode), "events": measures.events(element),
         },
     )  # fmt: skip
     assert not found.errors
@@ -577,8 +578,8 @@ def test_variations_that_make_no_sense_are_refused_by_name(vary, message):
         ({"a": measures.maximum("chain.speed")}, "must be a scalar, but `chain.speed` has several entries"),
         ({"a": measures.mean("bit.speed", 2.0)}, "Argument `after` must be >= 0 and < "),
         ({"a": measures.stays("bot")}, "There is no element `bot`: did you mean `bit`"),
-        ({"a": measures.stays("bit", "stuck")}, "There is no mode `stuck` of `bit`: did you mean `stick`"),
-        ({"a": 3}, "must be a measure of `toolbox.measuring.measures` or a function"),
+        ({"a": measures.stays("bit", mode="stuck")}, "There is no mode `stuck` of `bit`: did you mean `stick`"),
+        ({"a": 3}, "`measures` must hold names of measures, measures or functions of a run"),
         ({}, "must hold at least one measure"),
         ({"error": "mean"}, "must use names that are free, without a slash, but one is `error`"),
         ({"bit.weight": "mean"}, "must use names that are free, without a slash, but one is `bit.weight`"),
@@ -695,3 +696,14 @@ def test_a_sweep_finds_out_once_that_its_plant_is_stiff_and_steps_all_runs_so(mo
     np.testing.assert_allclose(found["event"]["severity"], found["explicit"]["severity"], rtol=1e-3)
     mild = {method: sweep(soft, axes, duration=20.0, method=method, **arguments)["severity"] for method in ("event", "explicit")}
     np.testing.assert_array_equal(mild["event"], mild["explicit"])
+
+
+def test_a_number_goes_by_the_end_of_its_name_where_no_other_ends_so():
+    loop = closed_loop(RIG, StiffPI())
+    found = sweep(loop, {"proportional": [2e4, 3e4], "weight": ["60 kN"]}, 5.0, measures="maximum")
+    assert found.names == ("pi.proportional", "bit.weight") and found.asked["N"] == "kN"
+    whole = sweep(loop, {"pi.proportional": [2e4, 3e4], "bit.weight": [60e3]}, 5.0, measures="maximum")
+    np.testing.assert_array_equal(found["maximum"], whole["maximum"])
+    assert loop.at("proportional", 3e4) == loop.at("pi.proportional", 3e4)
+    with pytest.raises(SceneError, match="`reference` must name one number, but `top.reference`, `pi.reference` end so"):
+        loop.number("reference")

@@ -94,8 +94,8 @@ def task_of(name, accuracy, runs, seed=1, method="explicit"):
         for window in ((after, until), (0.0, duration / 8)):
             asked += [measures.minimum(signal, *window), measures.maximum(signal, *window), measures.mean(signal, *window)]
         asked += [measures.final(signal), measures.severity(signal, after, until=until)]
-    asked += [measures.time_in(element, "stick", after, until), measures.stuck_ratio(element, after), measures.last_stay(element)]
-    asked += [measures.stays(element, "stick", after, until), measures.events(element)]
+    asked += [measures.time_in(element, after, until), measures.stuck_ratio(element, after), measures.last_stay(element)]
+    asked += [measures.stays(element, after, until), measures.events(element)]
     variations = uniform(ranges, runs, seed)
     loop, rest = together(plant, **arguments)
     run = shared_run(loop, variations, duration, method=method, accuracy=accuracy, **rest)
@@ -115,14 +115,14 @@ def test_all_measures_are_those_of_runs_one_after_the_other(name, method):
     assert not found.errors and not expected.errors
     values = dict(zip(task.measures, expected.values.T, strict=True))
     for q, asked in enumerate(task.measures):
-        if asked.kind in ("stays", "events"):
+        if asked.name in ("sticks", "events"):
             np.testing.assert_array_equal(found.values[:, q], values[asked])
             continue
-        size = {"time": duration, "last": duration, "ratio": 1.0}.get(asked.kind)
+        size = {"stuck": duration, "last_stick": duration, "stuck_ratio": 1.0}.get(asked.name)
         if size is None:
-            extremes = [np.abs(column) for m, column in values.items() if m.of == asked.of and m.kind in ("minimum", "maximum")]
+            extremes = [np.abs(column) for m, column in values.items() if m.of == asked.of and m.name in ("minimum", "maximum")]
             size = np.max(extremes, axis=0)
-        if asked.kind == "severity":  # swing over twice the mean: an error of the mean counts more the smaller it is
+        if asked.name == "severity":  # swing over twice the mean: an error of the mean counts more the smaller it is
             average = np.abs(values[measures.mean(asked.of, asked.after, asked.until)])
             size = np.maximum(1.0, values[asked]) * size / average
         assert np.array_equal(np.isnan(found.values[:, q]), np.isnan(values[asked]))

@@ -1,5 +1,6 @@
 """Tuning: optima and fronts that are known in closed form, and a search that can be killed and goes on."""
 
+import dataclasses
 import json
 import math
 import statistics
@@ -10,7 +11,7 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from controllers import LQG, PI, ActiveDamping, StiffPI
+from controllers import LQG, PI, ActiveDamping, SoftTorque, StiffPI, ZTorque
 from models import BitRock, Block, TorsionalChain, wells
 from toolbox import (
     Controller,
@@ -25,6 +26,7 @@ from toolbox import (
     quantity,
     simulate,
     state,
+    sweep,
     tune,
 )
 from toolbox.scenes.cases import Case
@@ -99,7 +101,7 @@ def test_a_plant_without_friction_is_tuned_to_the_least_integral_of_its_squared_
     assert found.law.damping == pytest.approx(1.0, rel=1e-3)
     assert found.counted(found.best)[0] == pytest.approx(1.0, rel=1e-6)
     assert found.counted(found.before)[0] == pytest.approx(2.6, rel=1e-5)
-    with pytest.raises(SceneError, match="must have a contact that can stick"):
+    with pytest.raises(SceneError, match="must have a contact with dry friction"):
         tune(compose(Block()), Damper(), "stuck", {"damper.damping": (0.1, 5.0)}, duration=80.0)
 
 
@@ -210,10 +212,32 @@ def test_measures_of_the_verdict_are_those_of_the_study_and_may_be_given_as_func
 def test_numbers_of_nested_laws_and_of_those_that_design_fills_in_can_be_free():
     found = tune(rig(), Sampled(LQG(reference=9.9), 0.01), "stuck", {"lqg.bit_size": (0.5, 5.0)}, runs=10)
     assert isinstance(found.law, Sampled) and isinstance(found.law.law, LQG)
-    drive = PI(reference=9.9, highest_torque=None)
-    found = tune(rig(), drive, "severity", {"pi.highest_torque": (1e4, 3e4)}, runs=10)
-    assert found.before.numbers == (None,) and found.trials[1].numbers[0] > 1e4
-    assert "by design" in str(found)
+    drive = ZTorque(reference=9.9)  # whose impedance is read from the chain
+    loop = closed_loop(rig()["stiff"], drive)
+    found = tune(rig(), drive, "severity", {"ztorque.impedance": (100.0, 1e4)}, runs=10)
+    assert found.before.numbers == (loop.number("ztorque.impedance").value,)
+    assert found.law == dataclasses.replace(drive, impedance=found.best.numbers[0])
+    others = {"rig": rig(), "longer": dataclasses.replace(rig(), parts=(wells.NAVARRO_LOPEZ_4, BitRock()))}
+    found = tune(others, drive, "severity", {"impedance": (100.0, 1e4)}, runs=10)  # the name is the only one that ends so
+    assert found.before.numbers == (None,) and "by design" in str(found)
+
+
+def test_a_number_of_a_designed_law_is_changed_where_it_acts_as_in_a_sweep():
+    law, box = SoftTorque(reference=9.9), {"pi.proportional": (500.0, 2e3)}
+    found = tune(rig(), law, "severity", box, runs=10)
+    swept = sweep(closed_loop(rig()["stiff"], law), {"pi.proportional": [trial.numbers[0] for trial in found.trials]}, measures="severity")
+    assert [value for ((value,),) in (trial.values for trial in found.trials)] == pytest.approx(
+        swept["severity"], rel=1e-5, abs=1e-6
+    )  # the accuracy of the runs
+    best = found.best.numbers[0]
+    assert found.law == dataclasses.replace(
+        closed_loop(RIG, law).designed[0], proportional=best
+    )  # a PI with the integral that was designed
+    tuned = closed_loop(rig()["stiff"], found.law)
+    assert tuned.number("pi.integral").value == closed_loop(RIG, law).number("pi.integral").value
+    with pytest.raises(SceneError, match="designed otherwise in each scene, as SoftTorque is, but it holds `pi.proportional`"):
+        others = {"rig": rig(), "longer": dataclasses.replace(rig(), parts=(wells.NAVARRO_LOPEZ_4, BitRock()))}
+        tune(others, law, "severity", box, runs=10)
 
 
 def test_another_number_compiles_nothing(monkeypatch):
@@ -244,9 +268,20 @@ class Escape(Controller):
         return Equations(flow={x: self.growth * (1 + x**2)}, gives={"top.torque": (1000.0 * self.growth, "N m")})
 
 
+@dataclass(frozen=True)
+class Wish(Controller):
+    """A number that only the design knows, which makes of it the law with that growth."""
+
+    drives = ("top.torque",)
+    growth: float = quantity(0.1, "1/s", "growth", above=0)
+
+    def design(self, plant):
+        return Escape(self.growth).design(plant)
+
+
 def test_runs_that_fail_and_laws_that_cannot_be_designed_are_infinitely_bad_and_recorded(tmp_path):
-    long = scene(Case("escape", Escape()), duration=1.0)
-    found = tune(long, "escape", {"torque": lambda run: -end(run, "top.torque")}, {"escape.growth": (0.5, 20.0)}, runs=60)
+    long = scene(Case("escape", Wish()), duration=1.0)
+    found = tune(long, "escape", {"torque": lambda run: -end(run, "top.torque")}, {"wish.growth": (0.5, 20.0)}, runs=60)
     failed = [trial for trial in found.trials if trial.failed]
     assert failed and all(trial.values == ((math.inf,),) for trial in failed)
     for trial in found.trials:
@@ -257,7 +292,7 @@ def test_runs_that_fail_and_laws_that_cannot_be_designed_are_infinitely_bad_and_
     assert found.law.growth == pytest.approx(math.pi / 2, rel=1e-2)  # the cliff
     assert f"{len(failed)} of the points" in str(found)
     text = found.save(tmp_path / "trials.csv").read_text().splitlines()
-    assert text[0] == "escape.growth [1/s],torque,front,failure" and len(text) == len(found.trials) + 1
+    assert text[0] == "wish.growth [1/s],torque,front,failure" and len(text) == len(found.trials) + 1
     assert sum("There is no such law" in line for line in text) > 0
 
 
@@ -390,15 +425,17 @@ def test_the_same_seed_gives_the_same_search_and_another_one_another():
         ({"controller": lambda t, y: 0.0}, "`controller` must be"),
         ({"controller": "bare"}, "has none"),
         ({"objective": "severty"}, "did you mean `severity`"),
-        ({"objective": "settling"}, "no `reference`"),
+        ({"objective": "settling"}, "no set-point of `bit.speed`"),
         ({"objective": []}, "at least one"),
         ({"objective": 3}, "`objective` must be"),
-        ({"objective": ["stuck", "stuck"]}, "every objective once"),
+        ({"objective": ["stuck", "stuck"]}, "every measure once"),
         ({"bounds": {}}, "`bounds` must map"),
         ({"bounds": {"torqe": (1.0, 2.0)}}, "did you mean `dials.torque`"),
         ({"bounds": {"dials.torque": (2.0, 1.0)}}, "low < high"),
         ({"bounds": {"dials.torque": (1.0, math.inf)}}, "low < high"),
         ({"bounds": {"dials.gain": (0.0, 1.0)}}, "must be > 0"),
+        ({"bounds": {"bit.weight": (0.0, 1.0)}}, "numbers of the law that is tuned, but `bit.weight` is none"),
+        ({"bounds": {"torque": (1.0, math.nan)}}, "low < high"),
         ({"bounds": {"name": (0.0, 1.0)}}, "no number `name`"),
         ({"over": 3}, "`over` must be"),
         ({"runs": 3}, "`runs` must be"),

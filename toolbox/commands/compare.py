@@ -33,13 +33,20 @@ def add(commands: Any) -> None:
     comparison.add_argument(
         "--signal", action="append", metavar="NAME", help="a signal of the runs; may be repeated; without, what a plot shows"
     )
+    comparison.add_argument(
+        "--measure",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="a further measure of the runs, of `stickslip list measures`; may be repeated",
+    )
     comparison.add_argument("--after", type=plain, default=0.0, metavar="T", help="measure from this time on: seconds, or with a unit (0)")
     comparison.add_argument("--until", type=plain, metavar="T", help="measure up to this time; the end of the shorter run without")
     comparison.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for report and figure; those of an earlier comparison are replaced"
     )
     figure_format(comparison)
-    comparison.set_defaults(action=run, spelled={"signals": "--signal", "first": "FIRST", "second": "SECOND"})
+    comparison.set_defaults(action=run, spelled={"signals": "--signal", "measures": "--measure", "first": "FIRST", "second": "SECOND"})
 
 
 def run(given: argparse.Namespace) -> int:
@@ -59,7 +66,7 @@ def run(given: argparse.Namespace) -> int:
     after = parse(given.after, "s", "--after")
     until = None if given.until is None else parse(given.until, "s", "--until")
     first, second = (Scene.load(path) if scenes else SavedRun.read(path) for path in paths)
-    found = compare(first, second, signals=given.signal, after=after, until=until, labels=labels)  # type: ignore[arg-type]
+    found = compare(first, second, signals=given.signal, measures=given.measure, after=after, until=until, labels=labels)  # type: ignore[arg-type]
     files = COMPARE_FILES[:1] if scenes else drawn_as(COMPARE_FILES, given.format)
     with whole_folder(given.out, files, _earlier) if given.out else nullcontext() as folder:
         if folder is not None:

@@ -1,4 +1,4 @@
-"""stickslip list: wells, models, control laws, observers and friction laws with their parameters and units, and the keys of a scene file."""
+"""stickslip list: wells, models, control laws, observers and friction laws with their parameters and units, keys of a scene file, and measures."""
 
 from __future__ import annotations
 
@@ -19,11 +19,15 @@ def add(commands: Any) -> None:
         "list",
         help="list wells, models, control laws, observers and friction laws with their parameters and units",
         description="List what scene files can name: ready-made parts such as wells, models, control laws, observers and friction laws, each with its "
-        "parameters, their values, units and meaning; for models made from tables, what those take. `stickslip list scene` lists the keys of a scene file.",
+        "parameters, their values, units and meaning; for models made from tables, what those take. `stickslip list scene` lists the keys of a scene file, "
+        "`stickslip list measures` what every command can measure.",
         epilog="example: stickslip list BitRock",
     )
     listing.add_argument(
-        "name", nargs="?", metavar="NAME", help="show only the entries whose name contains this; `scene`: the keys of a scene file"
+        "name",
+        nargs="?",
+        metavar="NAME",
+        help="show only the entries whose name contains this; `scene`: the keys of a scene file; `measures`: what is measured",
     )
     listing.set_defaults(action=run)
 
@@ -39,6 +43,13 @@ def run(given: argparse.Namespace) -> int:
             for key in entries_of:
                 heading = f"{key.name} [{key.unit}]" if key.unit else key.name
                 print(f"  {heading:<30} {key.default:<24} {key.meaning}")
+        return 0
+    if given.name == "measures":
+        from toolbox.measuring.measures import MEASURES
+
+        print("Measures, of what a scene judges")
+        for name, each in MEASURES.items():
+            print(f"  {name:<16} {each.looks_at:<8} {each.heading}{f' [{each.unit}]' if each.unit not in ('', '1') else ''}")
         return 0
     entries = [entry for entry in catalogue.parts() if given.name is None or given.name.lower() in entry.name.lower()]
     if not entries:

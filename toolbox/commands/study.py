@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import dataclasses
 import io
 from pathlib import Path
 from typing import Any
@@ -36,7 +35,14 @@ def add(commands: Any) -> None:
         "trajectory (npz) per controller, a comparison, the table (csv, SI units) and the scene with every parameter in SI: all of it, or nothing.",
         epilog="example: stickslip study studies/scenes/navarro_lopez_4.toml --out results",
     )
-    study.set_defaults(action=run)
+    study.add_argument(
+        "--measure",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="another column of the table: a name of `stickslip list measures`; may be repeated",
+    )
+    study.set_defaults(action=run, spelled={"measures": "--measure"})
 
 
 def run(given: argparse.Namespace) -> int:
@@ -52,7 +58,7 @@ def run(given: argparse.Namespace) -> int:
         with progress(len(scene.cases)) as reached:
             for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
                 reached(i, label)
-                row, run = verdicts.verdict_row(scene, label, stem)
+                row, run = verdicts.verdict_row(scene, label, stem, given.measure)
                 rows.append(row)
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")
@@ -73,11 +79,11 @@ def run(given: argparse.Namespace) -> int:
 
 def _earlier_study(path: Path) -> set[str]:
     """Names of the files that an earlier study left in a folder, as its table tells."""
-    from toolbox.scenes.verdicts import Row
+    from toolbox.scenes.verdicts import HEADINGS
 
     try:
         table = csv.DictReader(io.StringIO(text_of(path / "table.csv")))
-        if table.fieldnames != [field.name for field in dataclasses.fields(Row)]:
+        if tuple(table.fieldnames or ())[: len(HEADINGS)] != HEADINGS:
             return set()
         stems = [row["files"] for row in table if row["files"]]
     except (SceneError, csv.Error):

@@ -54,7 +54,12 @@ def add(commands: Any) -> None:
         metavar="FILE.csv",
         help="a run for every row of a table whose headings are names with units, in place of --vary",
     )
-    many.add_argument("--measure", action="append", metavar="NAME", help="what is measured (severity, stuck_ratio); may be repeated")
+    many.add_argument(
+        "--measure",
+        action="append",
+        metavar="NAME",
+        help="what is measured, of `stickslip list measures` (severity, stuck_ratio); may be repeated",
+    )
     many.set_defaults(action=run, spelled={"measures": "--measure", "bounds": "--vary"}, words=lambda given: GOES_ON)
     chart = commands.add_parser(
         "map",

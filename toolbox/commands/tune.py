@@ -47,7 +47,7 @@ def add(commands: Any) -> None:
         action="append",
         required=True,
         metavar="NAME",
-        help="what is made small: stuck, severity, settling, overshoot or peak, judged as the scene says; several give a front",
+        help="what is made small, of `stickslip list measures`, judged as the scene says; several give a front",
     )
     tuning.add_argument("--over", choices=("worst", "mean"), default="worst", help="what counts of several scenes (worst)")
     tuning.add_argument("--runs", type=int, default=200, metavar="N", help="most points tried, one run per scene each (200)")
@@ -60,7 +60,7 @@ def add(commands: Any) -> None:
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results; those of an earlier tuning are replaced"
     )
     figure_format(tuning)
-    tuning.set_defaults(action=run, spelled={"bounds": "--free", "controller": "--controller"}, words=_words)
+    tuning.set_defaults(action=run, spelled={"bounds": "--free", "controller": "--controller", "objective": "--objective"}, words=_words)
 
 
 def run(given: argparse.Namespace) -> int:
@@ -71,10 +71,9 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.tuning.tune import tune
 
     scenes = {path: Scene.load(path) for path in given.scenes}
-    first = scenes[given.scenes[0]]
     if len(scenes) < len(given.scenes):
         raise SceneError("Argument `SCENE.toml` must name every scene once, but one is there twice.")
-    bounds = dict(_range(text, first[given.law]) for text in given.free)
+    bounds = dict(map(_range, given.free))
     twice = next((text for text in given.free if sum(text.partition("=")[0] == other.partition("=")[0] for other in given.free) > 1), None)
     if twice is not None:
         raise SceneError(f"Argument `--free` must name every number once, but `{twice.partition('=')[0]}` is there twice.")
@@ -127,19 +126,15 @@ def _pool(processes: int) -> Iterator[Any]:
     pool.shutdown()
 
 
-def _range(text: str, loop: Any) -> tuple[str, tuple[float, float]]:
+def _range(text: str) -> tuple[str, tuple[float | str, float | str]]:
     """(name, (low, high)) of `NAME=LOW:HIGH`; a unit behind HIGH is that of LOW, too, where it has none."""
-    from toolbox.files.units import parse
-    from toolbox.tuning.tune import unit_of
-
     match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+?)\s*:\s*([^:]+?)\s*", text)
     if match is None:
         raise SceneError(f"Argument `--free` must be NAME=LOW:HIGH, but it is `{text}`.")
     name, low, high = match.groups()
-    unit = unit_of(loop, name)
     if isinstance(plain(low), float) and not isinstance(plain(high), float):
         low += re.sub(r"^[-+0-9.eE_]+", "", high)
-    return name, (parse(plain(low), unit, f"--free {name}"), parse(plain(high), unit, f"--free {name}"))
+    return name, (plain(low), plain(high))
 
 
 def _earlier_tuning(path: Path) -> set[str]:

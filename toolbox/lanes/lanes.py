@@ -18,7 +18,8 @@ from toolbox.compilation.program import Program, program_of, solved_in_calls
 from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SceneError
 from toolbox.lanes.layout import ITEMS, BlockArrays, BlockCode, Results, Scenarios, lane_states
-from toolbox.measuring.measures import Layout, Measure, Readings
+from toolbox.measuring.measures import Measure
+from toolbox.measuring.readings import Layout, Readings
 from toolbox.modelling.elements import check_one_direction
 from toolbox.simulation.carry_out import compiled_loop, formulas_of
 from toolbox.simulation.methods import Explicit, TaylorSeries

@@ -94,7 +94,7 @@ class Results(NamedTuple):
     """What the scenarios come to, one row each.
 
     states, modes, statuses: at the end;  counts: steps, refused steps, switches, merged events, and steps that the scalar loop took;  lowest to switches: the
-    arrays of a `toolbox.measuring.measures.Readings`;  doubtful: whether extrema are doubtful (see `toolbox.lanes.extrema`);  event_*: the first
+    arrays of a `toolbox.measuring.readings.Readings`;  doubtful: whether extrema are doubtful (see `toolbox.lanes.extrema`);  event_*: the first
     switches of every scenario, as many as there is room for.
     """
 

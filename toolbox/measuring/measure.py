@@ -2,7 +2,7 @@
 
 Why not from the recorded nodes: a step of order eight is long, a quarter of a second on a drill string, so the largest node value misses the peak and the
 mean of the nodes weighs fast phases too much; on JANSEN_2 in stick-slip the severity is then wrong by 4 %. Here every step is read as
-`toolbox.measuring.measures` reads it, with the derivatives of the signal: means are integrals of these quintics, the step of an extremum or a crossing is
+`toolbox.measuring.readings` reads it, with the derivatives of the signal: means are integrals of these quintics, the step of an extremum or a crossing is
 found on them, and its value is that of `run.at`.
 """
 
@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolbox.arguments import number
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring.energy import EnergyAudit as EnergyAudit
 from toolbox.measuring.energy import energy_audit as energy_audit
 from toolbox.measuring.energy import gauss
-from toolbox.measuring.severity import SEVERITIES, Extent, severity_of
+from toolbox.measuring.severity import Extent, check_definition, severity_of
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import scalar, window
 
@@ -30,8 +30,10 @@ if TYPE_CHECKING:
 
 
 # ------------------------------------------------------------------------------------------------------------------------- intervals of stick
-def stick_intervals(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> list[tuple[float, float]]:
-    """Return (begin, end) [s] of every stay in stick, cut to the window.
+def stick_intervals(
+    run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None, *, mode: str = "stick"
+) -> list[tuple[float, float]]:
+    """Return (begin, end) [s] of every stay in stick, or in another mode, cut to the window.
 
     Begin and end are located events, not nodes.
 
@@ -43,6 +45,8 @@ def stick_intervals(run: Recorded, element: str, after: NumberOrText = 0.0, unti
         Name of the contact.
     after, until
         Window [s]; by default the whole run.
+    mode
+        The mode that counts, such as "closed" of a wall.
 
     Raises
     ------
@@ -51,9 +55,9 @@ def stick_intervals(run: Recorded, element: str, after: NumberOrText = 0.0, unti
     """
     begin, end = window(run, after, until)
     found: list[tuple[float, float]] = []
-    for first, last, mode in run.intervals(element):
+    for first, last, word in run.intervals(element):
         first, last = max(first, begin), min(last, end)
-        if mode != "stick" or first >= last:
+        if word != mode or first >= last:
             continue
         if found and found[-1][1] == first:  # a release that is taken back at the same instant does not part two stays
             found[-1] = (found[-1][0], last)
@@ -68,7 +72,7 @@ def stuck_ratio(run: Recorded, element: str, after: NumberOrText = 0.0, until: N
     Takes what `stick_intervals` takes, and raises SceneError as it does.
     """
     begin, end = window(run, after, until)
-    return sum(last - first for first, last in stick_intervals(run, element, begin, end)) / (end - begin)
+    return run.time_in(element, "stick", begin, end) / (end - begin)
 
 
 @dataclass(frozen=True)
@@ -218,14 +222,8 @@ def severity(
     SceneError
         If the definition or the signal is unknown, or the reference is missing or not needed.
     """
-    if not isinstance(definition, str) or definition not in SEVERITIES:
-        raise SceneError(f"There is no definition of severity `{definition}`: {suggest(definition, SEVERITIES)}")
     (reference,) = _in_unit(run, signal, reference=reference)
-    if definition == "reference":
-        if number("reference", reference) == 0:
-            raise SceneError(f"Argument `reference` must be a finite set-point other than 0, but it is {reference!r}.")
-    elif reference is not None:
-        raise SceneError(f'Argument `reference` must come with definition "reference", but the definition is "{definition}".')
+    check_definition(definition, reference)
     return severity_of(extent(run, signal, after, until), definition, reference)
 
 
@@ -251,7 +249,7 @@ def settling(
     signal
         Name of a scalar signal.
     target
-        The target, in the unit of the signal.
+        The target, in the unit of the signal, or the name of a signal that ends there, such as "top.reference".
     band
         Half-width of the band, as a part of `size`.
     after, until
@@ -270,7 +268,9 @@ def settling(
         If the target is 0 and there is no size, the band is outside (0, 1), or the signal is unknown or a vector.
     """
     begin, end = window(run, after, until)
-    target, size = _in_unit(run, signal, target=target, size=size)
+    target, size = _in_unit(
+        run, signal, target=_value(run, target, end) if isinstance(target, str) and target in run else target, size=size
+    )
     size = _size(target, size)
     band = number("band", band, above=0, below=1)
     width = band * size
@@ -294,7 +294,7 @@ def settling(
     return high - begin
 
 
-def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberOrText = 0.0) -> float:
+def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:
     """Find the time [s] at which a signal that is above `speed` first falls to it.
 
     The time is located to round-off.
@@ -307,8 +307,8 @@ def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberO
         Name of a scalar signal.
     speed
         The value that counts as standing, in the unit of the signal.
-    after
-        Time from which on the signal is looked at [s].
+    after, until
+        Window [s]; by default the whole run.
 
     Returns
     -------
@@ -322,7 +322,7 @@ def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberO
     """
     from scipy.optimize import brentq
 
-    begin, end = window(run, after, None)
+    begin, end = window(run, after, until)
     speed = number("speed", speed, run.unit(signal))
     steps = _steps(run, signal, begin, end)
     below = np.flatnonzero(steps.lowest <= speed)
@@ -361,7 +361,7 @@ def overshoot(
     signal
         Name of a scalar signal.
     target
-        The target, in the unit of the signal.
+        As in `settling`.
     after, until
         Window [s]; by default the whole run.
     size
@@ -378,7 +378,9 @@ def overshoot(
         If the target is 0 and there is no size, the signal is unknown or a vector, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
-    target, size = _in_unit(run, signal, target=target, size=size)
+    target, size = _in_unit(
+        run, signal, target=_value(run, target, end) if isinstance(target, str) and target in run else target, size=size
+    )
     size = _size(target, size)
     start = _value(run, signal, begin)
     found = extent(run, signal, begin, end)

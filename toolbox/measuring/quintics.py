@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -99,6 +100,9 @@ def steps_of(nodes: Trajectory | SavedSteps, signal: str, begin: float, end: flo
     )  # fmt: skip
 
 
+@functools.lru_cache(
+    maxsize=4
+)  # a comparison asks two runs for several measures of one signal, and reading a long file again takes seconds
 def _saved(nodes: SavedSteps, signal: str, begin: float, end: float) -> Steps:
     """The steps of a saved run: extrema are looked for among 33 points, three times closer each time; integrals by Gauss's formula of order 18."""
     row = np.flatnonzero((np.diff(nodes.time) > 0) & (nodes.time[1:] > begin) & (nodes.time[:-1] < end))

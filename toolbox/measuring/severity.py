@@ -5,6 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
+
+from toolbox.arguments import is_finite_number
+from toolbox.errors import SceneError, suggest
 
 
 # ------------------------------------------------------------------------------------------------------------------- extrema, mean and severity
@@ -17,6 +21,17 @@ class Extent:
     mean: float
     time_of_minimum: float
     time_of_maximum: float
+
+
+def check_definition(definition: Any, reference: Any) -> None:
+    """Raise SceneError for an unknown definition of severity, and for a set-point that it lacks or does not need."""
+    if not isinstance(definition, str) or definition not in SEVERITIES:
+        raise SceneError(f"There is no definition of severity `{definition}`: {suggest(definition, SEVERITIES)}")
+    if definition == "reference":
+        if not is_finite_number(reference) or reference == 0:
+            raise SceneError(f"Argument `reference` must be a finite set-point other than 0, but it is {reference!r}.")
+    elif reference is not None:
+        raise SceneError(f'Argument `reference` must come with definition "reference", but the definition is "{definition}".')
 
 
 def severity_of(found: Extent, definition: str = "half-range", reference: float | None = None) -> float:

@@ -69,6 +69,9 @@ class ClosedLoop:
         The contact and the speed to judge; None where the only contact says it.
     duration, after, accuracy
         Length of a run [s], time from which on it is judged [s], and its accuracy, where a scene says so.
+    effort, reference, standstill
+        Where a scene says so: the input whose peak counts, the set-point of `signal`, as a number or as the input that is, and of a stop the value of
+        `signal` at which the machine stands.
     """
 
     plant: HybridSystem
@@ -82,6 +85,9 @@ class ClosedLoop:
     duration: float | None = None
     after: float | None = None
     accuracy: float | None = None
+    effort: str | None = None
+    reference: float | str | None = None
+    standstill: float | None = None
 
     # ------------------------------------------------------------------------------------------------------------------------------ what it becomes
     @cached_property
@@ -209,13 +215,18 @@ class ClosedLoop:
         return {name: found for name in scalars if (found := self.number(name).overridden) is not None}
 
     def number(self, name: str) -> Number:
-        """The number of that name; raises SceneError where there is none, with the nearest that there is."""
+        """The number of that name, or of the only name that ends so: `proportional`. Raises SceneError where there is none, with the nearest that there is."""
         found = number_of(self, name)
         if found is not None:
             return found
         if not isinstance(name, str):
             raise SceneError(f"Argument `parameter` must be the name of a number of the loop, but it is {name!r}.")
         known = self.numbers()
+        ending = [each for each in known if each.endswith(f".{name}")]
+        if len(ending) == 1:
+            return known[ending[0]]
+        if ending:
+            raise SceneError(f"Argument `{name}` must name one number, but {', '.join(f'`{each}`' for each in ending)} end so.")
         if name.endswith(".reference") and not any(each.endswith(".reference") for each in known):
             raise SceneError(
                 f"There is no number `{name}`: a set-point belongs to a control law, and there is none: give it to `closed_loop`."
@@ -289,7 +300,17 @@ class ClosedLoop:
         smooth = (tuple(self.plant.widths.items()), self.plant.matched) if isinstance(self.plant, SmoothSystem) else None
         inputs = tuple(sorted((name, _plain(value)) for name, value in self.values.items()))
         numbers = tuple(tuple(sorted((name, _plain(value)) for name, value in given.items())) for given in (self.parameters, self.start))
-        named = (self.label, self.element, self.signal, self.duration, self.after, self.accuracy)
+        named = (
+            self.label,
+            self.element,
+            self.signal,
+            self.duration,
+            self.after,
+            self.accuracy,
+            self.effort,
+            self.reference,
+            self.standstill,
+        )
         return tuple(map(structure_of, plant.parts)), plant.values.tobytes(), smooth, self.laws, inputs, numbers, named
 
     def __eq__(self, other: object) -> bool:

@@ -13,7 +13,9 @@ An input and a parameter of one name are one number: the input, whose default th
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
 import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -23,9 +25,10 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import checked_range, refuse
+from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling import inputs as shapes
-from toolbox.modelling.components import fields_of, is_nested, numbers_of
+from toolbox.modelling.components import fields_of, is_nested, numbers_of, rebuilt
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Held, Sampled
 from toolbox.modelling.start import place_start, started
@@ -297,6 +300,8 @@ def _collect(node: Any, path: str, found: dict[str, tuple[Mapping[str, Any], flo
         value = getattr(node, each.name)
         if is_nested(value):
             _collect(value, f"{path}{each.name}.", found)
+        elif each.numeric and isinstance(value, tuple):
+            found |= {f"{path}{each.name}.{i}": (each.spec.metadata, number) for i, number in enumerate(value)}
         elif each.numeric and isinstance(value, (int, float)):
             found[f"{path}{each.name}"] = (each.spec.metadata, value)
 
@@ -307,8 +312,41 @@ def _redesigned(loop: Loop, name: str, value: float) -> Loop:
     assert index is not None
     given = loop.laws[index]
     law = _replaced(given.law if isinstance(given, Sampled) else given, name.split(".")[1:], value)
-    laws = (*loop.laws[:index], dataclasses.replace(given, law=law) if isinstance(given, Sampled) else law, *loop.laws[index + 1 :])
-    return loop.but(laws=laws)
+    return loop.but(laws=(*loop.laws[:index], _sampled(given, law), *loop.laws[index + 1 :]))
+
+
+def law_with_numbers(loop: Loop) -> Any:
+    """The first law of a loop with the numbers that `at` changed where they act, in its own fields: ready for another loop.
+
+    As declared, where its design leaves these numbers as they are and makes of them what acts in the loop; else as it is designed.
+    """
+    given = loop.laws[0]
+    law = given.law if isinstance(given, Sampled) else given
+    plant = {name: value for name, value in loop.parameters.items() if loop.plant.has_parameter(name)}
+    own = {name: value for name, value in loop.parameters.items() if name not in plant}
+    paths = {name: name.split(".")[1:] for name in own}
+    if not own:
+        return given
+    system = loop.system
+    if all(_declared(law, path) for path in paths.values()):
+        written = _sampled(given, functools.reduce(lambda node, name: _replaced(node, paths[name], own[name]), own, law))
+        with contextlib.suppress(SceneError, np.linalg.LinAlgError):
+            if np.array_equal(loop.but(laws=(written, *loop.laws[1:]), parameters=plant).system.values, system.values):
+                return written
+    return _sampled(given, rebuilt(loop.designed[0], system.values, sum(len(numbers_of(part)) for part in loop.plant.parts)))
+
+
+def _sampled(given: Any, law: Any) -> Any:
+    """A law as another one is sampled."""
+    return dataclasses.replace(given, law=law) if isinstance(given, Sampled) else law
+
+
+def _declared(node: Any, path: list[str]) -> bool:
+    """Whether a law declares a number under a path of fields and places."""
+    head, *tail = path
+    if isinstance(node, tuple):
+        return head.isdigit() and int(head) < len(node)
+    return any(each.name == head for each in fields_of(type(node))) and (not tail or _declared(getattr(node, head), tail))
 
 
 def _resampled(loop: Loop, name: str, value: float) -> Loop:
@@ -320,5 +358,10 @@ def _resampled(loop: Loop, name: str, value: float) -> Loop:
 
 
 def _replaced(node: Any, path: list[str], value: float) -> Any:
+    if not path:
+        return value
     head, *tail = path
-    return dataclasses.replace(node, **{head: _replaced(getattr(node, head), tail, value) if tail else value})
+    if isinstance(node, tuple):
+        place = int(head)
+        return (*node[:place], _replaced(node[place], tail, value), *node[place + 1 :])
+    return dataclasses.replace(node, **{head: _replaced(getattr(node, head), tail, value)})

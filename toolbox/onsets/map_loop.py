@@ -91,7 +91,7 @@ class MapLoop:
             raise SceneError(f"Argument `over` must map two names to (low, high), but it is {over!r}.")
         continuous = loop.continuous
         free = [continuous.acting(name, "severity_map") for name in over]
-        ranges = tuple(number.between(over[number.name], number.name) for number in free)
+        ranges = tuple(number.between(ends, number.name) for number, ends in zip(free, over.values(), strict=True))
         middle = np.array([sum(ends) / 2 for ends in ranges])
         for number, value in zip(free, middle.tolist(), strict=True):
             continuous, loop = number.put(continuous, value), number.put(loop, value)
@@ -120,7 +120,10 @@ class MapLoop:
             middle=middle,
             rest=rest.states,
             notes=notes,
-            asked={number.unit: asked_in(number.in_si(number.name, over[number.name]), number.unit) for number in reversed(free)},
+            asked={
+                number.unit: asked_in(number.in_si(name, over[name]), number.unit)
+                for name, number in reversed([*zip(over, free, strict=True)])
+            },
         )
 
     @property
@@ -245,7 +248,7 @@ class MapLoop:
         store = None
         if path is not None:
             sheet = Sweep(
-                self.title, self.names, self.units, points, variations.shape, (), {}, {name: each.unit(self.run.system) for name, each in
+                self.title, self.names, self.units, points, variations.shape, (), {}, {name: each.unit_in(self.run.system) for name, each in
                 asked.items()}, duration=end, accuracy=self.run.accuracy,
             )  # fmt: skip
             store = Store(path, sheet, run_fingerprint(task, variations, tuple(asked)))

@@ -24,7 +24,7 @@ from toolbox.modelling.components import Equations, Signal, Update
 from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, designed
-from toolbox.scenes.judged import judged_signal
+from toolbox.scenes.judged import judged_speed
 from toolbox.simulation.run import Budget
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
@@ -129,7 +129,7 @@ def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None =
         raise SceneError(
             f"Argument `inertia` must name one number of the plant, but it is {inertia!r}: {suggest(str(inertia), plant.parameters)}"
         )
-    speeds = [judged_signal(plant, name) for name in [*contacts, *plant.modeless]]
+    speeds = [judged_speed(plant, name) for name in [*contacts, *plant.modeless]]
     after = duration / 2
 
     def run(gain: float, delay: float, factor: float) -> Trajectory:

@@ -20,12 +20,12 @@ from toolbox.arguments import mapping, number, numbers, whole
 from toolbox.errors import SceneError, suggest
 from toolbox.files.printing import columns
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.measuring import measures
+from toolbox.measuring.measures import Measure, maximum, mean, minimum, stuck_ratio
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
 from toolbox.modelling.closing import described
 from toolbox.modelling.laws import Sampled
 from toolbox.robustness.steady_loop import smooth_start
-from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.scenes.judged import judged_contact, judged_measures, judged_speed, set_point
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.sweep import sweep
 
@@ -53,6 +53,8 @@ class Outcome:
         Why the run could not be finished; empty where it could.
     excess
         The largest of these by what is allowed, infinite for a run that sticks or fails; at most 1 is a success.
+    more
+        {name: value} of further measures.
     """
 
     error: str
@@ -63,6 +65,7 @@ class Outcome:
     ripple: float
     failure: str
     excess: float
+    more: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -108,11 +111,12 @@ class WorstCase:
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text: the worst outcome of each error, and how many of its runs fail."""
-        lines: list[tuple[str, ...]] = [("error", "failed", "start", "seed", "stuck", "mean error", "ripple")]
+        lines: list[tuple[str, ...]] = [("error", "failed", "start", "seed", "stuck", "mean error", "ripple", *self.outcomes[0].more)]
         for error, worst in self.by_error.items():
             own = [outcome for outcome in self.outcomes if outcome.error == error]
             failed = sum(outcome.excess > 1.0 for outcome in own)
             numbers = [_percent(each) for each in (worst.stuck, worst.mean_error, worst.ripple)]
+            numbers += [f"{value:.4g}" for value in worst.more.values()]
             lines.append((error, f"{failed} of {len(own)}", str(worst.start), str(worst.seed), *numbers))
         return lines
 
@@ -177,6 +181,7 @@ def worst_case(
     target: NumberOrText | None = None,
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
+    measures: Any = (),
 ) -> WorstCase:
     """Run a closed loop with every model error, from every start and with every seed of its noise, and judge the end of each run.
 
@@ -203,6 +208,8 @@ def worst_case(
         Target of the mean speed of the judged contact; by default the set-point of the law.
     mean_within, ripple_within
         Allowed error of the mean speed and ripple of a command, as parts of their means [1].
+    measures
+        Further measures of every run from `after` on, as `sweep` takes them.
 
     Returns
     -------
@@ -221,10 +228,12 @@ def worst_case(
     contact = judged_contact(system, loop.element)
     speed = loop.signal or judged_speed(system, contact)
     drives = [name for name in plant.inputs if name not in system.inputs]
-    wanted = _set_point(loop) if target is None else float(in_si(target, system.signal_unit(speed), "target"))
+    aim = loop.reference or set_point(system, speed) if target is None else in_si(target, system.signal_unit(speed), "target")
+    wanted = math.nan if aim is None else loop.number(aim).value if isinstance(aim, str) else float(aim)
     cases = _cases(errors, corners)
     declared = _varied(loop, cases)
-    asked = _measures(contact, speed, drives, window)
+    more = judged_measures(measures, loop, 0.0, duration, after=window) if measures else {}
+    asked = _measures(contact, speed, drives, window) | {f"further {name}": each for name, each in more.items()}
     begins, held = _begins(loop, starts)
     found: list[Outcome] = []
     seconds = 0.0
@@ -237,7 +246,8 @@ def worst_case(
         seconds += done.seconds
         for i, label in enumerate(own):
             numbers = {name: float(done[name][i]) for name in asked}
-            found.append(_outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, wanted, (mean_within, ripple_within)))
+            outcome = _outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, wanted, (mean_within, ripple_within))
+            found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
     order = {label: i for i, label in enumerate(cases)}
     found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
     begun = "smooth running (a stick-slip that exists: `starts=cycle_phases(...)`)" if starts is None else f"{len(begins)} given start(s)"
@@ -260,14 +270,14 @@ def _begins(loop: ClosedLoop, starts: Sequence[Mapping[str, Any]] | None) -> tup
     return [smooth], held
 
 
-def _measures(contact: str, speed: str, drives: Sequence[str], window: float) -> dict[str, measures.Measure]:
+def _measures(contact: str, speed: str, drives: Sequence[str], window: float) -> dict[str, Measure]:
     """{name: measure} of what a run is judged by."""
     swings = {
         f"{word} {name}": measure(name, window)
         for name in drives
-        for word, measure in (("low", measures.minimum), ("high", measures.maximum), ("mean", measures.mean))
+        for word, measure in (("low", minimum), ("high", maximum), ("mean", mean))
     }
-    return {"stuck": measures.stuck_ratio(contact, window), "mean": measures.mean(speed, window), **swings}
+    return {"stuck": stuck_ratio(contact, window), "mean": mean(speed, window), **swings}
 
 
 def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
@@ -292,12 +302,6 @@ def _declared(loop: ClosedLoop, name: str) -> float:
     if math.isnan(number.value):
         raise SceneError(f"Argument `errors` must name numbers, but `{name}` varies in time: name a number of it.")
     return number.value
-
-
-def _set_point(loop: ClosedLoop) -> float:
-    """The set-point of the laws, the only input of the loop whose name ends so; nan where there is none, or it varies in time."""
-    found = [name for name in loop.system.inputs if name.endswith(".reference")]
-    return loop.number(found[0]).value if len(found) == 1 else math.nan
 
 
 def _as_run(law: Any, late: float, seed: int) -> Any:

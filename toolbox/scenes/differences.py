@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -11,8 +11,9 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files.printing import columns, table
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, TypedNumber, in_si
-from toolbox.measuring.measure import extent, stick_intervals
-from toolbox.measuring.severity import severity_of
+from toolbox.measuring import measures as listed
+from toolbox.measuring.measures import Measure
+from toolbox.scenes.judged import judged_in
 from toolbox.scenes.scene import Scene
 from toolbox.simulation.recorded import Recorded
 
@@ -91,6 +92,7 @@ def compare(
     second: Any,
     *,
     signals: Sequence[str] | None = None,
+    measures: Any = (),
     after: NumberOrText = 0.0,
     until: NumberOrText | None = None,
     labels: tuple[str, str] = ("first", "second"),
@@ -98,7 +100,7 @@ def compare(
     """Compare two runs by their measures, or two scenes by their keys.
 
     Of runs, these are the part of the time that each element sticks, the number of its stick phases and the longest of them, then the extrema and the time
-    mean of signals, and the severity of speeds. Runs may be fresh or read from a file.
+    mean of signals, and the severity of speeds; behind them what `measures` asks. Runs may be fresh or read from a file.
 
     Parameters
     ----------
@@ -106,6 +108,9 @@ def compare(
         Two runs, or two scenes.
     signals
         Scalar signals of the runs; by default those that a plot of either shows and that both have.
+    measures
+        Further measures of the runs, as `sweep` takes them. By its name a measure looks at what the loop of each run judges; of a run from a file, at its only
+        contact and what bears its name.
     after, until
         Window of the runs [s]; by default from the start to the end of the shorter one.
     labels
@@ -134,33 +139,28 @@ def compare(
         shown = dict.fromkeys([*first.main_signals, *second.main_signals])
         signals = [name for name in shown if name in first and name in second and first.unit(name) == second.unit(name)]
     last = min(first.end, second.end) if until is None else until
-    rows = [*_sticks(first, second, after, last), *(row for name in signals for row in _extents(first, second, name, after, last))]
+    rows: list[Difference] = []
+
+    def compared(name: str, one: Measure, other: Measure) -> None:
+        rows.append(Difference(name, one.unit_in(first), one.read(first), other.read(second)))
+
+    for element, words in first._legends.items():
+        if "stick" in words.values() and "stick" in second._legends.get(element, {}).values():
+            for each in (listed.stuck_ratio, listed.stays, listed.longest_stay):
+                compared((asked := each(element, after, last)).heading, asked, asked)
+    for name in signals:
+        unit = first.unit(name)
+        if second.unit(name) != unit:
+            raise SceneError(f"Argument `signals` must name signals of one unit, but `{name}` is in {unit} and in {second.unit(name)}.")
+        for each in (listed.minimum, listed.maximum, listed.mean, *([listed.severity] if unit in SPEEDS else [])):
+            compared((asked := each(name, after, last)).heading, asked, asked)
+    if measures:
+        one, other = (judged_in(measures, run, after, last) for run in (first, second))
+        for name in one:
+            compared(name, one[name], other[name])
     if not rows:
         raise SceneError("Argument `second` must have an element or a signal that `first` has, too, but it has none.")
     return Differences(f"Measures from {after:g} to {last:g} s", labels, tuple(rows), {**second.asked, **first.asked})
-
-
-def _sticks(first: Recorded, second: Recorded, after: float, last: float) -> Iterator[Difference]:
-    """What differs in the sticking of each element that both have."""
-    for element, words in first._legends.items():
-        if "stick" in words.values() and "stick" in second._legends.get(element, {}).values():
-            stays = [stick_intervals(run, element, after, last) for run in (first, second)]
-            lengths = [[end - begin for begin, end in each] for each in stays]
-            yield Difference(f"{element}, part of the time in stick", "1", *(sum(each) / (last - after) for each in lengths))
-            yield Difference(f"{element}, stick phases", "1", *map(len, lengths))
-            yield Difference(f"{element}, longest stick", "s", *(max(each, default=0.0) for each in lengths))
-
-
-def _extents(first: Recorded, second: Recorded, name: str, after: float, last: float) -> Iterator[Difference]:
-    """What differs in a signal."""
-    unit = first.unit(name)
-    if second.unit(name) != unit:
-        raise SceneError(f"Argument `signals` must name signals of one unit, but `{name}` is in {unit} and in {second.unit(name)}.")
-    found = [extent(run, name, after, last) for run in (first, second)]
-    for word in ("minimum", "maximum", "mean"):
-        yield Difference(f"{name}, {word}", unit, *(getattr(each, word) for each in found))
-    if unit in SPEEDS:
-        yield Difference(f"{name}, severity", "1", *map(severity_of, found))
 
 
 def _typed_unit(*values: Any) -> str:

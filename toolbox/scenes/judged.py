@@ -1,19 +1,20 @@
-"""Which signal, contact and effort of a plant a verdict looks at where nobody says."""
+"""Which signal, contact and effort of a plant a verdict looks at where nobody says, and with them what a measure is that is asked by its name."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 
 from toolbox.errors import SceneError, suggest
+from toolbox.measuring import measure
+from toolbox.measuring.measures import Measure, measures_of, settling, standstill, time_in
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
-
-
-def judged_signal(plant: HybridSystem, element: str) -> str:
-    """The signal whose severity is judged where nobody names one: the speed of what rubs, else its slip."""
-    return f"{element}.speed" if f"{element}.speed" in plant.signals else f"{element}.slip"
+from toolbox.simulation.recorded import Recorded
+from toolbox.simulation.trajectory import Trajectory
 
 
 def judged_effort(plant: HybridSystem, signal: str) -> str:
@@ -65,3 +66,88 @@ def judged_speed(closed: ClosedLoop | HybridSystem, contact: str) -> str:
     slips = {each.name: each.slip for each in closed.elements}
     speed, slip = f"{contact}.speed", slips[contact] if contact in slips else closed.expression(f"{contact}.slip")
     return speed if speed in closed.signals and ca.is_equal(ca.SX(closed.signals[speed][0]), slip, 4) else f"{contact}.slip"
+
+
+def judged_measures(
+    given: Any, loop: ClosedLoop, begin: float, end: float, argument: str = "measures", after: float | None = None
+) -> dict[str, Measure]:
+    """{name: measure} of what an argument asks of the runs of a loop from `begin` to `end` [s], with all that it leaves to the loop.
+
+    A measure that names no signal or element looks at what the loop judges, from `after` on, by default from the judged time; a target that is not given is
+    the set-point: the one that a scene says, or where the loop is of none, that of the law. Raises SceneError for what is no measure, and for one that the
+    loop has not.
+    """
+    if after is None:
+        after = begin + (end - begin) / 2 if loop.after is None or loop.after >= end else loop.after
+    found = {name: _judged(each, loop, after, argument) for name, each in measures_of(given, argument).items()}
+    for each in found.values():
+        each.check(loop.system, end)
+    return found
+
+
+def judged_in(given: Any, run: Recorded, begin: float, end: float) -> dict[str, Measure]:
+    """{name: measure} of what the argument `measures` asks of one run between `begin` and `end` [s], by its loop; in a run from a file, by the names in it."""
+    if isinstance(run, Trajectory):
+        found = judged_measures(given, run.run.loop, run.begin, end, after=begin)
+    else:
+        found = {name: _judged(each, run, begin, "measures") for name, each in measures_of(given).items()}
+    return {name: each if each.until is not None else dataclasses.replace(each, until=end) for name, each in found.items()}
+
+
+def _judged(asked: Measure, judge: ClosedLoop | Recorded, after: float, argument: str) -> Measure:
+    if not asked.looks_at:
+        return asked
+    of, settings = asked.of or _looked_at(asked.looks_at, judge, argument), dict(asked.settings)
+    stops = judge.standstill if isinstance(judge, ClosedLoop) and not asked.of else None
+    if stops is not None and asked.name == time_in.name:
+        settings |= {"signal": _looked_at("speed", judge, argument), "speed": stops}
+        asked = dataclasses.replace(asked, function=_stuck_before_standstill, compiled="")
+    elif stops is not None and asked.name == settling.name:
+        settings = {"speed": stops}
+        asked = dataclasses.replace(standstill, name=asked.name, whole=False)
+    elif "target" in settings and settings["target"] is None:
+        if isinstance(judge, ClosedLoop):
+            settings["target"] = set_point(judge.system, of) if judge.after is None else judge.reference
+        else:
+            settings["target"] = set_point(judge, of)
+        if settings["target"] is None:
+            raise SceneError(
+                f"Argument `{argument}` must not ask for `{asked.name}` where there is no set-point of `{of}`: give a target, "
+                f'`measures.{asked.name}("{of}", target=...)`.'
+            )
+    at = asked.after if asked.after is not None else 0.0 if asked.whole else after
+    return dataclasses.replace(asked, of=of, after=at, settings=tuple(settings.items()))
+
+
+def _looked_at(what: str, judge: ClosedLoop | Recorded, argument: str) -> str:
+    """The contact, the speed or the effort that is judged."""
+    if isinstance(judge, ClosedLoop):
+        if what == "contact":
+            return judge.element or judged_contact(judge, argument=argument)
+        speed = judge.signal or judged_speed(judge, judged_contact(judge, argument=argument, sticks=False))
+        return speed if what == "speed" else judge.effort or judged_effort(judge.plant, speed)
+    contact = judged_element(judge.contacts, None, argument)
+    if contact is None:
+        raise SceneError(
+            f"Argument `{argument}` must say of what it is, because the run has no contact: `measures.maximum(...)`, for example."
+        )
+    speed = f"{contact}.speed" if f"{contact}.speed" in judge else f"{contact}.slip"
+    return {"contact": contact, "speed": speed}.get(what) or ("top.torque" if "top.torque" in judge else speed)
+
+
+def set_point(machine: HybridSystem | Recorded, signal: str) -> str | None:
+    """The set-point of a signal: the only input, of a run the only signal, whose name ends so in the unit of the signal; None for none."""
+    names = machine.inputs if isinstance(machine, HybridSystem) else machine.names
+    found = [name for name in names if name.endswith(".reference") and machine.unit(name) == machine.unit(signal)]
+    return found[0] if len(found) == 1 else None
+
+
+def sticks_before_standstill(run: Recorded, element: str, signal: str, speed: float, after: float) -> list[tuple[float, float]]:
+    """(begin, end) [s] of the sticks of a stop that let go again before a signal falls to `speed`."""
+    stands = measure.standstill(run, signal, speed, after=after)
+    sticks = measure.stick_intervals(run, element, after, min(stands, run.end)) if stands > after else []
+    return sticks[:-1] if sticks and sticks[-1][1] >= stands else sticks
+
+
+def _stuck_before_standstill(run: Recorded, of: str, after: float, until: float | None, mode: str, signal: str, speed: float) -> float:
+    return sum(last - first for first, last in sticks_before_standstill(run, of, signal, speed, after))

@@ -23,7 +23,7 @@ from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_start
 from toolbox.scenes import scene_file
 from toolbox.scenes.cases import Case, Labelled, Number, Waveform, _reference
-from toolbox.scenes.judged import judged_effort, judged_element, judged_signal
+from toolbox.scenes.judged import judged_effort, judged_element, judged_speed, set_point
 from toolbox.simulation.request import Request
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
@@ -134,7 +134,7 @@ class Scene(Labelled):
             )
         element = judged_element(contacts, element)
         cases = tuple(Case.of(label, law) for label, law in (controllers or {"no controller": None}).items())
-        signal = signal or judged_signal(plant, element or "")
+        signal = signal or judged_speed(plant, element or "")
         element = None if element in plant.modeless else element
         wished = {_reference(case.law, plant.signal_unit(signal)) for case in cases}
         reference = wished.pop() if reference is None and len(wished) == 1 else reference
@@ -205,13 +205,15 @@ class Scene(Labelled):
             own = {name: value for name, value in self.parameters.items() if self.plant().has_parameter(name)}
             loop = ClosedLoop(
                 self.plant(), laws_of(case.controller, None), inputs, own, self.start, case.label, self.element, self.signal, self.duration,
-                self.after, self.accuracy,
+                self.after, self.accuracy, self.effort, standstill=self.standstill,
             )  # fmt: skip
-            self._loops[label] = (
-                loop.with_parameters({k: v for k, v in self.parameters.items() if k not in own})
-                if len(own) < len(self.parameters)
-                else loop
-            )
+            others = {k: v for k, v in self.parameters.items() if k not in own}
+            loop = loop.with_parameters(others) if others else loop
+            known = set_point(loop.system, self.signal)
+            follows = (
+                known is not None and loop.number(known).value == self.reference
+            )  # where the set-point varies, what is judged varies with it
+            self._loops[label] = loop.but(reference=known if follows else self.reference)
         return self._loops[label]
 
     def __getstate__(self) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import UNITS
 from toolbox.scenes import catalogue, keys
 from toolbox.scenes.cases import Case, Number, Waveform
-from toolbox.scenes.judged import judged_effort, judged_signal
+from toolbox.scenes.judged import judged_effort, judged_speed
 
 _SHAPES = {**UNITS, "table": {"times": "s", "values": ""}}
 """Units of the numbers of each shape of an input; empty for the unit of the signal."""
@@ -95,7 +95,7 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         )
     element = _text(verdict.get("element", contacts[0]), "verdict.element")
     _known(element, contacts, "verdict.element")
-    signal = _text(verdict.get("signal", judged_signal(plant, element)), "verdict.signal")
+    signal = _text(verdict.get("signal", judged_speed(plant, element)), "verdict.signal")
     reference = data.get("reference")
     if reference is not None:
         reference = parse(reference, plant.signal_unit(signal), "reference")

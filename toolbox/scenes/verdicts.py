@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from toolbox.errors import SimulationError
+from toolbox.errors import SceneError, SimulationError
 from toolbox.files import tables
 from toolbox.files.printing import columns
 from toolbox.files.unit_systems import reading
+from toolbox.measuring.measure import stick_intervals
+from toolbox.scenes.judged import judged_measures, sticks_before_standstill
 
 if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
@@ -41,6 +43,8 @@ class Row:
         Time in the event loop [s].
     files
         Beginning of the names of the files of this controller.
+    more
+        {name: value} of further measures.
     """
 
     controller: str
@@ -53,6 +57,7 @@ class Row:
     error: float = math.nan
     wall_time: float = math.nan
     files: str = ""
+    more: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def failed(self) -> bool:
@@ -60,10 +65,12 @@ class Row:
         return self.verdict.startswith("failed")
 
 
-def verdict_row(scene: Scene, label: str, files: str = "") -> tuple[Row, Trajectory | None]:
-    """Simulate and judge one controller: its row, and its run. A run that fails is a row as well, with the trajectory so far."""
-    from toolbox.measuring import measure
+def verdict_row(scene: Scene, label: str, files: str = "", measures: Any = ()) -> tuple[Row, Trajectory | None]:
+    """Simulate and judge one controller: its row, with further measures as `sweep` takes them, and its run.
 
+    A run that fails is a row as well, with the trajectory so far.
+    """
+    further = judged_measures(measures, scene[label], 0.0, scene.duration) if measures else {}
     try:
         run = scene.run(label)
     except SimulationError as failure:
@@ -72,59 +79,34 @@ def verdict_row(scene: Scene, label: str, files: str = "") -> tuple[Row, Traject
         error = run.error
     except SimulationError:  # the run to compare with, at a hundredth of the accuracy, may fail alone
         error = math.nan
-    if scene.standstill is not None:
-        row = Row(label, "", peak=measured(scene, run, "peak"), error=error, wall_time=run.wall_time, files=files)
-        return _stop(scene, run, row), run
-    row = Row(
-        controller=label,
-        verdict="no modes"  # a contact without modes never sticks, whether it swings says the severity
-        if scene.element is None
-        else verdict(measure.stick_intervals(run, scene.element, scene.after), scene.after, scene.duration),
-        **{name: measured(scene, run, name) for name in MEASURES},
-        error=error,
-        wall_time=run.wall_time,
-        files=files,
-    )
-    return row, run
+    found = {name: _number_of(name, run) for name in (COLUMNS if scene.standstill is None else ("stuck", "settling", "peak"))}
+    more = {name: each.read(run) for name, each in further.items()}
+    return Row(label, _words(scene, run, found), **found, error=error, wall_time=run.wall_time, files=files, more=more), run
 
 
-MEASURES = ("stuck", "severity", "settling", "overshoot", "peak")
-"""Numbers of the verdict, by the names of their columns."""
+COLUMNS = ("stuck", "severity", "settling", "overshoot", "peak")
+"""Measures of the verdict, by the names of their columns."""
 
 
-def measured(scene: Scene, run: Trajectory, name: str) -> float:
-    """One of the `MEASURES` of a run of a scene, in SI; nan for settling and overshoot where there is no set-point."""
-    from toolbox.measuring import measure
-
-    if scene.standstill is not None and name in ("stuck", "settling"):
-        return getattr(_stop(scene, run, Row("", "")), name)
-    if name == "stuck":
-        return math.nan if scene.element is None else run.time_in(scene.element, "stick", after=scene.after)
-    if name == "severity":
-        return measure.severity(run, scene.signal, after=scene.after)
-    if name == "peak":
-        peak = measure.extent(run, scene.effort)
-        return max(abs(peak.minimum), abs(peak.maximum))
-    if not scene.reference:
+def _number_of(name: str, run: Trajectory) -> float:
+    """A measure of a run by its name; nan where the run has nothing that it looks at, or no set-point."""
+    try:
+        return judged_measures(name, run.run.loop, run.begin, run.end)[name].read(run)
+    except SceneError:
         return math.nan
-    return {"settling": measure.settling, "overshoot": measure.overshoot}[name](run, scene.signal, scene.reference)
 
 
-def _stop(scene: Scene, run: Trajectory, row: Row) -> Row:
-    """The row of a stop, judged until it stands: sticks that let go again before that, and when it stands (as the settling)."""
-    from toolbox.measuring import measure
-
-    stands = measure.standstill(run, scene.signal, scene.standstill or 0.0, after=scene.after)
-    if stands <= scene.after:
-        return dataclasses.replace(row, verdict="stands at once", stuck=0.0, settling=0.0)
-    end = min(stands, scene.duration)
-    sticks = [] if scene.element is None else measure.stick_intervals(run, scene.element, scene.after, end)
-    if sticks and sticks[-1][1] >= end and stands < math.inf:
-        sticks.pop()  # the stick in which it comes to stand
-    word = verdict(sticks, scene.after, end)
-    if stands == math.inf:
-        word = "does not stand"
-    return dataclasses.replace(row, verdict=word, stuck=sum(last - first for first, last in sticks), settling=stands)
+def _words(scene: Scene, run: Trajectory, found: Mapping[str, float]) -> str:
+    """The verdict of a run; of a stop, until it stands."""
+    if scene.standstill is None:
+        if scene.element is None:
+            return "no modes"  # a contact without modes never sticks, whether it swings says the severity
+        return verdict(stick_intervals(run, scene.element, scene.after), scene.after, scene.duration)
+    stands = found["settling"]
+    if not scene.after < stands < math.inf:
+        return "does not stand" if stands == math.inf else "stands at once"
+    sticks = sticks_before_standstill(run, scene.element, scene.signal, scene.standstill, scene.after) if scene.element is not None else []
+    return verdict(sticks, scene.after, stands)
 
 
 def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> str:
@@ -143,10 +125,19 @@ def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> 
 
 # --- the table
 
+HEADINGS = tuple(each.name for each in dataclasses.fields(Row) if each.name != "more")
+"""Headings of the table on disk, before further measures."""
+
+
+def _others(rows: Sequence[Row]) -> list[str]:
+    return list(dict.fromkeys(name for row in rows for name in row.more))
+
 
 def write_table(rows: Sequence[Row], path: Path) -> None:
     """The rows as csv in SI units, whole or not at all; a number that does not exist is left empty, what never settles is inf."""
-    tables.write(path, [field.name for field in dataclasses.fields(Row)], map(dataclasses.astuple, rows))
+    others = _others(rows)
+    cells = [[*dataclasses.astuple(row)[: len(HEADINGS)], *(row.more.get(name, math.nan) for name in others)] for row in rows]
+    tables.write(path, [*HEADINGS, *others], cells)
 
 
 def table(scene: Scene, rows: Sequence[Row]) -> str:
@@ -158,7 +149,8 @@ def table(scene: Scene, rows: Sequence[Row]) -> str:
     head = ["controller", "verdict", "stuck", "severity", "settling", "overshoot", f"peak {scene.effort}", "error", "wall time"]
     if scene.standstill is not None:
         head[head.index("settling")] = "stands at"
-    cells = [head]
+    others = _others(rows)
+    cells = [[*head, *others]]
     for row in rows:
         cells.append(
             [
@@ -171,6 +163,7 @@ def table(scene: Scene, rows: Sequence[Row]) -> str:
                 _number(row.peak * effort.factor, ("{:.0f} " if row.peak * effort.factor >= 1000 else "{:.4g} ") + effort.unit),
                 _number(row.error, "{:.0e}"),
                 _number(1e3 * row.wall_time, "{:.2g} ms" if row.wall_time < 0.1 else "{:.0f} ms"),
+                *(_number(row.more.get(name, math.nan), "{:.4g}") for name in others),
             ]
         )
     lines = columns(cells, (0, 1), "")

@@ -10,7 +10,7 @@ import copy
 import dataclasses
 import threading
 import time as clock
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,17 +20,14 @@ from toolbox.compilation import work_layout
 from toolbox.compilation.program import program_of
 from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SimulationError
-from toolbox.measuring.measures import Measure, RunningMeasures
+from toolbox.measuring.measures import Measure
+from toolbox.measuring.readings import RunningMeasures
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.numbers import Number
 from toolbox.simulation.carry_out import carry_out, compiled_loop, formulas_of
 from toolbox.simulation.failures import exhausted, failure
 from toolbox.simulation.run import UNHURRIED, Run
-from toolbox.simulation.trajectory import Trajectory
 from toolbox.simulation.work_arrays import limited, work_arrays
-
-Call = Callable[[Trajectory], float]
-"""A measure in Python."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +59,13 @@ class Task:
 
     run: everything they share;  numbers: parameters and coefficients of inputs, shape (n, first_held) in the layout of `Program`;  starts: shape (n,
     states), None for that of `run`;  memories: of the sampled laws, shape (n, m);  held: signals held at the start, shape (n, h), None for those
-    of `run`;  measures: read by a `RunningMeasures`, or called with the trajectory;  first: index of the first run among all;  lanes: whether the
-    runs are to step side by side.
+    of `run`;  measures: read by a `RunningMeasures`, all from trajectories where one has no compiled form;
+    first: index of the first run among all;  lanes: whether the runs are to step side by side.
     """
 
     run: Run
     numbers: np.ndarray | Numbers
-    measures: tuple[Measure | Call, ...]
+    measures: tuple[Measure, ...]
     starts: np.ndarray | None = None
     memories: np.ndarray | None = None
     held: np.ndarray | None = None
@@ -101,7 +98,7 @@ def finished(task: Task) -> Outcome:
     errors: dict[int, str] = {}
     run, steps = task.run, 0
     alone = run.method.alone
-    if run.laws or alone or run.budget.seconds < np.inf or not all(isinstance(measure, Measure) for measure in task.measures):
+    if run.laws or alone or run.budget.seconds < np.inf or not all(measure.in_loops for measure in task.measures):
         _one_by_one(task, values, errors, range(len(task.numbers)))
     elif task.lanes:
         _side_by_side(task, values, errors)
@@ -136,7 +133,7 @@ def pays_in_lanes(task: Task, steps: int) -> bool:
     run = task.run
     if not run.method.in_lanes or run.laws or run.start.carried or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
         return False
-    if not all(isinstance(measure, Measure) for measure in task.measures) or any(element.directions > 1 for element in run.system.elements):
+    if not all(measure.in_loops for measure in task.measures) or any(element.directions > 1 for element in run.system.elements):
         return False
     from toolbox.lanes.events import carries_events
 
@@ -152,7 +149,7 @@ def _side_by_side(task: Task, values: np.ndarray, errors: dict[int, str]) -> Non
 
     run, numbers = task.run, np.asarray(task.numbers)
     with _PREPARING:
-        lanes = Lanes(run, task.measures)  # type: ignore[arg-type]
+        lanes = Lanes(run, task.measures)
     starts = task.starts
     if starts is None:
         starts = np.tile(lanes.work.x[: run.system.x.numel()], (len(numbers), 1))
@@ -174,7 +171,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
     with _PREPARING:
         program = program_of(run.system, run.kinds, formulas_of(run))
         advance = compiled_loop(run, program)
-        readings = RunningMeasures(program, task.measures, run.end, run.accuracy)  # type: ignore[arg-type]
+        readings = RunningMeasures(program, task.measures, run.end, run.accuracy)
         work = full = work_arrays(run, program)
     fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
     fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
@@ -244,7 +241,7 @@ def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str], rows: It
     for i in rows:
         try:
             run = carry_out(single(task, i))
-            values[i] = [measure.of_run(run) if isinstance(measure, Measure) else float(measure(run)) for measure in task.measures]
+            values[i] = [measure.read(run) for measure in task.measures]
         except SimulationError as error:
             errors[task.first + i] = str(error)
         except Exception as error:  # of a law or a measure in Python: one run fails, the others go on

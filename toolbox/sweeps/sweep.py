@@ -3,8 +3,8 @@
     found = sweep(closed_loop(rig, law), {"bit.weight": weights, "top.reference": speeds}, 120.0, measures=("severity",))
     found["severity"]          array of shape (len(weights), len(speeds))
 
-Everything is checked and compiled once; then only numbers change. Measures are read off the runs in machine code (`toolbox.measuring.measures`), so that no
-trajectory is built; a function of the trajectory is taken too, and costs a thousand times more. Many runs of laws in machine code step side by side in the
+Everything is checked and compiled once; then only numbers change. Measures are read off the runs in machine code (`toolbox.measuring.readings`), so that no
+trajectory is built; those without such a form, and functions of a run, cost a thousand times more. Many runs of laws in machine code step side by side in the
 lanes of a vector (`toolbox.sweeps.batch.pays_in_lanes`), several times as many in a second. Laws in machine code run in threads, for the event loop
 releases the interpreter; laws in Python run in processes.
 """
@@ -13,56 +13,24 @@ from __future__ import annotations
 
 import concurrent.futures
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import is_finite_number
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.measuring.measures import STANDARD, Measure
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.scenes.judged import judged_measures
 from toolbox.simulation.methods import Method
-from toolbox.simulation.run import UNHURRIED, Budget, Run
-from toolbox.sweeps.batch import Call, Task
+from toolbox.simulation.run import UNHURRIED, Budget
+from toolbox.sweeps.batch import Task
 from toolbox.sweeps.designs import variations_of
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store
 from toolbox.sweeps.variants import run_fingerprint, shared_run, start_memories, start_states, varied_held, varied_numbers
-
-
-def named_measures(given: Any, run: Run) -> dict[str, Measure | Call]:
-    """{name: measure} from names, a mapping, or None; raises SceneError for what is none."""
-    if given is None:
-        given = ("severity", "stuck_ratio")
-    if isinstance(given, str):
-        given = (given,)
-    if not isinstance(given, Mapping):
-        if not isinstance(given, Sequence) or not all(isinstance(name, str) for name in given):
-            raise SceneError(f"Argument `measures` must be names, or map names to measures, but it is {given!r}.")
-        given = {name: name for name in given}
-    if not given:
-        raise SceneError("Argument `measures` must hold at least one measure, but it is empty.")
-    found: dict[str, Measure | Call] = {}
-    loop = run.loop
-    for name, value in given.items():
-        if isinstance(value, str):
-            if value not in STANDARD:
-                raise SceneError(f"There is no measure `{value}`: {suggest(value, STANDARD)}")
-            element = judged_contact(loop, argument="measures", sticks=False)
-            after = run.start.time + run.duration / 2 if loop.after is None or loop.after >= run.end else loop.after
-            value = STANDARD[value](judged_speed(loop, element), element, after)
-        if isinstance(value, Measure):
-            value.check(loop.system, run.end)
-        elif not callable(value):
-            raise SceneError(
-                f"Argument `{name}` must be a measure of `toolbox.measuring.measures` or a function of the run, but it is {value!r}."
-            )
-        found[str(name)] = value
-    return found
 
 
 def sweep(
@@ -71,7 +39,7 @@ def sweep(
     duration: NumberOrText | None = None,
     *others: Any,
     start: Callable[[Mapping[str, float]], Mapping[str, Any]] | None = None,
-    measures: Any = None,
+    measures: Any = ("severity", "stuck_ratio"),
     method: Method | str = "event",
     accuracy: float | None = None,
     budget: Budget = UNHURRIED,
@@ -96,8 +64,9 @@ def sweep(
     start
         A function {name: value of what varies} -> {state: start value}, which wins over what the loop starts from.
     measures
-        Names of `toolbox.measuring.measures.STANDARD`, or {name: a measure of that module, or any function of the trajectory}. By default severity and
-        stuck ratio of the judged contact, from the time that the loop says or in the second half of the run.
+        A name of `toolbox.measuring.measures.MEASURES`, a measure of that module, a function of the run, or several as a sequence or {name: measure}. What is
+        judged is that of the loop, from the time that the loop says or in the second half of the run. Settling, overshoot and functions are read from each
+        run in turn, which takes longer.
     method, accuracy
         As in `simulate`.
     budget
@@ -136,11 +105,14 @@ def sweep(
         )
     duration = in_si(loop.duration if duration is None else duration, "s", "duration")
     variations = variations_of(_in_si(vary, loop))
+    full = {name: loop.number(name).name for name in variations.names}
+    asked = {full[name]: unit for name, unit in variations.asked.items()}
+    variations = dataclasses.replace(variations, names=tuple(full.values()), asked=asked)
     if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
     accuracy = (loop.accuracy or 1e-6) if accuracy is None else accuracy
     run = shared_run(loop, variations, float(duration), method=method, accuracy=accuracy, budget=budget)
-    chosen = named_measures(measures, run)
+    chosen = judged_measures(measures, run.loop, run.start.time, run.end)
     taken = next((name for name in chosen if name in {"run", "status", "error", *variations.names} or "/" in name), None)
     if taken is not None:
         raise SceneError(f"Argument `measures` must use names that are free, without a slash, but one is `{taken}`.")
@@ -162,7 +134,7 @@ def sweep(
         shape=variations.shape,
         axes=variations.axes,
         measures={},
-        measure_units={name: measure.unit(run.system) if isinstance(measure, Measure) else "1" for name, measure in chosen.items()},
+        measure_units={name: measure.unit_in(run.system) for name, measure in chosen.items()},
         duration=run.duration,
         accuracy=run.accuracy,
         asked={**run.asked, **{unit: variations.asked.get(name, unit) for name, unit in zip(variations.names, units, strict=True)}},

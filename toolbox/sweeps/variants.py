@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.measuring.measures import Measure
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Component, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of
 from toolbox.modelling.elements import FrictionLaw
@@ -191,7 +190,7 @@ def varied_held(run: Run, variations: Variations) -> np.ndarray | None:
 def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> dict[str, str]:
     """What a sweep is made of, argument by argument, as digests; functions by their names, because their text cannot be compared."""
     run = task.run
-    measures = [measure if isinstance(measure, Measure) else _name(measure) for measure in task.measures]
+    measures = [(measure, _name(measure.function)) for measure in task.measures]
     arrays = [array for array in (task.starts, task.memories, task.held) if array is not None]
     content = {
         "machine": [_plain(structure_of(part)) for part in run.system.parts] + [run.system.values.tolist()],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +15,9 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.files.printing import table
 from toolbox.files.unit_systems import reading
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import Controller, Sampled
+from toolbox.modelling.numbers import law_with_numbers
 from toolbox.scenes.scene import Scene
 
 
@@ -90,8 +93,8 @@ class Tuned:
         Every point that was tried; the law as it was given comes first.
     seed
         Seed of the search.
-    controller
-        The law as it was given.
+    loop
+        The loop of the first scene, with the law as it was given.
     simulated
         Number of runs of this call; the others came from the journal.
     asked
@@ -107,7 +110,7 @@ class Tuned:
     trials: tuple[Trial, ...]
     seed: int
     simulated: int
-    controller: Controller | Sampled = field(repr=False)
+    loop: ClosedLoop = field(repr=False)
     asked: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -151,7 +154,12 @@ class Tuned:
 
     def law_of(self, trial: Trial) -> Controller | Sampled:
         """Return the law of any trial, such as another member of the front."""
-        return with_numbers(self.controller, self.free, trial.numbers)
+        return law_with_numbers(with_numbers(self.loop, self.free, trial.numbers))
+
+    @property
+    def controller(self) -> Controller | Sampled:
+        """The law as it was given."""
+        return self.loop.laws[0]
 
     def applied(self, scene: Scene, label: str) -> Scene:
         """Return a scene in which the case of that label stands twice: as given, and next to it with the best numbers as "<label>, tuned"."""
@@ -159,7 +167,8 @@ class Tuned:
         for case in scene.cases:
             cases.append(case)
             if case.label == scene.case(label).label:
-                law = with_numbers(case.law, self.free, self.best.numbers)
+                law: Any = law_with_numbers(with_numbers(scene[label], self.free, self.best.numbers))
+                law = law.law if isinstance(law, Sampled) else law
                 cases.append(dataclasses.replace(case, label=f"{case.label}, tuned", law=law))
         return dataclasses.replace(scene, cases=tuple(cases))
 
@@ -324,23 +333,10 @@ def _table(rows: Sequence[Sequence[str]]) -> list[str]:
     ]
 
 
-def with_numbers(law: Any, free: Sequence[Free], numbers: Sequence[float | None]) -> Any:
-    """The law with its free numbers replaced; None leaves a number as it is."""
-    if isinstance(law, Sampled):
-        return dataclasses.replace(law, law=with_numbers(law.law, free, numbers))
-    for each, number in zip(free, numbers, strict=True):
-        if number is not None:
-            law = _replaced(law, each.name.split(".")[1:], number)  # behind the name of the law
-    return law
-
-
-def _replaced(node: Any, path: Sequence[str], number: float) -> Any:
-    if not path:
-        return number
-    if isinstance(node, tuple):
-        place = int(path[0])
-        return (*node[:place], _replaced(node[place], path[1:], number), *node[place + 1 :])
-    return dataclasses.replace(node, **{path[0]: _replaced(getattr(node, path[0]), path[1:], number)})
+def with_numbers(loop: ClosedLoop, free: Sequence[Free], numbers: Sequence[float | None]) -> ClosedLoop:
+    """The loop with its free numbers changed; None leaves a number as it is."""
+    changed = ((each.name, number) for each, number in zip(free, numbers, strict=True) if number is not None)
+    return functools.reduce(lambda made, number: made.at(*number), changed, loop)
 
 
 _OVER = {"max": "worst", "fmean": "mean"}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import concurrent.futures
 import contextlib
-import dataclasses
 import math
 from collections.abc import Callable, Generator, Sequence
 from typing import Any
@@ -13,15 +12,14 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, SimulationError
+from toolbox.measuring.measures import Measure
+from toolbox.scenes.judged import judged_measures
 from toolbox.scenes.scene import Scene
-from toolbox.scenes.verdicts import measured
 from toolbox.simulation.simulate import simulate
-from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.executors import travelling
 from toolbox.tuning.journal import Journal
 from toolbox.tuning.results import Free, Trial, counted_over, front_of, with_numbers
 
-Objective = str | Callable[[Trajectory], float]
 WORST = 1e100
 """What the optimisers see in place of infinity, so that their differences are numbers."""
 
@@ -31,14 +29,14 @@ class Spent(Exception):
 
 
 def trial_objectives(
-    scene: Scene, label: str, free: tuple[Free, ...], numbers: tuple[float | None, ...], objectives: tuple[Objective, ...], strict: bool
+    scene: Scene, label: str, free: tuple[Free, ...], numbers: tuple[float | None, ...], objectives: tuple[Measure, ...], strict: bool
 ) -> tuple[tuple[float, ...], str]:
     """The objectives of one scene under a law with other numbers, and why it failed. strict: let what is wrong with the law itself be raised."""
     refused = () if strict else (SceneError, np.linalg.LinAlgError)
     try:
-        loop = scene[label]
-        run = simulate(dataclasses.replace(loop, laws=tuple(with_numbers(law, free, numbers) for law in loop.laws)))
-        values = [float(measured(scene, run, each) if isinstance(each, str) else each(run)) for each in objectives]
+        run = simulate(with_numbers(scene[label], free, numbers))
+        asked = judged_measures(dict(enumerate(objectives)), run.run.loop, run.begin, run.end, "objective")
+        values = [each.read(run) for each in asked.values()]
     except (SimulationError, *refused) as error:
         return (math.inf,) * len(objectives), f"{type(error).__name__}: {error}"
     return tuple(value if math.isfinite(value) else math.inf for value in values), ""
@@ -59,7 +57,7 @@ class TuningSearch:
     """Points of the unit cube as trials: simulated once, here or by an executor, or taken from the journal."""
 
     def __init__(
-        self, scenes: list[Scene], label: str, free: tuple[Free, ...], objectives: dict[str, Objective], over: Any, runs: int, journal: Journal | None,
+        self, scenes: list[Scene], label: str, free: tuple[Free, ...], objectives: dict[str, Measure], over: Any, runs: int, journal: Journal | None,
         executor: concurrent.futures.Executor | None = None,
     ):  # fmt: skip
         self.scenes, self.label, self.free, self.objectives = scenes, label, free, objectives

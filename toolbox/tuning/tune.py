@@ -21,32 +21,32 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from toolbox.arguments import is_finite_number, refuse
-from toolbox.errors import SceneError, suggest
+import numpy as np
+
+from toolbox.arguments import is_finite_number
+from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, TypedNumber, in_si
-from toolbox.measuring import measure
+from toolbox.measuring.measures import measures_of
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.components import fields_of, is_nested, numbers_of
+from toolbox.modelling.components import law_of, numbers_of
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
+from toolbox.modelling.numbers import law_with_numbers
 from toolbox.scenes.cases import Case
+from toolbox.scenes.judged import judged_measures
 from toolbox.scenes.scene import Scene
-from toolbox.scenes.verdicts import MEASURES
 from toolbox.sweeps.executors import check_executor
 from toolbox.tuning.journal import Journal, fingerprint
-from toolbox.tuning.results import Free, Tuned, plain_number
-from toolbox.tuning.search import Objective, Spent, TuningSearch, is_result, smallest, spread
-
-_BY_FUNCTION: Mapping[Any, str] = {measure.severity: "severity", measure.settling: "settling", measure.overshoot: "overshoot"}
-_UNITS = {"stuck": "s", "severity": "1", "settling": "s", "overshoot": "1"}
+from toolbox.tuning.results import Free, Tuned, plain_number, with_numbers
+from toolbox.tuning.search import Spent, TuningSearch, is_result, smallest, spread
 
 
 def tune(
     scene: Scene | HybridSystem | Sequence[Scene | HybridSystem] | Mapping[str, Scene | HybridSystem],
     controller: str | Controller | Sampled,
-    objective: Objective | Sequence[Objective] | Mapping[str, Objective],
+    objective: Any,
     bounds: Mapping[str, tuple[NumberOrText, NumberOrText]],
     *,
     duration: NumberOrText | None = None,
@@ -70,11 +70,11 @@ def tune(
     controller
         Label of a case that every scene has (each keeps its own set-point, period and sensors), a `Controller` (continuous) or `Sampled`.
     objective
-        What is made small: a column of the verdict ("stuck" [s], "severity", "settling" [s], "overshoot", "peak"; `measure.severity` is the same as
-        "severity"), judged as the scene says, or a function run -> float. A sequence or {label: objective} asks for a front.
+        What is made small: a measure as `sweep` takes it, by its name judged as the scene says ("stuck" [s], "severity", "settling" [s], "overshoot",
+        "peak"), or a function run -> float. A sequence or {label: objective} asks for a front.
     bounds
         {number of the law: (low, high)}, in SI or text with units, by its name among the numbers of the loop: "pi.proportional", "softtorque.detuning",
-        "lqr.gain.0". The law is designed anew at every point.
+        "lqr.gain.0". As in `sweep`, a number is changed where it acts, and the law is designed anew for what only its design knows.
     duration
         Length of the runs of plants [s].
     over
@@ -107,14 +107,10 @@ def tune(
     scenes = {label: _with_case(each, controller) for label, each in asked.items()}
     chosen = controller if isinstance(controller, str) else "tuned"
     cases = [each.case(chosen) for each in scenes.values()]
-    loops = [each[chosen] for each in scenes.values()]
-    free = _free(loops[0], bounds)
-    for label, loop in zip(scenes, loops, strict=True):
-        for first, here in zip(free, _free(loop, bounds), strict=True):
-            if here.given != first.given:
-                words = f"{plain_number(first.given)} in `{next(iter(scenes))}` and {plain_number(here.given)} in `{label}`"
-                raise SceneError(f"Argument `controller` must start from the same `{here.name}` in every scene, but it is {words}.")
-    objectives = _objectives(objective, list(scenes.values()))
+    loops = {label: each[chosen] for label, each in scenes.items()}
+    free = _shared(loops, bounds)
+    objectives = measures_of(objective, "objective")
+    judged = [judged_measures(objectives, loops[label], 0.0, each.duration, "objective") for label, each in scenes.items()]
     if not callable(over):
         raise SceneError(f"Argument `over` must be a function such as `max`, but it is {over!r}.")
     if isinstance(runs, bool) or not isinstance(runs, int) or runs < 10:
@@ -129,7 +125,7 @@ def tune(
             {
                 "scene": fingerprint(asked),
                 "controller": fingerprint([case.controller for case in cases]),
-                "objective": repr({name: fingerprint(each) for name, each in objectives.items()}),
+                "objective": repr({name: repr(each) if each.looks_at else fingerprint(each.function) for name, each in objectives.items()}),
                 "bounds": repr([(each.name, each.low, each.high) for each in free]),
                 "seed": str(seed),
             },
@@ -142,8 +138,8 @@ def tune(
             smallest(search, seed) if len(objectives) == 1 else spread(search, seed)
     law = cases[0].law
     label = f"{type(law).__name__} `{controller}`" if isinstance(controller, str) else type(law).__name__
-    told = scenes[next(iter(scenes))]
-    units = [told.plant().unit(told.effort) if each == "peak" else _UNITS.get(str(each), "") for each in objectives.values()]
+    loop = loops[next(iter(loops))]
+    units = [each.unit_in(loop.system) for each in judged[0].values()]
     return Tuned(
         label,
         free,
@@ -154,8 +150,8 @@ def tune(
         tuple(search.trials.values()),
         seed,
         search.simulated,
-        cases[0].controller,
-        {**told.asked, **{each.unit: asked_in((each.low, each.high), each.unit) for each in reversed(free)}},
+        loop,
+        {**scenes[next(iter(scenes))].asked, **{each.unit: asked_in((each.low, each.high), each.unit) for each in reversed(free)}},
     )
 
 
@@ -204,97 +200,57 @@ def _with_case(scene: Scene, controller: Any) -> Scene:
     return scene
 
 
-def numbers_of_law(loop: ClosedLoop) -> dict[str, tuple[float | None, Mapping[str, Any]]]:
-    """{name: (value, what its field declares)} of every number of the law of a loop, and of those that `design` would fill in.
-
-    A number that acts in the loop has its name there, such as `pi.integral` of a `StiffPI`; one that only the design knows that of the class.
-    """
-    if not loop.laws:
-        raise SceneError("Argument `controller` must name a case with a law, but it has none.")
-    law = loop.laws[0].law if isinstance(loop.laws[0], Sampled) else loop.laws[0]
-    first = sum(len(numbers_of(part)) for part in loop.plant.parts)
-    acting = next((name.partition(".")[0] for name, entry in loop.system.parameters.items() if entry.offset == first), "")
-    known = getattr(law, "name", None) or type(law).__name__.lower()
-    return {f"{acting if loop.system.has_parameter(f'{acting}.{path}') else known}.{path}": entry for path, entry in _numbers(law, "")}
-
-
-def unit_of(loop: ClosedLoop, name: str) -> str:
-    """Unit of a number of the law of a loop; raises SceneError where there is no such number, or it belongs to the machine."""
-    fields = numbers_of_law(loop)
-    if name in fields:
-        return str(fields[name][1].get("unit", "1"))
-    full = next((each for each in fields if each.partition(".")[2] == name), None)
-    if full is not None:
-        raise SceneError(f"There is no number `{name}`: a number of a law has its name before it, `{full}`.")
-    if name in loop.numbers():
-        raise SceneError(f"Argument `bounds` must hold numbers of the law that is tuned, but `{name}` is none: vary it by `sweep`.")
-    raise SceneError(f"There is no number `{name}` in this law: {suggest(name, fields)}")
-
-
 def _free(loop: ClosedLoop, bounds: Any) -> tuple[Free, ...]:
     """The free numbers of the law of a loop, checked."""
     if not isinstance(bounds, Mapping) or not bounds:
         raise SceneError(f"Argument `bounds` must map numbers of the law to (low, high), but it is {bounds!r}.")
-    fields = numbers_of_law(loop)
+    if not loop.laws:
+        raise SceneError("Argument `controller` must name a case with a law, but it has none.")
+    first, law = sum(len(numbers_of(part)) for part in loop.plant.parts), loop.designed[0]
+    own = range(first, first + (len(numbers_of(law)) if isinstance(law, Controller) else 0))
     free = []
     for name, pair in bounds.items():
-        unit = unit_of(loop, str(name))
-        given, spec = fields[name]
-        pair = in_si(pair, unit, f"bounds.{name}")
-        if not isinstance(pair, Sequence) or len(pair) != 2 or not all(map(is_finite_number, pair)) or not pair[0] < pair[1]:
-            raise SceneError(f"Argument `bounds` of `{name}` must be (low, high) in {unit} with low < high, but it is {pair!r}.")
-        for number in pair:
-            refuse(f"Argument `bounds` of `{name}`", number, unit, spec)
-        low, high = (end if isinstance(end, TypedNumber) else float(end) for end in pair)
-        free.append(Free(str(name), unit, low, high, None if given is None else float(given)))
+        number = loop.number(name)
+        if number.kind != "design" and not (number.kind == "parameter" and loop.system._parameter(number.name).offset in own):
+            raise SceneError(f"Argument `bounds` must hold numbers of the law that is tuned, but `{name}` is none: vary it by `sweep`.")
+        if number.name in loop.parameters:
+            raise SceneError(f"Argument `bounds` must not hold `{name}`, because `parameters` of the scene says what it is.")
+        ends = number.in_si(f"bounds.{name}", pair)
+        if not isinstance(ends, Sequence) or len(ends) != 2 or not all(map(is_finite_number, ends)) or not ends[0] < ends[1]:
+            raise SceneError(f"Argument `bounds` of `{name}` must be (low, high) in {number.unit} with low < high, but it is {pair!r}.")
+        for end in ends:
+            number.check(end)
+        low, high = (end if isinstance(end, TypedNumber) else float(end) for end in ends)
+        free.append(Free(number.name, number.unit, low, high, number.value))
     return tuple(free)
 
 
-def _numbers(law: Any, path: str) -> list[tuple[str, tuple[float | None, Mapping[str, Any]]]]:
-    """(dotted name, (value, what its field declares)) of every number of a law, and of those that `design` would fill in."""
-    found: list[tuple[str, tuple[float | None, Mapping[str, Any]]]] = []
-    for declared in fields_of(type(law)):
-        value, name = getattr(law, declared.name), f"{path}{declared.name}"
-        if is_nested(value):
-            found += _numbers(value, f"{name}.")
-        elif declared.numeric and isinstance(value, tuple):
-            found += [(f"{name}.{i}", (number, declared.spec.metadata)) for i, number in enumerate(value)]
-        elif declared.numeric and not declared.tuples:
-            found.append((name, (value, declared.spec.metadata)))
-    return found
-
-
-def _objectives(given: Any, scenes: Sequence[Scene]) -> dict[str, Objective]:
-    if isinstance(given, str) or callable(given):
-        given = [given]
-    if not isinstance(given, Mapping):
-        if not isinstance(given, Sequence):
-            raise SceneError(f"Argument `objective` must be a measure, a function of a run, or several, but it is {given!r}.")
-        names = [_BY_FUNCTION.get(each, getattr(each, "__name__", str(each))) if callable(each) else str(each) for each in given]
-        if len(set(names)) < len(names):
+def _shared(scenes: Mapping[str, ClosedLoop], bounds: Any) -> tuple[Free, ...]:
+    """The free numbers of the loops of all scenes. Raises SceneError where they are declared differently, or one law cannot say them for all."""
+    label, loop = next(iter(scenes.items()))
+    free = list(_free(loop, bounds))
+    for other, here in scenes.items():
+        for i, (mine, its) in enumerate(zip(free, _free(here, bounds), strict=True)):
+            if mine.given is None or mine.given == its.given:
+                continue
+            if here.laws != loop.laws:
+                words = f"{plain_number(mine.given)} in `{label}` and {plain_number(its.given)} in `{other}`"
+                raise SceneError(f"Argument `controller` must start from the same `{mine.name}` in every scene, but it is {words}.")
+            free[i] = dataclasses.replace(mine, given=None)
+        if here.laws == loop.laws and _at_low_ends(here, free) != _at_low_ends(loop, free):
             raise SceneError(
-                f"Argument `objective` must hold every objective once, or name them in a mapping, but it holds {', '.join(names)}."
+                "Argument `bounds` must hold numbers that the law declares where it is designed otherwise in each scene, as "
+                f"{type(law_of(loop.laws[0])).__name__} is, but it holds {', '.join(f'`{each.name}`' for each in free)}."
             )
-        given = dict(zip(names, given, strict=True))
-    if not given:
-        raise SceneError("Argument `objective` must hold at least one objective, but it is empty.")
-    found: dict[str, Objective] = {}
-    for name, each in given.items():
-        each = _BY_FUNCTION.get(each, each) if callable(each) else each
-        if isinstance(each, str):
-            if each not in MEASURES:
-                raise SceneError(f"There is no objective `{each}`: {suggest(each, MEASURES)}")
-            without = next((scene for scene in scenes if not scene.reference), None)
-            if each == "stuck":
-                _ = [scene.contact for scene in scenes]  # raises where nothing sticks
-            if each in ("settling", "overshoot") and without is not None:
-                raise SceneError(
-                    f"Argument `objective` must not be {each} where a scene has no `reference`, but `{without.title}` has none."
-                )
-        elif not callable(each):
-            raise SceneError(f"Argument `objective` must be a measure or a function of a run, but it is {each!r}.")
-        found[str(name)] = each
-    return found
+    return tuple(free)
+
+
+def _at_low_ends(loop: ClosedLoop, free: Sequence[Free]) -> Any:
+    """The law with all its free numbers at their low ends; None where there is none."""
+    try:
+        return law_with_numbers(with_numbers(loop, free, [each.low for each in free]))
+    except (SceneError, np.linalg.LinAlgError):
+        return None
 
 
 def _bar(runs: int, progress: bool) -> Any:

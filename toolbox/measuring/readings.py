@@ -1,0 +1,208 @@
+"""Reads measures of thousands of runs as they go: extrema, means, severity, stick time and events, without a trajectory in Python.
+
+    s, s' = s_t + s_x f, s'' = s'_t + s'_x f      of every signal, compiled, at the nodes of a run
+
+Between two nodes a signal is the quintic with these values at both ends. Where it differs from the cubic with the values and slopes alone by more than ten
+times the accuracy of the run, the step is divided, by stepping from its left node to the middle as `run.at` does; the quintic is then better than the
+accuracy by orders. Means are integrals of these quintics, extrema their peaks, stays in a mode are cut at located events. Nodes are read as the
+event loop fills its buffer, so that a long run needs no more memory than a short one.
+
+Why not the nodes alone: see `toolbox.measure`, with which these numbers agree to the accuracy of the run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from toolbox.compilation import work_layout
+from toolbox.compilation.notices import announced
+from toolbox.compilation.program import Program
+from toolbox.measuring.measures import Measure
+from toolbox.measuring.quintics import _compiled, _tolerance
+from toolbox.measuring.severity import Extent, severity_of
+
+OF_SIGNALS = ("lowest", "highest", "mean", "severity", "peak", "ends")
+"""What is read of a signal, in the words of `Measure.compiled`; all else is read of an element."""
+
+
+class Layout:
+    """Where measures of one program are read: `signals` in `windows` (begin, end), and `asked` stays and switches (element, mode, begin, end).
+
+    Behind the signals come the bounds of friction that vary in time, smallest and largest over the run: negative ones are refused. `count` of both.
+    """
+
+    def __init__(self, program: Program, measures: Sequence[Measure], duration: float):
+        self.program, self.measures, self.duration = program, tuple(measures), duration
+        spans = [(float(m.after or 0.0), duration if m.until is None else float(m.until)) for m in self.measures]
+        of_signals = [(m, span) for m, span in zip(self.measures, spans, strict=True) if m.compiled in OF_SIGNALS]
+        self.signals = tuple(dict.fromkeys(m.of for m, _ in of_signals))
+        windows = list(dict.fromkeys(span for _, span in of_signals))
+        varying = program.varying if measures else []
+        if varying and (0.0, duration) not in windows:
+            windows.append((0.0, duration))
+        self.windows = np.array(windows, float).reshape(-1, 2)
+        self.places = [
+            (self.signals.index(m.of), windows.index(span)) if m.compiled in OF_SIGNALS else None
+            for m, span in zip(self.measures, spans, strict=True)
+        ]
+        self.whole = windows.index((0.0, duration)) if varying else 0
+        names = [element.name for element in program.system.elements]
+        self.rows = [-1] * len(self.measures)
+        asked: list[tuple[float, ...]] = []
+        for q, (m, span) in enumerate(zip(self.measures, spans, strict=True)):
+            if m.compiled not in OF_SIGNALS:
+                i = names.index(m.of)
+                words = program.system.elements[i].legend
+                self.rows[q] = len(asked)
+                asked.append((i, next((number for number, word in words.items() if word == m.mode), -9), *span))
+        self.asked = np.array(asked, float).reshape(-1, 4)
+        self.count = len(self.signals) + len(varying)
+
+    def values(self, found: Readings) -> np.ndarray:
+        """The measures, shape (..., measures)."""
+        return (
+            np.stack([self._value(q, m, found) for q, m in enumerate(self.measures)], axis=-1)
+            if self.measures
+            else np.zeros((*found.ends.shape[:-1], 0))
+        )
+
+    def _value(self, q: int, m: Measure, found: Readings) -> Any:
+        place = self.places[q]
+        if place is None:
+            spent, row = found.spent[..., self.rows[q]], self.asked[self.rows[q]]
+            return spent / (row[3] - row[2]) if m.compiled == "ratio" else getattr(found, m.compiled)[..., self.rows[q]]
+        if m.compiled == "ends":
+            return found.ends[..., place[0]]
+        low, high = found.lowest[..., place[0], place[1]], found.highest[..., place[0], place[1]]
+        if m.compiled in ("lowest", "highest"):
+            return low if m.compiled == "lowest" else high
+        if m.compiled == "peak":
+            return np.maximum(np.abs(low), np.abs(high))
+        begin, end = self.windows[place[1]]
+        average = np.minimum(np.maximum(found.integral[..., place[0], place[1]] / (end - begin), low), high)
+        if m.compiled == "mean":
+            return average
+        extents = zip(low.ravel().tolist(), high.ravel().tolist(), average.ravel().tolist(), strict=True)
+        ratios = [severity_of(Extent(*extent, math.nan, math.nan), **dict(m.settings)) for extent in extents]
+        return np.array(ratios).reshape(low.shape)
+
+    def negative(self, found: Readings) -> np.ndarray:
+        """Which of the bounds that vary in time were negative, shape (..., bounds)."""
+        if self.count == len(self.signals):
+            return np.zeros((*found.ends.shape[:-1], 0), bool)
+        low, high = (each[..., len(self.signals) :, self.whole] for each in (found.lowest, found.highest))
+        return low < -1e-9 * np.maximum(np.abs(low), np.abs(high))
+
+    def broken_bound(self, found: Readings) -> str | None:
+        """What is wrong with a bound of friction that was negative during a run; None where none was."""
+        for k in np.flatnonzero(self.negative(found)):
+            name, low = self.program.system.elements[self.program.varying[k]].name, found.lowest[len(self.signals) + k, self.whole]
+            return f"The bound of `{name}` must be >= 0, but it is {low:.6g} during the run: is its load negative?"
+        return None
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What was read of a run, or of several along leading axes.
+
+    lowest, highest, integral: of every signal in every window, shape (..., count, windows);  ends: of every signal, shape (..., count);  spent, number,
+    latest, switches: seconds, stays, end of the last stay [s] and events, shape (..., asked).
+    """
+
+    lowest: np.ndarray
+    highest: np.ndarray
+    integral: np.ndarray
+    ends: np.ndarray
+    spent: np.ndarray
+    number: np.ndarray
+    latest: np.ndarray
+    switches: np.ndarray
+
+    @staticmethod
+    def of(layout: Layout, runs: tuple[int, ...] = ()) -> Readings:
+        """Empty readings, to be filled: minima at +inf, maxima at -inf, sums at 0."""
+        extents, asked = (*runs, layout.count, len(layout.windows)), (*runs, len(layout.asked))
+        return Readings(
+            lowest=np.full(extents, np.inf), highest=np.full(extents, -np.inf), integral=np.zeros(extents), ends=np.zeros(extents[:-1]),
+            spent=np.zeros(asked), number=np.zeros(asked), latest=np.full(asked, np.nan), switches=np.zeros(asked),
+        )  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------------------------------------------- one by one
+class RunningMeasures:
+    """Reads the measures of runs of one program, one run after the other: `begin()`, `read(work)` whenever the event loop returns, `values()`.
+
+    One for each thread.
+    """
+
+    def __init__(self, program: Program, measures: Sequence[Measure], duration: float, accuracy: float):
+        from toolbox.measuring import measuring_loop
+
+        announced("reader of measures", measuring_loop.read_nodes, measuring_loop.read_events)
+        self.loops, self.program = measuring_loop, program
+        self.layout = Layout(program, measures, duration)
+        count = self.layout.count
+        by_window = (len(self.layout.windows), count)  # what the reader of nodes fills a row at a time
+        self.found = replace(
+            Readings.of(self.layout), lowest=np.empty(by_window).T, highest=np.empty(by_window).T, integral=np.empty(by_window).T
+        )
+        field, step, project, *_, series = program.kernel.addresses
+        addresses = np.array(
+            [field, step, project, _compiled(program, self.layout.signals, program.varying) if count else 0, series], np.int64
+        )
+        kernel = program.kernel
+        self.reader = measuring_loop.Reader(
+            addresses,
+            kernel.states,
+            kernel.elements,
+            kernel.guards,
+            kernel.slopes,
+            count,
+            np.empty(program.p_size),
+            program.first_held,
+            _tolerance(accuracy),
+        )
+        when = np.empty(by_window)
+        self.extremes = measuring_loop.Extremes(self.found.lowest.T, self.found.highest.T, when, when, self.found.integral.T)
+        self.size = np.zeros(count)
+        self.since = np.zeros(kernel.elements)
+        found = self.found
+        self.stays = measuring_loop.StayCounts(self.layout.asked, self.since, found.spent, found.number, found.latest, found.switches)
+
+    def begin(self) -> None:
+        """Reset all accumulators before the next run."""
+        found = self.found
+        for array in (self.size, found.ends, found.integral, self.since, found.spent, found.number, found.switches):
+            array[:] = 0.0
+        found.lowest[:], found.highest[:], found.latest[:] = np.inf, -np.inf, np.nan
+
+    def read(self, work: Any, finished: bool) -> None:
+        """Read the nodes and events that the loop has recorded, and make room for more."""
+        ints, layout, loops = work.ints, self.layout, self.loops
+        if layout.count:
+            self.reader.p[:] = work.p
+            nodes = loops.Nodes(work.rec_t, work.rec_x, work.rec_m, work.rec_p)
+            loops.read_nodes(self.reader, nodes, ints[work_layout.RECORDS], layout.windows, self.size, self.extremes, self.found.ends)
+        r = ints[work_layout.RECORDS] - 1
+        if r > 0:
+            for array in (work.rec_t, work.rec_x, work.rec_m, work.rec_p):
+                array[0] = array[r]
+            ints[work_layout.RECORDS] = 1
+        if len(layout.asked):
+            events, end = loops.Events(work.ev_t, work.ev_i, work.ev_m), work.reals[work_layout.TIME]
+            loops.read_events(events, ints[work_layout.EVENTS], finished, end, work.m, self.stays)
+        ints[work_layout.EVENTS] = 0
+
+    def values(self) -> np.ndarray:
+        """The measures of the finished run, shape (measures,)."""
+        return self.layout.values(self.found)
+
+    @property
+    def broken_bound(self) -> str | None:
+        """What is wrong with a bound of friction that was negative during the run; None where none was."""
+        return self.layout.broken_bound(self.found)

@@ -178,6 +178,12 @@ class ClosedLoop:
         """Whether a law of the loop samples."""
         return any(isinstance(law, Sampled) for law in self.laws)
 
+    @property
+    def changes_in_time(self) -> bool:
+        """Whether time itself enters the equations of the plant or of a law, whatever the inputs are; nobody knows it of a law in Python."""
+        laws = [each for update in self.system.updates for each in (update.following, update.outputs)]
+        return bool(ca.depends_on(ca.vertcat(self.system.switching.field, *laws), self.system.t))
+
     def constant_inputs(self, word: str) -> dict[str, float]:
         """The inputs as numbers; raises SceneError for one that varies in time, where `word` says what needs constants."""
         moving = next((name for name, value in self.values.items() if not isinstance(value, float)), None)

@@ -166,7 +166,7 @@ def number_of(loop: Loop, name: str) -> Number | None:
     if _row(system, name) is not None:
         x = system.begin.copy()
         for each, given in loop.start.items():
-            if system.has_signal(each) and not is_remembered(system, each):
+            if system.rows(each) is not None or _row(system, each) is not None:
                 place_start(system, x, each, given)
         return Number(name, system.signal_unit(name), "start", float(x[_row(system, name)]))
     sizes, (head, _, place) = remembered(system), name.rpartition(".")

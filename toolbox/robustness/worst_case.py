@@ -241,11 +241,7 @@ def worst_case(
         **{f"high {name}": measures.maximum(name, window) for name in drives},
         **{f"mean {name}": measures.mean(name, window) for name in drives},
     }
-    begins = list(starts or ())
-    held: dict[str, float] = {}
-    if starts is None:
-        smooth, held = smooth_start(loop)
-        begins = [smooth]
+    begins = [smooth_start(loop)] if starts is None else list(starts)
     found: list[Outcome] = []
     seconds = 0.0
     for late in sorted({case.get(DELAY, 1.0) for case in cases.values()}):
@@ -254,7 +250,7 @@ def worst_case(
         for seed in seeds if noisy else (0,):
             running = loop.with_laws(_as_run(law, late, seed) for law in loop.laws)
             for k, begin in enumerate(begins):
-                started = running.but(start=states_of(begin, plant), parameters={**held, **loop.parameters})
+                started = running.but(start=states_of(begin, plant))
                 done = sweep(started, rows, duration, measures=asked)
                 seconds += done.seconds
                 for i, label in enumerate(own):

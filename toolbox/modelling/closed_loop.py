@@ -201,7 +201,8 @@ class ClosedLoop:
     @property
     def title(self) -> str:
         """Its label, else the kinds of its parts."""
-        return self.label or ", ".join(type(law_of(part)).__name__ for part in self.closed.system.parts)
+        kinds = [type(law_of(part)).__name__ for part in self.plant.parts]
+        return self.label or ", ".join([*kinds, *(described(law).partition(",")[0] for law in self.laws)])
 
     # -------------------------------------------------------------------------------------------------------------------------------------- numbers
     def numbers(self) -> dict[str, Number]:
@@ -211,7 +212,7 @@ class ClosedLoop:
     @cached_property
     def overridden(self) -> dict[str, str]:
         """{parameter that has no effect: the input that takes its place}."""
-        scalars = [name for name, entry in self.system.parameters.items() if entry.size is None] if self.inputs else []
+        scalars = [name for name, entry in self.system.parameters.items() if entry.size is None]
         return {name: found for name in scalars if (found := self.number(name).overridden) is not None}
 
     def number(self, name: str) -> Number:
@@ -235,9 +236,9 @@ class ClosedLoop:
         """The number of that name, to be varied; raises SceneError where there is none, and where an input takes its place, so that nothing would change."""
         number = self.number(name)
         if number.overridden is not None:
-            raise SceneError(
-                f"Argument `{name}` must have an effect to be varied, but the input `{number.overridden}` takes its place: vary that one."
-            )
+            given = number.overridden in self.system.inputs
+            why = f"the input `{number.overridden}` takes its place: vary that one" if given else f"a law drives `{number.overridden}`"
+            raise SceneError(f"Argument `{name}` must have an effect to be varied, but {why}.")
         return number
 
     def acting(self, name: str, verb: str, also: tuple[str, ...] = ()) -> Number:

@@ -184,6 +184,12 @@ class ClosedLoop:
         """Whether a law of the loop samples."""
         return any(isinstance(law, Sampled) for law in self.laws)
 
+    @property
+    def changes_in_time(self) -> bool:
+        """Whether time itself enters the equations of the plant or of a law, whatever the inputs are; nobody knows it of a law in Python."""
+        laws = [each for update in self.system.updates for each in (update.following, update.outputs)]
+        return bool(ca.depends_on(ca.vertcat(self.system.switching.field, *laws), self.system.t))
+
     def constant_inputs(self, word: str) -> dict[str, float]:
         """The inputs as numbers; raises SceneError for one that varies in time, where `word` says what needs constants."""
         moving = next((name for name, value in self.values.items() if not isinstance(value, float)), None)
@@ -201,7 +207,8 @@ class ClosedLoop:
     @property
     def title(self) -> str:
         """Its label, else the kinds of its parts."""
-        return self.label or ", ".join(type(law_of(part)).__name__ for part in self.closed.system.parts)
+        kinds = [type(law_of(part)).__name__ for part in self.plant.parts]
+        return self.label or ", ".join([*kinds, *(described(law).partition(",")[0] for law in self.laws)])
 
     # -------------------------------------------------------------------------------------------------------------------------------------- numbers
     def numbers(self) -> dict[str, Number]:
@@ -211,7 +218,7 @@ class ClosedLoop:
     @cached_property
     def overridden(self) -> dict[str, str]:
         """{parameter that has no effect: the input that takes its place}."""
-        scalars = [name for name, entry in self.system.parameters.items() if entry.size is None] if self.inputs else []
+        scalars = [name for name, entry in self.system.parameters.items() if entry.size is None]
         return {name: found for name in scalars if (found := self.number(name).overridden) is not None}
 
     def number(self, name: str) -> Number:
@@ -240,9 +247,9 @@ class ClosedLoop:
         """The number of that name, to be varied; raises SceneError where there is none, and where an input takes its place, so that nothing would change."""
         number = self.number(name)
         if number.overridden is not None:
-            raise SceneError(
-                f"Argument `{name}` must have an effect to be varied, but the input `{number.overridden}` takes its place: vary that one."
-            )
+            given = number.overridden in self.system.inputs
+            why = f"the input `{number.overridden}` takes its place: vary that one" if given else f"a law drives `{number.overridden}`"
+            raise SceneError(f"Argument `{name}` must have an effect to be varied, but {why}.")
         return number
 
     def acting(self, name: str, verb: str, also: tuple[str, ...] = ()) -> Number:

@@ -72,6 +72,8 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
             sampled.check()
             clocks.append((float(sampled.period), float(sampled.delay)))
             seeds.append(sampled.seed)
+        if sampled is None and isinstance(given, Controller) and not isinstance(law, Controller):
+            raise SceneError(f"{type(given).__name__} has no continuous form: give `sample_time`.")
         parts.append(_part(law, sampled, declared))
         if not isinstance(law, Controller):
             callables.append(law)

@@ -58,7 +58,7 @@ class Number:
     usual
         (low, high) between which every sound number lies; None where nothing is said.
     overridden
-        The input that takes the place of this number, so that it has no effect; None for none.
+        The input, given or driven by a law, that takes the place of this number, so that it has no effect; None for none.
     """
 
     name: str
@@ -166,7 +166,7 @@ def number_of(loop: Loop, name: str) -> Number | None:
     if _row(system, name) is not None:
         x = system.begin.copy()
         for each, given in loop.start.items():
-            if system.has_signal(each) and not is_remembered(system, each):
+            if system.rows(each) is not None or _row(system, each) is not None:
                 place_start(system, x, each, given)
         return Number(name, system.signal_unit(name), "start", float(x[_row(system, name)]))
     sizes, (head, _, place) = remembered(system), name.rpartition(".")
@@ -184,26 +184,25 @@ def remembered(system: HybridSystem) -> dict[str, int | None]:
 
 
 def overridden(loop: Loop, name: str) -> str | None:
-    """The given input that takes the place of a parameter, which is its default and acts nowhere else; None for none."""
-    system = loop.system
-    if not loop.values or not system.has_parameter(name):
+    """The input that takes the place of a parameter, which is its default and acts nowhere else, as it is given or as a law drives it; None for none."""
+    system, plant = loop.system, loop.plant
+    if not system.has_parameter(name):
         return None
-    symbol = system.p[system._parameter(name).offset]
-    for given in loop.values:
-        if given in system.inputs and ca.depends_on(system.inputs[given].default, symbol):
-            rest = [entry.default for each, entry in system.inputs.items() if each not in loop.values]
-            return None if _acts(system, name, rest) else given
+    defaults = {each: (system, system.inputs[each].default) for each in loop.values if each in system.inputs}
+    if plant.has_parameter(name) and not any(
+        delay > 0.0 for _, delay in loop.closed.clocks
+    ):  # a late law leaves the default until its first output
+        defaults |= {each: (plant, entry.default) for each, entry in plant.inputs.items() if each not in system.inputs}
+    for each, (owner, default) in defaults.items():
+        if owner.has_parameter(name) and ca.depends_on(default, owner.p[owner._parameter(name).offset]):
+            return None if acts(loop, name) else each
     return None
 
 
 def acts(loop: Loop, name: str) -> bool:
     """Whether a parameter of the closed system enters its motion, or the default of an input that is not given."""
-    rest = [entry.default for each, entry in loop.system.inputs.items() if each not in loop.values]
-    return _acts(loop.system, name, rest)
-
-
-def _acts(system: HybridSystem, name: str, more: list[ca.SX]) -> bool:
-    entry = system._parameter(name)
+    system = loop.system
+    entry, more = system._parameter(name), [each.default for name, each in system.inputs.items() if name not in loop.values]
     symbol = system.p[entry.offset : entry.offset + (entry.size or 1)]
     used = system.cache.get("motion")
     if used is None:

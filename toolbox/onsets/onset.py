@@ -98,9 +98,13 @@ def onset(
     Raises
     ------
     SceneError
-        If a name is unknown, the range is none, an input varies in time, or there is no smooth running in the range.
+        If a name is unknown, the range is none, an input or a law varies in time, or there is no smooth running in the range.
     """
     inputs, continuous = loop.constant_inputs("an onset to exist"), _continuous_form(loop)
+    if loop.changes_in_time:
+        raise SceneError(
+            "Argument `loop` must not depend on time itself for an onset to exist, but time enters the equations of its plant or of a law."
+        )
     check_one_direction(loop.system.elements, "`onset`", "judge runs of it, by `sweep`")
     free = (continuous or loop).acting(parameter, "onset")
     low, high = free.between(between)

@@ -200,11 +200,13 @@ def check_laws(run: Trajectory) -> None:
         run.program.system.updates, (p for p in run.run.system.parts if getattr(p, "sensors", None) is not None), strict=False
     ):
         if update.external:
-            raise SceneError("Argument `run` must be of laws written in casadi to have derivatives, but one is a Python callable.")
+            raise SceneError(
+                "Argument `controller` must be written in casadi for a run to have derivatives, but a law is a Python callable."
+            )
         if part.sensors.resolution is not None:
             raise SceneError(
-                f"Argument `run` must be without encoder steps, but `{part.sensors.coarse[0]}` has some: what is rounded has the derivative 0. "
-                "Leave out `resolution`."
+                f"Argument `resolution` must be left out for a run to have derivatives, but the encoder of `{part.sensors.coarse[0]}` has steps, "
+                "and what is rounded has the derivative 0."
             )
 
 

@@ -16,7 +16,7 @@ from toolbox.modelling.closing import described
 from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
 from toolbox.robustness.loop import LinearLoop, NoDerivative
 from toolbox.robustness.measured import MeasuredMargins, measured_margins
-from toolbox.robustness.steady_loop import input_defaults, smooth_start, steady_loop
+from toolbox.robustness.steady_loop import smooth_start, steady_loop
 from toolbox.steady_states.linear import input_values
 
 
@@ -194,14 +194,8 @@ def margins(
         measured = found is None
     if not measured:
         return result
-    held: Mapping[str, float] = {}
-    begin = mapping("guess", guess)
-    if found is not None:
-        begin, held = dict(found.start), input_defaults(plant, found.signals)
-    elif not begin:
-        begin, held = smooth_start(loop)
-    begun = loop.but(parameters={**held, **loop.parameters}, start=begin)
-    bears = measured_margins(begun, duration=float(duration), inertia=inertia)
+    begin = dict(found.start) if found is not None else mapping("guess", guess) or smooth_start(loop)
+    bears = measured_margins(loop.but(start=begin), duration=float(duration), inertia=inertia)
     return Margins(**{**result.__dict__, "measured": bears})
 
 

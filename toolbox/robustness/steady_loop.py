@@ -168,8 +168,8 @@ class SampledPoint:
         return q
 
     def start(self, plant: HybridSystem, q: np.ndarray) -> dict[str, Any]:
-        """Start values of a run: states of the plant KICK off the point, and the memory of the laws there."""
-        found = {}
+        """Start values of a run: states of the plant KICK off the point, and what the laws remember and hold there."""
+        found: dict[str, Any] = {self.names[j]: q[self.n + j] for j in self.driven}
         for name, (first, size, _) in self.system.states.items():
             value = q[first] if size is None else q[first : first + size]
             found[name] = (1.0 - KICK) * value if name in plant.states else value
@@ -370,6 +370,8 @@ def steady_loop(loop: ClosedLoop, guess: Mapping[str, Any] | None = None) -> Ste
     near = mapping("guess", guess)
     if not loop.laws:
         raise SceneError("Argument `loop` must hold a control law, but there is none.")
+    if loop.changes_in_time:
+        raise NoDerivative("time itself enters the equations of the loop")
     place_starts(loop.system, np.zeros(loop.system.x.numel()), {name: value for name, value in near.items() if not _remembered(loop, name)})
     return (sampled_steady_loop if loop.sampled else continuous_steady_loop)(loop, near)
 
@@ -379,24 +381,17 @@ def _remembered(loop: ClosedLoop, name: str) -> bool:
     return any(name in update.places for update in loop.system.updates)
 
 
-def smooth_start(loop: ClosedLoop) -> tuple[dict[str, Any], dict[str, float]]:
-    """Start values of a run near smooth running, and the defaults of its commands, which late laws leave there until their first output arrives.
+def smooth_start(loop: ClosedLoop) -> dict[str, Any]:
+    """Start values of a run near smooth running: states of the plant, and the commands that sampled laws hold, as if they had just taken over.
 
-    With the memory of the laws where their loop is linear, of the plant alone where it is not. Raises SceneError where no steady running is known.
+    With what the laws remember where their loop is linear. Raises SceneError where no steady running is known.
     """
-    plant = loop.plant
     with contextlib.suppress(NoDerivative, SceneError):
-        found = steady_loop(loop)
-        return dict(found.start), input_defaults(plant, found.signals)
+        return dict(steady_loop(loop).start)
     points = smooth_points(loop, {})
     if not points:
         raise SceneError(
             "No steady running of this loop is known to begin from: give the states of the plant there, as `guess` or `starts`."
         )
-    commands = {name: float(points[0][name]) for name in plant.inputs if name not in loop.system.inputs}
-    return {name: points[0][name] for name in plant.states}, input_defaults(plant, commands)
-
-
-def input_defaults(plant: HybridSystem, values: Mapping[str, float]) -> dict[str, float]:
-    """Those of some values that are defaults of inputs, which are parameters of the plant."""
-    return {name: float(value) for name, value in values.items() if name in plant.inputs and name in plant.parameters}
+    held = [name for update in loop.system.updates for name in update.names if name in loop.plant.inputs]
+    return {name: points[0][name] for name in (*loop.plant.states, *held)}

@@ -234,7 +234,7 @@ def worst_case(
     declared = _varied(loop, cases)
     more = judged_measures(measures, loop, 0.0, duration, after=window) if measures else {}
     asked = _measures(contact, speed, drives, window) | {f"further {name}": each for name, each in more.items()}
-    begins, held = _begins(loop, starts)
+    begins = [smooth_start(loop)] if starts is None else list(starts)
     found: list[Outcome] = []
     seconds = 0.0
     delays = sorted({case.get(DELAY, 1.0) for case in cases.values()})
@@ -242,7 +242,7 @@ def worst_case(
         own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late}
         rows = [{name: value * case.get(name, 1.0) for name, value in declared.items()} for case in own.values()]
         running = loop.with_laws(_as_run(law, late, seed) for law in loop.laws)
-        done = sweep(running.but(start=states_of(begin, plant), parameters={**held, **loop.parameters}), rows, duration, measures=asked)
+        done = sweep(running.but(start=states_of(begin, plant)), rows, duration, measures=asked)
         seconds += done.seconds
         for i, label in enumerate(own):
             numbers = {name: float(done[name][i]) for name in asked}
@@ -260,14 +260,6 @@ def _varied(loop: ClosedLoop, cases: Mapping[str, Mapping[str, float]]) -> dict[
     names = sorted({name for case in cases.values() for name in case if name != DELAY})
     names = names or [next(entry.name for entry in loop.plant.parameters.values() if entry.size is None)]
     return {name: _declared(loop, name) for name in names}
-
-
-def _begins(loop: ClosedLoop, starts: Sequence[Mapping[str, Any]] | None) -> tuple[list[Any], dict[str, float]]:
-    """(start values of the runs, parameters at which they begin): those given, or smooth running."""
-    if starts is not None:
-        return list(starts), {}
-    smooth, held = smooth_start(loop)
-    return [smooth], held
 
 
 def _measures(contact: str, speed: str, drives: Sequence[str], window: float) -> dict[str, Measure]:

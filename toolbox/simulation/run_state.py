@@ -76,7 +76,8 @@ class RunState:
     ) -> RunState:
         """Return the state in which a run begins: at rest, with the memory of laws at zero, but for the values that are given.
 
-        A signal that a late law drives has its default until the first output arrives; what other laws hold follows from their first sample at once.
+        A signal that a late law drives has its default, or the value given, until the first output arrives; what other laws hold follows from their first
+        sample at once, which reads the value given.
 
         Parameters
         ----------
@@ -85,7 +86,7 @@ class RunState:
         clocks
             (period, delay) of each sampled law [s].
         start
-            {state of the plant, or state that a sampled law remembers: value}.
+            {state of the plant, state that a sampled law remembers, or signal that one holds: value}.
 
         Raises
         ------
@@ -93,7 +94,8 @@ class RunState:
             If a name is unknown, or a value does not fit.
         """
         given = start or {}
-        known = {name for name in given if is_remembered(system, name)}
+        held = {name for update in system.updates for name in update.names}
+        known = {name for name in given if is_remembered(system, name) or name in held}
         states = system.begin.copy()
         place_starts(system, states, {name: value for name, value in given.items() if name not in known})
         memory = np.zeros(sum(update.memory.numel() + len(update.channels) for update in system.updates))

@@ -184,7 +184,8 @@ def varied_held(run: Run, variations: Variations) -> np.ndarray | None:
     for name, column in zip(variations.names, variations.points.T, strict=True):
         if name in names:
             values[plant._parameter(name).offset] = column
-    return held_defaults(run.system, plant, run.clocks, values)
+    declared, varied = (held_defaults(run.system, plant, run.clocks, each) for each in (plant.values, values))
+    return np.where(run.start.held == declared, varied, run.start.held)  # what the loop gives as a start value stays
 
 
 def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> dict[str, str]:

@@ -105,7 +105,7 @@ def quick(monkeypatch):
     runs = {}
     verdict_row = verdicts.verdict_row
 
-    def known(scene, label, stem=""):
+    def known(scene, label, stem="", measures=()):
         if scene.title not in runs:
             runs[scene.title] = verdict_row(scene, label, stem)
         return runs[scene.title]

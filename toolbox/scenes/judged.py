@@ -98,18 +98,17 @@ def _judged(asked: Measure, judge: ClosedLoop | Recorded, after: float, argument
     if not asked.looks_at:
         return asked
     of, settings = asked.of or _looked_at(asked.looks_at, judge, argument), dict(asked.settings)
-    stops = judge.standstill if isinstance(judge, ClosedLoop) and not asked.of else None
-    if stops is not None and asked.name == time_in.name:
-        settings |= {"signal": _looked_at("speed", judge, argument), "speed": stops}
+    scene = judge if isinstance(judge, ClosedLoop) and judge.after is not None else None
+    stops = None if scene is None or asked.of else scene.standstill
+    if scene is not None and stops is not None and asked.name == time_in.name:
+        settings |= {"signal": scene.signal, "speed": stops}
         asked = dataclasses.replace(asked, function=_stuck_before_standstill, compiled="")
     elif stops is not None and asked.name == settling.name:
         settings = {"speed": stops}
-        asked = dataclasses.replace(standstill, name=asked.name, whole=False)
+        asked = dataclasses.replace(standstill, name=asked.name)
     elif "target" in settings and settings["target"] is None:
-        if isinstance(judge, ClosedLoop):
-            settings["target"] = set_point(judge.system, of) if judge.after is None else judge.reference
-        else:
-            settings["target"] = set_point(judge, of)
+        machine = judge.system if isinstance(judge, ClosedLoop) else judge
+        settings["target"] = scene.reference if scene is not None and of == scene.signal else set_point(machine, of)
         if settings["target"] is None:
             raise SceneError(
                 f"Argument `{argument}` must not ask for `{asked.name}` where there is no set-point of `{of}`: give a target, "

@@ -197,7 +197,8 @@ class SampledTangent:
 
 def check_laws(system: HybridSystem) -> None:
     """Raise SceneError for a closed system with a sampled law that has no derivative: a Python callable, or one that reads an encoder."""
-    for update, part in zip(system.updates, (p for p in system.parts if getattr(p, "sensors", None) is not None), strict=False):
+    sensing: list[Any] = [part for part in system.parts if getattr(part, "sensors", None) is not None]
+    for update, part in zip(system.updates, sensing, strict=False):
         if update.external:
             raise SceneError(
                 "Argument `controller` must be written in casadi for a run to have derivatives, but a law is a Python callable."

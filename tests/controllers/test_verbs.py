@@ -2,55 +2,221 @@
 
 from __future__ import annotations
 
+import functools
+import re
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+import pytest
+
+import controllers
 from controllers import (
+    LQG,
+    LQR,
     PI,
+    ActiveDamping,
+    BrakeForce,
+    BrakeMPC,
+    BrakePI,
+    BrakeSlidingMode,
+    HInfinity,
+    IdealSlidingMode,
+    ImpedanceSuperTwisting,
+    ImplicitSlidingMode,
+    Lifting,
+    LinearMPC,
+    NonlinearMPC,
+    NormalDither,
+    OnEstimates,
+    PhasedDither,
+    SlidingMode,
+    SoftTorque,
+    SquareDither,
+    StiffPI,
+    SuperTwisting,
+    SweptDither,
+    ZTorque,
 )
+from controllers.observers import Kalman, MovingHorizon
 from models import BitRock, DiscBrake, wells
-from toolbox import closed_loop, compose
+from toolbox import Controller, SceneError, closed_loop, compose, limit_cycle, margins, onset, simulate, sweep, worst_case
+from toolbox.errors import SimulationError
+from toolbox.modelling import Observed, Takeover
 
 RIG, BRAKE = compose(wells.JANSEN_2, BitRock(weight="97.347 kN")), compose(DiscBrake())
-NUMBERS = {"reference": 8.0}
-LIMITED = {**NUMBERS, "lowest_torque": 0.0, "highest_torque": 20_000.0}
+NUMBERS = {"reference": 8.0, "lowest_torque": 0.0, "highest_torque": 20_000.0}
 SMOOTH = {"chain.speed": (8.0, 8.0), "chain.twist": 18.0}
 
 
 def in_python(t, y):
-    return 11_300.0 + 900.0 * (8.0 - y[0])
+    """A droop drive whose torque at 8 rad/s is that of the rock."""
+    return 11_380.0 + 900.0 * (8.0 - y[0])
 
 
-@dataclass(frozen=True)
+@dataclass
 class Rigged:
-    """A law on its machine, how it samples, and what each verb refuses of it, in a sentence that its words must match."""
+    """A law on its machine: how it samples, and {verb: words of the sentence with which it refuses}."""
 
     law: Any
     period: float | None = 0.01
-    refusals: dict[str, str] = field(default_factory=dict)
+    refuses: dict[str, str] = field(default_factory=dict)
     brake: bool = False
-    seconds: float = 0.0
 
-    @property
+    @functools.cached_property
     def loop(self):
-        if self.brake:
-            return closed_loop(BRAKE, self.law, sample_time=self.period, start={"disc.speed": 6.0})
-        return closed_loop(RIG, self.law, sample_time=self.period, start=SMOOTH)
+        plant, start = (BRAKE, {"disc.speed": 6.0}) if self.brake else (RIG, SMOOTH)
+        return closed_loop(plant, self.law, sample_time=self.period, start=start)
 
 
-FREE = "must act continuously for a free cycle"
-PYTHON = {"limit_cycle": "a law is a Python callable"}
-STEADY = {"limit_cycle": "comes to rest"}
-MOVING = {
-    "onset": "must not depend on time itself",
-    "limit_cycle": "must act continuously for a free cycle|`period` must be given for a driven",
-}
-BRAKES = {
-    "onset": "There is no number `top.reference`", "limit_cycle": FREE, "margins": "No steady running of this loop is known",
-    "worst_case": "No steady running of this loop is known",
+def sampled(law, **refuses):
+    return Rigged(law, refuses={"limit_cycle": "laws of the loop must act continuously for a free cycle"} | refuses)
+
+
+def continuous(law, **refuses):
+    return Rigged(law, None, {"limit_cycle": "comes to rest|come round at least twice"} | refuses)
+
+
+def python(law, period=0.1, **refuses):
+    return Rigged(law, period, {"limit_cycle": "but a law is a Python callable"} | refuses)
+
+
+def braking(law, period=0.001, **refuses):
+    known = {"margins": "must keep `pad` sliding at steady running", "worst_case": "No steady running of this loop is known to begin from"}
+    known |= {"onset": "There is no steady running", "limit_cycle": "must act continuously for a free cycle"}
+    return Rigged(law, period, known | refuses, brake=True)
+
+
+MOVING = {"onset": "`loop` must not depend on time itself for an onset to exist"}
+DRIVEN = {"limit_cycle": "`period` must be given for a driven machine"}
+UNKNOWN = {"margins": "No steady running of this loop is known", "worst_case": "No steady running of this loop is known"}
+BOTH = (PI, StiffPI, SoftTorque, ActiveDamping, ZTorque, HInfinity, LQR, LQG, SlidingMode)
+LAWS = {kind.__name__: sampled(kind(**NUMBERS)) for kind in (*BOTH, ImplicitSlidingMode, SuperTwisting, ImpedanceSuperTwisting)}
+LAWS |= {f"{kind.__name__}, continuous": continuous(kind(reference=8.0)) for kind in (*BOTH, IdealSlidingMode)}
+LAWS |= {
+    "LQR on estimates": sampled(OnEstimates(LQR(**NUMBERS), Kalman())),
+    "LQR observed": sampled(Observed(LQR(**NUMBERS), Kalman())),
+    "Lifting": sampled(Lifting(PI(**NUMBERS), reference=8.0)),
+    "Takeover": sampled(Takeover(StiffPI(**NUMBERS), PI(**NUMBERS), at=2.0), **MOVING),
+    "LinearMPC": python(LinearMPC(**NUMBERS)),
+    "NonlinearMPC": python(NonlinearMPC(**NUMBERS)),
+    "Lifting around LinearMPC": python(Lifting(LinearMPC(**NUMBERS), reference=8.0)),
+    "Lifting around NonlinearMPC": python(Lifting(NonlinearMPC(**NUMBERS), reference=8.0)),
+    "Takeover by LinearMPC": python(Takeover(StiffPI(**NUMBERS), LinearMPC(**NUMBERS), at=2.0)),
+    "Takeover by NonlinearMPC": python(Takeover(StiffPI(**NUMBERS), NonlinearMPC(**NUMBERS), at=2.0)),
+    "LQR on a moving horizon": python(Observed(LQR(**NUMBERS), MovingHorizon()), MovingHorizon().period),
+    "function": python(in_python, onset="There is no number `top.reference`", **UNKNOWN),
+    "NormalDither": sampled([PI(**NUMBERS), NormalDither(depth=0.1)], **MOVING),
+    "SquareDither": sampled([PI(**NUMBERS), SquareDither(depth=0.1)], **MOVING, worst_case=UNKNOWN["worst_case"]),
+    "SweptDither": sampled([PI(**NUMBERS), SweptDither(depth=0.1)], **MOVING),
+    "PhasedDither": sampled([PI(**NUMBERS), PhasedDither(speed="bit.speed", unit="rad/s", reference=8.0)]),
+    "NormalDither, continuous": continuous([PI(reference=8.0), NormalDither(depth=0.1)], **MOVING, **DRIVEN),
+    "BrakeForce": braking(BrakeForce()),
+    "BrakePI": braking(BrakePI()),
+    "BrakeSlidingMode": braking(BrakeSlidingMode()),
+    "BrakeMPC": braking(BrakeMPC(), BrakeMPC().period, margins=UNKNOWN["margins"], limit_cycle="but a law is a Python callable"),
 }  # fmt: skip
+DITHERS = [name for name in LAWS if "Dither" in name and "Phased" not in name]
 
-LAWS = {
-    "PI": Rigged(PI(**NUMBERS), refusals={"limit_cycle": FREE}),
-    "PI, continuous": Rigged(PI(**NUMBERS), None, STEADY),
-}
+
+def kinds(law):
+    """The kinds of a law and of those that it holds."""
+    held = law if isinstance(law, list) else [value for value in vars(law).values() if isinstance(value, Controller)]
+    return {type(law)}.union(*map(kinds, held))
+
+
+def refused(name, verb, question):
+    """Whether a verb refuses a law in the words expected; it must answer where none are."""
+    words = LAWS[name].refuses.get(verb)
+    if words is None:
+        return False
+    with pytest.raises((SceneError, SimulationError), match=words):
+        question(LAWS[name].loop)
+    return True
+
+
+def test_no_public_law_is_left_out():
+    public = {
+        value for name in controllers.__all__ if isinstance(value := getattr(controllers, name), type) and issubclass(value, Controller)
+    }
+    assert public == {kind for each in LAWS.values() for kind in kinds(each.law)} & public and len(public) >= 25
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_simulate_answers(name):
+    loop = LAWS[name].loop
+    run = simulate(loop, 2.0)
+    drives = [each for each in loop.plant.inputs if each not in loop.system.inputs]
+    assert run.end == 2.0 and drives and all(np.isfinite(run[each]).all() for each in drives)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_sweep_answers(name):
+    loop = LAWS[name].loop
+    inertia = "disc.inertia" if LAWS[name].brake else "chain.inertia.1"
+    found = sweep(loop, {inertia: [0.9 * loop.number(inertia).value, loop.number(inertia).value]}, 2.0)
+    assert not found.errors and np.isfinite(found["severity"]).all()
+    assert loop.title in found.title and "External" not in found.title
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) if "Phased" in name else name for name in LAWS])
+def test_margins_answer_by_a_linear_loop_or_say_why_there_is_none(name):
+    if refused(name, "margins", margins):
+        return
+    found = margins(LAWS[name].loop, measured=False)
+    whys = {
+        "Ideal": "switches",
+        "Twisting": "not finite near steady|no steady running was found at which the law is smooth",
+        "MPC": "Python callable",
+        "horizon": "Python callable",
+    }
+    whys |= dict.fromkeys(["Takeover", *DITHERS], "time itself enters")
+    why = next((words for part, words in whys.items() if part in name and ("MPC" not in name or part == "MPC")), "")
+    assert re.search(why, found.reason) and bool(why) == bool(found.reason)
+    assert found.stable and found.disk_margin > 0.05 if not why else np.isnan(found.loops[0].disk_margin)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_limit_cycle_refuses_clocks_python_and_rest(name):
+    assert refused(name, "limit_cycle", lambda loop: limit_cycle(loop, 30.0))
+
+
+@pytest.mark.parametrize("kind", [StiffPI, IdealSlidingMode])
+def test_limit_cycle_answers_where_a_continuous_law_sticks_and_slips(kind):
+    cycle = limit_cycle(closed_loop(RIG, kind(reference=5.0)), 120.0)
+    assert cycle.stable and cycle.stick_share("bit") > 0.1
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_worst_case_answers_from_smooth_running_in_which_the_declared_machine_stays(name):
+    def question(loop):
+        return worst_case(loop, 6.0, errors={"disc.inertia" if LAWS[name].brake else "chain.inertia.1": 1.05})
+
+    if refused(name, "worst_case", question):
+        return
+    found = question(LAWS[name].loop)
+    assert len(found.outcomes) == 2 and not any(outcome.failure for outcome in found.outcomes)
+    cold = "horizon" in name  # an observer that `Observed` starts takes the bit for stuck
+    assert all((outcome.stuck > 0.0) == cold for outcome in found.outcomes)
+
+
+@pytest.mark.parametrize("name", [name for name in LAWS if "onset" in LAWS[name].refuses])
+def test_onset_refuses_what_has_none(name):
+    parameter, between = ("pad.friction.kinetic", (0.2, 0.35)) if LAWS[name].brake else ("top.reference", (3.0, 9.0))
+    assert refused(name, "onset", lambda loop: onset(loop, parameter, between, values=3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in LAWS if "onset" not in LAWS[name].refuses])
+def test_onset_answers_with_a_loss_or_says_how_far_smooth_running_holds(name):
+    found = onset(LAWS[name].loop, "top.reference", (3.0, 9.0), values=3)
+    assert len(found.smooth) == 4 and found.parameter == "top.reference"
+    assert all(3.0 <= border.value <= 9.0 for border in found.losses)
+    assert found.smooth[-1].regime != "" and found.at == 8.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in LAWS if "MPC" in name and "margins" not in LAWS[name].refuses])
+def test_measured_margins_of_predictive_laws_begin_in_smooth_running(name):
+    found = margins(LAWS[name].loop).measured
+    assert found.lowest_gain < 0.95 and found.highest_gain > 1.1 and found.delay > 0.1

@@ -51,7 +51,7 @@ def run(given: argparse.Namespace) -> int:
     known: set[str] = set()
     for label in labels:
         try:
-            loop = scene[label].continuous
+            loop = scene[label]
             known |= loop.numbers().keys()
             units[label] = loop.acting(given.parameter, "onset").unit
         except SceneError as error:

@@ -106,7 +106,10 @@ def onset(
             "Argument `loop` must not depend on time itself for an onset to exist, but time enters the equations of its plant or of a law."
         )
     check_one_direction(loop.system.elements, "`onset`", "judge runs of it, by `sweep`")
-    free = (continuous or loop).acting(parameter, "onset")
+    free = loop.acting(
+        parameter, "onset"
+    )  # what it refuses of the loop as it runs, such as a sample time, the continuous form does not have
+    free = free if continuous is None else continuous.acting(parameter, "onset")
     low, high = free.between(between)
     asked_unit = asked_in(tuple(free.in_si("between", tuple(between))), free.unit)
     duration, tolerance = in_si(duration, "s", "duration"), in_si(tolerance, free.unit, "tolerance")

@@ -26,6 +26,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
 from toolbox.orbits.orbit import Cycle, CycleError, Orbit
+from toolbox.orbits.sampled_memory import check_laws
 from toolbox.simulation.run import Run
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
@@ -78,6 +79,7 @@ def limit_cycle(
     if isinstance(loop, Trajectory):
         if settle is not None:
             raise SceneError("Argument `settle` must be left out for a trajectory, which has settled.")
+        check_laws(loop.run.system)
         run = loop
     else:
         length = period if settle is None else settle
@@ -86,6 +88,7 @@ def limit_cycle(
                 "Argument `settle` must be given for a loop: the seconds in which its motion settles, some tens of periods, as in "
                 "`limit_cycle(loop, 200.0)`; or a guess of the `period`, with a start of the loop near the cycle."
             )
+        check_laws(as_loop(loop).system)
         run = simulate(as_loop(loop), length, accuracy=1e-8)
     orbit = Orbit.of(run, None, accuracy, period)
     if orbit.forced:

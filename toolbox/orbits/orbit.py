@@ -16,7 +16,6 @@ from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.numbers import Number
-from toolbox.orbits.sampled_memory import check_laws
 from toolbox.simulation.methods import Explicit
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
@@ -185,7 +184,6 @@ class Orbit:
         """The equations for cycles of the same plant and arguments as a run, with derivatives by a number."""
         from toolbox.orbits.variational import variational_equations
 
-        check_laws(run)
         for sample_time, delay in run.run.clocks:
             if delay >= sample_time:
                 raise SceneError(

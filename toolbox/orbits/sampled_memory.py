@@ -18,6 +18,7 @@ import numpy as np
 
 from toolbox.compilation.program import Program
 from toolbox.errors import GrazingError, SceneError
+from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.trajectory import Trajectory
 
 MEETING = 1e-9
@@ -194,11 +195,10 @@ class SampledTangent:
         return np.vstack(self.tangent) if self.tangent else np.empty((0, 0))
 
 
-def check_laws(run: Trajectory) -> None:
-    """Raise SceneError for a run with a sampled law that has no derivative: a Python callable, or one that reads an encoder."""
-    for update, part in zip(
-        run.program.system.updates, (p for p in run.run.system.parts if getattr(p, "sensors", None) is not None), strict=False
-    ):
+def check_laws(system: HybridSystem) -> None:
+    """Raise SceneError for a closed system with a sampled law that has no derivative: a Python callable, or one that reads an encoder."""
+    sensing: list[Any] = [part for part in system.parts if getattr(part, "sensors", None) is not None]
+    for update, part in zip(system.updates, sensing, strict=False):
         if update.external:
             raise SceneError(
                 "Argument `controller` must be written in casadi for a run to have derivatives, but a law is a Python callable."

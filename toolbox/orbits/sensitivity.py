@@ -220,7 +220,7 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     """
     if not isinstance(run, Trajectory):
         raise SceneError(f"Argument `run` must be a trajectory made by `simulate`, but it is {run!r}.")
-    check_laws(run)
+    check_laws(run.run.system)
     from toolbox.orbits.variational import variational_equations
 
     if not run.program.formulas.explicit:  # derivatives follow explicit steps, stage by stage

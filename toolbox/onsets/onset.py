@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import number, whole
 from toolbox.errors import NoSteadyState, SceneError
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, in_si
@@ -164,13 +164,10 @@ def _hopf_points(
 
 def _check_numbers(values: Any, **numbers: Any) -> None:
     """Raise SceneError unless the numbers of `onset` can be used."""
-    if not isinstance(values, int) or values < 3:
-        raise SceneError(f"Argument `values` must be an integer >= 3, but it is {values!r}.")
-    for word, number in numbers.items():
-        if number is None and word != "perturbation":
-            continue
-        if number is None or not is_finite_number(number) or (word != "at" and number <= 0):
-            raise SceneError(f"Argument `{word}` must be {'finite' if word == 'at' else '> 0'}, but it is {number!r}.")
+    whole("values", values, 3)
+    for word, given in numbers.items():
+        if given is not None or word == "perturbation":
+            number(word, given, above=None if word == "at" else 0)
 
 
 def _both_branches(

@@ -45,6 +45,17 @@ def test_a_pi_drive_as_a_transfer_function_runs_as_the_law_itself():
     assert faster.at(60.0)["top.speed"] == pytest.approx(12.0, rel=0.03)
 
 
+def test_a_set_point_and_a_working_point_may_be_typed_with_units():
+    typed = from_control(pi(), reference="90 rpm", at={"top.torque": "2 kN m"}, **SIGNALS)
+    plain = from_control(pi(), reference=3.0 * np.pi, at={"top.torque": 2000.0}, **SIGNALS)
+    runs = [simulate(RIG, 20.0, controller=law) for law in (typed, plain)]
+    assert np.array_equal(runs[0].states, runs[1].states)
+    with pytest.raises(SceneError, match="`reference` must be in rad/s, but `90 N` is in N"):
+        simulate(RIG, 1.0, controller=from_control(pi(), reference="90 N", **SIGNALS))
+    with pytest.raises(SceneError, match="`at.top.torque` must be in N m, but `2 kN` is in kN"):
+        simulate(RIG, 1.0, controller=from_control(pi(), at={"top.torque": "2 kN"}, **SIGNALS))
+
+
 def test_what_goes_out_comes_back_the_same_law():
     out = to_control(closed_loop(RIG, DRIVE))
     back = from_control(out, measures=("top.speed", "top.reference"), drives="top.torque")

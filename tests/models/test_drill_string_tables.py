@@ -42,6 +42,15 @@ def total(sections, value):
     return sum(section.length * value(section) for section in sections)
 
 
+def test_numbers_of_a_string_may_be_typed_with_units_and_be_those_of_numpy():
+    typed = DrillString.from_tables([PIPE], top_inertia="2 t m2", bit_drag="0.06 kN m s/rad", elements=np.int64(5))
+    assert typed == DrillString.from_tables([PIPE], top_inertia=np.float64(2000.0), bit_drag=60, elements=5)
+    with pytest.raises(SceneError, match="`band` must be a finite number > 0 Hz, but it is None"):
+        DrillString.from_tables([PIPE], top_inertia=1.0, band=None)  # type: ignore[arg-type]
+    with pytest.raises(SceneError, match="`elements` must be an integer >= 1 and <= 10000, but it is True"):
+        DrillString.from_tables([PIPE], top_inertia=1.0, elements=True)
+
+
 # --- survey
 
 

@@ -261,8 +261,8 @@ def test_designs_fill_their_bounds():
     [
         (({}, 4), "Argument `bounds` must map at least one name"),
         (("bit.weight", 4), "Argument `bounds` must map at least one name"),
-        (({"a": (2.0, 1.0)}, 4), "Argument `a` must be bounds .low, high. with low < high"),
-        (({"a": (1.0, math.nan)}, 4), "Argument `a` must be bounds .low, high. with low < high"),
+        (({"a": (2.0, 1.0)}, 4), "Argument `a` must be two finite numbers .low, high. with low < high"),
+        (({"a": (1.0, math.nan)}, 4), "Argument `a` must be two finite numbers .low, high. with low < high"),
         (({"a": (1.0, 2.0)}, 0), "Argument `runs` must be an integer >= 1, but it is 0"),
         (({"a": (1.0, 2.0)}, 4.0), "Argument `runs` must be an integer >= 1, but it is 4.0"),
         (({"a": (1.0, 2.0)}, 4, -1), "Argument `seed` must be an integer >= 0, but it is -1"),

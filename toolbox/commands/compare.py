@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import FORMATS, drawn_as, figure_format, plain
+from toolbox.commands.terminal import drawn_as, earlier, figure_format, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
-from toolbox.files.reading import text_of
 from toolbox.files.units import parse
 
 COMPARE_FILES = ("compare.txt", "compare.png")
@@ -68,7 +67,7 @@ def run(given: argparse.Namespace) -> int:
     first, second = (Scene.load(path) if scenes else SavedRun.read(path) for path in paths)
     found = compare(first, second, signals=given.signal, measures=given.measure, after=after, until=until, labels=labels)  # type: ignore[arg-type]
     files = COMPARE_FILES[:1] if scenes else drawn_as(COMPARE_FILES, given.format)
-    with whole_folder(given.out, files, _earlier) if given.out else nullcontext() as folder:
+    with whole_folder(given.out, files, earlier("compare.txt", f"^{BEGINNING}", COMPARE_FILES)) if given.out else nullcontext() as folder:
         if folder is not None:
             (folder / "compare.txt").write_text(f"{BEGINNING}{paths[0]} and {paths[1]}\n\n{found}\n", encoding="utf-8")
             if not scenes:
@@ -79,12 +78,3 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\n{'The report is' if scenes else 'Report and figure are'} in {given.out}")
     return 0
-
-
-def _earlier(path: Path) -> set[str]:
-    """Names of the files that an earlier comparison left in a folder, as its report tells."""
-    try:
-        text = text_of(path / "compare.txt")
-    except SceneError:
-        return set()
-    return {name for name in drawn_as(COMPARE_FILES, *FORMATS) if (path / name).is_file()} if text.startswith(BEGINNING) else set()

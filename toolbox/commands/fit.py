@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import FORMATS, common, complaint, drawn_as, plain
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
-from toolbox.files.reading import text_of
 
 FIT_FILES = ("fit.txt", "fit.csv", "fit.png", "scene.toml")
 
@@ -74,7 +73,11 @@ def run(given: argparse.Namespace) -> int:
         if not equals:
             raise SceneError(f"Argument `--column` must be SIGNAL=HEADING, but it is `{text}`.")
         columns[signal_name] = heading
-    with whole_folder(given.out, drawn_as(FIT_FILES, given.format), _earlier_fit) if given.out else nullcontext() as folder:
+    with (
+        whole_folder(given.out, drawn_as(FIT_FILES, given.format), earlier("fit.txt", "\nFit of ", FIT_FILES))
+        if given.out
+        else nullcontext() as folder
+    ):
         try:
             found = fit(
                 loop,
@@ -104,13 +107,3 @@ def _in_unit(loop: Any, name: str, text: str) -> float:
     from toolbox.files.units import parse
 
     return parse(plain(text), loop.number(name).unit, f"--free {name}")
-
-
-def _earlier_fit(path: Path) -> set[str]:
-    """Names of the files that an earlier fit left in a folder, as its report tells."""
-    try:
-        if "\nFit of " not in text_of(path / "fit.txt"):
-            return set()
-    except SceneError:
-        return set()
-    return {name for name in drawn_as(FIT_FILES, *FORMATS) if (path / name).is_file()}

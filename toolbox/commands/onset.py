@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import argparse
 from contextlib import nullcontext
-from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, plain, progress
+from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, plain, progress
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import whole_folder
-from toolbox.files.reading import text_of
 
 ONSET_FILES = ("onset.png", "onset.txt")
 
@@ -70,7 +68,15 @@ def run(given: argparse.Namespace) -> int:
     onsets, failures = {}, {}
     stems = file_stems(labels)
     names = [*drawn_as(ONSET_FILES, given.format), *(f"{stem}_{table}.csv" for stem in stems for table in ("onset", "borders"))]
-    with whole_folder(given.out, names, _earlier_onset) if given.out else nullcontext() as folder:
+    with (
+        whole_folder(
+            given.out,
+            names,
+            earlier("onset.txt", "Onset of stick-slip", [*ONSET_FILES, "[0-9][0-9]_*_onset.csv", "[0-9][0-9]_*_borders.csv"]),
+        )
+        if given.out
+        else nullcontext() as folder
+    ):
         with progress(len(labels)) as reached:
             for i, label in enumerate(labels):
                 reached(i, label)
@@ -100,14 +106,3 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\nFigure, report and tables are in {given.out}")
     return 0 if onsets else 1
-
-
-def _earlier_onset(path: Path) -> set[str]:
-    """Names of the files that an earlier search for borders left in a folder, as its report tells."""
-    try:
-        if "Onset of stick-slip" not in text_of(path / "onset.txt"):
-            return set()
-    except SceneError:
-        return set()
-    tables = [file for table in ("onset", "borders") for file in path.glob(f"[0-9][0-9]_*_{table}.csv")]
-    return {file.name for file in [*tables, *(path / name for name in drawn_as(ONSET_FILES, *FORMATS))] if file.is_file()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import glob
 import re
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -11,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, plain, progress
+from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, plain, progress
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.atomic import whole_folder
-from toolbox.files.reading import text_of
 from toolbox.files.units import parse
 from toolbox.simulation.methods import METHODS
 
@@ -50,7 +50,11 @@ def run(given: argparse.Namespace) -> int:
     stems = file_stems(labels)
     texts, failed = [scene.title], 0
     with (
-        whole_folder(given.out, [REPORT, *(stem + tail for stem in stems for tail in drawn_as(RUN_FILES, given.format))], _earlier)
+        whole_folder(
+            given.out,
+            [REPORT, *(stem + tail for stem in stems for tail in drawn_as(RUN_FILES, given.format))],
+            earlier(REPORT, "^Simulation of ", _left),
+        )
         if given.out
         else nullcontext() as folder
     ):
@@ -106,14 +110,7 @@ def _asked(given: argparse.Namespace) -> tuple[Any, Callable[[str], Any]]:
     return scene, lambda label: simulate(scene[label], method=given.method or "event")
 
 
-def _earlier(path: Path) -> set[str]:
-    """Names of the files that an earlier simulation left in a folder, as its report tells."""
-    try:
-        text = text_of(path / REPORT)
-    except SceneError:
-        return set()
-    if not text.startswith("Simulation of "):
-        return set()
-    stems = re.findall(r"^  files (\d\d\S*): npz, csv, \w{3}$", text, re.MULTILINE)
-    names = [REPORT, *(stem + tail for stem in stems if stem == Path(stem).name for tail in drawn_as(RUN_FILES, *FORMATS))]
-    return {name for name in names if (path / name).is_file()}
+def _left(report: str) -> list[str]:
+    """Names of the files of a simulation, as its report tells."""
+    stems = re.findall(r"^  files (\d\d\S*): npz, csv, \w{3}$", report, re.MULTILINE)
+    return [REPORT, *(glob.escape(stem) + tail for stem in stems if stem == Path(stem).name for tail in RUN_FILES)]

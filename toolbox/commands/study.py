@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import argparse
 import csv
+import glob
 import io
 from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, progress
-from toolbox.errors import SceneError
+from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, heading, progress
 from toolbox.files.atomic import whole_folder
-from toolbox.files.reading import text_of
 
 COMMON_FILES = ("scene.toml", "table.csv", "comparison.png")
 CASE_FILES = (".npz", ".png", "_phase.png")
@@ -53,7 +52,7 @@ def run(given: argparse.Namespace) -> int:
     scene = Scene.load(given.scene)
     stems = file_stems(scene.labels)
     names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], given.format)
-    with whole_folder(given.out, names, _earlier_study) as folder:
+    with whole_folder(given.out, names, earlier("table.csv", heading(verdicts.Row), _left)) as folder:
         rows, runs = [], {}
         with progress(len(scene.cases)) as reached:
             for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
@@ -77,16 +76,7 @@ def run(given: argparse.Namespace) -> int:
     return 1 if all(row.failed for row in rows) else 0
 
 
-def _earlier_study(path: Path) -> set[str]:
-    """Names of the files that an earlier study left in a folder, as its table tells."""
-    from toolbox.scenes.verdicts import HEADINGS
-
-    try:
-        table = csv.DictReader(io.StringIO(text_of(path / "table.csv")))
-        if tuple(table.fieldnames or ())[: len(HEADINGS)] != HEADINGS:
-            return set()
-        stems = [row["files"] for row in table if row["files"]]
-    except (SceneError, csv.Error):
-        return set()
-    names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems if stem == Path(stem).name for tail in CASE_FILES)], *FORMATS)
-    return {name for name in names if (path / name).is_file()}
+def _left(table: str) -> list[str]:
+    """Names of the files of a study, as its table tells."""
+    stems = [row["files"] for row in csv.DictReader(io.StringIO(table)) if row["files"]]
+    return [*COMMON_FILES, *(glob.escape(stem) + tail for stem in stems if stem == Path(stem).name for tail in CASE_FILES)]

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, plain
+from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
-from toolbox.files.reading import text_of
 from toolbox.files.unit_systems import asked_in
 from toolbox.messages import LOG
 
@@ -197,7 +196,7 @@ def run_map(given: argparse.Namespace) -> int:
             failures[label] = str(error)
             continue
         names = drawn_as(MAP_FILES if goes_on else (*MAP_FILES, "map.npz"), given.format)
-        with whole_folder(folder, names, _earlier_map, last=False) as made:
+        with whole_folder(folder, names, earlier("map.txt", "^Severity map of ", MAP_FILES), last=False) as made:
             if not goes_on:
                 found.save(made / "map.npz")
             (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
@@ -207,16 +206,6 @@ def run_map(given: argparse.Namespace) -> int:
         print(f"{label}: {text}\n")
     print(f"Figures, reports and data are in {given.out}")
     return 1 if len(failures) == len(labels) else 0
-
-
-def _earlier_map(path: Path) -> set[str]:
-    """Names of the files that an earlier map left in a folder, beside its data, as its report tells."""
-    try:
-        if not text_of(path / "map.txt").startswith("Severity map of "):
-            return set()
-    except SceneError:
-        return set()
-    return {name for name in drawn_as(MAP_FILES, *FORMATS) if (path / name).is_file()}
 
 
 def _ends(scene: Any, label: str, name: str, ends: Sequence[str]) -> tuple[float, float]:

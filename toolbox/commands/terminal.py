@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from toolbox.errors import SceneError
+from toolbox.files.reading import text_of
 from toolbox.messages import progress_bar
 
 
@@ -51,6 +54,28 @@ def drawn_as(names: Sequence[str], *formats: str) -> list[str]:
         for name in names
         for kind in (formats if name.endswith(".png") else "-")
     ]
+
+
+def earlier(report: str, mark: str, names: Sequence[str] | Callable[[str], Iterable[str]]) -> Callable[[Path], set[str]]:
+    """A function of a folder: the names of the files that an earlier call of a command left there, as its report tells; none where there is no such report.
+
+    mark: regular expression of what the report holds;  names: patterns of its files, or a function of the text of the report that gives them.
+    """
+
+    def left(path: Path) -> set[str]:
+        try:
+            text = text_of(path / report)
+        except SceneError:
+            return set()
+        told = [*(names(text) if callable(names) else names)] if re.search(mark, text) else []
+        return {file.name for name in drawn_as(told, *FORMATS) for file in path.glob(name) if file.is_file()}
+
+    return left
+
+
+def heading(row: type) -> str:
+    """The expression that the table of rows of this kind begins with."""
+    return f"^{','.join(field.name for field in dataclasses.fields(row))}\n"
 
 
 def complaint(text: str, code: int) -> int:

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import dataclasses
-import io
 from contextlib import nullcontext
-from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import FORMATS, common, complaint, drawn_as, plain
-from toolbox.errors import SceneError
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, heading, plain
 from toolbox.files.atomic import whole_folder
-from toolbox.files.reading import text_of
 from toolbox.files.units import parse
 
 TRADE_FILES = ("tradeoff.png", "tradeoff.csv")
@@ -42,11 +37,12 @@ def run(given: argparse.Namespace) -> int:
     """Measure error against time. Returns the exit code."""
     from toolbox.errors import SimulationError
     from toolbox.scenes.scene import Scene
-    from toolbox.scenes.work_precision import work_precision
+    from toolbox.scenes.work_precision import Point, work_precision
 
     scene = Scene.load(given.scene)
     loop = scene[given.controller or scene.labels[0]]
-    with whole_folder(given.out, drawn_as(TRADE_FILES, given.format), _earlier_tradeoff) if given.out else nullcontext() as folder:
+    left_by = earlier("tradeoff.csv", heading(Point), TRADE_FILES)
+    with whole_folder(given.out, drawn_as(TRADE_FILES, given.format), left_by) if given.out else nullcontext() as folder:
         try:
             duration = None if given.duration is None else parse(given.duration, "s", "--duration")
             found = dataclasses.replace(work_precision(loop, duration), title=f"{scene.title}: {loop.label}")
@@ -59,15 +55,3 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\nFigure and table are in {given.out}")
     return 0
-
-
-def _earlier_tradeoff(path: Path) -> set[str]:
-    """Names of the files that an earlier measurement left in a folder, as its table tells."""
-    from toolbox.scenes.work_precision import Point
-
-    try:
-        if csv.DictReader(io.StringIO(text_of(path / "tradeoff.csv"))).fieldnames != [field.name for field in dataclasses.fields(Point)]:
-            return set()
-    except (SceneError, csv.Error):
-        return set()
-    return {name for name in drawn_as(TRADE_FILES, *FORMATS) if (path / name).is_file()}

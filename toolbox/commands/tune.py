@@ -12,10 +12,9 @@ from typing import Any
 from toolbox.arguments import whole
 from toolbox.commands import figures
 from toolbox.commands.interrupt import NOTHING
-from toolbox.commands.terminal import FORMATS, complaint, drawn_as, figure_format, plain
+from toolbox.commands.terminal import complaint, drawn_as, earlier, figure_format, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
-from toolbox.files.reading import text_of
 
 TUNE_FILES = ("tune.txt", "tune.png", "trials.csv")
 
@@ -83,7 +82,11 @@ def run(given: argparse.Namespace) -> int:
     }
     whole("--processes", given.processes, 1)
     with (
-        whole_folder(given.out, [*drawn_as(TUNE_FILES, given.format), *names.values()], _earlier_tuning) as folder,
+        whole_folder(
+            given.out,
+            [*drawn_as(TUNE_FILES, given.format), *names.values()],
+            earlier("tune.txt", "^Tuning of ", [*TUNE_FILES, "tuned_*.toml"]),
+        ) as folder,
         _pool(given.processes) as executor,
     ):
         found = tune(
@@ -135,13 +138,3 @@ def _range(text: str) -> tuple[str, tuple[float | str, float | str]]:
     if isinstance(plain(low), float) and not isinstance(plain(high), float):
         low += re.sub(r"^[-+0-9.eE_]+", "", high)
     return name, (plain(low), plain(high))
-
-
-def _earlier_tuning(path: Path) -> set[str]:
-    """Names of the files that an earlier tuning left in a folder, as its report tells."""
-    try:
-        if not text_of(path / "tune.txt").startswith("Tuning of "):
-            return set()
-    except SceneError:
-        return set()
-    return {file.name for file in [*path.glob("tuned_*.toml"), *(path / name for name in drawn_as(TUNE_FILES, *FORMATS))] if file.is_file()}

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import number
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 from toolbox.measuring import measures
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.elements import check_one_direction
@@ -46,15 +46,10 @@ FAINT = 1e-4
 
 def _judged_time(loop: ClosedLoop, duration: NumberOrText | None, after: NumberOrText | None) -> tuple[float, float]:
     """Begin and end of what is judged [s]; raises SceneError where there is no time between them."""
-    end = in_si((loop.duration or 120.0) if duration is None else duration, "s", "duration")
-    if not is_finite_number(end) or not end > 0:
-        raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {end!r}.")
+    end = number("duration", (loop.duration or 120.0) if duration is None else duration, "s", above=0)
     if after is None:
         return (loop.after if loop.after is not None and loop.after < end else end / 2), float(end)
-    begin = in_si(after, "s", "after")
-    if not is_finite_number(begin) or not 0 < begin < end:
-        raise SceneError(f"Argument `after` must be > 0 s and before the end at {end:g} s, but it is {begin!r}.")
-    return float(begin), float(end)
+    return float(number("after", after, "s", above=0, below=end)), float(end)
 
 
 @dataclass
@@ -93,8 +88,8 @@ class MapLoop:
         free = [continuous.acting(name, "severity_map") for name in over]
         ranges = tuple(number.between(ends, number.name) for number, ends in zip(free, over.values(), strict=True))
         middle = np.array([sum(ends) / 2 for ends in ranges])
-        for number, value in zip(free, middle.tolist(), strict=True):
-            continuous, loop = number.put(continuous, value), number.put(loop, value)
+        for each, value in zip(free, middle.tolist(), strict=True):
+            continuous, loop = each.put(continuous, value), each.put(loop, value)
         closed, inputs = continuous.system, continuous.constant_inputs("a steady state")
         check_one_direction(closed.elements, "A map", "judge runs of it, by `sweep`")
         rest = steady_state(closed, inputs, guess, mode)

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import number, whole
 from toolbox.errors import NoSteadyState, SceneError
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, in_si
@@ -172,13 +172,10 @@ def _hopf_points(
 
 def _check_numbers(values: Any, **numbers: Any) -> None:
     """Raise SceneError unless the numbers of `onset` can be used."""
-    if not isinstance(values, int) or values < 3:
-        raise SceneError(f"Argument `values` must be an integer >= 3, but it is {values!r}.")
-    for word, number in numbers.items():
-        if number is None and word != "perturbation":
-            continue
-        if number is None or not is_finite_number(number) or (word != "at" and number <= 0):
-            raise SceneError(f"Argument `{word}` must be {'finite' if word == 'at' else '> 0'}, but it is {number!r}.")
+    whole("values", values, 3)
+    for word, given in numbers.items():
+        if given is not None or word == "perturbation":
+            number(word, given, above=None if word == "at" else 0)
 
 
 def _both_branches(
@@ -190,7 +187,7 @@ def _both_branches(
     cuts = sorted({numbers[0], numbers[-1], *(point.value for point in hopf)})
     between = [(a + b) / 2 for a, b in itertools.pairwise(cuts) if hopf and not any(a <= value <= b for value in numbers)]
     losses = search.losses(sorted({*numbers, *between}), tolerance)
-    undecided = [f"{value:.5g}" for value, judged in zip(numbers, smooth, strict=True) if judged.regime == NOT_DECIDED]
+    undecided = [value for value, judged in zip(numbers, smooth, strict=True) if judged.regime == NOT_DECIDED]
     inside = Inside.of(search)
     for edge, sign in ((numbers[0], -1.0), (numbers[-1], 1.0)):
         inside.outside(edge, sign, width)
@@ -199,15 +196,13 @@ def _both_branches(
     lasting = sorted({*numbers, *(edge for each in several for edge in (each.low, each.high))})  # one may outlive what is carried along
     cycles = [exact(border, inside, width) for border in inside.ends(lasting, tolerance)]
     sticking = [inside.found[value] for value in numbers]
-    undecided += [f"{value:.5g}" for value, judged in inside.found.items() if judged.regime == NOT_DECIDED]
+    undecided += [value for value, judged in inside.found.items() if judged.regime == NOT_DECIDED]
     breakaways = inside.breakaways(numbers, tolerance)
     if loop.sampled:
         form = "Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled."
         search.notes.append(form if hopf else "The borders are of the law as it runs, sampled.")
     if search.branch.run is not search.base:
         search.notes.append("Smooth running is judged without measurement noise, stick-slip with it.")
-    if undecided:
-        search.notes.append(f"Not decided within {search.budget * search.period:.4g} s: {', '.join(undecided)} {search.branch.free.unit}.")
     return Onset(
         title=loop.title,
         parameter=search.branch.free.name,
@@ -231,5 +226,6 @@ def _both_branches(
         accuracy=search.base.accuracy,
         perturbation=search.perturbation,
         runs=search.runs,
+        undecided=tuple(undecided),
         notes=tuple(search.notes),
     )

@@ -113,6 +113,8 @@ class Onset:
         Longest time for which a run is carried on until its regime is decided [s], its accuracy, and the disturbance of smooth running.
     runs
         Number of runs.
+    undecided
+        Values at which a run was carried on to the end of that time and could not be told.
     notes
         What was not done, or not confirmed.
     asked
@@ -141,6 +143,7 @@ class Onset:
     perturbation: float
     runs: int
     coexisting: tuple[Coexisting, ...] = ()
+    undecided: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
     asked: Mapping[str, str] = field(default_factory=dict)
 
@@ -279,9 +282,16 @@ class Onset:
         cells = [self._head, *self._value_rows()]
         widths = [max(len(row[i]) for row in cells) for i in range(len(self._head))]
         lines += ["  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
-        return "\n".join([*lines, "", self._checked, *(f"Note: {note}" for note in self.notes)])
+        return "\n".join([*lines, "", self._checked, *(f"Note: {note}" for note in self._noted)])
 
     __repr__ = __str__
+
+    @property
+    def _noted(self) -> list[str]:
+        """The notes, and where runs could not be told."""
+        read = self._read
+        values = ", ".join(f"{value * read.factor:.5g}" for value in dict.fromkeys(self.undecided))
+        return [*self.notes, *([f"Not decided within {self.duration:.4g} s: {values}{read.tail}."] if values else [])]
 
     @property
     def _side_by_side(self) -> list[str]:
@@ -303,7 +313,7 @@ class Onset:
 
     def _repr_html_(self) -> str:
         title, judged = self._headlines
-        notes = [self.advice, *self._side_by_side, *(f"Note: {note}" for note in self.notes)]
+        notes = [self.advice, *self._side_by_side, *(f"Note: {note}" for note in self._noted)]
         borders = table(title, ("border", _labelled(self.parameter, self._read.unit), ""), self._border_rows(), notes)
         return borders + table(judged, self._head, self._value_rows(), [self._checked])
 

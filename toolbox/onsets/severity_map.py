@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import BoolArray, FloatArray
+from toolbox.arguments import BoolArray, FloatArray, whole
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import Shape, arrays, check_notes, check_shapes, understood
 from toolbox.files.atomic import replaced
@@ -341,8 +341,7 @@ def severity_map(
     mapped = MapLoop.of(loop, over, duration, after, mode, guess)
     if not isinstance(shape, Sequence) or len(shape) != 2 or not all(isinstance(n, int) and n >= 2 for n in shape):
         raise SceneError(f"Argument `shape` must be two integers >= 2, but it is {shape!r}.")
-    if isinstance(halvings, bool) or not isinstance(halvings, int) or not 0 <= halvings <= 20:
-        raise SceneError(f"Argument `halvings` must be an integer from 0 to 20, but it is {halvings!r}.")
+    whole("halvings", halvings, 0, 20)
     axes = tuple(np.linspace(*ends, n) for ends, n in zip(mapped.ranges, shape, strict=True))
     points = grid(dict(zip(mapped.names, axes, strict=True))).points
     stages = iter(range(1000))

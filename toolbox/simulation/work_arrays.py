@@ -104,7 +104,7 @@ def _put_inputs(p: np.ndarray, run: Run, program: Program) -> tuple[np.ndarray, 
     return times, np.append(first, len(jumps)).astype(np.int64), places, values
 
 
-_NO_NUMBERS, _NO_INDICES, _FROM_THE_START = np.empty(0), np.empty(0, np.int64), np.zeros(1, np.int64)
+_NO_NUMBERS = np.empty(0)
 _NO_ROWS, _NO_CLOCKS = np.empty((0, work_layout.COLUMNS), np.int64), np.empty((0, 2))
 _NO_KEYS, _NO_QUEUE = np.empty(0, np.uint64), np.empty((0, 2, 1))
 

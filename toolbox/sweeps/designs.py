@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import finite_array, is_finite_number
+from toolbox.arguments import checked_range, finite_array, whole
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in
 
@@ -99,13 +99,9 @@ def _scaled(bounds: Any, runs: int, seed: int, unit: Callable[[], np.ndarray]) -
     """Points of the unit cube between bounds, once all arguments are sound."""
     if not isinstance(bounds, Mapping) or not bounds:
         raise SceneError(f"Argument `bounds` must map at least one name to (low, high), but it is {bounds!r}.")
-    for name, pair in bounds.items():
-        if not (isinstance(pair, (tuple, list)) and len(pair) == 2 and all(map(is_finite_number, pair)) and pair[0] < pair[1]):
-            raise SceneError(f"Argument `{name}` must be bounds (low, high) with low < high, but it is {pair!r}.")
-    for word, number, least in (("runs", runs, 1), ("seed", seed, 0)):
-        if isinstance(number, bool) or not isinstance(number, int) or number < least:
-            raise SceneError(f"Argument `{word}` must be an integer >= {least}, but it is {number!r}.")
-    low, high = np.array(list(bounds.values()), float).T
+    whole("runs", runs, 1)
+    whole("seed", seed, 0)
+    low, high = np.array([checked_range(pair, name) for name, pair in bounds.items()]).T
     return Variations(tuple(bounds), low + (high - low) * unit(), (runs,), asked=_asked(bounds))
 
 

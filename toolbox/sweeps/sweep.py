@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import is_finite_number, number
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
@@ -103,13 +103,11 @@ def sweep(
         raise SceneError(
             "Argument `start` must be a function of what varies; start values belong to the loop: `closed_loop(plant, start=...)`."
         )
-    duration = in_si(loop.duration if duration is None else duration, "s", "duration")
+    duration = number("duration", loop.duration if duration is None else duration, "s", above=0)
     variations = variations_of(_in_si(vary, loop))
     full = {name: loop.number(name).name for name in variations.names}
     asked = {full[name]: unit for name, unit in variations.asked.items()}
     variations = dataclasses.replace(variations, names=tuple(full.values()), asked=asked)
-    if not is_finite_number(duration) or not duration > 0:
-        raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
     accuracy = (loop.accuracy or 1e-6) if accuracy is None else accuracy
     run = shared_run(loop, variations, float(duration), method=method, accuracy=accuracy, budget=budget)
     chosen = judged_measures(measures, run.loop, run.start.time, run.end)

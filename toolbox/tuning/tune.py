@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import is_finite_number, whole
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, TypedNumber, in_si
@@ -113,10 +113,8 @@ def tune(
     judged = [judged_measures(objectives, loops[label], 0.0, each.duration, "objective") for label, each in scenes.items()]
     if not callable(over):
         raise SceneError(f"Argument `over` must be a function such as `max`, but it is {over!r}.")
-    if isinstance(runs, bool) or not isinstance(runs, int) or runs < 10:
-        raise SceneError(f"Argument `runs` must be an integer >= 10, but it is {runs!r}.")
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise SceneError(f"Argument `seed` must be an integer >= 0, but it is {seed!r}.")
+    whole("runs", runs, 10)
+    whole("seed", seed, 0)
     check_executor(executor)
     kept = None
     if journal is not None:

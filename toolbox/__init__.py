@@ -5,7 +5,7 @@ from importlib.util import LazyLoader, find_spec, module_from_spec
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from toolbox.faces import face
+from toolbox.faces import face, hiding
 
 
 def _public_module(name: str, file: str) -> ModuleType:
@@ -78,5 +78,13 @@ else:  # `measure.pyi`, `inputs.pyi` and `plot.pyi` say the same to mypy and edi
     measure = _public_module("measure", "toolbox.measuring.measure")
     inputs = _public_module("inputs", "toolbox.modelling.inputs")
     plot = _public_module("plot", "toolbox.simulation.plot")
+
+for _package in ("controllers", "models"):
+    if (_found := hiding(_package)) is not None:  # else a script that imports from it ends with an error that does not say why
+        from toolbox.messages import LOG
+
+        LOG.warning(
+            "`%s` hides the package `%s` of the toolbox, which cannot be imported: rename it, or start Python elsewhere.", _found, _package
+        )
 
 __getattr__, __dir__ = face("time")  # a star import must not hide the module `time`

@@ -6,6 +6,24 @@ from collections.abc import Iterable
 from typing import Any
 
 
+def check_version(package: str) -> None:
+    """Raise ImportError, with the version that works, where a package is older than the one that the toolbox declares to need; it breaks in its own words."""
+    import re
+    from importlib.metadata import PackageNotFoundError, requires, version
+
+    try:
+        declared, installed = requires("stickslip-toolbox") or [], version(package)
+    except PackageNotFoundError:  # a source tree that is not installed declares nothing
+        return
+    least = next((found[1] for line in declared if (found := re.match(rf"{package}>=([0-9.]+)", line))), "0")
+    if _release(installed) < _release(least):
+        raise ImportError(f"{package} {installed} does not work with the toolbox: pip install '{package}>={least}'.")
+
+
+def _release(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in version.split(".")[:3] if part.isdigit())
+
+
 class SceneError(ValueError):
     """A plant, a scene or an argument that cannot be simulated as it stands; the message names the argument and what must hold."""
 

@@ -17,6 +17,7 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
@@ -54,6 +55,18 @@ def face(*unlisted: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]
         return sorted({*package, *homes(), "__all__"})
 
     return find, names
+
+
+def hiding(package: str) -> str | None:
+    """The file or folder that Python finds under the name of a package that stands beside the toolbox; None where it finds that package, or nothing."""
+    from importlib.util import find_spec
+
+    home = Path(__file__).resolve().parents[1] / package
+    spec = find_spec(package)
+    places = [] if spec is None else [*(spec.submodule_search_locations or ()), spec.origin or ""]
+    if not home.is_dir() or not any(places) or any(Path(place).resolve().is_relative_to(home) for place in places if place):
+        return None
+    return places[-1] or places[0]
 
 
 def imports_for_types(code: CodeType) -> dict[str, tuple[str, str]]:

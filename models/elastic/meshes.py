@@ -123,5 +123,5 @@ def _skfem() -> Any:
     try:
         import skfem
     except ImportError:
-        raise SceneError("Bodies from meshes need scikit-fem: install the extra `fe` (pip install stickslip-toolbox[fe]).") from None
+        raise SceneError("Bodies from meshes need scikit-fem: pip install -e '.[fe]' in the folder of the toolbox.") from None
     return skfem

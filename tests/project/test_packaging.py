@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from toolbox.errors import check_version
+
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PACKAGES = ("toolbox", "models", "controllers")
@@ -61,3 +63,14 @@ def test_one_version_licence_and_name_wherever_they_stand():
     assert f"\n## {project['version']}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert said["license"] == "BSD-3-Clause" and "BSD 3-Clause" in (ROOT / "LICENSE").read_text(encoding="utf-8")
     assert set(re.findall(r"^  - (?!name)(.+)$", citation, re.MULTILINE)) == set(project["keywords"])
+
+
+def test_a_package_that_is_too_old_says_which_version_works(monkeypatch):
+    monkeypatch.setattr("importlib.metadata.requires", lambda name: ["numba>=0.63", "pint>=0.24.4"])
+    for installed, fits in (("0.61.2", False), ("0.63.0", True), ("0.63.0rc1", True), ("1.0", True)):
+        monkeypatch.setattr("importlib.metadata.version", lambda name, given=installed: given)
+        if fits:
+            assert check_version("numba") is None
+        else:
+            with pytest.raises(ImportError, match=r"^numba 0.61.2 does not work with the toolbox: pip install 'numba>=0.63'.$"):
+                check_version("numba")

@@ -160,7 +160,7 @@ def test_without_any_registered_package_the_error_says_to_install_one(register, 
     monkeypatch.setattr(catalogue, "entry_points", lambda group: [])
     monkeypatch.setattr(catalogue, "_LOADED", {})  # a test of `--load` may have left some
     assert catalogue.parts() == []
-    with pytest.raises(SceneError, match="install stickslip-toolbox"):
+    with pytest.raises(SceneError, match="registers its parts"):
         catalogue.part("BitRock")
 
 
@@ -176,8 +176,25 @@ def test_a_package_of_the_user_that_hides_ours_is_named(tmp_path, package, scene
     path = os.pathsep.join([str(tmp_path), str(root), os.environ.get("PYTHONPATH", "")])
     words = [sys.executable, "-c", "from toolbox.commands.command_line import script; script()", "simulate", "rig.toml"]
     done = subprocess.run(words, cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False)
-    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
-    assert f"because `{hiding}` hides the package `{package}` of the toolbox: rename it" in done.stderr
+    warned, error = done.stderr.splitlines()
+    assert (
+        warned
+        == f"stickslip: `{hiding}` hides the package `{package}` of the toolbox, which cannot be imported: rename it, or start Python elsewhere."
+    )
+    assert done.returncode == 2 and done.stdout == "" and "There is no " in error
+
+
+def test_a_script_beside_a_package_of_that_name_is_told_before_it_fails_and_any_other_is_told_nothing(tmp_path, root):
+    (tmp_path / "controllers").mkdir()
+    (tmp_path / "controllers" / "__init__.py").write_text("")
+    path = os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")])
+    said = []
+    for folder in (tmp_path, root):
+        words = [sys.executable, "-c", "import toolbox; from controllers import PI"]
+        done = subprocess.run(words, cwd=folder, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False)
+        said.append(done.stderr.splitlines())
+    assert "hides the package `controllers` of the toolbox" in said[0][0] and "ImportError" in said[0][-1]
+    assert said[1] == []
 
 
 def test_what_is_offered_under_a_name_is_what_the_whole_catalogue_has_there():

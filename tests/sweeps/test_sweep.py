@@ -474,7 +474,7 @@ def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(tmp_path, monkeyp
 
 def test_without_zarr_a_sweep_on_disk_names_what_is_missing(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "zarr", None)
-    with pytest.raises(ImportError, match=r"pip install 'stickslip-toolbox\[batch\]'"):
+    with pytest.raises(ImportError, match=r"pip install -e '\.\[batch\]'"):
         sweep(growing(), {"growth.rate": [0.1]}, out=tmp_path / "found", **GROWING)
     assert not (tmp_path / "found").exists()
 
@@ -609,7 +609,7 @@ def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys, c
     assert not made  # all of it is there already
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert main([*command[:-1], str(tmp_path / "plain")]) == 0
-    assert "pip install 'stickslip-toolbox[batch]'" in caplog.text
+    assert "pip install -e '.[batch]'" in caplog.text
     np.testing.assert_array_equal(Sweep.load(tmp_path / "plain" / "01_stiff_pi" / "sweep.npz")["severity"], found["severity"])
 
 

@@ -54,7 +54,7 @@ def run(given: argparse.Namespace) -> int:
     entries = [entry for entry in catalogue.parts() if given.name is None or given.name.lower() in entry.name.lower()]
     if not entries:
         if given.name is None:
-            raise SceneError("No package offers parts: install stickslip-toolbox (pip install .) to register its own.")
+            raise SceneError("No package offers parts: pip install -e . in the folder of the toolbox registers its own.")
         catalogue.part(given.name)  # raises the error that says why
     groups: dict[str, list[Any]] = {}
     for entry in entries:

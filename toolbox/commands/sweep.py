@@ -107,7 +107,7 @@ def _goes_on() -> bool:
 
     found = all(find_spec(name) for name in ("zarr", "xarray"))
     if not found:
-        LOG.warning("without zarr an interrupted call starts again from nothing: pip install 'stickslip-toolbox[batch]'")
+        LOG.warning("without zarr an interrupted call starts again from nothing: pip install -e '.[batch]' in the folder of the toolbox")
     return found
 
 

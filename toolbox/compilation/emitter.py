@@ -340,7 +340,7 @@ def _library(text: str, names: Sequence[str], large: bool, side_by_side: bool) -
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
         _MACHINE.append(llvm.Target.from_default_triple())
-    host = f"{llvm.llvm_version_info} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()} {sys.platform}"
+    host = f"{llvm.llvm_version_info} {' '.join(_processor(llvm))} {sys.platform}"
     key = hashlib.sha256(f"{host} {large}{' joined' if side_by_side else ''}\n{text}".encode()).hexdigest()[:32]
     found = _LOADED.get(key)
     if found is None:
@@ -372,10 +372,18 @@ def _dense_systems(text: str) -> dict[str, int]:
     return {name: library[name] for name in NAMES}
 
 
+def _processor(llvm: Any) -> tuple[str, str]:
+    """(name, features) of the processor that code is for: this one, or the one that NUMBA_CPU_NAME and NUMBA_CPU_FEATURES name, as for the code of numba."""
+    name = os.environ.get("NUMBA_CPU_NAME")
+    features = os.environ.get("NUMBA_CPU_FEATURES", "" if name == "generic" else None)
+    return name or llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten() if features is None else features
+
+
 def _object_code(llvm: Any, text: str, large: bool, side_by_side: bool) -> bytes:
+    name, features = _processor(llvm)
     machine = _MACHINE[0].create_target_machine(
-        cpu=llvm.get_host_cpu_name(),
-        features=llvm.get_host_cpu_features().flatten(),
+        cpu=name,
+        features=features,
         opt=0 if large else 2,
         codemodel="jitdefault",
         jit=True,

@@ -35,6 +35,9 @@ from numba.core.serialize import dumps
 
 from toolbox.compilation.kept_code import cache_directory, keep, kept, trusted
 from toolbox.compilation.loop_parts import PartCompiler
+from toolbox.errors import check_version
+
+check_version("numba")
 
 VERSIONED = {"numba", "llvmlite", "numpy"}
 """Packages whose code enters the number of a function by their version alone, as that of Python does."""

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolbox.errors import SceneError, UnusualValue, suggest
+from toolbox.errors import SceneError, UnusualValue, check_version, suggest
 from toolbox.files.plain_units import plain
 
 if TYPE_CHECKING:
@@ -299,6 +299,7 @@ _DIGITS = Context(prec=24)
 
 @cache
 def _registry() -> Any:
+    check_version("pint")
     import pint  # here, because it takes half a second, and only rare units need it
 
     return pint.UnitRegistry(non_int_type=Decimal)  # decimals: 97.3 kN is 97300 N to the last digit

@@ -64,7 +64,7 @@ def part(name: str, kind: str | None = None) -> Any:
     found = offered(name)
     if not found and not _packages()[0]:
         raise SceneError(
-            f"There is no {kind or 'part'} `{name}`, because no package offers any: install stickslip-toolbox (pip install .) to register its parts."
+            f"There is no {kind or 'part'} `{name}`, because no package offers any: pip install -e . in the folder of the toolbox registers its parts."
         )
     fitting = [entry for entry in found if kind in (None, entry.kind)]
     if len({id(entry.item) for entry in fitting}) > 1:
@@ -74,12 +74,6 @@ def part(name: str, kind: str | None = None) -> Any:
         return fitting[0].item
     if found:
         raise SceneError(f"`{name}` must be a {kind}, but it is a {found[0].kind}: {suggest(name, _names(kind))}")
-    for source in ("models", "controllers"):
-        hiding = _hiding(source)
-        if hiding is not None:
-            raise SceneError(
-                f"There is no {kind or 'part'} `{name}`, because `{hiding}` hides the package `{source}` of the toolbox: rename it, or start Python elsewhere."
-            )
     broken = "".join(f" The parts of `{source}` cannot be loaded: {reason}." for source, reason in _packages()[1].items())
     raise SceneError(
         f"There is no {kind or 'part'} `{name}`: {suggest(name, _names(kind))}{broken} One of your own needs its file: `--load FILE.py`."
@@ -203,18 +197,6 @@ def _packages() -> tuple[dict[str, ModuleType], dict[str, str]]:
         else:
             broken[point.name] = f"its entry point must name a module, but it names {module!r}"
     return loaded, broken
-
-
-def _hiding(source: str) -> str | None:
-    """The file that was imported under the name of one of the toolbox's own packages; None where it is that package, or nothing."""
-    module = _packages()[0].get(source)
-    file = None if module is None else getattr(module, "__file__", None)
-    if module is None or module.__name__ != source or file is None or Path(file).resolve().is_relative_to(_HOME / source):
-        return None
-    return file
-
-
-_HOME = Path(__file__).resolve().parents[2]
 
 
 def _modules() -> dict[str, ModuleType]:

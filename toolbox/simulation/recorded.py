@@ -116,7 +116,7 @@ class Recorded(Stays):
         try:
             import pandas
         except ImportError:
-            raise ImportError("`to_pandas` needs pandas: pip install 'stickslip-toolbox[pandas]'.") from None
+            raise ImportError("`to_pandas` needs pandas: pip install -e '.[pandas]' in the folder of the toolbox.") from None
         columns: dict[str, np.ndarray] = {}
         for name, values in self.columns(self.names).items():
             if values.ndim == 1:

@@ -117,7 +117,7 @@ class Sweep:
         try:
             import xarray
         except ImportError:
-            raise ImportError("`to_xarray` needs xarray: pip install 'stickslip-toolbox[batch]'.") from None
+            raise ImportError("`to_xarray` needs xarray: pip install -e '.[batch]' in the folder of the toolbox.") from None
         if self.axes:
             dims = self.names
             coordinates = {n: (n, axis, {"units": u}) for n, axis, u in zip(self.names, self.axes, self.units, strict=True)}

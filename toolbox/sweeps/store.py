@@ -6,7 +6,7 @@ A chunk of the store holds the same neighbouring runs in every array. It is writ
 `status` comes after all others, so that what it calls done is there. A kill, a full disk or a power cut costs the runs of the last second, and no run is
 taken for done that is not. Every chunk carries its checksum.
 
-Needs the extra `batch`: pip install 'stickslip-toolbox[batch]'.
+Needs the extra `batch`: pip install -e '.[batch]' in the folder of the toolbox.
 """
 
 from __future__ import annotations
@@ -276,7 +276,7 @@ def _zarr() -> Any:
         import xarray  # noqa: F401, what is written is for it
         import zarr
     except ImportError:
-        raise ImportError("A sweep on disk needs zarr and xarray: pip install 'stickslip-toolbox[batch]'.") from None
+        raise ImportError("A sweep on disk needs zarr and xarray: pip install -e '.[batch]' in the folder of the toolbox.") from None
     return zarr
 
 

@@ -219,7 +219,7 @@ def test_without_scikit_fem_the_extra_is_named(monkeypatch):
     from models import block_mesh
 
     monkeypatch.setitem(__import__("sys").modules, "skfem", None)
-    with pytest.raises(SceneError, match=r"extra `fe`"):
+    with pytest.raises(SceneError, match=r"pip install -e .\.\[fe\]"):
         block_mesh((1.0, 1.0), (1, 1))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, heading, progress
+from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, progress
 from toolbox.files.atomic import whole_folder
 
 COMMON_FILES = ("scene.toml", "table.csv", "comparison.png")
@@ -52,7 +52,7 @@ def run(given: argparse.Namespace) -> int:
     scene = Scene.load(given.scene)
     stems = file_stems(scene.labels)
     names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], given.format)
-    with whole_folder(given.out, names, earlier("table.csv", heading(verdicts.Row), _left)) as folder:
+    with whole_folder(given.out, names, earlier("table.csv", f"^{','.join(verdicts.HEADINGS)}[,\n]", _left)) as folder:
         rows, runs = [], {}
         with progress(len(scene.cases)) as reached:
             for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):

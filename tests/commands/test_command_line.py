@@ -279,10 +279,10 @@ def test_an_interrupted_study_leaves_what_was_there_as_it_was(tmp_path, belt, no
     before = content(out) if exists else None
     verdict_row = study.verdict_row
 
-    def interrupted(scene, label, stem):
+    def interrupted(scene, label, *arguments):
         if label == "two":
             raise KeyboardInterrupt
-        return verdict_row(scene, label, stem)
+        return verdict_row(scene, label, *arguments)
 
     monkeypatch.setattr(study, "verdict_row", interrupted)
     capsys.readouterr()

@@ -5,7 +5,7 @@ from importlib.util import LazyLoader, find_spec, module_from_spec
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from toolbox.faces import face, hiding
+from toolbox.faces import face, warn_of_hidden
 
 
 def _public_module(name: str, file: str) -> ModuleType:
@@ -79,12 +79,6 @@ else:  # `measure.pyi`, `inputs.pyi` and `plot.pyi` say the same to mypy and edi
     inputs = _public_module("inputs", "toolbox.modelling.inputs")
     plot = _public_module("plot", "toolbox.simulation.plot")
 
-for _package in ("controllers", "models"):
-    if (_found := hiding(_package)) is not None:  # else a script that imports from it ends with an error that does not say why
-        from toolbox.messages import LOG
-
-        LOG.warning(
-            "`%s` hides the package `%s` of the toolbox, which cannot be imported: rename it, or start Python elsewhere.", _found, _package
-        )
+warn_of_hidden("controllers", "models")
 
 __getattr__, __dir__ = face("time")  # a star import must not hide the module `time`

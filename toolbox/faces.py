@@ -57,16 +57,19 @@ def face(*unlisted: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]
     return find, names
 
 
-def hiding(package: str) -> str | None:
-    """The file or folder that Python finds under the name of a package that stands beside the toolbox; None where it finds that package, or nothing."""
+def warn_of_hidden(*packages: str) -> None:
+    """Say of packages beside the toolbox which file or folder Python finds in their place: an import from there fails and does not say why."""
     from importlib.util import find_spec
 
-    home = Path(__file__).resolve().parents[1] / package
-    spec = find_spec(package)
-    places = [] if spec is None else [*(spec.submodule_search_locations or ()), spec.origin or ""]
-    if not home.is_dir() or not any(places) or any(Path(place).resolve().is_relative_to(home) for place in places if place):
-        return None
-    return places[-1] or places[0]
+    for package in packages:
+        home = Path(__file__).resolve().parents[1] / package
+        spec = find_spec(package)
+        places = [] if spec is None else [place for place in (*(spec.submodule_search_locations or ()), spec.origin) if place]
+        if home.is_dir() and places and not any(Path(place).resolve().is_relative_to(home) for place in places):
+            from toolbox.messages import LOG
+
+            text = "`%s` hides the package `%s` of the toolbox, which cannot be imported: rename it, or start Python elsewhere."
+            LOG.warning(text, places[-1], package)
 
 
 def imports_for_types(code: CodeType) -> dict[str, tuple[str, str]]:

@@ -230,7 +230,7 @@ def test_the_c_of_the_linear_mpc_takes_over_from_a_torque_that_acts_as_in_python
 
 
 def test_the_predictive_law_is_exported_at_its_own_period_and_hides_no_folder(tmp_path):
-    with pytest.raises(SceneError, match="`period` must be 0.1 s"):
+    with pytest.raises(SceneError, match="`sample_time` must be 0.1 s"):
         export_c(closed_loop(HEAVY, PREDICTIVE, sample_time=0.01), tmp_path / "mpc")
     (tmp_path / "mpc_osqp").mkdir()
     (tmp_path / "mpc_osqp" / "mine.txt").write_text("keep")

@@ -306,7 +306,7 @@ def test_bad_arguments_are_refused_by_name(rig_run, belt_run):
         (lambda: severity(rig_run, "bit.sped"), r"did you mean `bit\.speed`"),
         (lambda: severity(rig_run, "chain.speed"), r"must be a scalar, but `chain\.speed` has 2 entries"),
         (lambda: severity(rig_run, definition="half"), "There is no definition of severity `half`"),
-        (lambda: severity(rig_run, definition="reference"), "Argument `reference` must be a finite number"),
+        (lambda: severity(rig_run, definition="reference"), "Argument `reference` must be a finite set-point other than 0, but it is None"),
         (lambda: severity(rig_run, definition="reference", reference=0.0), "Argument `reference` must be a finite set-point"),
         (lambda: severity(rig_run, reference=8.0), 'must come with definition "reference"'),
         (lambda: severity(rig_run, after=60.0), "Argument `after` must be"),

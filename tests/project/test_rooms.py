@@ -10,7 +10,7 @@ import pytest
 from toolbox.faces import public_names
 
 FLOORS = (
-    "errors", "faces", "messages", "halving", "files", "arguments", "figures", "modelling", "compilation", "stepping", "simulation", "contacts",
+    "errors", "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "stepping", "simulation", "contacts",
     "measuring", "prediction", "steady_states",
     "scenes", "lanes", "orbits", "sweeps", "robustness", "onsets", "calibration", "tuning", "export", "authoring", "commands", "face",
 )  # fmt: skip

@@ -277,5 +277,5 @@ def test_mistakes_are_told(rig):
     ):
         with pytest.raises(SceneError, match=word):
             performance_limit(rig, {"top.speed": 3.0}, **arguments)
-    with pytest.raises(SceneError, match="at"):
+    with pytest.raises(SceneError, match="Argument `top.speed` must be a finite number"):
         performance_limit(rig, {"top.speed": math.nan})

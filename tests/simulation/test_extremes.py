@@ -393,7 +393,7 @@ VERBS = {
     "time_in after": (lambda bad: RUN.time_in("belt", "stick", after=bad), "after", (math.nan, "strong", None, object())),
     "run signal": (lambda bad: RUN[bad], "signal", (*NO_NAMES, [], {})),
     "equilibrium inputs": (lambda bad: toolbox.equilibrium(closed_loop(RIG, inputs=bad)), "inputs", (5, "strong", ["top.torque"])),
-    "equilibrium start": (lambda bad: toolbox.equilibrium(RIG, guess=bad), "start", (5, "strong", ["bit.speed"])),
+    "equilibrium guess": (lambda bad: toolbox.equilibrium(RIG, guess=bad), "guess", (5, "strong", ["bit.speed"])),
     "equilibrium mode": (lambda bad: toolbox.equilibrium(RIG, mode=bad), "mode", (5, "strong", ["bit"])),
     "equilibrium parameters": (lambda bad: toolbox.equilibrium(closed_loop(RIG, parameters=bad)), "parameters", (5, "strong", ["bit.weight"])),
     "linearise outputs": (lambda bad: toolbox.linearise(RIG, {"bit.speed": 1.0}, outputs=bad), "name", (5, 1j, object(), [])),

@@ -121,8 +121,7 @@ class ClosedLoop:
     @cached_property
     def _given(self) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any], dict[str, Any]]:
         kinds, values, typed = input_kinds(self.closed.system, self.inputs)
-        changing = [name for name in values if name in self.plant.parameters or not self.plant.has_signal(name)]
-        changing = [name for name in changing if self.plant.has_parameter(name) and not self.plant.has_signal(name)]
+        changing = [name for name in values if self.plant.has_parameter(name) and not self.plant.has_signal(name)]
         for extreme in (min, max):  # what parts demand of their fields must hold where all are lowest, and where all are highest
             ends = {name: extreme(extremes(values[name])) for name in changing if extremes(values[name])}
             if ends:
@@ -294,9 +293,8 @@ class ClosedLoop:
             if number is not None and number.kind in ("design", "clock"):
                 loop = number.put(loop, value)
             else:
-                owner = (
-                    self.plant if self.plant.has_parameter(name) else self.system
-                )  # a law may take the place of an input and its default
+                # a law may take the place of an input and its default
+                owner = self.plant if self.plant.has_parameter(name) else self.system
                 values[name] = in_si(value, owner._parameter(name).unit, name)
         return loop.but(parameters=values)
 
@@ -307,17 +305,7 @@ class ClosedLoop:
         smooth = (tuple(self.plant.widths.items()), self.plant.matched) if isinstance(self.plant, SmoothSystem) else None
         inputs = tuple(sorted((name, _plain(value)) for name, value in self.values.items()))
         numbers = tuple(tuple(sorted((name, _plain(value)) for name, value in given.items())) for given in (self.parameters, self.start))
-        named = (
-            self.label,
-            self.element,
-            self.signal,
-            self.duration,
-            self.after,
-            self.accuracy,
-            self.effort,
-            self.reference,
-            self.standstill,
-        )
+        named = tuple(getattr(self, each.name) for each in dataclasses.fields(self)[5:])  # what a scene says
         return tuple(map(structure_of, plant.parts)), plant.values.tobytes(), smooth, self.laws, inputs, numbers, named
 
     def __eq__(self, other: object) -> bool:

@@ -12,7 +12,7 @@ from typing import Any
 
 from toolbox.arguments import BoolArray, FloatArray, is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.files.printing import table
+from toolbox.files.printing import columns, table
 from toolbox.files.unit_systems import Reading, reading
 from toolbox.measuring.judge import SMOOTH, STANDS, SWINGS, Judged
 from toolbox.steady_states.hopf import HopfPoint
@@ -275,14 +275,10 @@ class Onset:
 
     def __str__(self) -> str:
         unit = self._read.tail
-        rows = self._border_rows()
-        widths = [max(len(row[i]) for row in rows) for i in (0, 1)]
-        lines = [*self._headlines, "", *(f"  {name:<{widths[0]}}  {value:>{widths[1]}}{unit}  {note}" for name, value, note in rows)]
-        lines += ["", self.advice, "", *self._side_by_side]
-        cells = [self._head, *self._value_rows()]
-        widths = [max(len(row[i]) for row in cells) for i in range(len(self._head))]
-        lines += ["  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
-        return "\n".join([*lines, "", self._checked, *(f"Note: {note}" for note in self._noted)])
+        borders = columns([(name, value + unit, note) for name, value, note in self._border_rows()], left=(0, 2))
+        values = columns([self._head, *self._value_rows()], left=())
+        lines = [*self._headlines, "", *borders, "", self.advice, "", *self._side_by_side, *values, "", self._checked]
+        return "\n".join([*lines, *(f"Note: {note}" for note in self._noted)])
 
     __repr__ = __str__
 
@@ -487,11 +483,7 @@ class Comparison:
         return lines + [(label, "failed", *[""] * 7) for label in self.failures]
 
     def __str__(self) -> str:
-        widths = [max(len(row[i]) for row in self.rows) for i in range(9)]
-        lines = [
-            "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))).rstrip()
-            for row in self.rows
-        ]
+        lines = columns(self.rows, indent="")
         lines.insert(1, "-" * max(map(len, lines)))
         return "\n".join([*self._title, *lines, *(f"{label} failed: {reason}" for label, reason in self.failures.items())])
 

@@ -46,6 +46,33 @@ class Edges:
             high[there], low[~there] = middle[there], middle[~there]
         return 0.5 * (low + high)
 
+    def roots(self, values: Callable[[np.ndarray], np.ndarray], precision: float) -> np.ndarray:
+        """Where a function changes its sign on every edge, in parts of it from `low`, by the Illinois method on all edges at once; nan where it does not.
+
+        values: points -> the function there.  precision: in parts of an edge.
+        """
+        a, b = np.zeros(len(self.low)), np.ones(len(self.low))
+        at_a, at_b = (values(ends) if len(ends) else np.empty(0) for ends in (self.low, self.high))
+        crossed = at_a * at_b < 0
+        found, left = np.full(len(self.low), np.nan), np.flatnonzero(crossed)
+        last = np.zeros(len(self.low))
+        for _ in range(100):
+            if not left.size:
+                break
+            part = (a[left] * at_b[left] - b[left] * at_a[left]) / (at_b[left] - at_a[left])
+            there = values(self.low[left] + part[:, None] * (self.high[left] - self.low[left]))
+            near = (np.abs(part - found[left]) <= precision) | (there == 0.0) | ~np.isfinite(there)
+            found[left] = part
+            for i, value, c in zip(left, there, part, strict=True):
+                side = 1.0 if value * at_b[i] > 0 else -1.0
+                if side > 0:
+                    b[i], at_b[i], at_a[i] = c, value, at_a[i] / (2.0 if last[i] == side else 1.0)
+                else:
+                    a[i], at_a[i], at_b[i] = c, value, at_b[i] / (2.0 if last[i] == side else 1.0)
+                last[i] = side
+            left = left[~near]
+        return found
+
     def segments(self, places: np.ndarray) -> np.ndarray:
         """Straight pieces of the border, shape (k, 2, 2), through its places on the edges of each cell, in order along each line."""
         return places[self.cells] if len(self.cells) else np.empty((0, 2, 2))

@@ -68,7 +68,7 @@ def followed(search: OnsetSearch, begin: RunState, origin: float, goal: float, w
     low, high = min(origin, goal), max(origin, goal)
     try:
         return follow(
-            limit_cycle(run), search.branch.free.name, (low, high), points=points, towards=goal, step=min(0.1, 0.02 * width / (high - low))
+            limit_cycle(run), search.free.name, (low, high), points=points, towards=goal, step=min(0.1, 0.02 * width / (high - low))
         )
     except (SceneError, SimulationError):
         return None

@@ -14,10 +14,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -30,7 +30,10 @@ from toolbox.modelling.steady_point import Equilibrium, function_of
 from toolbox.robustness.steady_loop import at_set_points
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
-from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes
+from toolbox.steady_states.equilibria import flow_slopes
+
+Place = TypeVar("Place", float, complex)
+"""Where the free numbers of a loop are: the value of one number, or a point of the plane of two (`toolbox.onsets.plane`)."""
 
 ROUNDS = 5
 """Common periods of all sample times over which the map goes."""
@@ -101,30 +104,41 @@ class Smooth:
     direction: FloatArray
 
 
-class SmoothBranch:
-    """Smooth running of a closed loop over one number, each value once: its state, and how a small disturbance grows. Measurement noise is left out.
+class SmoothBranch(Generic[Place]):
+    """Smooth running of a closed loop over its free numbers, each place once: its state, and how a small disturbance grows.
 
-    followed: the steady states of the continuous forms of the laws; None where a law has none.
+    Measurement noise is left out. numbers: what the free numbers are at a place;  followed: the steady states of the continuous forms of the laws; None where
+    a law has none.
     """
 
-    def __init__(self, base: Run, free: Number, inputs: Mapping[str, float], followed: EquilibriumBranch | None):
+    def __init__(
+        self, base: Run, numbers: Callable[[Place], Sequence[tuple[Number, float]]], followed: Callable[[Place], Equilibrium | None] | None
+    ):
         noises = {name: entry for name, entry in base.system.parameters.items() if name.endswith(".sensors.noise")}
         silent = {name: [0.0] * entry.size if entry.size else 0.0 for name, entry in noises.items()}
         self.run = dataclasses.replace(base, system=base.system.with_parameters(silent)) if silent else base
-        self.free, self.inputs, self.followed = free, inputs, followed
-        self.known: dict[float, Smooth | None] = {}
+        self.numbers: Callable[[Place], Sequence[tuple[Number, float]]] = numbers
+        self.followed: Callable[[Place], Equilibrium | None] | None = followed
+        self.known: dict[Place, Smooth | None] = {}
 
-    def at(self, value: float) -> Run:
-        """The run with the free parameter at a value."""
-        return with_value(self.run, self.free, value)
+    def at(self, value: Place) -> Run:
+        """The run with the free numbers at a place."""
+        return with_numbers(self.run, self.numbers(value))
 
-    def __call__(self, value: float) -> Smooth | None:
-        """Smooth running at a value; None where none is known."""
+    def _set_points(self, value: Place) -> Equilibrium:
+        """Steady running of the plant at the set-points; raises SceneError where there is none."""
+        loop = self.run.loop
+        for number, given in self.numbers(value):
+            loop = loop.at(number.name, given)
+        return at_set_points(loop)
+
+    def __call__(self, value: Place) -> Smooth | None:
+        """Smooth running at a place; None where none is known."""
         if value not in self.known:
             self.known[value] = self._sampled(value) if self.run.system.updates else self._continuous(value)
         return self.known[value]
 
-    def rate(self, value: float) -> float:
+    def rate(self, value: Place) -> float:
         """Rate at which a small disturbance grows [1/s]; nan without smooth running."""
         found = self(value)
         return math.nan if found is None else found.growth.rate
@@ -135,7 +149,7 @@ class SmoothBranch:
 
         return float(brentq(self.rate, one, other, xtol=precision or 1e-10 * max(abs(one), abs(other)), rtol=1e-10))
 
-    def _continuous(self, value: float) -> Smooth | None:
+    def _continuous(self, value: Place) -> Smooth | None:
         point = None if self.followed is None else self.followed(value)
         if point is None:
             return None
@@ -145,7 +159,7 @@ class SmoothBranch:
         state = self.run.start.at_values(point.states)
         return Smooth(state, Growth.of(complex(exponents[best]), "poles"), in_phase(motions[:, best], rows))
 
-    def _sampled(self, value: float) -> Smooth | None:
+    def _sampled(self, value: Place) -> Smooth | None:
         run, nearest = self.at(value), None
         for begin in self._beginnings(run, value):
             nearest = nearest or begin
@@ -158,17 +172,17 @@ class SmoothBranch:
         growth = twin_growth(run, nearest, self.swing(value)) or Growth(math.nan, math.inf, "runs")
         return Smooth(nearest, growth, np.concatenate([nearest.states, np.zeros(nearest.values.size - nearest.states.size)]))
 
-    def swing(self, value: float) -> float:
+    def swing(self, value: Place) -> float:
         """Period of the least damped swing [s], of the continuous form of the loop, else of the plant at the set-points; nan where neither runs steadily."""
         point = None if self.followed is None else self.followed(value)
         with contextlib.suppress(SceneError):
-            return swing_period(point or at_set_points(self.run.loop.at(self.free.name, value)))
+            return swing_period(point or self._set_points(value))
         return math.nan
 
-    def _beginnings(self, run: Run, value: float) -> Iterator[RunState]:
+    def _beginnings(self, run: Run, value: Place) -> Iterator[RunState]:
         """States near smooth running: of the continuous forms, of the plant at the set-points, and of the nearest value that is known."""
         points: list[Callable[[], Equilibrium | None]] = [lambda: None if self.followed is None else self.followed(value)]
-        points.append(lambda: at_set_points(run.loop.at(self.free.name, value)))
+        points.append(lambda: self._set_points(value))
         for find in points:
             with contextlib.suppress(SceneError):
                 point = find()
@@ -198,11 +212,12 @@ def swing_period(rest: Equilibrium) -> float:
     return float(2 * math.pi / np.abs(poles).min(initial=1.0)) if poles.size else 1.0
 
 
-def with_value(run: Run, free: Number, value: float) -> Run:
-    """The run with a free parameter at a value."""
-    if free.is_input:
-        return dataclasses.replace(run, inputs={**run.inputs, free.name: value})
-    return dataclasses.replace(run, system=run.system.with_parameters({free.name: value}))
+def with_numbers(run: Run, numbers: Sequence[tuple[Number, float]]) -> Run:
+    """The run with other values of some numbers."""
+    inputs = {number.name: value for number, value in numbers if number.is_input}
+    parameters = {number.name: value for number, value in numbers if not number.is_input}
+    system = run.system.with_parameters(parameters) if parameters else run.system
+    return dataclasses.replace(run, inputs={**run.inputs, **inputs}, system=system)
 
 
 def slip_rows(system: HybridSystem, states: FloatArray, values: FloatArray) -> FloatArray:

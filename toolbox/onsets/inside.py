@@ -15,8 +15,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from toolbox.errors import SceneError
-from toolbox.measuring.judge import FAILED, NONE, NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judged
+from toolbox.measuring.judge import NONE, NOT_DECIDED, STANDS, STICKS, Judged
 from toolbox.modelling.steady_point import Equilibrium
+from toolbox.onsets.carried import Carried
 from toolbox.onsets.growth import begun_at
 from toolbox.onsets.report import Border
 from toolbox.onsets.search import OnsetSearch
@@ -26,55 +27,33 @@ from toolbox.steady_states.equilibria import EquilibriumBranch
 OUTWARD = (0.01, 0.03, 0.06, 0.1, 0.15, 0.25, 0.4, 0.6, 0.8)
 """How far beyond the edge of a range stick-slip is looked for: towards zero by these parts of the edge, away from it to 1/(1 - part) times the edge."""
 
-FINEST = 1 / 64
-"""The smallest step, in parts of the way, in which stick-slip is led into the range."""
-
 ROUNDS = 6
 """How often all values are looked at again where the search for a border has found stick-slip that was not seen before."""
 
-RANK = (NONE, FAILED, SMOOTH, SWINGS, NOT_DECIDED, STANDS, STICKS)
-"""Regimes, the more of a stick-slip the later."""
 
-
-@dataclass
-class Inside:
-    """Stick-slip and standstill of one search.
+@dataclass(kw_only=True)
+class Inside(Carried[float]):
+    """Stick-slip and standstill of one search, over one number.
 
     Attributes
     ----------
     rest
         Steady states with the judged contact stuck; None where a law has no continuous form.
-    cycling, standing
-        {value: where a run ended} in stick-slip, and in standstill.
-    found
-        {value: what the runs there came to, of them the one that is most of a stick-slip}.
     became
         {value: what stick-slip that was led there turned into}.
-    outer
-        Values outside of the range with stick-slip.
     """
 
     search: OnsetSearch
     rest: EquilibriumBranch | None
-    cycling: dict[float, RunState] = field(default_factory=dict)
-    standing: dict[float, RunState] = field(default_factory=dict)
-    found: dict[float, Judged] = field(default_factory=dict)
     became: dict[float, str] = field(default_factory=dict)
-    outer: list[float] = field(default_factory=list)
 
     @staticmethod
     def of(search: OnsetSearch) -> Inside:
         """Nothing found yet, but what smooth running that was lost has led to."""
-        old = search.branch.followed
+        old = search.followed
         rest = old and EquilibriumBranch(old.closed, old.free, old.inputs, {**(old.mode or {}), search.element: "stick"})
         ends = {word: {value: end for value, (regime, end) in search.led.items() if regime == word} for word in (STICKS, STANDS)}
-        return Inside(search, rest, ends[STICKS], ends[STANDS])
-
-    # ------------------------------------------------------------------------------------------------------------------------------- beginnings
-    def starts(self, value: float) -> list[RunState]:
-        """Beginnings from which stick-slip may start: the steady state with the contact stopped, and the whole machine at rest."""
-        stopped = self.search.stopped(value)
-        return [*([stopped] if stopped is not None else []), self.search.base.start]
+        return Inside(search=search, rest=rest, cycling=ends[STICKS], standing=ends[STANDS])
 
     def standstill(self, value: float) -> RunState | None:
         """The steady state with the contact stuck, where there is one that stays."""
@@ -94,49 +73,6 @@ class Inside:
             return None
 
     # ---------------------------------------------------------------------------------------------------------------------------------- stick-slip
-    def tried(self, value: float, begin: RunState, finer: float = 1.0) -> Judged:
-        """A run from a beginning, with where it ends kept by what it ends in."""
-        judged, end = self.search.run(value, begin, finer=finer)
-        if end is not None and judged.regime == STICKS:
-            self.cycling[value] = end
-        elif end is not None and judged.regime == STANDS:
-            self.standing.setdefault(value, end)
-        if value not in self.found or worse(judged, self.found[value]):
-            self.found[value] = judged
-        return judged
-
-    def seek(self, value: float) -> RunState | None:
-        """Stick-slip at a value from all beginnings, until one leads into it."""
-        for begin in () if value in self.cycling else self.starts(value):
-            if self.tried(value, begin).regime == STICKS:
-                break
-        return self.cycling.get(value)
-
-    def outside(self, edge: float, sign: float, width: float) -> None:
-        """Stick-slip outside of an edge of the range, led up to the edge; sign: the way out."""
-        for value in outward(edge, sign, width):
-            try:
-                end = self.seek(value)
-            except SceneError:  # the number itself is refused there
-                return
-            if end is not None:
-                self.outer.append(value)
-                self.led(value, edge)
-                return
-
-    def led(self, origin: float, goal: float) -> bool:
-        """Whether stick-slip at one value reaches another, in steps that are halved where it is lost; where it comes to is kept."""
-        part, size = 0.0, 0.25
-        here = origin
-        while part < 1.0 and size >= FINEST:
-            following = origin + (goal - origin) * min(part + size, 1.0)
-            begin = self.search.walked(self.cycling[here], here, following)
-            if self.tried(following, begin).regime == STICKS:
-                part, here = min(part + size, 1.0), following
-            else:
-                size /= 2
-        return part >= 1.0
-
     def sweep(self, values: Sequence[float]) -> list[Judged]:
         """Verdicts from inside stick-slip at all values: from beginnings at each, and carried on upwards and downwards from value to value."""
         for value in values:
@@ -219,8 +155,3 @@ def outward(edge: float, sign: float, width: float) -> list[float]:
     if edge * sign < 0:
         return [edge * (1 - part) for part in OUTWARD]
     return [edge + sign * max(abs(edge) * part / (1 - part), part * width) for part in OUTWARD]
-
-
-def worse(judged: Judged, other: Judged) -> bool:
-    """Whether a verdict is more of a stick-slip than another."""
-    return RANK.index(judged.regime) > RANK.index(other.regime)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import concurrent.futures
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,19 +115,19 @@ class Front(Carried[complex]):
                 if self.tried(there, self.search.walked(self.cycling[here], here, there)).regime == STICKS:
                     waiting.append(n)
 
-    def halved(self, edges: Edges, times: int) -> np.ndarray:
-        """Where stick-slip ends on every edge of the grid across its border, from the side where it lasts (`high`)."""
-        places = []
-        for dead, alive in zip(edges.low, edges.high, strict=True):
-            here = self.plane.place(alive)
-            for _ in range(times):
-                middle = (dead + alive) / 2
-                there = self.plane.place(middle)
-                regime = self.tried(there, self.search.walked(self.cycling[here], here, there)).regime
-                here = there if regime == STICKS else here
-                if regime in (STICKS, NOT_DECIDED):
-                    alive = middle
-                else:
-                    dead = middle
-            places.append((dead + alive) / 2)
-        return np.array(places).reshape(-1, 2)
+    def halved(self, edges: Edges, times: int, prepared: Callable[[Sequence[complex]], None]) -> np.ndarray:
+        """Where stick-slip ends on every edge of the grid across its border, from the side where it lasts (`high`).
+
+        prepared: called with the places that are looked at next.
+        """
+        dead, alive = edges.low.copy(), edges.high.copy()
+        here = [self.plane.place(point) for point in alive]
+        for _ in range(times):
+            middle = (dead + alive) / 2
+            places = [self.plane.place(point) for point in middle]
+            prepared(places)
+            for k, there in enumerate(places):
+                regime = self.tried(there, self.search.walked(self.cycling[here[k]], here[k], there)).regime
+                here[k] = there if regime == STICKS else here[k]
+                (alive if regime in (STICKS, NOT_DECIDED) else dead)[k] = middle[k]
+        return (dead + alive) / 2

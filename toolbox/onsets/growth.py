@@ -188,11 +188,9 @@ class SmoothBranch(Generic[Place]):
                 point = find()
                 if point is not None:
                     yield begun_at(run, point)
-        near = [
-            (abs(other - value), other) for other, smooth in self.known.items() if smooth is not None and smooth.growth.way == "differences"
-        ]
+        near = [other for other, smooth in self.known.items() if smooth is not None and smooth.growth.way == "differences"]
         if near:
-            yield self.known[min(near)[1]].state  # type: ignore[union-attr]
+            yield self.known[min(near, key=lambda other: abs(other - value))].state  # type: ignore[union-attr]
 
 
 def begun_at(run: Run, point: Equilibrium) -> RunState:

@@ -14,7 +14,7 @@ import concurrent.futures
 import dataclasses
 import json
 import time as clock
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.onsets.borders import Edges, edges_of
 from toolbox.onsets.carried import JudgedRuns
 from toolbox.onsets.front import Front
-from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS, Plane, SteadyPlane, map_runs, steady_plane
+from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS, Plane, map_runs, steady_plane
 from toolbox.onsets.regions import MEANINGS
 from toolbox.sweeps.designs import grid
 from toolbox.sweeps.executors import check_executor
@@ -303,7 +303,6 @@ def severity_map(
     guess: Mapping[str, Any] | None = None,
     halvings: int = 3,
     executor: concurrent.futures.Executor | None = None,
-    out: str | Path | None = None,
 ) -> SeverityMap:
     """Map the severity of stick-slip over two inputs or parameters, from smooth running and from inside stick-slip.
 
@@ -325,8 +324,8 @@ def severity_map(
         Modes of the steady state in the middle of the map and values near it, as in `onset`.
     halvings
         How often an edge of the grid across a border is halved, from 0 to 20.
-    executor, out
-        As in `sweep`; a map that was interrupted continues where it was.
+    executor
+        As in `sweep`; it does the runs from the points of the grid.
 
     Returns
     -------
@@ -348,6 +347,7 @@ def severity_map(
     steady = steady_plane(loop, plane, mode, guess)
     axes = tuple(np.linspace(*ends, n) for ends, n in zip(plane.ranges, shape, strict=True))
     places = [plane.place(point) for point in grid(dict(zip(plane.names, axes, strict=True))).points]
+    learn = _no_states if steady is None else steady.learn
     search = map_runs(loop, plane, steady, places, duration)
     front = Front(search=search, plane=plane, places=places, shape=shape, executor=executor)
     smooth = front.smooth()
@@ -362,8 +362,8 @@ def severity_map(
     edges = [edges_of(axes, where, branch.verdict != NONE) for where, branch in zip((lost, sticks), branches, strict=True)]
     with progress_bar(None, "map, borders") as search.bar:
         borders = {
-            "smooth": edges[0].segments(_losses(search, plane, steady, edges[0], halvings)),
-            "sticking": edges[1].segments(front.halved(edges[1], halvings)),
+            "smooth": edges[0].segments(_losses(search, plane, edges[0], halvings, learn)),
+            "sticking": edges[1].segments(front.halved(edges[1], halvings, learn)),
         }
     return SeverityMap(
         title=loop.title,
@@ -386,6 +386,10 @@ def severity_map(
     )
 
 
+def _no_states(_: Sequence[complex]) -> None:
+    """There is no continuous form whose steady states could be found at many places at once."""
+
+
 def _side(judged: Sequence[Judged], shape: tuple[int, int]) -> MapSide:
     """One branch of a map from what the judge says at its points."""
     verdicts = np.array([VERDICTS.get(each.regime, NONE) for each in judged]).reshape(shape)
@@ -393,13 +397,14 @@ def _side(judged: Sequence[Judged], shape: tuple[int, int]) -> MapSide:
     return MapSide(severity, interval, verdicts)
 
 
-def _losses(search: JudgedRuns[complex], plane: Plane, steady: SteadyPlane | None, edges: Edges, halvings: int) -> np.ndarray:
+def _losses(
+    search: JudgedRuns[complex], plane: Plane, edges: Edges, halvings: int, learn: Callable[[Sequence[complex]], None]
+) -> np.ndarray:
     """Where smooth running is lost on every edge: where its growth changes its sign, else by runs."""
 
     def rates(points: np.ndarray) -> np.ndarray:
         places = [plane.place(point) for point in points]
-        if steady is not None:
-            steady.learn(places)
+        learn(places)
         return np.array([search.branch.rate(place) for place in places])
 
     def lost(points: np.ndarray) -> np.ndarray:

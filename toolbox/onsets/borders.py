@@ -47,30 +47,27 @@ class Edges:
         return 0.5 * (low + high)
 
     def roots(self, values: Callable[[np.ndarray], np.ndarray], precision: float) -> np.ndarray:
-        """Where a function changes its sign on every edge, in parts of it from `low`, by the Illinois method on all edges at once; nan where it does not.
+        """Where a function changes its sign on every edge, in parts of it from `low`, on all edges at once; nan where it does not, or where it is not known.
+
+        False position as in the Illinois method, and the middle where three of its steps have not halved what is between both signs.
 
         values: points -> the function there.  precision: in parts of an edge.
         """
-        a, b = np.zeros(len(self.low)), np.ones(len(self.low))
-        at_a, at_b = (values(ends) if len(ends) else np.empty(0) for ends in (self.low, self.high))
-        crossed = at_a * at_b < 0
-        found, left = np.full(len(self.low), np.nan), np.flatnonzero(crossed)
-        last = np.zeros(len(self.low))
-        for _ in range(100):
-            if not left.size:
-                break
-            part = (a[left] * at_b[left] - b[left] * at_a[left]) / (at_b[left] - at_a[left])
+        ends = np.tile([0.0, 1.0], (len(self.low), 1))
+        at = np.stack([values(points) for points in (self.low, self.high)], axis=1) if len(self.low) else np.empty((0, 2))
+        found, left = np.full(len(self.low), np.nan), np.flatnonzero(at[:, 0] * at[:, 1] < 0)
+        moved, widths = np.full(len(self.low), -1), [np.full(len(self.low), np.inf)] * 3
+        while left.size:
+            (a, b), (at_a, at_b) = ends[left].T, at[left].T
+            slow = (b - a) > 0.5 * widths[-3][left]
+            part = np.where(slow, 0.5 * (a + b), (a * at_b - b * at_a) / (at_b - at_a))
             there = values(self.low[left] + part[:, None] * (self.high[left] - self.low[left]))
-            near = (np.abs(part - found[left]) <= precision) | (there == 0.0) | ~np.isfinite(there)
-            found[left] = part
-            for i, value, c in zip(left, there, part, strict=True):
-                side = 1.0 if value * at_b[i] > 0 else -1.0
-                if side > 0:
-                    b[i], at_b[i], at_a[i] = c, value, at_a[i] / (2.0 if last[i] == side else 1.0)
-                else:
-                    a[i], at_a[i], at_b[i] = c, value, at_b[i] / (2.0 if last[i] == side else 1.0)
-                last[i] = side
-            left = left[~near]
+            side = (there * at_b > 0).astype(int)
+            again = left[moved[left] == side], 1 - side[moved[left] == side]
+            at[again] *= 0.5
+            ends[left, side], at[left, side], moved[left], found[left] = part, there, side, np.where(np.isnan(there), np.nan, part)
+            widths.append(ends[:, 1] - ends[:, 0])
+            left = left[(widths[-1][left] > precision) & (there != 0.0) & ~np.isnan(there)]
         return found
 
     def segments(self, places: np.ndarray) -> np.ndarray:

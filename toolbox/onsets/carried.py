@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, Generic
 
@@ -45,12 +45,10 @@ class Job:
     judge: Judge
     begin: RunState
 
-    def __call__(self, on_piece: Callable[[], None] | None = None) -> tuple[Judged, RunState | None]:
-        """What the run comes to, and where it ended; on_piece: called before each piece of it."""
+    def __call__(self) -> tuple[Judged, RunState | None]:
+        """What the run comes to, and where it ended."""
 
         def on(state: RunState, duration: float) -> Trajectory:
-            if on_piece is not None:
-                on_piece()
             return self.run.again(start=state, duration=duration, longest_step=duration / 256)
 
         try:
@@ -94,7 +92,9 @@ class JudgedRuns(Generic[Place]):
     def run(self, value: Place, begin: RunState, /, finer: float = 1.0, silent: bool = False) -> tuple[Judged, RunState | None]:
         """What a run at a place comes to, and where it ended; silent: without measurement noise."""
         self.runs += 1
-        return self.job(value, begin, finer, silent)(None if self.bar is None else self.bar.update)
+        if self.bar is not None:
+            self.bar.update()
+        return self.job(value, begin, finer, silent)()
 
     def judge(self, value: Place) -> Judge:
         """The judge of runs at a value."""

@@ -199,7 +199,9 @@ def map_runs(
         steady.learn(places)
     swings = np.array([branch.swing(place) for place in places])
     if not np.isfinite(swings).any():
-        raise NoSteadyState(f"There is no steady running in the map over `{plane.names[0]}` and `{plane.names[1]}`.")
+        raise NoSteadyState(
+            f"There is no steady running over `{plane.names[0]}` and `{plane.names[1]}`, of continuous forms of the laws or at their set-points."
+        )
     period = float(np.nanmedian(swings))
     return JudgedRuns(
         base=base, branch=branch, element=contact, signal=judged_speed(loop, contact), perturbation=PERTURBATION, period=period,

@@ -98,7 +98,7 @@ def test_a_function_in_python_is_mapped_and_its_borders_are_those_of_onset():
         return 8e3 + 4e3 * (y[1] - y[0])
 
     drive.defaults = {"top.reference": (6.0, "rad/s")}
-    loop = closed_loop(RIG, Sampled(drive, 0.02, measures=("top.speed", "top.reference"), drives="top.torque"))
+    loop = closed_loop(RIG, Sampled(drive, 0.02, measures="top.speed", drives="top.torque"))
     over = {"bit.weight": (40e3, 120e3), "chain.bit_drag": (30.0, 50.0)}
     mapped = severity_map(loop, over, shape=(3, 2), halvings=2)
     both = onset(loop.at("chain.bit_drag", 50.0), "bit.weight", over["bit.weight"], values=3, tolerance=2e3)

@@ -37,9 +37,9 @@ import numpy as np
 from models import BitRock, BlockOnBelt, ElasticBody, ReducedBody, wells
 from toolbox import Scene, SceneError, Trajectory, compose, severity_map, simulate, sweep
 from toolbox.calibration.recording import Recording
+from toolbox.files.journal import Journal
 from toolbox.onsets import SeverityMap
 from toolbox.sweeps import Sweep
-from toolbox.tuning.journal import Journal
 
 SECONDS, MEGABYTES = 10.0, 500.0
 """What the reading of one file may take."""
@@ -93,7 +93,7 @@ def run_read(path: Path) -> Any:
 
 def sweep_file(folder: Path) -> Path:
     """A sweep in an archive."""
-    return sweep(BELT, {"block.mass": [0.5, 1.0, 2.0], "belt.friction.decay": [2.0, 3.0]}, duration=20.0).save(folder / "sweep.npz")
+    return sweep(BELT, {"block.mass": [0.5, 1.0, 2.0], "belt.friction.decay": [2.0, 3.0]}).save(folder / "sweep.npz")
 
 
 def store_file(folder: Path) -> Path:
@@ -116,7 +116,7 @@ def map_file(folder: Path) -> Path:
     """A map of severity."""
     plant = compose(wells.JANSEN_2, BitRock())
     over = {"top.torque": (8e3, 20e3), "bit.weight": (60e3, 90e3)}
-    return severity_map(plant, over, shape=(3, 3), duration=20.0).save(folder / "map.npz")
+    return severity_map(plant, over, shape=(3, 3)).save(folder / "map.npz")
 
 
 def map_read(path: Path) -> Any:

@@ -53,9 +53,7 @@ def string_map(shape: tuple[int, int] = (50, 50), sampled: bool = True, halvings
     """Severity over speed and weight of the two-inertia rig (bit drag 50 N m s/rad) under the stiff drive, sampled at 100 Hz or continuous."""
     plant = compose(wells.JANSEN_2, BitRock())
     law: Any = Sampled(StiffPI(), 0.01) if sampled else StiffPI()
-    return severity_map(
-        closed_loop(plant, law), {"top.reference": SPEEDS, "bit.weight": WEIGHTS}, shape=shape, duration=120.0, halvings=halvings
-    )
+    return severity_map(closed_loop(plant, law), {"top.reference": SPEEDS, "bit.weight": WEIGHTS}, shape=shape, halvings=halvings)
 
 
 # --------------------------------------------------------------------------------------------------------------------------------------- two disks

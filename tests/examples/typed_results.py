@@ -80,7 +80,7 @@ assert_type(chart, SeverityMap)
 assert_type(chart.smooth.severity, Floats)
 assert_type(chart.axes[0], Floats)
 assert_type(chart.regions["free"], NDArray[np.bool_])
-assert_type(chart.border("linear", 90e3), Floats)
+assert_type(chart.border("smooth", 90e3), Floats)
 
 swept = sweep(closed_loop(rig, StiffPI()), {"bit.weight": ["50 kN", "60 kN"]}, "5 s")
 assert_type(swept, Sweep)

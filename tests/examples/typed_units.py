@@ -65,7 +65,6 @@ charted = severity_map(
     closed_loop(rig, stiff),
     {"top.reference": ("60 rpm", "140 rpm"), "bit.weight": ("50 kN", 110e3)},
     duration="10 s",
-    after="5 s",
     shape=(2, 2),
     halvings=0,
 )

@@ -118,7 +118,7 @@ def test_it_is_a_law_like_any_other(tmp_path):
 def test_it_is_mapped_as_the_law_itself():
     law = from_control(pi(), reference=9.95, **SIGNALS)
     over = {"top.reference": ("70 rpm", "130 rpm"), "bit.weight": ("80 kN", "100 kN")}
-    mine, theirs = (severity_map(closed_loop(RIG, each), over, shape=(3, 2), duration=60.0, halvings=0) for each in (DRIVE, law))
+    mine, theirs = (severity_map(closed_loop(RIG, each), over, shape=(3, 2), halvings=0) for each in (DRIVE, law))
     assert np.array_equal(mine.smooth.verdict, theirs.smooth.verdict) and np.array_equal(mine.sticking.verdict, theirs.sticking.verdict)
     assert np.allclose(mine.growth, theirs.growth, rtol=1e-8)
 

@@ -17,10 +17,10 @@ from models import ElasticBody, ReducedBody
 from studies.benchmarks.damaged_files import ARGUMENTS, BELT, KINDS, Reader, run_file, store_file, tried
 from toolbox import Scene, SceneError, Trajectory, sweep
 from toolbox.calibration.recording import Recording
+from toolbox.files.journal import Journal
 from toolbox.files.mat import read_mat
 from toolbox.files.reading import opened
 from toolbox.sweeps import Sweep
-from toolbox.tuning.journal import Journal
 
 pytestmark = pytest.mark.timeout(600)
 

@@ -26,14 +26,12 @@ from toolbox import (
     closed_loop,
     compose,
     quantity,
-    severity_map,
     state,
     sweep,
 )
 from toolbox.lanes.lanes import Lanes
 from toolbox.measuring import measures
 from toolbox.modelling import Observed  # fmt: skip
-from toolbox.onsets.severity_map import STICK_SLIP
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.request import Request
 from toolbox.stepping import noise
@@ -421,17 +419,3 @@ def test_a_sweep_gives_the_same_table_with_lanes_and_without(monkeypatch):
     np.testing.assert_array_equal(found["events"], alone["events"])
     for name in ("severity", "stuck_ratio"):
         np.testing.assert_allclose(found[name], alone[name], rtol=1e-6, atol=1e-7)
-
-
-def test_a_map_gives_the_same_verdicts_with_lanes_and_without(monkeypatch):
-    loop = closed_loop(RIG, PI(), sample_time=0.05)
-    given = {"over": {"bit.weight": (4e4, 1.2e5), "top.reference": (3.0, 14.0)}, "duration": 40.0, "shape": (8, 8)}
-    monkeypatch.setattr(batch, "LANES_WORK", math.inf)
-    alone = severity_map(loop, **given)
-    monkeypatch.setattr(batch, "LANES_WORK", 0.0)
-    monkeypatch.setattr(batch, "FEWEST_LANES", 1)
-    found = severity_map(loop, **given)
-    for one, other in ((found.smooth, alone.smooth), (found.sticking, alone.sticking)):
-        np.testing.assert_array_equal(one.verdict, other.verdict)
-        np.testing.assert_allclose(one.severity, other.severity, rtol=1e-5, atol=1e-6)
-    assert 0 < (found.sticking.verdict == STICK_SLIP).sum() < 64

@@ -25,7 +25,7 @@ SWING = 5.6
 def branch(law, continuous=None):
     base = Request(closed_loop(RIG, law, inputs={"top.reference": 6.0}), 1.0).checked()
     followed = EquilibriumBranch(closed_loop(RIG, continuous).system, REFERENCE, {}, None) if continuous is not None else None
-    return SmoothBranch(base, REFERENCE, {}, followed)
+    return SmoothBranch(base, lambda value: [(REFERENCE, value)], followed)
 
 
 class PythonPI:

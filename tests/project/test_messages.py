@@ -82,9 +82,9 @@ def test_an_onset_tells_how_many_runs_it_made(monkeypatch):
 
 
 def test_a_map_tells_how_far_its_runs_and_its_borders_are(monkeypatch):
-    grid, border = (counted(monkeypatch, f"toolbox.{module}") for module in ("sweeps.executors", "onsets.severity_map"))
+    grid, border = (counted(monkeypatch, f"toolbox.onsets.{module}") for module in ("front", "severity_map"))
     over = {"top.torque": (6e3, 20e3), "bit.weight": (60e3, 110e3)}
-    found = severity_map(compose(wells.JANSEN_2, BitRock()), over, shape=(3, 3), duration=20.0, halvings=1)
-    assert grid[0] == ["map", 18, 18]
+    found = severity_map(compose(wells.JANSEN_2, BitRock()), over, shape=(3, 3), halvings=1)
+    assert grid[0] == ["map, smooth running", 9, 9] and all(entry[1] == entry[2] for entry in grid)
     assert [entry[0] for entry in border] == ["map, near borders", "map, borders"]
-    assert sum(entry[2] for entry in border) > 0 and found.runs > 18
+    assert sum(entry[2] for entry in border) > 0 and found.runs > 9

@@ -169,7 +169,6 @@ def run_map(given: argparse.Namespace) -> int:
     shape = given.shape.split("x")
     if len(shape) != 2 or not all(word.isdigit() for word in shape):
         raise SceneError(f"Argument `--shape` must be two numbers such as 50x50, but it is `{given.shape}`.")
-    goes_on = _goes_on()
     failures: dict[str, str] = {}
     for label, stem in zip(labels, file_stems(labels), strict=True):
         over = {}
@@ -189,16 +188,14 @@ def run_map(given: argparse.Namespace) -> int:
             continue
         folder = given.out / stem
         try:
-            found = severity_map(scene[label], over, shape=(int(shape[0]), int(shape[1])), out=folder if goes_on else None)
+            found = severity_map(scene[label], over, shape=(int(shape[0]), int(shape[1])), out=folder)
         except SceneError as error:
             if "Argument" in str(error):
                 raise
             failures[label] = str(error)
             continue
-        names = drawn_as(MAP_FILES if goes_on else (*MAP_FILES, "map.npz"), given.format)
+        names = drawn_as(MAP_FILES, given.format)
         with whole_folder(folder, names, earlier("map.txt", "^Severity map of ", MAP_FILES), last=False) as made:
-            if not goes_on:
-                found.save(made / "map.npz")
             (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
             figures.draw_found(found, found.title, made / f"map.{given.format}")
         print(f"{found}\n")

@@ -46,6 +46,30 @@ class Edges:
             high[there], low[~there] = middle[there], middle[~there]
         return 0.5 * (low + high)
 
+    def roots(self, values: Callable[[np.ndarray], np.ndarray], precision: float) -> np.ndarray:
+        """Where a function changes its sign on every edge, in parts of it from `low`, on all edges at once; nan where it does not, or where it is not known.
+
+        False position as in the Illinois method, and the middle where three of its steps have not halved what is between both signs.
+
+        values: points -> the function there.  precision: in parts of an edge.
+        """
+        ends = np.tile([0.0, 1.0], (len(self.low), 1))
+        at = np.stack([values(points) for points in (self.low, self.high)], axis=1) if len(self.low) else np.empty((0, 2))
+        found, left = np.full(len(self.low), np.nan), np.flatnonzero(at[:, 0] * at[:, 1] < 0)
+        moved, widths = np.full(len(self.low), -1), [np.full(len(self.low), np.inf)] * 3
+        while left.size:
+            (a, b), (at_a, at_b) = ends[left].T, at[left].T
+            slow = (b - a) > 0.5 * widths[-3][left]
+            part = np.where(slow, 0.5 * (a + b), (a * at_b - b * at_a) / (at_b - at_a))
+            there = values(self.low[left] + part[:, None] * (self.high[left] - self.low[left]))
+            side = (there * at_b > 0).astype(int)
+            again = left[moved[left] == side], 1 - side[moved[left] == side]
+            at[again] *= 0.5
+            ends[left, side], at[left, side], moved[left], found[left] = part, there, side, np.where(np.isnan(there), np.nan, part)
+            widths.append(ends[:, 1] - ends[:, 0])
+            left = left[(widths[-1][left] > precision) & (there != 0.0) & ~np.isnan(there)]
+        return found
+
     def segments(self, places: np.ndarray) -> np.ndarray:
         """Straight pieces of the border, shape (k, 2, 2), through its places on the edges of each cell, in order along each line."""
         return places[self.cells] if len(self.cells) else np.empty((0, 2, 2))

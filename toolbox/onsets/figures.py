@@ -178,13 +178,12 @@ TINTS = {
 
 BORDERS: dict[str, tuple[str, dict[str, Any]]] = {
     "smooth": ("smooth running is lost", {"colors": "#3f78b5", "linestyles": "-", "linewidths": 2.6}),
-    "linear": ("poles on the imaginary axis", {"colors": "black", "linestyles": (0, (1.2, 1.2)), "linewidths": 1.2}),
     "sticking": ("stick-slip ends", {"colors": LINES[1]["color"], "linestyles": (0, (5, 1.5)), "linewidths": 1.8}),
 }
 
 
 def severity_panels(found: DrawnMap, axes: Any = None) -> Any:
-    """Severity over two numbers on both branches, with the linear border, the loss of smooth running and the end of stick-slip. Returns both axes.
+    """Severity over two numbers on both branches, with the loss of smooth running and the end of stick-slip. Returns both axes.
 
     Regions have tints and are shaded up to their borders, not by cells of the grid; the grey tells the severity of what is not smooth. The legend says
     what each region means for who runs the machine.

@@ -14,10 +14,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -30,7 +30,10 @@ from toolbox.modelling.steady_point import Equilibrium, function_of
 from toolbox.robustness.steady_loop import at_set_points
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
-from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes
+from toolbox.steady_states.equilibria import flow_slopes
+
+Place = TypeVar("Place", float, complex)
+"""Where the free numbers of a loop are: the value of one number, or a point of the plane of two (`toolbox.onsets.plane`)."""
 
 ROUNDS = 5
 """Common periods of all sample times over which the map goes."""
@@ -110,31 +113,35 @@ class Smooth:
     direction: FloatArray
 
 
-class SmoothBranch:
-    """Smooth running of a closed loop over one number, each value once: its state, and how a small disturbance grows. Measurement noise is left out.
+class SmoothBranch(Generic[Place]):
+    """Smooth running of a closed loop over its free numbers, each place once: its state, and how a small disturbance grows.
 
-    followed: the steady states of the continuous forms of the laws; None where a law has none.
+    Measurement noise is left out. numbers: what the free numbers are at a place;  followed: the steady states of the continuous forms of the laws; None where
+    a law has none.
     """
 
-    def __init__(self, base: Run, free: Number, inputs: Mapping[str, float], followed: EquilibriumBranch | None):
+    def __init__(
+        self, base: Run, numbers: Callable[[Place], Sequence[tuple[Number, float]]], followed: Callable[[Place], Equilibrium | None] | None
+    ):
         noises = {name: entry for name, entry in base.system.parameters.items() if name.endswith(".sensors.noise")}
         silent = {name: [0.0] * entry.size if entry.size else 0.0 for name, entry in noises.items()}
         self.run = dataclasses.replace(base, system=base.system.with_parameters(silent)) if silent else base
-        self.free, self.inputs, self.followed = free, inputs, followed
-        self.known: dict[float, Smooth | None] = {}
+        self.numbers: Callable[[Place], Sequence[tuple[Number, float]]] = numbers
+        self.followed: Callable[[Place], Equilibrium | None] | None = followed
+        self.known: dict[Place, Smooth | None] = {}
         self.slopes: FloatArray | None = None
 
-    def at(self, value: float) -> Run:
-        """The run with the free parameter at a value."""
-        return self.run.at(self.free, value)
+    def at(self, value: Place) -> Run:
+        """The run with the free numbers at a place."""
+        return with_numbers(self.run, self.numbers(value))
 
-    def __call__(self, value: float) -> Smooth | None:
-        """Smooth running at a value; None where none is known."""
+    def __call__(self, value: Place) -> Smooth | None:
+        """Smooth running at a place; None where none is known."""
         if value not in self.known:
             self.known[value] = self._sampled(value) if self.run.system.updates else self._continuous(value)
         return self.known[value]
 
-    def rate(self, value: float) -> float:
+    def rate(self, value: Place) -> float:
         """Rate at which a small disturbance grows [1/s]; nan without smooth running."""
         found = self(value)
         return math.nan if found is None else found.growth.rate
@@ -149,12 +156,13 @@ class SmoothBranch:
         def rate(value: float) -> float:
             found = next((each for part in NEARBY if math.isfinite(each := self.rate(value * (1.0 + part)))), None)
             if found is None:
-                raise SimulationError(f"The growth of smooth running is not known for `{self.free.name}` at {value:g} {self.free.unit}.")
+                near = ", ".join(f"`{number.name}` = {each:g} {number.unit}" for number, each in self.numbers(value))
+                raise SimulationError(f"The growth of smooth running is not known at {near}.")
             return found
 
         return float(brentq(rate, one, other, xtol=precision or 1e-10 * max(abs(one), abs(other)), rtol=1e-10))
 
-    def _continuous(self, value: float) -> Smooth | None:
+    def _continuous(self, value: Place) -> Smooth | None:
         point = None if self.followed is None else self.followed(value)
         if point is None:
             return None
@@ -164,7 +172,7 @@ class SmoothBranch:
         state = self.run.start.at_values(point.states)
         return Smooth(state, Growth.of(complex(exponents[best]), "poles"), in_phase(motions[:, best], rows))
 
-    def _sampled(self, value: float) -> Smooth | None:
+    def _sampled(self, value: Place) -> Smooth | None:
         run, nearest = self.at(value), None
         for begin in self._beginnings(run, value):
             nearest = nearest or begin
@@ -179,14 +187,14 @@ class SmoothBranch:
         growth = twin_growth(run, nearest, self.swing(value)) or Growth(math.nan, math.inf, "runs")
         return Smooth(nearest, growth, np.concatenate([nearest.states, np.zeros(nearest.values.size - nearest.states.size)]))
 
-    def swing(self, value: float) -> float:
+    def swing(self, value: Place) -> float:
         """Period of the least damped swing [s], of the continuous form of the loop, else of the plant at the set-points; nan where neither runs steadily."""
         point = None if self.followed is None else self.followed(value)
         with contextlib.suppress(SceneError):
             return swing_period(point or at_set_points(self.at(value).loop))
         return math.nan
 
-    def _beginnings(self, run: Run, value: float) -> Iterator[RunState]:
+    def _beginnings(self, run: Run, value: Place) -> Iterator[RunState]:
         """States near smooth running: of the continuous forms, of the plant at the set-points, and of the nearest value that is known."""
         points: list[Callable[[], Equilibrium | None]] = [lambda: None if self.followed is None else self.followed(value)]
         points.append(lambda: at_set_points(run.loop))
@@ -195,11 +203,9 @@ class SmoothBranch:
                 point = find()
                 if point is not None:
                     yield begun_at(run, point)
-        near = [
-            (abs(other - value), other) for other, smooth in self.known.items() if smooth is not None and smooth.growth.way == "differences"
-        ]
+        near = [other for other, smooth in self.known.items() if smooth is not None and smooth.growth.way == "differences"]
         if near:
-            yield self.known[min(near)[1]].state  # type: ignore[union-attr]
+            yield self.known[min(near, key=lambda other: abs(other - value))].state  # type: ignore[union-attr]
 
 
 def begun_at(run: Run, point: Equilibrium) -> RunState:
@@ -217,6 +223,13 @@ def swing_period(rest: Equilibrium) -> float:
     if swinging.size:
         return float(2 * math.pi / swinging[int(np.argmax(swinging.real))].imag)
     return float(2 * math.pi / np.abs(poles).min(initial=1.0)) if poles.size else 1.0
+
+
+def with_numbers(run: Run, numbers: Sequence[tuple[Number, float]]) -> Run:
+    """The run with other values of some numbers."""
+    for number, value in numbers:
+        run = run.at(number, value)
+    return run
 
 
 def slip_rows(system: HybridSystem, states: FloatArray, values: FloatArray) -> FloatArray:

@@ -1,161 +1,125 @@
-"""The closed loop behind a severity map: its steady states and their growth at all points at once, and the runs that both branches begin with."""
+"""The closed loop behind a severity map: its two numbers as places of a plane, and the steady states of its continuous form at many of them at once."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import number
-from toolbox.errors import SceneError
-from toolbox.files.unit_systems import asked_in
+from toolbox.arguments import FloatArray, number
+from toolbox.errors import NoSteadyState, SceneError
 from toolbox.files.units import NumberOrText
-from toolbox.measuring import measures
+from toolbox.measuring import judge
+from toolbox.measuring.judge import BUDGET
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.numbers import Number
-from toolbox.modelling.steady_point import closed_signal, function_of, mode_numbers
+from toolbox.modelling.steady_point import Equilibrium, mode_numbers
+from toolbox.onsets.carried import JudgedRuns
+from toolbox.onsets.growth import SmoothBranch
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.request import Request
-from toolbox.simulation.run import Run
-from toolbox.steady_states.linear import holding_elements, residual_functions, state_labels, steady_state
-from toolbox.sweeps.batch import Numbers, Task
-from toolbox.sweeps.designs import Variations
-from toolbox.sweeps.executors import evaluated
-from toolbox.sweeps.results import Sweep
-from toolbox.sweeps.store import Store
-from toolbox.sweeps.variants import run_fingerprint, varied_numbers
+from toolbox.steady_states.linear import holding_elements, residual_functions, steady_state
 
 SMOOTH, SWING, STICK_SLIP, STUCK, NONE = 0, 1, 2, 3, -1
-VERDICTS = {SMOOTH: "smooth", SWING: "swing", STICK_SLIP: "stick-slip", STUCK: "stuck", NONE: "none"}
-"""Verdicts: the disturbance dies; it grows or lasts without stick; stick phases come back until the end; rest for good; no steady state, or failed."""
+VERDICTS = {judge.SMOOTH: SMOOTH, judge.SWINGS: SWING, judge.STICKS: STICK_SLIP, judge.STANDS: STUCK}
+"""Numbers of the regimes of the judge; `NONE` is that of all others: no steady running, a run that failed, or one that nothing has decided."""
 
-SLOWED = 0.01
-"""Part of its slip that the judged contact loses at once on the smooth branch, where a disturbance grows."""
+PERTURBATION = 1e-3
+"""Disturbance of smooth running, as a part of the steady slip."""
 
 TANGENT = 1e-5
-"""Part of the way to the next points by which the slope of the steady states along it is told."""
+"""Part of the way to the next places by which the slope of the steady states along it is told."""
 
-FAINT = 1e-4
-"""The same where it dies: so little that the unstable cycle near a hard loss of stability is not met."""
-
-
-def _judged_time(loop: ClosedLoop, duration: NumberOrText | None, after: NumberOrText | None) -> tuple[float, float]:
-    """Begin and end of what is judged [s]; raises SceneError where there is no time between them."""
-    end = number("duration", (loop.duration or 120.0) if duration is None else duration, "s", above=0)
-    if after is None:
-        return (loop.after if loop.after is not None and loop.after < end else end / 2), float(end)
-    return float(number("after", after, "s", above=0, below=end)), float(end)
+MIDDLE = 0.5 + 0.5j
+"""The place in the middle of a map."""
 
 
-@dataclass
-class MapLoop:
-    """The closed loop of a map: as it runs, and in its continuous form with its steady states."""
+@dataclass(frozen=True)
+class Plane:
+    """The plane of two numbers. A place in it is a complex number: the first one, in parts of its range, is the real part, the second the imaginary part."""
 
-    title: str
     numbers: tuple[Number, Number]
-    ranges: tuple[tuple[float, float], ...]
-    run: Run
-    closed: HybridSystem
-    element: str
-    signal: str
-    after: float
-    inputs: dict[str, float]
-    modes: np.ndarray
-    middle: np.ndarray
-    rest: np.ndarray
-    notes: list[str]
-    asked: dict[str, str]
+    ranges: tuple[tuple[float, float], tuple[float, float]]
 
     @staticmethod
-    def of(
-        loop: ClosedLoop,
-        over: Mapping[str, tuple[NumberOrText, NumberOrText]],
-        duration: NumberOrText | None,
-        after: NumberOrText | None,
-        mode: Mapping[str, str] | None,
-        guess: Mapping[str, Any] | None,
-    ) -> MapLoop:
-        """The loop with what is asked of it. Raises SceneError for what no map can be made of."""
-        begin, end = _judged_time(loop, duration, after)
+    def of(loop: ClosedLoop, over: Mapping[str, tuple[NumberOrText, NumberOrText]]) -> Plane:
+        """The plane over two numbers of a loop. Raises SceneError for names and ranges that make none."""
         if not isinstance(over, Mapping) or len(over) != 2:
             raise SceneError(f"Argument `over` must map two names to (low, high), but it is {over!r}.")
-        continuous = loop.continuous
-        free = [continuous.acting(name, "severity_map") for name in over]
-        ranges = tuple(number.between(ends, number.name) for number, ends in zip(free, over.values(), strict=True))
-        middle = np.array([sum(ends) / 2 for ends in ranges])
-        for each, value in zip(free, middle.tolist(), strict=True):
-            continuous, loop = each.put(continuous, value), each.put(loop, value)
-        closed, inputs = continuous.system, continuous.constant_inputs("a steady state")
-        check_one_direction(closed.elements, "A map", "judge runs of it, by `sweep`")
-        rest = steady_state(closed, inputs, guess, mode)
-        contact = judged_contact(continuous)
-        m = mode_numbers(closed, rest.modes)
-        if m[[e.name for e in closed.elements].index(contact)] == 0.0:
-            raise SceneError(f"The contact `{contact}` must slip in the steady state in the middle of the map, but it sticks.")
-        speed = judged_speed(continuous, contact)
-        notes = []
-        if loop.sampled:
-            notes.append("the linear border is that of the continuous form of the law; the others are of the law as it runs, sampled")
-        return MapLoop(
-            title=loop.title,
-            numbers=(free[0], free[1]),
-            ranges=ranges,
-            run=Request(loop, end, accuracy=loop.accuracy or 1e-6).checked(),
-            closed=closed,
-            element=contact,
-            signal=speed,
-            after=begin,
-            inputs=inputs,
-            modes=m,
-            middle=middle,
-            rest=rest.states,
-            notes=notes,
-            asked={
-                number.unit: asked_in(number.in_si(name, over[name]), number.unit)
-                for name, number in reversed([*zip(over, free, strict=True)])
-            },
-        )
+        first, second = (loop.acting(name, "severity_map") for name in over)
+        ranges = tuple(each.between(ends, each.name) for each, ends in zip((first, second), over.values(), strict=True))
+        for each, ends in zip((first, second), ranges, strict=True):
+            for end in ends:
+                each.check(end)
+        return Plane((first, second), (ranges[0], ranges[1]))
 
     @property
     def names(self) -> tuple[str, str]:
         """Names of the two numbers."""
         return self.numbers[0].name, self.numbers[1].name
 
-    @property
-    def units(self) -> tuple[str, str]:
-        """Their units."""
-        return self.numbers[0].unit, self.numbers[1].unit
+    def place(self, point: Sequence[float] | FloatArray) -> complex:
+        """The place of two values in SI."""
+        parts = [float((value - low) / (high - low)) for value, (low, high) in zip(point, self.ranges, strict=True)]
+        return complex(*parts)
+
+    def point(self, place: complex) -> list[float]:
+        """The two values of a place, in SI."""
+        parts = zip((place.real, place.imag), self.ranges, strict=True)
+        return [low + part * (high - low) for part, (low, high) in parts]
+
+    def values(self, place: complex) -> list[tuple[Number, float]]:
+        """The numbers with their values at a place."""
+        return list(zip(self.numbers, self.point(place), strict=True))
+
+
+@dataclass
+class SteadyPlane:
+    """The steady states of a closed loop at places of a plane, in which contacts slide the way they do in the middle; each place once."""
+
+    closed: HybridSystem
+    inputs: dict[str, float]
+    plane: Plane
+    middle: Equilibrium
+    known: dict[complex, Equilibrium | None] = field(default_factory=dict)
+
+    def __call__(self, place: complex) -> Equilibrium | None:
+        """The steady state at a place; None where none is found."""
+        self.learn([place])
+        return self.known[place]
 
     def _numbers(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters and inputs of the continuous form at all points, one column each."""
+        """Parameters and inputs at all points, one column each."""
         values = np.repeat(self.closed.values[:, None], len(points), axis=1)
-        for free, column in zip(self.numbers, points.T, strict=True):
+        for free, column in zip(self.plane.numbers, points.T, strict=True):
             if not free.is_input:
                 values[self.closed._parameter(free.name).offset] = column
         u = np.array(self.closed.input_defaults(values)).reshape(-1, len(points))
         names = list(self.closed.inputs)
         for name, value in self.inputs.items():
             u[names.index(name)] = value
-        for free, column in zip(self.numbers, points.T, strict=True):
+        for free, column in zip(self.plane.numbers, points.T, strict=True):
             if free.is_input:
                 u[names.index(free.name)] = column
         return values, u
 
-    def steady(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """States of steady running at all points, shape (n, points), and where it was found: Newton's method, for all points at once.
-
-        From the middle of the map to each point in steps; contacts must slide the way they do in the middle.
-        """
+    def learn(self, places: Sequence[complex]) -> None:
+        """Find the steady states at all places at once that are not known yet: Newton's method, from the middle of the map to each of them in steps."""
+        new = [place for place in dict.fromkeys(places) if place not in self.known]
+        if not new:
+            return
+        points, middle = np.array([self.plane.point(place) for place in new]), np.array(self.plane.point(MIDDLE))
         residual, slopes = residual_functions(self.closed)
-        size, n = len(points), self.rest.size
-        sticking = (self.modes == 0.0) & holding_elements(self.closed)
-        m = np.repeat(self.modes[:, None], size, axis=1)
-        x = np.repeat(self.rest[:, None], size, axis=1)
+        modes = mode_numbers(self.closed, self.middle.modes)
+        size, n = len(points), self.middle.states.size
+        sticking = (modes == 0.0) & holding_elements(self.closed)
+        m = np.repeat(modes[:, None], size, axis=1)
+        x = np.repeat(self.middle.states[:, None], size, axis=1)
         step = np.zeros_like(x)
 
         def moved(x: np.ndarray, values: np.ndarray, u: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -172,10 +136,10 @@ class MapLoop:
         before = 0.0
         for part in (0.2, 0.4, 0.6, 0.8, 1.0):
             # along the tangent first: a guess that saturates a drive or its layer has slopes that lead nowhere
-            here = self._numbers(self.middle + before * (points - self.middle))
-            values, u = self._numbers(self.middle + (before + TANGENT * (part - before)) * (points - self.middle))
+            here = self._numbers(middle + before * (points - middle))
+            values, u = self._numbers(middle + (before + TANGENT * (part - before)) * (points - middle))
             x = x + moved(x, values, u, here) / TANGENT
-            values, u = self._numbers(self.middle + part * (points - self.middle))
+            values, u = self._numbers(middle + part * (points - middle))
             for _ in range(12 if part == 1.0 else 4):
                 step = moved(x, values, u, (values, u))
                 x = x + step
@@ -184,103 +148,60 @@ class MapLoop:
             before = part
         scale = np.abs(x).max(axis=0) + 1e-300
         slips = np.array(residual(0.0, x, u, values, m)[1])
-        sliding = np.array([e.law is not None for e in self.closed.elements]) & (self.modes != 0.0)
-        found = np.isfinite(x).all(axis=0) & (np.abs(step).max(axis=0) <= 1e-8 * scale) & (slips[sliding] * m[sliding] > 0).all(axis=0)
-        return np.where(found, x, self.rest[:, None]), found
+        sliding = np.array([e.law is not None for e in self.closed.elements]) & (modes != 0.0)
+        found = (
+            np.isfinite(x).all(axis=0)
+            & (np.abs(step).max(axis=0) <= 1e-8 * scale)
+            & (slips[sliding] * modes[sliding, None] > 0).all(axis=0)
+        )
+        for k, place in enumerate(new):
+            plant = copy.copy(self.closed)
+            plant.values = values[:, k].copy()
+            self.known[place] = Equilibrium(plant, x[:, k].copy(), u[:, k].copy(), self.middle.modes) if found[k] else None
 
-    def growth(self, points: np.ndarray) -> np.ndarray:
-        """Largest real part of the poles of steady running at all points [1/s], but for those at zero; nan without steady running."""
-        x, found = self.steady(points)
-        values, u = self._numbers(points)
-        _, slopes = residual_functions(self.closed)
-        a = np.array(slopes(0.0, x, u, values, np.repeat(self.modes[:, None], len(points), axis=1))[0])
-        poles = np.linalg.eigvals(a.reshape(x.shape[0], len(points), x.shape[0]).transpose(1, 0, 2))
-        size = np.abs(poles).max(axis=1, keepdims=True)
-        real = np.where(np.abs(poles) > 1e-9 * size, poles.real, -np.inf).max(axis=1)
-        return np.where(found, real, np.nan)
 
-    @property
-    def sampled(self) -> bool:
-        """Whether a law is sampled, so that the growth of the continuous form is not that of the loop as it runs."""
-        return bool(self.run.system.updates)
+def steady_plane(loop: ClosedLoop, plane: Plane, mode: Mapping[str, str] | None, guess: Mapping[str, Any] | None) -> SteadyPlane | None:
+    """The steady states of the continuous form of a loop; None for a sampled loop with a law that has none, or that does not run steadily in it.
 
-    def task(self, points: np.ndarray, stopped: np.ndarray, measures: tuple[Any, ...] = ()) -> tuple[Task, Variations, dict[int, str]]:
-        """The runs from all points, what varies in them, and which are broken; stopped: on which branch each is. Smooth running is judged without noise."""
-        variations = Variations(self.names, points, (len(points),))
-        shared, broken = varied_numbers(self.run, variations)
-        numbers: np.ndarray | Numbers = shared
-        noises = [entry for name, entry in self.run.system.parameters.items() if name.endswith(".sensors.noise")]
-        if noises:
-            numbers = written = np.array(shared)
-            for entry in noises:
-                written[~stopped, entry.offset : entry.offset + (entry.size or 1)] = 0.0
-        x, found = self.steady(points)
-        values, u = self._numbers(points)
-        broken = {**broken, **{int(i): "There is no steady running." for i in np.flatnonzero(~found)}}
-        with np.errstate(invalid="ignore"):
-            lost = np.where(stopped, 1.0, FAINT if not self.sampled else SLOWED)
-            if not self.sampled:
-                lost = np.where(~stopped & (self.growth(points) > 0), SLOWED, lost)
-        return Task(self.run, numbers, measures, *self._begins(x, u, values, lost)), variations, broken
+    Raises SceneError as `equilibrium` does.
+    """
+    try:
+        continuous = loop.continuous
+        for each, value in plane.values(MIDDLE):
+            continuous = each.put(continuous, value)
+        inputs = continuous.constant_inputs("a steady state")
+        middle = steady_state(continuous.system, inputs, guess, mode)
+    except SceneError:
+        if not loop.sampled:
+            raise
+        return None
+    contact = judged_contact(continuous)
+    if middle.modes[contact] == "stick":
+        raise SceneError(f"The contact `{contact}` must slip in the steady state in the middle of the map, but it sticks.")
+    return SteadyPlane(continuous.system, inputs, plane, middle, {MIDDLE: middle})
 
-    def verdicts(
-        self, points: np.ndarray, stopped: np.ndarray, executor: Any, path: Path | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[int, str]]:
-        """(severity, part of the time in stick, verdict) of a run from every point, and failures; stopped: on which branch each is.
 
-        Whether a disturbance of smooth running grows is told by the poles. Of a sampled law it is told by the run: from the third quarter of the judged
-        time to the last, when all but the least damped motion have died.
-        """
-        end, middle = self.run.duration, (self.after + self.run.duration) / 2
-        asked = {
-            "severity": measures.severity(self.signal, self.after), "stuck_ratio": measures.stuck_ratio(self.element, self.after),
-            "late_stuck_ratio": measures.stuck_ratio(self.element, end - 0.25 * (end - self.after)),
-            "early_minimum": measures.minimum(self.signal, self.after, middle),
-            "early_maximum": measures.maximum(self.signal, self.after, middle), "minimum": measures.minimum(self.signal, middle),
-            "maximum": measures.maximum(self.signal, middle),
-        }  # fmt: skip
-        task, variations, broken = self.task(points, stopped, tuple(asked.values()))
-        store = None
-        if path is not None:
-            sheet = Sweep(
-                self.title, self.names, self.units, points, variations.shape, (), {}, {name: each.unit_in(self.run.system) for name, each in
-                asked.items()}, duration=end, accuracy=self.run.accuracy,
-            )  # fmt: skip
-            store = Store(path, sheet, run_fingerprint(task, variations, tuple(asked)))
-        result, errors, _ = evaluated(task, broken, executor, store, label="map")
-        severity, ratio, late, low0, high0, low, high = result.T
-        with np.errstate(invalid="ignore"):
-            sticks = (late > 0) & (ratio > max(10 * self.run.accuracy, 1e-9))
-            floor = 10 * self.run.accuracy * np.maximum(np.abs(high), np.abs(low))
-            grows = (high - low > high0 - low0) & (high - low > floor)
-            if not self.sampled:
-                grows = np.where(stopped, grows, self.growth(points) > 0)
-        verdict = np.where(sticks, np.where(ratio > 1 - 1e-9, STUCK, STICK_SLIP), np.where(grows, SWING, SMOOTH))
-        return severity, ratio, np.where(np.isfinite(low), verdict, NONE), errors
-
-    def _begins(self, x: np.ndarray, u: np.ndarray, values: np.ndarray, lost: np.ndarray) -> tuple[Any, Any, Any]:
-        """(starts, memories, held signals) of runs from steady states whose judged contact loses a part of its slip at once."""
-        closed, system, size = self.closed, self.run.system, x.shape[1]
-        m = np.repeat(self.modes[:, None], size, axis=1)
-        stuck = m.copy()
-        stuck[[e.name for e in closed.elements].index(self.element)] = 0.0
-        halt = closed.function("projected", closed.switching.projected, "stopped")
-        at_rest = np.array(halt(0.0, x, u, values, stuck)).reshape(x.shape)
-        begin = x + lost * (at_rest - x)
-        labels = [name for name, _ in state_labels(closed)]
-        starts = np.stack([begin[labels.index(name)] for name, _ in state_labels(system)], axis=1)
-        if not system.updates:
-            return starts, None, None
-        memories, held = [], np.zeros((size, system.held.numel()))
-        for update in system.updates:
-            for i in range(update.memory.numel()):
-                name = update.memory[i].name()
-                if name not in labels:
-                    note = f"the memory {name} of a sampled law is no state of its continuous form, and begins at zero"
-                    self.notes += [note] if note not in self.notes else []
-                memories.append(x[labels.index(name)] if name in labels else np.zeros(size))
-            memories += [np.zeros(size)] * len(update.channels)
-            for i, name in enumerate(update.names):
-                function = function_of(closed, ("signal", name), lambda name=name: [closed_signal(closed, name)])  # type: ignore[misc]
-                held[:, update.first_held + i] = np.array(function(0.0, x, u, values, m)).ravel()
-        return starts, np.stack(memories, axis=1) if memories else np.zeros((size, 0)), held
+def map_runs(
+    loop: ClosedLoop, plane: Plane, steady: SteadyPlane | None, places: Sequence[complex], duration: NumberOrText | None
+) -> JudgedRuns[complex]:
+    """The judged runs of a loop over a plane, with the scale of time of all places. Raises SceneError where the loop runs smoothly nowhere."""
+    duration = None if duration is None else number("duration", duration, "s", above=0)
+    loop.constant_inputs("a map")
+    check_one_direction(loop.system.elements, "A map", "judge runs of it, by `sweep`")
+    contact = judged_contact(loop)
+    for each, value in plane.values(MIDDLE):
+        loop = each.put(loop, value)
+    base = Request(loop, 0.0, accuracy=loop.accuracy or 1e-6).checked()
+    branch = SmoothBranch[complex](base, plane.values, steady)
+    if steady is not None:
+        steady.learn(places)
+    swings = np.array([branch.swing(place) for place in places])
+    if not np.isfinite(swings).any():
+        raise NoSteadyState(
+            f"There is no steady running over `{plane.names[0]}` and `{plane.names[1]}`, of continuous forms of the laws or at their set-points."
+        )
+    period = float(np.nanmedian(swings))
+    return JudgedRuns(
+        base=base, branch=branch, element=contact, signal=judged_speed(loop, contact), perturbation=PERTURBATION, period=period,
+        budget=BUDGET if duration is None else float(duration) / period,
+    )  # fmt: skip

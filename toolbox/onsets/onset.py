@@ -33,7 +33,7 @@ from toolbox.modelling.elements import check_one_direction
 from toolbox.onsets.coexisting import coexisting
 from toolbox.onsets.cycles import exact
 from toolbox.onsets.growth import SmoothBranch
-from toolbox.onsets.inside import Inside
+from toolbox.onsets.inside import Inside, outward
 from toolbox.onsets.report import Onset
 from toolbox.onsets.search import OnsetSearch
 from toolbox.scenes.judged import judged_contact, judged_speed
@@ -122,19 +122,20 @@ def onset(
         grid = np.sort(np.append(grid, at))
     base = Request(loop.at(parameter, low) if free.is_input else loop, 0.0, accuracy=accuracy or loop.accuracy or 1e-6).checked()
     followed = EquilibriumBranch(continuous.system, free, inputs, mode, guess) if continuous is not None else None
-    branch = SmoothBranch(base, free, inputs, followed)
+    branch = SmoothBranch(base, lambda value: [(free, value)], followed)
     if followed is not None and low <= at <= high:
         followed(at)  # first, because a guess is near this one
     notes: list[str] = []
-    hopf = _hopf_points(continuous, branch, grid, mode, notes)
+    hopf = _hopf_points(continuous, followed, grid, notes)
     steady = [value for value in map(float, grid) if branch(value) is not None]
     if not steady:
         reason = f": {followed.reason}" if followed is not None else ", at the set-points of the laws or elsewhere."
         raise NoSteadyState(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {free.unit}{reason}")
     period = max(point.period for point in hopf) if hopf else float(np.nanmedian([branch.swing(value) for value in steady]))
     search = OnsetSearch(
-        base, branch, contact, speed, float(perturbation), period, BUDGET if duration is None else duration / period, notes=notes
-    )
+        base=base, branch=branch, element=contact, signal=speed, perturbation=float(perturbation), period=period,
+        budget=BUDGET if duration is None else duration / period, notes=notes, free=free, followed=followed,
+    )  # fmt: skip
     tolerance = (high - low) / 5000 if tolerance is None else float(tolerance)
     with progress_bar(None, "onset") as search.bar:
         found = _both_branches(search, loop, [float(value) for value in grid], at, hopf, tolerance)
@@ -152,11 +153,8 @@ def _continuous_form(loop: ClosedLoop) -> ClosedLoop | None:
         return None
 
 
-def _hopf_points(
-    continuous: ClosedLoop | None, branch: SmoothBranch, grid: np.ndarray, mode: Mapping[str, str] | None, notes: list[str]
-) -> list[HopfPoint]:
+def _hopf_points(continuous: ClosedLoop | None, followed: EquilibriumBranch | None, grid: np.ndarray, notes: list[str]) -> list[HopfPoint]:
     """The Hopf points of the continuous form in the range of the grid; none where there is no such form."""
-    followed = branch.followed
     if continuous is None or followed is None:
         return []
     steady = [point for point in map(followed, map(float, grid)) if point is not None]
@@ -164,7 +162,7 @@ def _hopf_points(
         return []
     near = state_values(continuous.system, steady[-1].states)
     try:
-        return hopf_points_of(continuous.system, branch.free, (float(grid[0]), float(grid[-1])), branch.inputs, mode, near)
+        return hopf_points_of(continuous.system, followed.free, (float(grid[0]), float(grid[-1])), followed.inputs, followed.mode, near)
     except SceneError as error:
         notes.append(f"no Hopf point: {error}")
         return []
@@ -190,7 +188,7 @@ def _both_branches(
     undecided = [value for value, judged in zip(numbers, smooth, strict=True) if judged.regime == NOT_DECIDED]
     inside = Inside.of(search)
     for edge, sign in ((numbers[0], -1.0), (numbers[-1], 1.0)):
-        inside.outside(edge, sign, width)
+        inside.outside(edge, outward(edge, sign, width))
     inside.sweep(numbers)
     several = coexisting(inside, numbers)
     lasting = sorted({*numbers, *(edge for each in several for edge in (each.low, each.high))})  # one may outlive what is carried along
@@ -205,8 +203,8 @@ def _both_branches(
         search.notes.append("Smooth running is judged without measurement noise, stick-slip with it.")
     return Onset(
         title=loop.title,
-        parameter=search.branch.free.name,
-        unit=search.branch.free.unit,
+        parameter=search.free.name,
+        unit=search.free.unit,
         element=search.element,
         signal=search.signal,
         values=np.array(numbers),

@@ -13,7 +13,7 @@ MEANINGS = {
     "stick-slip": "do not run here: the least disturbance grows into it",
     "swing": "the least disturbance grows, without stick",
     "stuck": "the least disturbance brings it to rest for good",
-    "none": "no steady running, or a run that failed",
+    "none": "no steady running, a run that failed, or one that nothing decided",
 }
 """{name of a region: what the machine does in it}."""
 

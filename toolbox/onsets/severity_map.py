@@ -1,10 +1,9 @@
 """Maps of stick-slip over two numbers: how severe it is, from smooth running and from inside stick-slip, with the borders between.
 
-At every point of a grid two runs begin at the steady state: one with the judged contact slowed a little, one with it stopped at once, as by a stuck
-bit. The first asks how large the disturbance of smooth running grows; whether it grows is told by the poles of the linearised machine, of which the largest
-real part changes its sign on the border. The second asks whether stick-slip that has begun goes on; where that start dies beside points where it does not, the
-cycle of those points is led on to it (`toolbox.onsets.front`), and where that ends the edge between neighbours is halved until the border is known to
-a part of a cell. A sampled law grows otherwise than its continuous form: there the run tells, and both borders of smooth running are given.
+At every point of a grid two questions are asked. How does a small disturbance of smooth running go on: where it grows, a run tells what it becomes. And what
+becomes of a machine whose judged contact is stopped at once, as by a stuck bit; where that start dies beside points where stick-slip lasts, the cycle of
+those points is led on to it (`toolbox.onsets.front`). Smooth running is lost where the growth changes its sign; where stick-slip ends, the edge between
+neighbours is halved until the border is known to a part of a cell.
 
 Why both branches: a machine in the band between their borders runs smoothly until something disturbs it, and then sticks and slips for ever.
 """
@@ -15,7 +14,7 @@ import concurrent.futures
 import dataclasses
 import json
 import time as clock
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,19 +25,26 @@ from toolbox.arguments import BoolArray, FloatArray, whole
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import Shape, arrays, check_notes, check_shapes, understood
 from toolbox.files.atomic import replaced
+from toolbox.files.journal import Journal
 from toolbox.files.printing import table
-from toolbox.files.unit_systems import Reading, reading
+from toolbox.files.unit_systems import Reading, asked_in, reading
 from toolbox.files.units import NumberOrText
+from toolbox.measuring import judge
+from toolbox.measuring.judge import Judged
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
-from toolbox.onsets.borders import edges_of
-from toolbox.onsets.front import Front, Point
-from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop
+from toolbox.onsets.borders import Edges, edges_of
+from toolbox.onsets.carried import JudgedRuns
+from toolbox.onsets.front import Front
+from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS, Plane, map_runs, steady_plane
 from toolbox.onsets.regions import MEANINGS
 from toolbox.sweeps.designs import grid
+from toolbox.sweeps.executors import check_executor
 from toolbox.sweeps.store import folder_of
+from toolbox.sweeps.variants import fingerprints
 
-LINEAR_HALVINGS = 40
+EXACT = 1e-12
+"""Precision of the border of smooth running by poles, in parts of a cell."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +55,15 @@ class MapSide:
     ----------
     severity
         Severity of the judged signal [1].
-    stuck_ratio
-        Part of the judged time in stick [1].
+    interval
+        Time after which the same stick or swing comes back [s]; nan where nothing does.
     verdict
-        What the machine does, as a number of `toolbox.onsets.map_loop` (`SMOOTH`, `SWING`, `STICK_SLIP`, `STUCK`, or `NONE` for a run that failed).
+        What the machine does, as a number of `toolbox.onsets.map_loop` (`SMOOTH`, `SWING`, `STICK_SLIP`, `STUCK`, or `NONE` where there is no steady running,
+        a run failed, or nothing decided it).
     """
 
     severity: FloatArray
-    stuck_ratio: FloatArray
+    interval: FloatArray
     verdict: np.ndarray
 
 
@@ -75,14 +82,14 @@ class SeverityMap:
     smooth, sticking
         The two branches (`MapSide`): from smooth running, and from inside stick-slip.
     growth
-        Largest real part of the poles of steady running [1/s]; nan where there is no steady running.
+        Rate at which a small disturbance of smooth running grows in the loop as it runs [1/s]; nan where it is not known.
     borders
-        Segments of the borders "linear", "smooth" and "sticking", each of shape (k, 2, 2): segment, end, (first, second number). Segments follow one another
+        Segments of the borders "smooth" and "sticking", each of shape (k, 2, 2): segment, end, (first, second number). Segments follow one another
         along each line.
-    duration, after, accuracy
-        Length of a run, the time from which on it is judged [s], and its accuracy.
+    duration, accuracy
+        Longest time for which a run was carried on until it was decided [s], and accuracy of the runs.
     resolution
-        Resolution of the simulated borders, in parts of a cell.
+        Resolution of borders by runs, in parts of a cell; where the growth is known, smooth running is lost where that changes its sign.
     errors
         Why a run failed: {(branch, i, j): message}.
     runs, seconds
@@ -104,7 +111,6 @@ class SeverityMap:
     growth: FloatArray
     borders: dict[str, FloatArray]
     duration: float
-    after: float
     accuracy: float
     resolution: float
     runs: int
@@ -138,7 +144,7 @@ class SeverityMap:
                 f"  {name} from {axis[0] * each.factor:.6g} to {axis[-1] * each.factor:.6g}{each.tail}, {axis.size} values"
                 for name, each, axis in zip(self.names, read, self.axes, strict=True)
             ),
-            f"  {self.runs} runs of {self.duration:g} s, judged from {self.after:g} s, at accuracy {self.accuracy:g}, in {self.seconds:.3g} s",
+            f"  {self.runs} runs, each until it is decided, of {self.duration:.4g} s at most, at accuracy {self.accuracy:g}, in {self.seconds:.3g} s",
             "",
             "  share of the map",
         ]
@@ -161,7 +167,7 @@ class SeverityMap:
             f"{name} from {axis[0] * each.factor:.6g} to {axis[-1] * each.factor:.6g}{each.tail}"
             for name, each, axis in zip(self.names, read, self.axes, strict=True)
         ]
-        notes = [f"{', '.join(ranges)}; {self.runs} runs of {self.duration:g} s, {len(self.errors)} failed", *self.notes]
+        notes = [f"{', '.join(ranges)}; {self.runs} runs, {len(self.errors)} points failed", *self.notes]
         return shares + table("Borders", ("border", *self.names), self._border_rows(), notes)
 
     def _share_rows(self) -> list[tuple[str, str, str]]:
@@ -171,7 +177,7 @@ class SeverityMap:
 
     def _border_rows(self) -> list[tuple[str, str, str]]:
         """(border, range of the first number, range of the second)."""
-        titles = {"linear": "poles on the imaginary axis", "smooth": "smooth running is lost", "sticking": "existing stick-slip ends"}
+        titles = {"smooth": "smooth running is lost", "sticking": "existing stick-slip ends"}
         rows = []
         for name, segments in self.borders.items():
             ranges = ["not in the map", ""]
@@ -186,7 +192,7 @@ class SeverityMap:
         Parameters
         ----------
         name
-            "linear", "smooth" or "sticking".
+            "smooth" or "sticking".
         along
             The value of the second number.
 
@@ -212,7 +218,7 @@ class SeverityMap:
     def save(self, path: str | Path) -> Path:
         """Write everything to an npz file without pickle, whole or not at all.
 
-        Keys: `map` (JSON: names, units, errors and numbers), `axis.0`, `axis.1` in SI, `smooth.severity`, ..., `growth`, `border.linear`, ...
+        Keys: `map` (JSON: names, units, errors and numbers), `axis.0`, `axis.1` in SI, `smooth.severity`, ..., `growth`, `border.smooth`, ...
         """
         notes = {
             name: getattr(self, name)
@@ -223,7 +229,6 @@ class SeverityMap:
                 "element",
                 "signal",
                 "duration",
-                "after",
                 "accuracy",
                 "resolution",
                 "runs",
@@ -248,12 +253,14 @@ class SeverityMap:
         what = "a severity map written by `SeverityMap.save`"
         with understood(Path(path), what):
             data = arrays(Path(path), what)
+            if "smooth.ratio" in data:
+                raise SceneError(f"`{path}` is a map of an earlier version, which judged its runs in a window of time: map it again.")
             notes = json.loads(str(data["map"]))
             branches = {
                 branch: MapSide(**{each.name: data[f"{branch}.{each.name}"] for each in dataclasses.fields(MapSide)})
                 for branch in ("smooth", "sticking")
             }
-            borders = {name: data[f"border.{name}"] for name in ("linear", "smooth", "sticking")}
+            borders = {name: data[f"border.{name}"] for name in ("smooth", "sticking")}
             errors = {(branch, i, j): text for branch, i, j, text in notes.pop("errors")}
             for name in ("names", "units", "notes"):
                 notes[name] = tuple(notes[name])
@@ -274,7 +281,7 @@ class SeverityMap:
             "notes": "texts",
             "asked": "by name",
         }
-        check_notes(self, texts | dict.fromkeys(("duration", "after", "accuracy", "resolution", "runs", "seconds"), "number"))
+        check_notes(self, texts | dict.fromkeys(("duration", "accuracy", "resolution", "runs", "seconds"), "number"))
         shapes: dict[str, Shape] = {"axis.0": ("f", "rows"), "axis.1": ("f", "columns"), "growth": ("f", "rows", "columns")}
         for branch in ("smooth", "sticking"):
             shapes |= {f"{branch}.{name}": ("i" if name == "verdict" else "f", "rows", "columns") for name in vars(self.smooth)}
@@ -297,7 +304,6 @@ def severity_map(
     *,
     shape: tuple[int, int] = (50, 50),
     duration: NumberOrText | None = None,
-    after: NumberOrText | None = None,
     mode: Mapping[str, str] | None = None,
     guess: Mapping[str, Any] | None = None,
     halvings: int = 3,
@@ -306,26 +312,28 @@ def severity_map(
 ) -> SeverityMap:
     """Map the severity of stick-slip over two inputs or parameters, from smooth running and from inside stick-slip.
 
-    The map shows both branches of the machine, the border of linear stability and both simulated borders. Stick-slip means stick phases that come back until
-    the last quarter of the judged time. A cycle that takes longer than the run to die counts as alive: compare with a longer `duration` near the end of
-    stick-slip.
+    The map shows both branches of the machine, the border at which smooth running is lost and the one at which stick-slip ends. They rest on the same things
+    as `onset`, for every law: on how a small disturbance of the loop as it runs grows (`toolbox.onsets.growth`), and on runs that are carried on until what
+    comes back decides them (`toolbox.measuring.judge`).
 
     Parameters
     ----------
     loop
-        A loop with constant inputs, or a plant. A sampled law also needs its continuous form, for the steady state.
+        A loop with constant inputs, or a plant. A law may act continuously or be sampled, in machine code or in Python.
     over
         The two ranges {name: (low, high)}, in SI or text with units; the first name gives the rows of all arrays.
     shape
         Number of points of the grid along both axes.
-    duration, after
-        Length of a run, and the time from which on it is judged [s]; by default those of the scene, or 120 s and half of it.
+    duration
+        Longest time for which a run is carried on until its regime is decided [s]; by default 2000 periods of the least damped motion.
     mode, guess
         Modes of the steady state in the middle of the map and values near it, as in `onset`.
     halvings
         How often an edge of the grid across a border is halved, from 0 to 20.
-    executor, out
-        As in `sweep`; a map that was interrupted continues where it was.
+    executor
+        As in `sweep`; it does the runs from the points of the grid.
+    out
+        A folder for the map (`map.npz`) and for what each run came to (`runs.jsonl`), with which a map that was interrupted goes on where it was.
 
     Returns
     -------
@@ -338,82 +346,116 @@ def severity_map(
         If a name is unknown, a range is none, or there is no steady running in the middle of the map.
     """
     began = clock.perf_counter()
-    mapped = MapLoop.of(loop, over, duration, after, mode, guess)
     if not isinstance(shape, Sequence) or len(shape) != 2 or not all(isinstance(n, int) and n >= 2 for n in shape):
         raise SceneError(f"Argument `shape` must be two integers >= 2, but it is {shape!r}.")
     whole("halvings", halvings, 0, 20)
-    axes = tuple(np.linspace(*ends, n) for ends, n in zip(mapped.ranges, shape, strict=True))
-    points = grid(dict(zip(mapped.names, axes, strict=True))).points
-    stages = iter(range(1000))
-    count = 0
-    failures: dict[int, str] = {}
-
-    def verdicts_of(points: np.ndarray, stopped: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        nonlocal count, failures
-        path = None if out is None else Path(out) / f"stage_{next(stages):02d}.zarr"
-        severity, ratio, verdict, failures = mapped.verdicts(points, stopped, executor, path)
-        count += len(points)
-        return severity, ratio, verdict
-
+    check_executor(executor)
+    plane = Plane.of(loop, over)
+    steady = steady_plane(loop, plane, mode, guess)
+    axes = tuple(np.linspace(*ends, n) for ends, n in zip(plane.ranges, shape, strict=True))
+    places = [plane.place(point) for point in grid(dict(zip(plane.names, axes, strict=True))).points]
+    learn = _no_states if steady is None else steady.learn
+    search = map_runs(loop, plane, steady, places, duration)
     if out is not None:
+        asked = {
+            "over": [plane.names, plane.ranges],
+            "shape": [*shape],
+            "duration": search.budget,
+            "mode": mode,
+            "guess": guess,
+            "halvings": halvings,
+        }
         folder_of(Path(out))
-    both = np.repeat([False, True], len(points))
-    columns = verdicts_of(np.vstack([points, points]), both)
-    first = failures
-    growth = mapped.growth(points)
-    front = Front(mapped, points, shape)
-    smooth, inside = ([column[part] for column in columns] for part in (slice(0, len(points)), slice(len(points), None)))
-    verdicts = inside[2].copy()
-    with progress_bar(None, "map, near borders") as front.bar:
-        _changed(inside, front.spread(verdicts))
-        inside[2] = verdicts
-        with np.errstate(invalid="ignore"):
-            grows = (smooth[2] == SWING) | ((smooth[2] == STICK_SLIP) & (smooth[0] < 0.8 * inside[0]))
-        _changed(smooth, front.settled(np.flatnonzero(grows)))
-    branches = [MapSide(*(column.reshape(shape) for column in branch)) for branch in (smooth, inside)]
-    growth = growth.reshape(shape)
-    names = ("smooth", "sticking")
-    bad = [branches[0].verdict != SMOOTH, branches[1].verdict == STICK_SLIP]
-    edges = [edges_of(axes, where, branch.verdict != NONE) for where, branch in zip(bad, branches, strict=True)]
-
-    def lost(points: np.ndarray) -> np.ndarray:
-        """Whether smooth running is lost."""
-        return mapped.growth(points) > 0 if not mapped.sampled else verdicts_of(points, np.zeros(len(points), bool))[2] != SMOOTH
-
-    with progress_bar(None, "map, borders") as front.bar:
-        halved = (edges[0].halved(lost, halvings if mapped.sampled else LINEAR_HALVINGS), front.halved(edges[1], halvings))
-    borders = {name: each.segments(place) for name, each, place in zip(names, edges, halved, strict=True)}
-    linear = edges_of(axes, growth > 0, np.isfinite(growth))
-    borders = {"linear": linear.segments(linear.halved(lambda points: mapped.growth(points) > 0, LINEAR_HALVINGS)), **borders}
-    places = {i: (names[i // len(points)], *map(int, np.unravel_index(i % len(points), shape))) for i in first}
+        search.journal = Journal(Path(out) / "runs.jsonl", fingerprints(search.base, plane.names, **asked), _is_run, "out")
+    front = Front(search=search, plane=plane, places=places, shape=shape, executor=executor)
+    smooth = front.smooth()
+    front.stopped()
+    with progress_bar(None, "map, near borders") as search.bar:
+        front.entered()
+        front.spread()
+    inside = [front.found[place] for place in places]
+    branches = [_side(row, shape) for row in (smooth, inside)]
+    growth = np.array([search.branch.rate(place) for place in places]).reshape(shape)
+    lost, sticks = branches[0].verdict != SMOOTH, branches[1].verdict == STICK_SLIP
+    edges = [edges_of(axes, where, branch.verdict != NONE) for where, branch in zip((lost, sticks), branches, strict=True)]
+    with progress_bar(None, "map, borders") as search.bar:
+        borders = {
+            "smooth": edges[0].segments(_losses(search, plane, edges[0], halvings, learn)),
+            "sticking": edges[1].segments(front.halved(edges[1], halvings, learn)),
+        }
     found = SeverityMap(
-        title=mapped.title,
-        names=mapped.names,
-        units=mapped.units,
+        title=loop.title,
+        names=plane.names,
+        units=(plane.numbers[0].unit, plane.numbers[1].unit),
         axes=axes,  # type: ignore[arg-type]
-        element=mapped.element,
-        signal=mapped.signal,
+        element=search.element,
+        signal=search.signal,
         smooth=branches[0],
         sticking=branches[1],
         growth=growth,
         borders=borders,
-        duration=mapped.run.duration,
-        after=mapped.after,
-        accuracy=mapped.run.accuracy,
+        duration=search.budget * search.period,
+        accuracy=search.base.accuracy,
         resolution=0.5**halvings,
-        runs=count + front.runs,
+        runs=search.runs,
         seconds=clock.perf_counter() - began,
-        notes=tuple(mapped.notes),
-        asked=mapped.asked,
-        errors={places[i]: text for i, text in first.items()},  # type: ignore[misc]
+        notes=tuple(_notes(search, (smooth, inside))),
+        asked={
+            number.unit: asked_in(number.in_si(number.name, ends), number.unit)
+            for number, ends in reversed([*zip(plane.numbers, over.values(), strict=True)])
+        },
     )
     if out is not None:
         found.save(Path(out) / "map.npz")
     return found
 
 
-def _changed(columns: list[np.ndarray], points: Mapping[int, Point]) -> None:
-    """Put what longer runs found into the columns (severity, part of the time in stick, verdict) of a branch."""
-    for k, point in points.items():
-        for column, value in zip(columns, (point.severity, point.ratio, point.verdict), strict=True):
-            column[k] = value
+def _is_run(result: Any) -> bool:
+    """Whether a result of a journal is what a run came to."""
+    return isinstance(result, list) and len(result) == 2 and isinstance(result[0], list) and isinstance(result[1], dict | None)
+
+
+def _no_states(_: Sequence[complex]) -> None:
+    """There is no continuous form whose steady states could be found at many places at once."""
+
+
+def _side(judged: Sequence[Judged], shape: tuple[int, int]) -> MapSide:
+    """One branch of a map from what the judge says at its points."""
+    verdicts = np.array([VERDICTS.get(each.regime, NONE) for each in judged]).reshape(shape)
+    severity, interval = (np.array([getattr(each, name) for each in judged]).reshape(shape) for name in ("severity", "interval"))
+    return MapSide(severity, interval, verdicts)
+
+
+def _losses(
+    search: JudgedRuns[complex], plane: Plane, edges: Edges, halvings: int, learn: Callable[[Sequence[complex]], None]
+) -> np.ndarray:
+    """Where smooth running is lost on every edge: where its growth changes its sign, else by runs."""
+
+    def rates(points: np.ndarray) -> np.ndarray:
+        places = [plane.place(point) for point in points]
+        learn(places)
+        return np.array([search.branch.rate(place) for place in places])
+
+    def lost(points: np.ndarray) -> np.ndarray:
+        return np.array([search.smooth(plane.place(point)).regime != judge.SMOOTH for point in points])
+
+    roots = edges.roots(rates, 0.1 * 0.5**halvings if search.base.system.updates else EXACT)[:, None]
+    places = edges.low + np.nan_to_num(roots) * (edges.high - edges.low)
+    rest = np.isnan(roots[:, 0])
+    places[rest] = Edges(edges.low[rest], edges.high[rest], edges.cells[:0]).halved(lost, halvings)
+    return places
+
+
+def _notes(search: JudgedRuns[complex], rows: Sequence[Sequence[Judged]]) -> list[str]:
+    """What the reader of a map should know."""
+    notes = []
+    if search.base.system.updates:
+        ways = dict.fromkeys(smooth.growth.way for smooth in search.branch.known.values() if smooth is not None)
+        notes.append(f"The law runs sampled; its growth is known by {', '.join(ways)}.")
+    if search.branch.run is not search.base:
+        notes.append("Smooth running is judged without measurement noise, stick-slip with it.")
+    for name, row in zip(("smooth running", "inside stick-slip"), rows, strict=True):
+        undecided = sum(each.regime == judge.NOT_DECIDED for each in row)
+        if undecided:
+            notes.append(f"From {name}, {undecided} points were not decided within {search.budget * search.period:.4g} s.")
+    return notes

@@ -26,6 +26,9 @@ from toolbox.modelling.start import place_starts
 Layout = tuple[tuple[str, int, "int | None"], ...]
 """(name, first entry, number of entries) of every state of the plant, then of every state that a sampled law remembers, then of every signal that is held."""
 
+ARRAYS = ("states", "memory", "held", "modes")
+"""What of a state is one array."""
+
 
 @dataclass(frozen=True, eq=False)
 class RunState:
@@ -139,6 +142,24 @@ class RunState:
             if each == name:
                 return float(self.values[first]) if size is None else self.values[first : first + size]
         raise KeyError(name)
+
+    def told(self) -> dict[str, Any] | None:
+        """Return the state as numbers and lists, for a file of text; None where a Python law does not tell what it remembers. See `as_told`."""
+        if not all(law is None or isinstance(law, np.ndarray) for law in self.laws):
+            return None
+        arrays = {name: None if (value := getattr(self, name)) is None else value.tolist() for name in ARRAYS}
+        rows = {name: [None if each is None else each.tolist() for each in getattr(self, name)] for name in ("waiting", "laws")}
+        return {"time": self.time, "taken": self.taken, "applied": self.applied, "carried": self.carried, **arrays, **rows}
+
+    def as_told(self, told: Mapping[str, Any]) -> RunState:
+        """Return the state of a run of the same loop that `told` gave."""
+        arrays: dict[str, Any] = {
+            name: None if told[name] is None else np.array(told[name], int if name == "modes" else float) for name in ARRAYS
+        }
+        waiting = tuple(np.array(rows, float).reshape(-1, own.shape[1]) for rows, own in zip(told["waiting"], self.waiting, strict=True))
+        laws = tuple(None if each is None else np.array(each, float) for each in told["laws"])
+        taken, applied = (tuple(told[name]) for name in ("taken", "applied"))
+        return replace(self, time=told["time"], carried=told["carried"], taken=taken, applied=applied, waiting=waiting, laws=laws, **arrays)
 
     def check(self, system: HybridSystem, clocks: Sequence[tuple[float, float]], laws: Sequence[Any]) -> None:
         """Raise SceneError unless a run of this system, with laws of these clocks, can go on from here."""

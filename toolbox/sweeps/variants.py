@@ -190,23 +190,29 @@ def varied_held(run: Run, variations: Variations) -> np.ndarray | None:
 
 def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> dict[str, str]:
     """What a sweep is made of, argument by argument, as digests; functions by their names, because their text cannot be compared."""
-    run = task.run
     measures = [(measure, _name(measure.function)) for measure in task.measures]
     arrays = [array for array in (task.starts, task.memories, task.held) if array is not None]
+    return fingerprints(
+        task.run,
+        variations.names,
+        vary=[variations.names, variations.shape, hashlib.sha256(variations.points.tobytes()).hexdigest()],
+        starts=[hashlib.sha256(a.tobytes()).hexdigest() for a in arrays],
+        measures=[str(list(zip(names, measures, strict=True)))],
+        duration=[task.run.duration],
+    )
+
+
+def fingerprints(run: Run, varied: Sequence[str], **more: Any) -> dict[str, str]:
+    """What a run is made of, but for the inputs that are varied, and what else is given, argument by argument, as digests."""
     content = {
         "machine": [_plain(structure_of(part)) for part in run.system.parts] + [run.system.values.tolist()],
         "controller": [_name(law) for law in run.laws] + [run.clocks, run.seeds],
-        "vary": [variations.names, variations.shape, hashlib.sha256(variations.points.tobytes()).hexdigest()],
-        "inputs": [(k, _number(v)) for k, v in sorted(run.inputs.items()) if k not in variations.names],
-        "start": [
-            str([(word, np.asarray(array).tolist()) for word in BEGIN for array in _arrays(getattr(run.start, word))]),
-            *(hashlib.sha256(a.tobytes()).hexdigest() for a in arrays),
-        ],
-        "measures": [str(list(zip(names, measures, strict=True)))],
-        "duration": [run.duration],
+        "inputs": [(k, _number(v)) for k, v in sorted(run.inputs.items()) if k not in varied],
+        "start": [str([(word, np.asarray(array).tolist()) for word in BEGIN for array in _arrays(getattr(run.start, word))])],
         "accuracy": [run.accuracy],
         "method": [str(run.method)],
         "budget": [run.budget],
+        **more,
     }
     return {word: hashlib.sha256(repr(value).encode()).hexdigest()[:16] for word, value in content.items()}
 

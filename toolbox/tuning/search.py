@@ -12,12 +12,12 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, SimulationError
+from toolbox.files.journal import Journal
 from toolbox.measuring.measures import Measure
 from toolbox.scenes.judged import judged_measures
 from toolbox.scenes.scene import Scene
 from toolbox.simulation.simulate import simulate
 from toolbox.sweeps.executors import travelling
-from toolbox.tuning.journal import Journal
 from toolbox.tuning.results import Free, Trial, counted_over, front_of, with_numbers
 
 WORST = 1e100

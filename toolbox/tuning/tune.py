@@ -25,6 +25,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number, whole
 from toolbox.errors import SceneError
+from toolbox.files.journal import Journal, fingerprint
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, TypedNumber, in_si
 from toolbox.measuring.measures import measures_of
@@ -38,7 +39,6 @@ from toolbox.scenes.cases import Case
 from toolbox.scenes.judged import judged_measures
 from toolbox.scenes.scene import Scene
 from toolbox.sweeps.executors import check_executor
-from toolbox.tuning.journal import Journal, fingerprint
 from toolbox.tuning.results import Free, Tuned, plain_number, with_numbers
 from toolbox.tuning.search import Spent, TuningSearch, is_result, smallest, spread
 

@@ -31,11 +31,13 @@ class Journal:
     """A file of results, each under a list of numbers as its key; numbers and results survive unchanged to the last bit.
 
     arguments: {name: text} of the search. An existing file must be a journal of the same arguments, or SceneError names the one that differs.
-    fits: whether a result is one of this search; without it any is.
+    fits: whether a result is one of this search; without it any is. word: the argument that names the file.
     """
 
-    def __init__(self, path: str | Path, arguments: Mapping[str, str], fits: Callable[[Any], bool] = lambda result: True):
-        self.path, self._fits = Path(path), fits
+    def __init__(
+        self, path: str | Path, arguments: Mapping[str, str], fits: Callable[[Any], bool] = lambda result: True, word: str = "journal"
+    ):
+        self.path, self._fits, self._word = Path(path), fits, word
         self.known: dict[tuple[float | None, ...], Any] = {}
         self.checked = True
         header = {"format": FORMAT, "arguments": dict(arguments)}
@@ -43,7 +45,7 @@ class Journal:
             there = content(self.path, TEXT, "journal") if self.path.exists() else b""
             whole = there[: there.rfind(b"\n") + 1]
             if there and not whole and not _line(header).startswith(there):
-                raise SceneError(f"Argument `journal` must be a journal of an earlier search, but `{self.path}` is something else.")
+                raise SceneError(f"Argument `{self._word}` must be a journal of an earlier search, but `{self.path}` is something else.")
             if len(whole) < len(there):
                 with self.path.open("r+b") as file:
                     file.truncate(len(whole))
@@ -53,14 +55,14 @@ class Journal:
                 self._append(header)
         except OSError as error:
             raise SceneError(
-                f"Argument `journal` must be a file that can be written, but `{self.path}` cannot: {error.strerror}."
+                f"Argument `{self._word}` must be a file that can be written, but `{self.path}` cannot: {error.strerror}."
             ) from None
 
     def _read(self, lines: list[str], header: dict[str, Any]) -> None:
         found = _parsed(lines[0])
         if not isinstance(found, dict) or found.get("format") not in (FORMAT, EARLIER) or not isinstance(found.get("arguments"), dict):
             raise SceneError(
-                f"Argument `journal` must be a journal of an earlier search, but `{self.path}` is something else, or damaged in line 1."
+                f"Argument `{self._word}` must be a journal of an earlier search, but `{self.path}` is something else, or damaged in line 1."
             )
         theirs, ours = found["arguments"], header["arguments"]
         self.checked = found["format"] == FORMAT
@@ -68,7 +70,8 @@ class Journal:
             if theirs.get(name) != ours.get(name):
                 old, new = (_shortened(each.get(name)) for each in (theirs, ours))
                 raise SceneError(
-                    f"Argument `journal` must come from a search with the same arguments, but `{self.path}` is of another `{name}`: {old} there, {new} here."
+                    f"Argument `{self._word}` must come from a search with the same arguments, but `{self.path}` is of another `{name}`: "
+                    f"{old} there, {new} here."
                 )
         for number, line in enumerate(lines[1:], 2):
             entry = _parsed(line)
@@ -81,7 +84,7 @@ class Journal:
             )
             if not whole or not all(value is None or isinstance(value, (int, float)) for value in entry["numbers"]):
                 raise SceneError(
-                    f"Argument `journal` must hold one result a line, but line {number} of `{self.path}` is none, or damaged: delete it, and the point is "
+                    f"Argument `{self._word}` must hold one result a line, but line {number} of `{self.path}` is none, or damaged: delete it, and the point is "
                     "tried again."
                 )
             self.known[tuple(entry["numbers"])] = entry["result"]

@@ -1,0 +1,334 @@
+"""Runs of one loop at places of its free numbers, each carried on until the judge can tell its regime, and stick-slip carried on from place to place.
+
+A place is the value of one number, as in `onset`, or a point of the plane of two, as in `severity_map`: what is done at it, and on the straight way from one to
+the next, is the same.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Generic
+
+import numpy as np
+
+from toolbox.errors import SceneError, SimulationError
+from toolbox.files.journal import Journal
+from toolbox.measuring import measure
+from toolbox.measuring.judge import FAILED, NONE, NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judge, Judged
+from toolbox.modelling.steady_point import function_of
+from toolbox.onsets.growth import Place, Smooth, SmoothBranch, slip_rows, with_numbers
+from toolbox.robustness.steady_loop import at_set_points
+from toolbox.simulation.run import Run
+from toolbox.simulation.run_state import RunState
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.steady_states.equilibria import flow_slopes
+
+STEPS = 12
+"""Steps in which the parameter goes from one value to the next, with a little more than two periods at each: a jump at once would shake a cycle off."""
+
+FINEST = 1 / 64
+"""The smallest step, in parts of the way, in which stick-slip is led into the range."""
+
+NOISY = 32
+"""Swings of smooth running over which the deviation that measurement noise makes is looked at; half as much again may come."""
+
+BEYOND = 1.5
+"""Swing of a mode from which stick-slip may start, in parts of what brings the slip of the contact to zero."""
+
+DAMPED = 0.3
+"""Damping ratio from which on a mode does not swing enough to begin stick-slip."""
+
+STOPPED = "a stopped contact"
+"""The beginning that is tried first."""
+
+RANK = (NONE, FAILED, SMOOTH, SWINGS, NOT_DECIDED, STANDS, STICKS)
+"""Regimes, the more of a stick-slip the later."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run that is carried on until its judge can tell; it holds all that it takes, so that another thread or process may do it."""
+
+    run: Run
+    judge: Judge
+    begin: RunState
+
+    def __call__(self) -> tuple[Judged, RunState | None]:
+        """What the run comes to, and where it ended."""
+
+        def on(state: RunState, duration: float) -> Trajectory:
+            return self.run.again(start=state, duration=duration, longest_step=duration / 256)
+
+        try:
+            return self.judge.carried(on, self.begin)
+        except SimulationError:
+            return Judged(FAILED), None
+
+
+@dataclass(kw_only=True)
+class JudgedRuns(Generic[Place]):
+    """Runs of one closed loop at places of its free numbers, judged and counted.
+
+    branch: smooth running without measurement noise: with noise no motion is smooth, and nothing shows whether a disturbance grows. `led` holds
+    {value: (regime, end)} of smooth running that was lost into stick-slip or standstill. journal: keeps what each run came to, in the order of the runs, which
+    is the same each time.
+    """
+
+    base: Run
+    branch: SmoothBranch[Place]
+    element: str
+    signal: str
+    perturbation: float
+    period: float
+    budget: float
+    runs: int = 0
+    notes: list[str] = field(default_factory=list)
+    led: dict[Place, tuple[str, RunState]] = field(default_factory=dict)
+    bar: Any = None
+    journal: Journal | None = None
+    resting: dict[Place, tuple[float, RunState | None]] = field(default_factory=dict)
+    noises: dict[Place, float] = field(default_factory=dict)
+
+    def at(self, value: Place) -> Run:
+        """The run with the free parameter at a value."""
+        return with_numbers(self.base, self.branch.numbers(value))
+
+    # ------------------------------------------------------------------------------------------------------------------------------------- one run
+    def job(self, value: Place, begin: RunState, /, finer: float = 1.0, silent: bool = False) -> Job:
+        """What a run at a place is to be judged by; silent: without measurement noise."""
+        run = dataclasses.replace(self.branch.at(value) if silent else self.at(value), accuracy=self.base.accuracy * finer)
+        return Job(run, self.judge(value), begin)
+
+    def run(self, value: Place, begin: RunState, /, finer: float = 1.0, silent: bool = False) -> tuple[Judged, RunState | None]:
+        """What a run at a place comes to, and where it ended; silent: without measurement noise."""
+        self.runs += 1
+        if self.bar is not None:
+            self.bar.update()
+        number = self.runs
+        known = self.kept(number)
+        return self.keeping(number, self.job(value, begin, finer, silent)()) if known is None else known
+
+    def kept(self, number: int) -> tuple[Judged, RunState | None] | None:
+        """What the run of that number came to, and where it ended, where the journal knows it."""
+        known = None if self.journal is None else self.journal.known.get((number,))
+        return known and (Judged(*known[0]), None if known[1] is None else self.base.start.as_told(known[1]))
+
+    def keeping(self, number: int, came_to: tuple[Judged, RunState | None]) -> tuple[Judged, RunState | None]:
+        """Write what the run of that number came to into the journal; not where a Python law does not tell what it remembers."""
+        judged, end = came_to
+        told = None if end is None else end.told()
+        if self.journal is not None and (end is None or told is not None):
+            self.journal.add((number,), [dataclasses.astuple(judged), told])
+        return came_to
+
+    def judge(self, value: Place) -> Judge:
+        """The judge of runs at a value."""
+        smooth = self.branch(value)
+        if smooth is None:
+            return Judge(self.element, self.signal, self.period, budget=self.budget)
+        target = self.steady(value, smooth)[0]
+        return Judge(self.element, self.signal, self.period, target, smooth.growth.rate, self._noise(value, smooth), self.budget)
+
+    def steady(self, value: Place, smooth: Smooth) -> tuple[float, RunState | None]:
+        """The judged signal in smooth running, and a state of it a moment later, which knows the modes; nan and None where no run goes on from it."""
+        if value not in self.resting:
+            run = self.branch.at(value)
+            try:
+                short = run.again(start=smooth.state, duration=self.period / 8, longest_step=self.period / 256)
+                self.resting[value] = measure.extent(short, self.signal).mean, short.last
+            except SimulationError:
+                self.resting[value] = math.nan, None
+        return self.resting[value]
+
+    def _noise(self, value: Place, smooth: Smooth) -> float:
+        """Largest deviation of the judged signal that measurement noise makes in smooth running; 0 without noise, and where smooth running does not last."""
+        if self.branch.run is self.base or not smooth.growth.rate < 0:
+            return 0.0
+        if value not in self.noises:
+            run = self.at(value).again(start=smooth.state, duration=NOISY * self.period, longest_step=self.period / 32)
+            found, target = measure.extent(run, self.signal, run.begin), self.steady(value, smooth)[0]
+            self.noises[value] = 1.5 * max(found.maximum - target, target - found.minimum)
+        return self.noises[value]
+
+    def walked(self, begin: RunState, origin: Place, value: Place) -> RunState:
+        """Where the machine is after the free parameter went from one value to another in small steps."""
+        if value == origin:
+            return begin
+        for k in range(1, STEPS):
+            try:
+                run = self.at(origin + (value - origin) * k / STEPS)
+                begin = run.again(start=begin, duration=2.3 * self.period, longest_step=self.period / 256).last
+            except SimulationError:
+                return begin
+        return begin
+
+    # ----------------------------------------------------------------------------------------------------------------------- from smooth running
+    def smooth(self, value: Place, finer: float = 1.0) -> Judged:
+        """What the least disturbance of smooth running comes to; where it ends in stick-slip or standstill, its end is kept to continue from."""
+        found = self.branch(value)
+        if found is None:
+            return Judged(NONE)
+        if found.growth.rate < 0:
+            return Judged(SMOOTH, 0.0, rate=found.growth.rate)
+        judged, end = self.run(value, self.disturbed(value, found), finer=finer, silent=True)
+        self.keep_led(value, judged, end)
+        return judged
+
+    def keep_led(self, value: Place, judged: Judged, end: RunState | None) -> None:
+        """Keep where smooth running that was lost has led to, to continue from there."""
+        if judged.regime in (STICKS, STANDS) and end is not None:
+            self.led.setdefault(value, (judged.regime, end))
+
+    def disturbed(self, value: Place, found: Smooth) -> RunState:
+        """Smooth running moved along its least damped motion, until the slip of the judged contact changes by the perturbation at most."""
+        n, names = found.state.states.size, [element.name for element in self.base.system.elements]
+        slope = slip_rows(self.base.system, found.state.states, self.at(value).system.values)[names.index(self.element)]
+        moved, sizes = abs(float(slope @ found.direction[:n])), np.abs(slope) @ np.abs(found.direction[:n])
+        if moved > 1e-9 * sizes:
+            size = abs(self.steady(value, found)[0] or 1.0) / moved
+        else:  # this motion does not move the contact
+            size = np.abs(found.state.states).max(initial=1.0) / np.abs(found.direction).max(initial=1e-300)
+        return found.state.at_values(found.state.values + self.perturbation * size * found.direction)
+
+    def stopped(self, value: Place) -> RunState | None:
+        """Smooth running whose judged contact is stopped at once, as by a stuck bit; None where there is no smooth running."""
+        smooth = self.branch(value)
+        if smooth is None:
+            return None
+        plant, last = self.at(value).plant, self.steady(value, smooth)[1]
+        modes = (
+            dict(zip([each.name for each in self.base.system.elements], last.modes, strict=True))
+            if last is not None and last.modes is not None
+            else {}
+        )
+        m = np.array([0.0 if each.name == self.element else modes.get(each.name, 1.0) for each in plant.elements])
+        x = np.concatenate([np.atleast_1d(smooth.state[name]) for name in plant.states])
+        u = np.array(plant.input_defaults(plant.values)).ravel()
+        project = function_of(plant, ("project",), lambda: [plant.switching.projected])
+        x = np.array(project(0.0, x, u, plant.values, m)).ravel()
+        places = {name: (first, size) for name, (first, size, _) in plant.states.items()}
+        return smooth.state.with_values({name: x[first : first + (size or 1)] for name, (first, size) in places.items()})
+
+
+@dataclass(kw_only=True)
+class Carried(Generic[Place]):
+    """Stick-slip and standstill of a loop, each found where it exists and carried on to other places.
+
+    Attributes
+    ----------
+    search
+        The runs.
+    cycling, standing
+        {place: where a run ended} in stick-slip, and in standstill.
+    found
+        {place: what the runs there came to, of them the one that is most of a stick-slip}.
+    outer
+        Places outside of what is looked at with stick-slip.
+    rounds
+        {place: (what it began from, verdict, where the run ended)} of all runs that came to stick-slip.
+    begun
+        (place, beginning) of all that were tried.
+    """
+
+    search: JudgedRuns[Place]
+    cycling: dict[Place, RunState] = field(default_factory=dict)
+    standing: dict[Place, RunState] = field(default_factory=dict)
+    found: dict[Place, Judged] = field(default_factory=dict)
+    outer: list[Place] = field(default_factory=list)
+    rounds: dict[Place, list[tuple[str, Judged, RunState]]] = field(default_factory=dict)
+    begun: set[tuple[Place, str]] = field(default_factory=set)
+
+    def starts(self, value: Place) -> Iterator[tuple[str, RunState]]:
+        """(what it is, state) from which stick-slip may start: smooth running with the contact stopped, rest, smooth running in which each mode swings."""
+        search, smooth = self.search, self.search.branch(value)
+        stopped: RunState | None = search.stopped(value)
+        if stopped is not None:
+            yield STOPPED, stopped
+        yield "rest", search.base.start
+        if smooth is None:
+            return
+        with contextlib.suppress(SceneError):
+            point = at_set_points(search.at(value).loop)
+            names = [each.name for each in point.plant.elements]
+            row = slip_rows(point.plant, point.states, point.plant.values)[names.index(search.element)]
+            exponents, motions = np.linalg.eig(flow_slopes(point))
+            for exponent, motion in zip(exponents, motions.T, strict=True):
+                damped = -exponent.real > DAMPED * abs(exponent)
+                if exponent.imag <= 0.0 or damped or not abs(row @ motion) > 1e-6 * (np.abs(row) @ np.abs(motion)):
+                    continue
+                moved = np.real(motion * BEYOND * abs(search.steady(value, smooth)[0]) / (row @ motion))
+                places = {name: slice(first, first + (size or 1)) for name, (first, size, _) in point.plant.states.items()}
+                states = {name: np.atleast_1d(smooth.state[name]) - moved[place] for name, place in places.items()}
+                yield f"the swing of {2 * math.pi / exponent.imag:.3g} s", smooth.state.with_values(states)
+
+    def tried(self, value: Place, begin: RunState, finer: float = 1.0, begun: str = "stick-slip carried on") -> Judged:
+        """A run from a beginning, with where it ends kept by what it ends in; begun: what it begins from."""
+        judged, end = self.search.run(value, begin, finer=finer)
+        self.keep(value, judged, end, begun)
+        return judged
+
+    def keep(self, value: Place, judged: Judged, end: RunState | None, begun: str) -> None:
+        """Keep what a run came to, and where it ended; begun: what it began from."""
+        if end is not None and judged.regime == STICKS:
+            self.cycling[value] = end
+            self.rounds.setdefault(value, []).append((begun, judged, end))
+        elif end is not None and judged.regime == STANDS:
+            self.standing.setdefault(value, end)
+        if value not in self.found or worse(judged, self.found[value]):
+            self.found[value] = judged
+
+    def seek(self, value: Place) -> RunState | None:
+        """Stick-slip at a value from all beginnings, until one leads into it."""
+        for begun, begin in () if value in self.cycling else self._untried(value):
+            if self.tried(value, begin, begun=begun).regime == STICKS:
+                break
+        return self.cycling.get(value)
+
+    def begun_from_all(self, value: Place) -> None:
+        """Begin stick-slip at a value from all beginnings; the cycle that is carried on stays the one that was known."""
+        known = self.cycling.get(value)
+        for begun, begin in self._untried(value):
+            self.tried(value, begin, begun=begun)
+        if known is not None:
+            self.cycling[value] = known
+
+    def _untried(self, value: Place) -> Iterator[tuple[str, RunState]]:
+        """The beginnings at a value that were not tried yet."""
+        for begun, begin in self.starts(value):
+            if (value, begun) not in self.begun:
+                self.begun.add((value, begun))
+                yield begun, begin
+
+    def outside(self, edge: Place, beyond: Iterable[Place]) -> None:
+        """Stick-slip outside of an edge of what is looked at, led up to the edge; beyond: places there, the nearest first."""
+        for value in beyond:
+            try:
+                end = self.seek(value)
+            except SceneError:  # the number itself is refused there
+                return
+            if end is not None:
+                self.outer.append(value)
+                self.led(value, edge)
+                return
+
+    def led(self, origin: Place, goal: Place) -> bool:
+        """Whether stick-slip at one value reaches another, in steps that are halved where it is lost; where it comes to is kept."""
+        part, size = 0.0, 0.25
+        here = origin
+        while part < 1.0 and size >= FINEST:
+            following = origin + (goal - origin) * min(part + size, 1.0)
+            begin = self.search.walked(self.cycling[here], here, following)
+            if self.tried(following, begin).regime == STICKS:
+                part, here = min(part + size, 1.0), following
+            else:
+                size /= 2
+        return part >= 1.0
+
+
+def worse(judged: Judged, other: Judged) -> bool:
+    """Whether a verdict is more of a stick-slip than another."""
+    return RANK.index(judged.regime) > RANK.index(other.regime)

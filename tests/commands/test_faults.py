@@ -23,7 +23,7 @@ import pytest
 from toolbox.commands import figures
 from toolbox.commands.command_line import main
 from toolbox.files.atomic import _exchanged, clear_left
-from toolbox.scenes import verdicts
+from toolbox.onsets import verdicts
 from toolbox.sweeps import Sweep
 
 pytestmark = pytest.mark.timeout(600)

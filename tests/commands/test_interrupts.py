@@ -22,7 +22,7 @@ NOTHING = "stickslip: interrupted, and nothing was written."
 COMMAND = """
 import os, signal, sys, threading, time
 from toolbox.commands import command_line, figures
-from toolbox.scenes import verdicts
+from toolbox.onsets import verdicts
 
 def interrupt():
     os.kill(os.getpid(), signal.SIGINT)

@@ -46,7 +46,7 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Study a scene. Returns the exit code."""
-    from toolbox.scenes import verdicts
+    from toolbox.onsets import verdicts
     from toolbox.scenes.scene import Scene
 
     scene = Scene.load(given.scene)

@@ -209,7 +209,8 @@ class Judge:
             record.add(run)
             judged = self.decided(record)
             if judged is not None or record.now - record.first >= self.budget * self.swing:
-                return judged or self._verdict(NOT_DECIDED, record, max(record.first, record.now - 2 * piece)), state
+                late = max(record.first, record.now - 2 * piece)
+                return judged or self._verdict(NOT_DECIDED, record, late, [each for each in record.resolved if each[0] > late]), state
 
     def of_run(self, run: Trajectory, after: float) -> Judged:
         """The verdict on a run as it is, from a time on [s]; not decided where it is too short to tell."""

@@ -56,11 +56,17 @@ NEARBY = (0.0, 1e-4, -1e-4, 1e-3, -1e-3)
 NEUTRAL = 1e-9
 """Change of a motion over the map below which differences are too small for what brings it back, as the switching of a law."""
 
+ALIKE = 0.1
+"""What the damping of two swings may differ by, in its parts, to be alike."""
+
 VISIBLE = 1e-8
 """Part of a motion that must show in the slips of the contacts for it to act back on the machine."""
 
 EXACT = 1e-12
 """Accuracy of the runs of a map."""
+
+EXACT_SENSORS = {".sensors.noise": 0.0, ".sensors.resolution": 1e-18}
+"""Numbers with which sensors read what there is: steps of an encoder so fine that they round nothing."""
 
 KICKS = ((1e-4, 1e-3), (1e-5, 1e-4), (1e-6, 1e-5))
 """Parts of the slip by which two pairs of twin runs begin apart, which must agree; the first lie above the chatter of most laws."""
@@ -116,15 +122,17 @@ class Smooth:
 class SmoothBranch(Generic[Place]):
     """Smooth running of a closed loop over its free numbers, each place once: its state, and how a small disturbance grows.
 
-    Measurement noise is left out. numbers: what the free numbers are at a place;  followed: the steady states of the continuous forms of the laws; None where
-    a law has none.
+    Measurement noise and the steps of encoders are left out. numbers: what the free numbers are at a place;  followed: the steady states of the continuous
+    forms of the laws; None where a law has none.
     """
 
     def __init__(
         self, base: Run, numbers: Callable[[Place], Sequence[tuple[Number, float]]], followed: Callable[[Place], Equilibrium | None] | None
     ):
-        noises = {name: entry for name, entry in base.system.parameters.items() if name.endswith(".sensors.noise")}
-        silent = {name: [0.0] * entry.size if entry.size else 0.0 for name, entry in noises.items()}
+        known = base.system.parameters
+        silent = {
+            name: np.full(known[name].size or 1, value) for end, value in EXACT_SENSORS.items() for name in known if name.endswith(end)
+        }
         self.run = dataclasses.replace(base, system=base.system.with_parameters(silent)) if silent else base
         self.numbers: Callable[[Place], Sequence[tuple[Number, float]]] = numbers
         self.followed: Callable[[Place], Equilibrium | None] | None = followed
@@ -168,6 +176,12 @@ class SmoothBranch(Generic[Place]):
             return None
         exponents, motions = np.linalg.eig(flow_slopes(point))
         rows = slip_rows(point.plant, point.states, point.plant.values)
+        stuck = rows[[point.modes.get(each.name) == "stick" for each in point.plant.elements]]
+        off = np.abs(stuck @ motions) > 1e-6 * (np.abs(stuck) @ np.abs(motions))
+        exponents, motions = (
+            exponents[~off.any(axis=0)],
+            motions[:, ~off.any(axis=0)],
+        )  # what leaves a stick or a sliding surface is no motion of it
         best = least_damped(exponents.astype(complex), motions, rows)
         state = self.run.start.at_values(point.states)
         return Smooth(state, Growth.of(complex(exponents[best]), "poles"), in_phase(motions[:, best], rows))
@@ -216,12 +230,16 @@ def begun_at(run: Run, point: Equilibrium) -> RunState:
 
 
 def swing_period(rest: Equilibrium) -> float:
-    """Period of the least damped swing of a steady state [s], or the time constant of its slowest motion where nothing swings."""
+    """Period of the least damped swing of a steady state [s], or the time constant of its slowest motion where nothing swings.
+
+    Of several that are damped alike, as all are where drag is spread along a string, it is the slowest.
+    """
     poles = np.linalg.eigvals(flow_slopes(rest))
     poles = poles[np.abs(poles) > 1e-9 * np.abs(poles).max(initial=0.0)]
     swinging = poles[poles.imag > 1e-6 * np.abs(poles)]
     if swinging.size:
-        return float(2 * math.pi / swinging[int(np.argmax(swinging.real))].imag)
+        least = float(swinging.real.max())
+        return float(2 * math.pi / swinging.imag[swinging.real >= least - ALIKE * abs(least)].min())
     return float(2 * math.pi / np.abs(poles).min(initial=1.0)) if poles.size else 1.0
 
 

@@ -200,7 +200,7 @@ def _both_branches(
         form = "Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled."
         search.notes.append(form if hopf else "The borders are of the law as it runs, sampled.")
     if search.branch.run is not search.base:
-        search.notes.append("Smooth running is judged without measurement noise, stick-slip with it.")
+        search.notes.append("Smooth running is judged without measurement noise and steps of encoders, stick-slip with them.")
     return Onset(
         title=loop.title,
         parameter=search.free.name,

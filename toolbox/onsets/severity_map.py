@@ -453,7 +453,7 @@ def _notes(search: JudgedRuns[complex], rows: Sequence[Sequence[Judged]]) -> lis
         ways = dict.fromkeys(smooth.growth.way for smooth in search.branch.known.values() if smooth is not None)
         notes.append(f"The law runs sampled; its growth is known by {', '.join(ways)}.")
     if search.branch.run is not search.base:
-        notes.append("Smooth running is judged without measurement noise, stick-slip with it.")
+        notes.append("Smooth running is judged without measurement noise and steps of encoders, stick-slip with them.")
     for name, row in zip(("smooth running", "inside stick-slip"), rows, strict=True):
         undecided = sum(each.regime == judge.NOT_DECIDED for each in row)
         if undecided:

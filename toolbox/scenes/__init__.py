@@ -1,4 +1,4 @@
-"""Scenes, their file form, their verdicts."""
+"""Scenes, and their form as files."""
 
 from typing import TYPE_CHECKING
 

@@ -72,9 +72,11 @@ def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], drives: str | Sequ
         scale = np.abs(slope).max(axis=0)
         scale[scale == 0.0] = 1.0
         rows = np.abs(slope / scale).max(axis=1)
-        step = np.linalg.lstsq(slope / scale / rows[:, None], -residual / rows, rcond=1e-13)[0] / scale
-        if not np.isfinite(step).all():
+        with np.errstate(all="ignore"):
+            matrix, right = slope / scale / rows[:, None], -residual / rows
+        if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
             break
+        step = np.linalg.lstsq(matrix, right, rcond=1e-13)[0] / scale
         q = q + step
         if np.abs(step * scale).max() <= 1e-13 * np.abs(q * scale).max():
             break

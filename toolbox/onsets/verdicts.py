@@ -13,7 +13,9 @@ from toolbox.errors import SceneError, SimulationError
 from toolbox.files import tables
 from toolbox.files.printing import columns
 from toolbox.files.unit_systems import reading
+from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judged
 from toolbox.measuring.measure import stick_intervals
+from toolbox.onsets.coming_to import comes_to
 from toolbox.scenes.judged import judged_measures, sticks_before_standstill
 
 if TYPE_CHECKING:
@@ -84,6 +86,9 @@ def verdict_row(scene: Scene, label: str, files: str = "", measures: Any = ()) -
     return Row(label, _words(scene, run, found), **found, error=error, wall_time=run.wall_time, files=files, more=more), run
 
 
+WORDS = {STICKS: "stick-slip", STANDS: "stuck", SWINGS: "swing"}
+"""Verdicts of the regimes of a judge, as in reports of onsets."""
+
 COLUMNS = ("stuck", "severity", "settling", "overshoot", "peak")
 """Measures of the verdict, by the names of their columns."""
 
@@ -101,7 +106,9 @@ def _words(scene: Scene, run: Trajectory, found: Mapping[str, float]) -> str:
     if scene.standstill is None:
         if scene.element is None:
             return "no modes"  # a contact without modes never sticks, whether it swings says the severity
-        return verdict(stick_intervals(run, scene.element, scene.after), scene.after, scene.duration)
+        sticks = stick_intervals(run, scene.element, scene.after)
+        judged = comes_to(run, scene.element, scene.signal, scene.after)
+        return verdict(sticks, scene.after, scene.duration) if judged is None else in_words(judged, len(sticks))
     stands = found["settling"]
     if not scene.after < stands < math.inf:
         return "does not stand" if stands == math.inf else "stands at once"
@@ -109,14 +116,27 @@ def _words(scene: Scene, run: Trajectory, found: Mapping[str, float]) -> str:
     return verdict(sticks, scene.after, stands)
 
 
-def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> str:
-    """What the stick intervals between `after` and `end` [s] amount to.
+def in_words(judged: Judged, sticks: int) -> str:
+    """The verdict on a run that the judge has decided; sticks: how often it stuck in the time that was looked at.
 
-    "free" for none; "stuck" where the last one lasts to the end and longer than half of the window; "stick-slip" for two or more;
+    "free", "stick-slip", "swing" and "stuck" for its regime at last; "sticks once" and "free at last" where it is free after one stick or several; "irregular"
+    where sticks go on and never repeat. What nothing decides tells in which time a small disturbance of smooth running grows.
+    """
+    if judged.regime == SMOOTH:
+        return {0: "free", 1: "sticks once"}.get(sticks, "free at last")
+    if judged.regime == NOT_DECIDED:
+        return "irregular" if judged.sticks else f"grows in {1 / judged.rate:.3g} s" if judged.rate > 0 else NOT_DECIDED
+    return WORDS.get(judged.regime, judged.regime)
+
+
+def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> str:
+    """What the stick intervals between `after` and `end` [s] amount to, of a run that ends there or whose inputs never come to rest.
+
+    "no stick" for none; "stuck" where the last one lasts to the end and longer than half of the window; "stick-slip" for two or more;
     "sticks once" for a single shorter one.
     """
     if not sticks:
-        return "free"
+        return "no stick"
     begin, last = sticks[-1]
     if last >= end and last - begin > 0.5 * (end - after):
         return "stuck"

@@ -1,0 +1,79 @@
+"""What a run comes to where its inputs have come to rest: the judge of `toolbox.measuring.judge` with the growth of smooth running there."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+
+import numpy as np
+
+from toolbox.errors import SceneError, SimulationError
+from toolbox.measuring.judge import NOT_DECIDED, Judged
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.inputs import Table
+from toolbox.modelling.steady_point import Equilibrium
+from toolbox.onsets.carried import JudgedRuns
+from toolbox.onsets.growth import SmoothBranch
+from toolbox.simulation.request import Request
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.steady_states.linear import equilibrium
+
+LONGEST = 200
+"""Swings for which a run that its own time does not decide is carried on, at most."""
+
+HERE = 0.0
+"""The only place of a loop of which no number is free."""
+
+
+def comes_to(run: Trajectory, element: str, signal: str, after: float) -> Judged | None:
+    """Return what a run comes to: from a time on as it is, and carried on with its inputs as they are at its end where that does not tell.
+
+    None where no judge can say more than the run shows: an input or a law goes on changing in time, friction has two directions, or nothing tells the scale
+    of time because the machine has no steady running.
+
+    Parameters
+    ----------
+    run
+        A run of a closed loop.
+    element, signal
+        The contact whose sticks count, and the speed whose severity is told.
+    after
+        Time from which on the run is looked at [s]; later where an input still changes then.
+    """
+    settled = _settled(run.run.loop, after)
+    if settled is None:
+        return None
+    loop, begin = settled
+    if begin >= run.end or loop.changes_in_time or any(each.directions > 1 for each in loop.system.elements):
+        return None
+    try:
+        still = Request(loop, 0.0, accuracy=run.accuracy).checked()
+        branch = SmoothBranch[float](still, lambda _: (), lambda _: _steady(loop))
+        period = branch.swing(HERE)
+        if not period < run.end - begin:
+            return None
+        runs = JudgedRuns(base=still, branch=branch, element=element, signal=signal, perturbation=math.nan, period=period, budget=LONGEST)
+        judge = runs.judge(HERE)
+        judged = judge.of_run(run, begin)
+        return runs.run(HERE, run.last)[0] if judged.regime == NOT_DECIDED else judged
+    except (SceneError, SimulationError):
+        return None
+
+
+def _settled(loop: ClosedLoop, after: float) -> tuple[ClosedLoop, float] | None:
+    """The loop with its inputs as they are at last, and the time from which on they are, `after` at least; None where one goes on changing."""
+    for name, value in loop.values.items():
+        if isinstance(value, Table):
+            changes = np.flatnonzero(value.values != value.values[-1])
+            after = max(after, float(value.times[changes[-1] + 1]) if changes.size else -math.inf)
+            loop = loop.at(name, float(value.values[-1]))
+        elif not isinstance(value, float):
+            return None
+    return loop, after
+
+
+def _steady(loop: ClosedLoop) -> Equilibrium | None:
+    """Steady running of the continuous form of a loop; None where there is none."""
+    with contextlib.suppress(SceneError):
+        return equilibrium(loop.continuous)
+    return None

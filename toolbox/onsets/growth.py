@@ -33,7 +33,7 @@ from toolbox.simulation.run_state import RunState
 from toolbox.steady_states.equilibria import flow_slopes
 
 Place = TypeVar("Place", float, complex)
-"""Where the free numbers of a loop are: the value of one number, or a point of the plane of two (`toolbox.onsets.plane`)."""
+"""Where the free numbers of a loop are: the value of one number, or a point of the plane of two (`toolbox.onsets.map_loop`)."""
 
 ROUNDS = 5
 """Common periods of all sample times over which the map goes."""
@@ -52,6 +52,9 @@ AGREES = 1e-3
 
 NEARBY = (0.0, 1e-4, -1e-4, 1e-3, -1e-3)
 """Parts of a value by which it is moved where its growth is not known, on the way to where growth is zero."""
+
+HALVINGS = 8
+"""How often the way to a place at which the growth is not known is halved, to come between there and where growth is zero."""
 
 NEUTRAL = 1e-9
 """Change of a motion over the map below which differences are too small for what brings it back, as the switching of a law."""
@@ -154,6 +157,26 @@ class SmoothBranch(Generic[Place]):
         found = self(value)
         return math.nan if found is None else found.growth.rate
 
+    def rate_near(self, value: Place) -> float:
+        """Rate at which a small disturbance grows at a place, else next to it where it is known there [1/s]; nan where it is not."""
+        return next((rate for part in NEARBY if math.isfinite(rate := self.rate(value * (1.0 + part)))), math.nan)
+
+    def bracket(self, a: Place, b: Place) -> tuple[Place, Place]:
+        """Places on the straight way between two at which the growth is known and has different signs; raises SimulationError where there are none nearby."""
+        for _ in range(HALVINGS):
+            rates = self.rate(a), self.rate(b)
+            if rates[0] * rates[1] < 0:
+                return a, b
+            middle = (a + b) / 2
+            rate = self.rate(middle)
+            if math.isnan(rates[0]) == math.isnan(rates[1]):
+                break
+            if math.isnan(rates[0]) == (math.isnan(rate) or rate * np.nansum(rates) < 0):
+                a = middle
+            else:
+                b = middle
+        raise SimulationError("The growth of smooth running is not known on both sides of its border.")
+
     def loss(self, one: float, other: float, precision: float | None = None) -> float:
         """Where the rate is zero, between two values at which it has different signs; precision: by default 1e-10 of the values.
 
@@ -162,8 +185,8 @@ class SmoothBranch(Generic[Place]):
         from scipy.optimize import brentq
 
         def rate(value: float) -> float:
-            found = next((each for part in NEARBY if math.isfinite(each := self.rate(value * (1.0 + part)))), None)
-            if found is None:
+            found = self.rate_near(value)
+            if math.isnan(found):
                 near = ", ".join(f"`{number.name}` = {each:g} {number.unit}" for number, each in self.numbers(value))
                 raise SimulationError(f"The growth of smooth running is not known at {near}.")
             return found

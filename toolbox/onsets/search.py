@@ -7,11 +7,8 @@ what it becomes (`toolbox.onsets.carried`). How stick-slip and standstill are fo
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from toolbox.errors import SimulationError
 from toolbox.measuring.judge import SMOOTH
@@ -27,9 +24,6 @@ FINER = 0.01
 
 WIDENINGS = 6
 """How often a border is widened where finer runs judge its sides otherwise."""
-
-HALVINGS = 8
-"""How often the way to a value at which the growth is not known is halved, to come between there and the border."""
 
 
 @dataclass(kw_only=True)
@@ -62,26 +56,11 @@ class OnsetSearch(JudgedRuns[float]):
 
     def _where_growth_is_zero(self, a: float, b: float, tolerance: float) -> Border:
         """The border of smooth running between two values; raises SimulationError where its growth is not known on both sides."""
-        a, b, way = self._bracket(a, b)
+        a, b = self.branch.bracket(a, b)
+        smooth = self.branch(a)
+        way = smooth.growth.way if smooth is not None else ""
         precision = 1e-9 * max(abs(a), abs(b)) if way != "twin runs" else tolerance / 10
         return Border(self.branch.loss(a, b, precision), precision, "above" if self.branch.rate(b) < 0 else "below", True, followed=way)
-
-    def _bracket(self, a: float, b: float) -> tuple[float, float, str]:
-        """Values between two at which the growth is known and has different signs, and how it is known; raises SimulationError where there are none nearby."""
-        for _ in range(HALVINGS):
-            rates = self.branch.rate(a), self.branch.rate(b)
-            if rates[0] * rates[1] < 0:
-                smooth = self.branch(a)
-                return a, b, smooth.growth.way if smooth is not None else ""
-            middle = (a + b) / 2
-            rate = self.branch.rate(middle)
-            if math.isnan(rates[0]) == math.isnan(rates[1]):
-                break
-            if math.isnan(rates[0]) == (math.isnan(rate) or rate * np.nansum(rates) < 0):
-                a = middle
-            else:
-                b = middle
-        raise SimulationError("The growth of smooth running is not known on both sides of its border.")
 
     def _is_smooth(self, value: float, origin: float, finer: float = 1.0) -> bool:
         return self.smooth(value, finer).regime == SMOOTH

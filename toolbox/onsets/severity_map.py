@@ -11,8 +11,10 @@ Why both branches: a machine in the band between their borders runs smoothly unt
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
 import dataclasses
 import json
+import math
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import BoolArray, FloatArray, whole
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.archives import Shape, arrays, check_notes, check_shapes, understood
 from toolbox.files.atomic import replaced
 from toolbox.files.journal import Journal
@@ -434,13 +436,19 @@ def _losses(
     def rates(points: np.ndarray) -> np.ndarray:
         places = [plane.place(point) for point in points]
         learn(places)
-        return np.array([search.branch.rate(place) for place in places])
+        return np.array([search.branch.rate_near(place) for place in places])
 
     def lost(points: np.ndarray) -> np.ndarray:
         return np.array([search.smooth(plane.place(point)).regime != judge.SMOOTH for point in points])
 
-    roots = edges.roots(rates, 0.1 * 0.5**halvings if search.base.system.updates else EXACT)[:, None]
-    places = edges.low + np.nan_to_num(roots) * (edges.high - edges.low)
+    low, high = edges.low.copy(), edges.high.copy()
+    for k, both in enumerate(zip(edges.low, edges.high, strict=True)):
+        ends = [plane.place(point) for point in both]
+        if any(math.isnan(search.branch.rate(end)) for end in ends):
+            with contextlib.suppress(SimulationError):  # where growth is known on no two sides, runs tell
+                low[k], high[k] = map(plane.point, search.branch.bracket(*ends))
+    roots = Edges(low, high, edges.cells).roots(rates, 0.1 * 0.5**halvings if search.base.system.updates else EXACT)[:, None]
+    places = low + np.nan_to_num(roots) * (high - low)
     rest = np.isnan(roots[:, 0])
     places[rest] = Edges(edges.low[rest], edges.high[rest], edges.cells[:0]).halved(lost, halvings)
     return places

@@ -108,7 +108,9 @@ def _words(scene: Scene, run: Trajectory, found: Mapping[str, float]) -> str:
             return "no modes"  # a contact without modes never sticks, whether it swings says the severity
         sticks = stick_intervals(run, scene.element, scene.after)
         judged = comes_to(run, scene.element, scene.signal, scene.after)
-        return verdict(sticks, scene.after, scene.duration) if judged is None else in_words(judged, len(sticks))
+        if judged is None:  # the run shows no more than its own time
+            return verdict(sticks, scene.after, scene.duration) if sticks else "no stick"
+        return in_words(judged, len(sticks))
     stands = found["settling"]
     if not scene.after < stands < math.inf:
         return "does not stand" if stands == math.inf else "stands at once"
@@ -130,13 +132,13 @@ def in_words(judged: Judged, sticks: int) -> str:
 
 
 def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> str:
-    """What the stick intervals between `after` and `end` [s] amount to, of a run that ends there or whose inputs never come to rest.
+    """What the stick intervals between `after` and `end` [s] amount to.
 
-    "no stick" for none; "stuck" where the last one lasts to the end and longer than half of the window; "stick-slip" for two or more;
+    "free" for none; "stuck" where the last one lasts to the end and longer than half of the window; "stick-slip" for two or more;
     "sticks once" for a single shorter one.
     """
     if not sticks:
-        return "no stick"
+        return "free"
     begin, last = sticks[-1]
     if last >= end and last - begin > 0.5 * (end - after):
         return "stuck"

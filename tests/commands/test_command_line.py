@@ -461,13 +461,9 @@ def test_list_tells_wells_models_laws_observers_and_friction_laws_apart(capsys):
 def test_list_shows_what_a_part_from_tables_takes_as_a_scene_file_reads_it(capsys):
     assert main(["list", "DrillString"]) == 0
     _, _, made = capsys.readouterr().out.partition("    or made from tables, with\n")
-    for line in (
-        "sections         required  path of a table",
-        "top_inertia      required kg m2",
-        "band             2 Hz",
-        "friction         none",
-    ):
-        assert f"    {line}\n" in made
+    lines = [line.split() for line in made.splitlines()]
+    for line in ("sections required path of a table", "top_inertia required kg m2", "band 2 Hz", "friction none"):
+        assert line.split() in lines
 
 
 def test_list_shows_every_part_with_parameters_and_units(capsys):

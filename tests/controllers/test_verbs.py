@@ -43,6 +43,7 @@ from models import BitRock, DiscBrake, wells
 from toolbox import Controller, SceneError, closed_loop, compose, limit_cycle, margins, onset, simulate, sweep, worst_case
 from toolbox.errors import SimulationError
 from toolbox.modelling import Observed, Takeover
+from toolbox.modelling.closing import described
 
 RIG, BRAKE = compose(wells.JANSEN_2, BitRock(weight="97.347 kN")), compose(DiscBrake())
 NUMBERS = {"reference": 8.0, "lowest_torque": 0.0, "highest_torque": 20_000.0}
@@ -148,6 +149,8 @@ def test_simulate_answers(name):
     run = simulate(loop, 2.0)
     drives = [each for each in loop.plant.inputs if each not in loop.system.inputs]
     assert run.end == 2.0 and drives and all(np.isfinite(run[each]).all() for each in drives)
+    title = str(run).partition("\n")[0]
+    assert all(described(law).partition(",")[0] in title for law in loop.laws) and "External" not in title
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -83,7 +83,7 @@ def test_arguments_count_before_fields_and_fields_that_have_a_size_of_their_own_
 
 def test_a_run_is_reported_and_drawn_in_the_units_of_its_inputs_parameters_and_laws(tmp_path):
     run = simulate(RIG, "5 s", inputs={"top.torque": "10 kN m"})
-    assert re.search(r"10 \.\. 10 +end 10 kN m$", line(str(run), "top.torque")) and line(str(run), "bit.torque").endswith("kN m")
+    assert re.search(r"10 +\.\. 10 +end 10 kN m$", line(str(run), "top.torque")) and line(str(run), "bit.torque").endswith("kN m")
     assert line(str(run), "top.speed").endswith("rad/s")  # nobody typed a speed
     assert run["top.torque"][-1] == 10_000.0 and ">kN m</td>" in run._repr_html_()
     law = simulate(RIG, 5.0, controller=SoftTorque(reference="95 rpm"), sample_time="10 ms", parameters={"bit.weight": "90 kN"})
@@ -173,12 +173,12 @@ def test_a_sweep_and_its_files_answer_in_the_units_of_its_values_and_of_the_run(
         5.0,
         measures={"peak": measures.maximum("top.torque")},
     )
-    assert re.search(r"50 \.\. 60 +kN$", line(str(found), "bit.weight")) and " kN m " in line(str(found), "peak")
+    assert re.search(r"50 +\.\. 60 +kN$", line(str(found), "bit.weight")) and " kN m " in line(str(found), "peak")
     assert found["bit.weight"].tolist() == [50e3, 60e3] and found["peak"].tolist() == [1e4, 1e4]
     for path in (tmp_path / "sweep.npz", tmp_path / "sweep.zarr"):
         assert str(Sweep.load(found.save(path))).split(" in ")[-1] == str(found).split(" in ")[-1]
     plain = sweep(compose(wells.JANSEN_2, BitRock(weight="97 kN")), {"bit.weight": [50e3, 60e3]}, 5.0)
-    assert re.search(r"50000 \.\. 60000 +N$", line(str(plain), "bit.weight"))  # plain numbers are asked in SI
+    assert re.search(r"50000 +\.\. 60000 +N$", line(str(plain), "bit.weight"))  # plain numbers are asked in SI
 
 
 @pytest.mark.slow

@@ -598,7 +598,7 @@ def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys, c
     command += ["--controller", "stiff PI", "--measure", "severity", "--measure", "sticks", "--out", str(tmp_path / "out")]
     assert main(command) == 0
     printed = capsys.readouterr().out
-    assert re.search(r"bit.weight +60 \.\. 97\.347 +kN", printed)
+    assert re.search(r"bit.weight +60 +\.\. 97\.347 +kN", printed)
     folder = tmp_path / "out" / "01_stiff_pi"
     found = Sweep.load(folder / "sweep.zarr")
     run = Scene.load(SCENES / "jansen_2.toml").run("stiff PI")
@@ -707,3 +707,12 @@ def test_a_number_goes_by_the_end_of_its_name_where_no_other_ends_so():
     assert loop.at("proportional", 3e4) == loop.at("pi.proportional", 3e4)
     with pytest.raises(SceneError, match="`reference` must name one number, but `top.reference`, `pi.reference` end so"):
         loop.number("reference")
+
+
+@pytest.mark.parametrize("name", ["bit.weight", "chain.inertia.1", "pi.proportional", "top.reference", "bit.speed"])
+def test_a_run_that_is_read_holds_the_loop_with_its_own_number(name):
+    loop = closed_loop(RIG, PI(reference=8.0))
+    values = [0.9 * loop.number(name).value + 0.1, 1.1 * loop.number(name).value + 0.2]
+    own = measure(lambda run: run.run.loop.number(name).value, "1", "own number")
+    found = sweep(loop, {name: values}, 1.0, measures={"own": own})
+    np.testing.assert_allclose(found["own"], values, rtol=1e-15)

@@ -8,8 +8,9 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from toolbox.arguments import numbers
 from toolbox.commands import figures
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, plain
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, ranges
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
 
@@ -57,16 +58,9 @@ def run(given: argparse.Namespace) -> int:
     loop = scene[given.controller or scene.labels[0]]
     if given.controller is None:  # the plant alone, driven by what was measured
         loop = dataclasses.replace(loop, laws=(), inputs={name: v for name, v in loop.inputs.items() if name in scene.inputs})
-    bounds = {}
-    names = []
-    for text in given.free:
-        name, equals, limits = text.partition("=")
-        names.append(name)
-        if equals:
-            low, colon, high = limits.partition(":")
-            if not colon:
-                raise SceneError(f"Argument `--free` must be NAME or NAME=LOW:HIGH, but it is `{text}`.")
-            bounds[name] = (_in_unit(loop, name, low), _in_unit(loop, name, high))
+    free = ranges("--free", given.free, bare=True)
+    spans = {name: numbers(f"--free {name}", ends, loop.number(name).unit) for name, ends in free.items() if ends}
+    bounds = {name: (low, high) for name, (low, high) in spans.items()}
     columns = {}
     for text in given.column:
         signal_name, equals, heading = text.partition("=")
@@ -82,7 +76,7 @@ def run(given: argparse.Namespace) -> int:
             found = fit(
                 loop,
                 given.data,
-                names,
+                list(free),
                 bounds,
                 columns=columns or None,
                 contact=given.contact,
@@ -100,10 +94,3 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\nReport, table, figure and the calibrated scene are in {given.out}")
     return 0
-
-
-def _in_unit(loop: Any, name: str, text: str) -> float:
-    """A bound of a free number, SI or text with a unit."""
-    from toolbox.files.units import parse
-
-    return parse(plain(text), loop.number(name).unit, f"--free {name}")

@@ -7,10 +7,12 @@ import dataclasses
 import inspect
 import types
 import typing
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from toolbox.errors import SceneError
+from toolbox.files.printing import columns
 
 
 def add(commands: Any) -> None:
@@ -40,16 +42,18 @@ def run(given: argparse.Namespace) -> int:
         print("Keys of a scene file; numbers are SI or text with a unit")
         for table, entries_of in keys.KEYS.items():
             print("At its head" if table == "scene" else table)
-            for key in entries_of:
-                heading = f"{key.name} [{key.unit}]" if key.unit else key.name
-                print(f"  {heading:<30} {key.default:<24} {key.meaning}")
+            rows = [(f"{key.name} [{key.unit}]" if key.unit else key.name, key.default, key.meaning) for key in entries_of]
+            _print(rows, "  ")
         return 0
     if given.name == "measures":
         from toolbox.measuring.measures import MEASURES
 
         print("Measures, of what a scene judges")
-        for name, each in MEASURES.items():
-            print(f"  {name:<16} {each.looks_at:<8} {each.heading}{f' [{each.unit}]' if each.unit not in ('', '1') else ''}")
+        rows = [
+            (name, each.looks_at, each.heading + (f" [{each.unit}]" if each.unit not in ("", "1") else ""))
+            for name, each in MEASURES.items()
+        ]
+        _print(rows, "  ")
         return 0
     entries = [entry for entry in catalogue.parts() if given.name is None or given.name.lower() in entry.name.lower()]
     if not entries:
@@ -64,12 +68,11 @@ def run(given: argparse.Namespace) -> int:
         print(heading)
         for entry in groups[heading]:
             print(f"  {entry.name}: {entry.summary}")
-            for name, unit, value, meaning in entry.parameters:
-                _line(name, value, unit, meaning)
+            _print(_row(name, value, unit, meaning) for name, unit, value, meaning in entry.parameters)
             if isinstance(entry.item, type) and hasattr(entry.item, "from_tables"):
                 print("    or made from tables, with")
-                for name, (unit, value) in _made_of(entry.item).items():
-                    _line(name, value, unit, "path of a table" if unit is None else "")
+                made = _made_of(entry.item)
+                _print(_row(name, value, unit, "path of a table" if unit is None else "") for name, (unit, value) in made.items())
     return 0
 
 
@@ -89,10 +92,15 @@ def _heading(entry: Any) -> str:
     ]
 
 
-def _line(name: str, value: Any, unit: str | None, meaning: str) -> None:
+def _row(name: str, value: Any, unit: str | None, meaning: str) -> tuple[str, str]:
     shown = "required" if value is dataclasses.MISSING else _shown(value)
     known = "" if unit in (None, "", "1") or value is None else unit
-    print("    " + " ".join(filter(None, [f"{name:<16} {shown}", known, meaning and f" {meaning}"])))
+    return name, " ".join(filter(None, [shown, known, meaning and f" {meaning}"]))
+
+
+def _print(rows: Iterable[Sequence[str]], indent: str = "    ") -> None:
+    for line in columns(list(rows), range(3), indent):
+        print(line)
 
 
 def _made_of(item: Any) -> dict[str, tuple[str | None, Any]]:

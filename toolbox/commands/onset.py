@@ -6,9 +6,10 @@ import argparse
 from contextlib import nullcontext
 from typing import Any
 
+from toolbox.arguments import number, whole
 from toolbox.commands import figures
-from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, plain, progress
-from toolbox.errors import SceneError, suggest
+from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, plain, progress
+from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.atomic import whole_folder
 
 ONSET_FILES = ("onset.png", "onset.txt")
@@ -36,8 +37,6 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Find the borders of stick-slip. Returns the exit code."""
-    from toolbox.errors import SimulationError
-    from toolbox.files.units import parse
     from toolbox.onsets.onset import onset
     from toolbox.onsets.report import Comparison
     from toolbox.scenes.scene import Scene
@@ -45,7 +44,7 @@ def run(given: argparse.Namespace) -> int:
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     units: dict[str, str] = {}
-    reasons: dict[str, str] = {}
+    failures: dict[str, Exception] = {}
     known: set[str] = set()
     for label in labels:
         try:
@@ -53,19 +52,19 @@ def run(given: argparse.Namespace) -> int:
             known |= loop.numbers().keys()
             units[label] = loop.acting(given.parameter, "onset").unit
         except SceneError as error:
-            reasons[label] = str(error)
+            failures[label] = error
     if not units:
         if known and given.parameter not in known:  # the law that has the nearest name need not be the first
             raise SceneError(f"There is no number `{given.parameter}`: {suggest(given.parameter, known)}")
-        raise SceneError(reasons[labels[0]])
+        raise failures[labels[0]]
     unit = next(iter(units.values()))
-    number = {
-        word: None if text is None else parse(plain(text), unit, f"--{word}")
-        for word, text in (("from", given.low), ("to", given.high), ("at", given.at), ("tolerance", given.tolerance))
-    }
-    if not number["from"] < number["to"]:  # type: ignore[operator]
+    low, high = number("--from", plain(given.low), unit), number("--to", plain(given.high), unit)
+    at = None if given.at is None else number("--at", plain(given.at), unit)
+    tolerance = None if given.tolerance is None else number("--tolerance", plain(given.tolerance), unit, above=0.0)
+    if not low < high:
         raise SceneError(f"Argument `--from` must be below `--to`, but they are `{given.low}` and `{given.high}`.")
-    onsets, failures = {}, {}
+    whole("--values", given.values, 3)
+    onsets = {}
     stems = file_stems(labels)
     names = [*drawn_as(ONSET_FILES, given.format), *(f"{stem}_{table}.csv" for stem in stems for table in ("onset", "borders"))]
     with (
@@ -81,18 +80,14 @@ def run(given: argparse.Namespace) -> int:
             for i, label in enumerate(labels):
                 reached(i, label)
                 if label not in units:
-                    failures[label] = reasons[label]
                     continue
                 try:
-                    loop = scene[label] if number["at"] is None else scene[label].at(given.parameter, number["at"])
-                    onsets[label] = onset(
-                        loop, given.parameter, (number["from"], number["to"]), values=given.values, tolerance=number["tolerance"]
-                    )
+                    loop = scene[label] if at is None else scene[label].at(given.parameter, at)
+                    onsets[label] = onset(loop, given.parameter, (low, high), values=given.values, tolerance=tolerance)
                 except (SceneError, SimulationError) as error:
-                    if "Argument" in str(error):
-                        raise
-                    failures[label] = str(error)
-        found = Comparison(onsets, failures)
+                    failures[label] = error
+        check_some(failures, labels)
+        found = Comparison(onsets, {label: str(failures[label]) for label in labels if label in failures})
         text = "\n\n".join([scene.title, *(str(each) for each in onsets.values()), str(found)]) + "\n"
         if folder is not None:
             (folder / "onset.txt").write_text(text, encoding="utf-8")

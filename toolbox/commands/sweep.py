@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from toolbox.arguments import numbers
 from toolbox.commands import figures
-from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, plain
-from toolbox.errors import SceneError
+from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, ranges
+from toolbox.errors import SceneError, SimulationError
 from toolbox.files.atomic import whole_folder
 from toolbox.files.unit_systems import asked_in
 from toolbox.messages import LOG
@@ -129,25 +129,19 @@ def _variations(given: argparse.Namespace, scene: Any, label: str) -> Variations
         )
     if given.rows:
         return _rows(given.rows, scene, label)
-    spans: dict[str, list[str]] = {}
-    wanted = 3 if given.sampling == "grid" else 2
-    for text in given.vary:
-        name, _, span = text.partition("=")
-        ends = span.split(":")
-        if name in spans:
-            raise SceneError(f"Argument `--vary` must name every number once, but `{name}` is there twice.")
-        if len(ends) != wanted or (wanted == 3 and (not ends[2].strip().isdigit() or int(ends[2]) < 1)):
-            raise SceneError(f"Argument `--vary` must be NAME=LOW:HIGH{':N' if wanted == 3 else ''}, but it is `{text}`.")
-        spans[name] = ends
-    ranges = {name: _ends(scene, label, name, ends[:2]) for name, ends in spans.items()}
-    if given.sampling == "grid":
-        wrong = next((name for name, (low, high) in ranges.items() if not low < high and int(spans[name][2]) > 1), None)
-        if wrong is not None:
-            raise SceneError(f"Argument `{wrong}` must be a range LOW:HIGH with LOW < HIGH, but it is {':'.join(spans[wrong][:2])}.")
-        made = designs.grid({name: np.linspace(*ranges[name], int(ends[2])) for name, ends in spans.items()})
-        return dataclasses.replace(made, asked={name: unit for name, ends in ranges.items() if (unit := asked_in(ends, ""))})
+    counted = given.sampling == "grid"
+    parts = ranges("--vary", given.vary, counted=counted)
+    spans = {name: numbers(name, ends[:2], scene[label].number(name).unit) for name, ends in parts.items()}
+    if counted:
+        for name, (low, high) in spans.items():
+            if not low < high and parts[name][2] > 1:
+                raise SceneError(
+                    f"Argument `{name}` must be a range LOW:HIGH with LOW < HIGH, but it is {parts[name][0]}:{parts[name][1]}."
+                )
+        made = designs.grid({name: np.linspace(low, high, parts[name][2]) for name, (low, high) in spans.items()})
+        return dataclasses.replace(made, asked={name: unit for name, ends in spans.items() if (unit := asked_in(ends, ""))})
     design = {"random": designs.uniform, "latin-hypercube": designs.latin_hypercube, "sobol": designs.sobol}[given.sampling]
-    return design(ranges, given.runs, given.seed)
+    return design({name: (low, high) for name, (low, high) in spans.items()}, given.runs, given.seed)
 
 
 def _rows(path: Path, scene: Any, label: str) -> Variations:
@@ -155,8 +149,8 @@ def _rows(path: Path, scene: Any, label: str) -> Variations:
     from toolbox.files.tables import Column, read
     from toolbox.sweeps import designs
 
-    numbers = scene[label].numbers().values()
-    return designs.listed(read(path, [Column(number.name, number.unit, required=False) for number in numbers]))
+    known = scene[label].numbers().values()
+    return designs.listed(read(path, [Column(number.name, number.unit, required=False) for number in known]))
 
 
 def run_map(given: argparse.Namespace) -> int:
@@ -167,48 +161,24 @@ def run_map(given: argparse.Namespace) -> int:
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     shape = given.shape.split("x")
-    if len(shape) != 2 or not all(word.isdigit() for word in shape):
-        raise SceneError(f"Argument `--shape` must be two numbers such as 50x50, but it is `{given.shape}`.")
-    failures: dict[str, str] = {}
+    if len(shape) != 2 or not all(word.isdigit() and int(word) >= 2 for word in shape):
+        raise SceneError(f"Argument `--shape` must be two numbers >= 2 such as 50x50, but it is `{given.shape}`.")
+    over = ranges("--x", [given.x]) | ranges("--y", [given.y])
+    failures: dict[str, Exception] = {}
     for label, stem in zip(labels, file_stems(labels), strict=True):
-        over = {}
-        for word, text in (("x", given.x), ("y", given.y)):
-            name, _, span = text.partition("=")
-            ends = span.split(":")
-            if len(ends) != 2:
-                raise SceneError(f"Argument `--{word}` must be NAME=LOW:HIGH, but it is `{text}`.")
-            try:
-                over[name] = _ends(scene, label, name, ends)
-            except SceneError as error:
-                failures[label] = str(error)
-                if name in scene[label].numbers() or len(failures) == len(labels):
-                    raise
-                break
-        if label in failures:
-            continue
         folder = given.out / stem
         try:
             found = severity_map(scene[label], over, shape=(int(shape[0]), int(shape[1])), out=folder)
-        except SceneError as error:
-            if "Argument" in str(error):
-                raise
-            failures[label] = str(error)
+        except (SceneError, SimulationError) as error:
+            failures[label] = error
             continue
         names = drawn_as(MAP_FILES, given.format)
         with whole_folder(folder, names, earlier("map.txt", "^Severity map of ", MAP_FILES), last=False) as made:
             (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
             figures.draw_found(found, found.title, made / f"map.{given.format}")
         print(f"{found}\n")
-    for label, text in failures.items():
-        print(f"{label}: {text}\n")
+    check_some(failures, labels)
+    for label, failure in failures.items():
+        print(f"{label}: {failure}\n")
     print(f"Figures, reports and data are in {given.out}")
     return 1 if len(failures) == len(labels) else 0
-
-
-def _ends(scene: Any, label: str, name: str, ends: Sequence[str]) -> tuple[float, float]:
-    """Both ends of the range of what varies under one controller, in SI; raises SceneError for an unknown name or unit."""
-    from toolbox.files.units import parse
-
-    unit = scene[label].number(name).unit
-    low, high = (parse(plain(end.strip()), unit, name) for end in ends)
-    return low, high

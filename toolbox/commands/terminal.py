@@ -6,12 +6,12 @@ import argparse
 import dataclasses
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from toolbox.errors import SceneError
+from toolbox.errors import NoSteadyState, SceneError, SimulationError
 from toolbox.files.reading import text_of
 from toolbox.messages import progress_bar
 
@@ -108,3 +108,33 @@ def plain(text: str) -> Any:
         return float(text)
     except ValueError:
         return text
+
+
+def ranges(option: str, texts: Iterable[str], counted: bool = False, bare: bool = False) -> dict[str, tuple[Any, ...]]:
+    """{name: (low, high)} of texts NAME=LOW:HIGH, with numbers as `plain` gives them; a unit behind HIGH is that of LOW, too, where it has none.
+
+    counted: a third part, NAME=LOW:HIGH:N, says how many values;  bare: NAME may stand alone, with an empty range.  Raises SceneError for another form, and
+    for a name that is there twice.
+    """
+    form = "NAME=LOW:HIGH" + ":N" * counted
+    found: dict[str, tuple[Any, ...]] = {}
+    for text in texts:
+        match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+?)\s*:\s*([^:]+?)\s*" + r":\s*([1-9][0-9]*)\s*" * counted, text)
+        if match is None and not (bare and "=" not in text):
+            raise SceneError(f"Argument `{option}` must be {'NAME or ' * bare}{form}, but it is `{text}`.")
+        name, *ends = [text.strip()] if match is None else match.groups()
+        if name in found:
+            raise SceneError(f"Argument `{option}` must name every number once, but `{name}` is there twice.")
+        if ends and isinstance(plain(ends[0]), float) and not isinstance(plain(ends[1]), float):
+            ends[0] += re.sub(r"^[-+0-9.eE_]+", "", ends[1])
+        found[name] = (*map(plain, ends[:2]), *map(int, ends[2:]))
+    return found
+
+
+def check_some(refused: Mapping[str, Exception], cases: Sequence[str]) -> None:
+    """Raise the first error where every case was refused, so that the call as it stands asks for nothing that there is.
+
+    A case without steady running, or whose simulation failed, is an answer, not a refusal.
+    """
+    if len(refused) == len(cases) and not any(isinstance(error, (NoSteadyState, SimulationError)) for error in refused.values()):
+        raise refused[cases[0]]

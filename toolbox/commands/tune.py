@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 from toolbox.arguments import whole
 from toolbox.commands import figures
 from toolbox.commands.interrupt import NOTHING
-from toolbox.commands.terminal import complaint, drawn_as, earlier, figure_format, plain
+from toolbox.commands.terminal import complaint, drawn_as, earlier, figure_format, ranges
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
 
@@ -72,10 +71,7 @@ def run(given: argparse.Namespace) -> int:
     scenes = {path: Scene.load(path) for path in given.scenes}
     if len(scenes) < len(given.scenes):
         raise SceneError("Argument `SCENE.toml` must name every scene once, but one is there twice.")
-    bounds = dict(map(_range, given.free))
-    twice = next((text for text in given.free if sum(text.partition("=")[0] == other.partition("=")[0] for other in given.free) > 1), None)
-    if twice is not None:
-        raise SceneError(f"Argument `--free` must name every number once, but `{twice.partition('=')[0]}` is there twice.")
+    bounds = ranges("--free", given.free)
     names = {
         path: f"tuned_{path.name}" if len({p.name for p in scenes}) == len(scenes) else f"tuned_{i}_{path.name}"
         for i, path in enumerate(scenes, 1)
@@ -127,14 +123,3 @@ def _pool(processes: int) -> Iterator[Any]:
         pool.shutdown(wait=False, cancel_futures=True)
         raise
     pool.shutdown()
-
-
-def _range(text: str) -> tuple[str, tuple[float | str, float | str]]:
-    """(name, (low, high)) of `NAME=LOW:HIGH`; a unit behind HIGH is that of LOW, too, where it has none."""
-    match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+?)\s*:\s*([^:]+?)\s*", text)
-    if match is None:
-        raise SceneError(f"Argument `--free` must be NAME=LOW:HIGH, but it is `{text}`.")
-    name, low, high = match.groups()
-    if isinstance(plain(low), float) and not isinstance(plain(high), float):
-        low += re.sub(r"^[-+0-9.eE_]+", "", high)
-    return name, (plain(low), plain(high))

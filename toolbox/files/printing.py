@@ -44,7 +44,7 @@ def columns(rows: Sequence[Sequence[str]], left: Container[int] = (0,), indent: 
     indent
         What every line begins with.
     """
-    widths = [max(len(row[i]) for row in rows if i < len(row)) for i in range(max(map(len, rows)))]
+    widths = [max(len(row[i]) for row in rows if i < len(row)) for i in range(max(map(len, rows), default=0))]
     aligned = (
         [cell.ljust(w) if i in left else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=False))] for row in rows
     )

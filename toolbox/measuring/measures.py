@@ -20,6 +20,7 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring import measure
 from toolbox.measuring.severity import check_definition
+from toolbox.modelling.closing import kind_of
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import window
@@ -233,5 +234,5 @@ def _measure_of(given: Any, argument: str) -> Measure:
         return given
     if not callable(given):
         raise SceneError(f"Argument `{argument}` must hold names of measures, measures or functions of a run, but one is {given!r}.")
-    name = getattr(given, "__name__", type(given).__name__)
+    name = kind_of(given)
     return next((each for each in MEASURES.values() if each.function is given), Measure(name, name, "", "1", given))

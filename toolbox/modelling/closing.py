@@ -132,10 +132,15 @@ def _assembled(plant: HybridSystem, parts: Sequence[Component]) -> HybridSystem:
     return closed
 
 
+def kind_of(law: Any) -> str:
+    """The name of a Python function, and of anything else that of its class."""
+    return getattr(law, "__name__", type(law).__name__)
+
+
 def described(given: Any) -> str:
     """A law and how it runs, in words."""
     law = given.law if isinstance(given, Sampled) else given
-    name = getattr(law, "__name__", type(law).__name__)
+    name = kind_of(law)
     if not isinstance(given, Sampled):
         return f"{name}, continuous"
     return f"{name}, sampled every {_time(given.period)}" + (f" with a delay of {_time(given.delay)}" if given.delay else "")

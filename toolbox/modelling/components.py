@@ -317,15 +317,13 @@ def equations_of(symbolic: Component, signal: Callable[..., ca.SX], title: str) 
     try:
         equations = symbolic.equations(signal)
     except RecursionError as error:
-        import traceback
-
-        if not any("casadi" in frame.filename for frame in traceback.extract_tb(error.__traceback__, -20)):
+        if not any("casadi" in frame.filename for frame in _last_frames(error, 20)):
             raise
         raise SceneError(
             f"The equations of {title} call a numpy function that is none of symbols (such as clip, dot, sum): use casadi's (fmin and fmax, mtimes, sum1)."
         ) from error
     except RuntimeError as error:
-        if "truth value" not in str(error):
+        if _last_frames(error, 1)[-1].name != "__bool__":
             raise
         raise SceneError(
             f"The equations of {title} decide in Python (`if`, `and`, `max`) on a number that is a symbol there: use fmin, fmax or an element, "
@@ -339,6 +337,13 @@ def equations_of(symbolic: Component, signal: Callable[..., ca.SX], title: str) 
         if not isinstance(variable, State):
             raise SceneError(f"The flow of {title} must map states made with `state(...)` to derivatives, but a key is {variable!r}.")
     return equations
+
+
+def _last_frames(error: BaseException, count: int) -> Sequence[Any]:
+    """Where an error came from, the innermost frame last."""
+    import traceback  # here, because few programs need it
+
+    return traceback.extract_tb(error.__traceback__, -count)
 
 
 def governed(law: Any, owner: Any) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError
+from toolbox.files.printing import columns
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.elements import Element
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -56,14 +57,15 @@ class Equilibrium:
         return float(value[0]) if value.size == 1 else value
 
     def __str__(self) -> str:
-        lines = ["Steady state" + (": " + ", ".join(f"{name} in {mode}" for name, mode in self.modes.items()) if self.modes else "")]
+        title = "Steady state" + (": " + ", ".join(f"{name} in {mode}" for name, mode in self.modes.items()) if self.modes else "")
+        rows = []
         units = {name: unit for name, (_, unit) in self.plant.signals.items()} | {i.name: i.unit for i in self.plant.inputs.values()}
         for name, unit in units.items():
             factor, unit = reading(unit, self.asked)
             value = self[name] * factor
             shown = f"{value:.6g}" if isinstance(value, float) else "[" + ", ".join(f"{entry:.6g}" for entry in value) + "]"
-            lines.append(f"  {name:<18} {shown} {unit}")
-        return "\n".join(lines)
+            rows.append((name, shown, unit))
+        return "\n".join([title, *columns(rows, range(3))])
 
 
 def function_of(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], list[ca.SX]]) -> ca.Function:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.printing import table
+from toolbox.files.printing import columns, table
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
@@ -118,8 +118,8 @@ class Cycle:
 
     def __str__(self) -> str:
         title, *notes = self._headlines
-        lines = [title, *(f"  {note}" for note in notes)]
-        return "\n".join([*lines, *(f"  {name:<20} {low:.6g} .. {high:.6g} {unit}" for name, low, high, unit in self._rows())])
+        rows = [(name, f"{low:.6g}", f".. {high:.6g}", unit) for name, low, high, unit in self._rows()]
+        return "\n".join([title, *(f"  {note}" for note in notes), *columns(rows, (0, 2, 3))])
 
     __repr__ = __str__
 
@@ -138,7 +138,7 @@ class Cycle:
         ]
         for element in self.run.program.system.elements:
             if "stick" in element.legend.values():
-                lines.append(f"{element.name:<20} sticks {100 * self.stick_share(element.name):.2f} % of the period")
+                lines.append(f"{element.name} sticks {100 * self.stick_share(element.name):.2f} % of the period")
         return lines
 
     def _rows(self) -> list[tuple[str, float, float, str]]:

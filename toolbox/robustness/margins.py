@@ -9,6 +9,7 @@ from typing import Any
 
 from toolbox.arguments import mapping, number
 from toolbox.errors import SceneError
+from toolbox.files.printing import columns
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
@@ -103,11 +104,7 @@ class Margins:
     def __str__(self) -> str:
         read = {name: reading(unit, self.asked) for name, unit in self.units.items()}
         at = ", ".join(f"{name} = {self.signals[name] * each.factor:.4g}{each.tail}" for name, each in read.items())
-        lines = [f"Margins of {self.title}" + (f" at {at}" if at else "")]
-        widths = [max(len(row[i]) for row in self.rows) for i in range(7)]
-        for row in self.rows:
-            cells = [cell.ljust(width) if i == 0 else cell.rjust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=True))]
-            lines.append("  " + "  ".join(cells).rstrip())
+        lines = [f"Margins of {self.title}" + (f" at {at}" if at else ""), *columns(self.rows)]
         if self.measured is not None and not math.isnan(self.measured.highest_inertia):
             lines.append(
                 f"  measured: the inertia may be {_range(self.measured.lowest_inertia, self.measured.highest_inertia)} times what it is"

@@ -10,7 +10,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray, finite_array, short
 from toolbox.errors import SceneError
-from toolbox.files.printing import table
+from toolbox.files.printing import columns, table
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.simulation.samples import Stays
@@ -71,10 +71,8 @@ class Recorded(Stays):
             spent = {mode: self.time_in(element, mode) for mode in words.values()}
             parts = [f"{mode} {seconds:.4g} s" for mode, seconds in spent.items() if seconds > 0]
             lines.append(f"  {element}: {', '.join(parts) or 'no time'}")
-        rows = self._ranges()
-        width = max([18, *(len(name) for name, *_ in rows)])
-        lines += ["  at the recorded times"] if self.time.size else []
-        lines += [f"    {name:<{width}} {low:>12.5g} .. {high:<12.5g} end {last:.5g} {unit}" for name, low, high, last, unit in rows]
+        rows = [(name, f"{low:.5g}", f".. {high:.5g}", f"end {last:.5g} {unit}") for name, low, high, last, unit in self._ranges()]
+        lines += ["  at the recorded times", *columns(rows, (0, 2, 3), "    ")] if self.time.size else []
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:

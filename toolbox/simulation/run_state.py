@@ -17,6 +17,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray, finite_array
 from toolbox.errors import SceneError
+from toolbox.modelling.closing import kind_of
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import fresh
 from toolbox.modelling.numbers import is_remembered
@@ -179,7 +180,7 @@ class RunState:
             fits = isinstance(law, FunctionType) if kept is None else offers_memory(law) or type(kept) is type(law)
             if not fits:
                 raise SceneError(
-                    f"Argument `start` must be the state of a run with the same Python law, but `{_named(law)}` is another one."
+                    f"Argument `start` must be the state of a run with the same Python law, but `{kind_of(law)}` is another one."
                 )
 
     def continued(self, laws: Sequence[Any]) -> list[Any]:
@@ -206,7 +207,7 @@ class RunState:
                     kept.append(copy.deepcopy(law))
                 except Exception as error:  # whatever an object that holds a lock or a solver raises
                     raise SceneError(
-                        f"The law `{_named(law)}` must offer `get_memory` and `set_memory`, or be copied, for a run to go on from its end, but "
+                        f"The law `{kind_of(law)}` must offer `get_memory` and `set_memory`, or be copied, for a run to go on from its end, but "
                         f"`copy.deepcopy` fails: {error}"
                     ) from None
         return replace(self, laws=tuple(kept))
@@ -237,7 +238,3 @@ def held_defaults(system: HybridSystem, plant: HybridSystem, clocks: Sequence[tu
                 if delay > 0.0 and name in defaults:
                     held[..., place] = defaults[name]
     return held
-
-
-def _named(law: Any) -> str:
-    return getattr(law, "__name__", type(law).__name__)

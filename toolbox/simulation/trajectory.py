@@ -14,7 +14,9 @@ import numpy as np
 from toolbox.arguments import FloatArray, short
 from toolbox.compilation.work_layout import Nodes
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.modelling.closing import kind_of
 from toolbox.modelling.components import law_of
+from toolbox.modelling.laws import External
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.run import UNHURRIED, Budget
@@ -356,8 +358,10 @@ class Trajectory(Recorded, Samples[FloatArray]):
 
     @property
     def _headlines(self) -> list[str]:
+        laws = iter(self.run.laws)  # in the order of the parts that stand for them
+        names = [kind_of(next(laws) if isinstance(part, External) else law_of(part)) for part in self.run.system.parts]
         lines = [
-            f"{type(self).__name__} of {', '.join(type(law_of(part)).__name__ for part in self.run.system.parts)}",
+            f"{type(self).__name__} of {', '.join(names)}",
             f"{self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
             self._setting + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
         ]

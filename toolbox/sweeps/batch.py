@@ -6,7 +6,6 @@ address of machine code, which every process makes or loads for itself.
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import threading
 import time as clock
@@ -28,6 +27,7 @@ from toolbox.simulation.carry_out import carry_out, compiled_loop, formulas_of
 from toolbox.simulation.failures import exhausted, failure
 from toolbox.simulation.run import UNHURRIED, Run
 from toolbox.simulation.work_arrays import limited, work_arrays
+from toolbox.steady_states.equilibria import state_values
 
 
 @dataclass(frozen=True)
@@ -217,10 +217,15 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
 
 
 def single(task: Task, i: int) -> Run:
-    """Run i of a task with its own numbers."""
-    base, system = task.run, copy.copy(task.run.system)
-    first, numbers = system.values.size, np.asarray(task.numbers[i : i + 1])[0]
-    system.values = numbers[:first].copy()
+    """Run i of a task with its own numbers, which its plant and its loop hold, too."""
+    base, numbers = task.run, np.asarray(task.numbers[i : i + 1])[0]
+    parameters: dict[str, Any] = {}
+    for name, entry in base.system.parameters.items():
+        own = slice(entry.offset, entry.offset + (entry.size or 1))
+        if (numbers[own] != base.system.values[own]).any():
+            parameters[name] = numbers[own].tolist()[0] if entry.size is None else numbers[own].copy()
+    system = base.system.with_parameters(parameters)
+    plant = base.plant.with_parameters({name: value for name, value in parameters.items() if base.plant.has_parameter(name)})
     program = program_of(base.system, base.kinds, formulas_of(base))
     inputs = dict(base.inputs)
     for name, kind in base.kinds:
@@ -234,7 +239,11 @@ def single(task: Task, i: int) -> Run:
             )
     given = {"states": task.starts, "memory": task.memories, "held": task.held}
     start = dataclasses.replace(base.start, **{name: array[i].copy() for name, array in given.items() if array is not None})
-    return dataclasses.replace(base, system=system, inputs=inputs, start=start)
+    varied = {name: inputs[name] for name in inputs if inputs[name] is not base.inputs[name]}
+    loop = base.loop.but(inputs={**base.loop.inputs, **varied}, parameters={**base.loop.parameters, **parameters})
+    if task.starts is not None:
+        loop = loop.but(start={**loop.start, **state_values(system, start.states)})
+    return dataclasses.replace(base, plant=plant, system=system, inputs=inputs, start=start, loop=loop)
 
 
 def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str], rows: Iterable[int]) -> None:

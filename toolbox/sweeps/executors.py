@@ -120,7 +120,7 @@ def evaluated(
         future.add_done_callback(arrived.put)
 
     try:
-        with GATE.kept(), travelling(), progress_bar(total, label, done=total - left) as bar:
+        with GATE.kept(), travelling(task.part(slice(0, 1))), progress_bar(total, label, done=total - left) as bar:
             for chunk in itertools.islice(chunks, AHEAD):
                 submit(chunk)
             while waiting:
@@ -163,16 +163,18 @@ def check_executor(given: Any) -> None:
 
 
 @contextlib.contextmanager
-def travelling() -> Iterator[None]:
-    """Say in words of the user what cannot travel to other processes. Raises SceneError."""
+def travelling(*sent: Any) -> Iterator[None]:
+    """Say in words of the user that what is sent to other processes cannot travel. Raises SceneError."""
     try:
         yield
     except (pickle.PicklingError, AttributeError, TypeError) as error:
-        if "pickle" not in str(error):
-            raise
-        raise SceneError(
-            f"Laws, measures and objectives that travel to other processes must be importable, but one is not: {error}"
-        ) from None
+        try:
+            pickle.dumps(sent)
+        except (pickle.PicklingError, AttributeError, TypeError):
+            raise SceneError(
+                f"Laws, measures and objectives that travel to other processes must be importable, but one is not: {error}"
+            ) from None
+        raise
     except concurrent.futures.process.BrokenProcessPool:
         raise SceneError(
             'Laws, measures and objectives in Python must come from a module or a script whose own work stands under `if __name__ == "__main__":`, '

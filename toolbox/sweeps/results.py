@@ -16,8 +16,12 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files import tables
 from toolbox.files.archives import Shape, arrays, check_notes, check_shapes, understood
 from toolbox.files.atomic import replaced
+from toolbox.files.printing import columns
 from toolbox.files.unit_systems import reading
 from toolbox.sweeps import store
+
+_LEFT = (0, 2, 3, 4)
+"""Columns of the printed ranges that stand at the left."""
 
 
 @dataclass(frozen=True)
@@ -77,26 +81,26 @@ class Sweep:
         lines = [f"Sweep of {self.title}: {self.runs} runs of {self.duration:g} s at accuracy {self.accuracy:g}{rate}"]
         kind = " x ".join(str(length) for length in self.shape) + " grid" if self.axes else "list"
         lines.append(f"  over ({kind})")
-        width = max(len(name) for name in (*self.names, *self.measures))
+        rows: list[tuple[str, ...]] = []
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             each = reading(unit, self.asked)
             column = self.points[:, k] * each.factor
-            lines.append(f"    {name:<{width}}  {column.min():>11.5g} .. {column.max():<11.5g}{each.tail}".rstrip())
-        lines.append("  found")
+            rows.append((name, f"{column.min():.5g}", f".. {column.max():.5g}", each.tail.strip()))
+        lines += [*columns(rows, _LEFT, "    "), "  found"]
+        rows = []
         for name, values in self.measures.items():
             factor, unit = reading(self.measure_units[name], self.asked)
             flat = values.ravel() * factor
             known = np.flatnonzero(np.isfinite(flat))
             if not known.size:
-                lines.append(f"    {name:<{width}}  no finite value")
+                rows.append((name, "", "", "no finite value"))
                 continue
             low, high = known[np.argmin(flat[known])], known[np.argmax(flat[known])]
             rest = f", {flat.size - known.size} not finite" if known.size < flat.size else ""
             shown = "" if unit == "1" else unit
-            lines.append(
-                f"    {name:<{width}}  {flat[low]:>11.5g} .. {flat[high]:<11.5g} {shown:<8} median {np.median(flat[known]):.5g}; "
-                f"largest at {self._place(int(high))}{rest}"
-            )
+            told = f"median {np.median(flat[known]):.5g}; largest at {self._place(int(high))}{rest}"
+            rows.append((name, f"{flat[low]:.5g}", f".. {flat[high]:.5g}", shown, told))
+        lines += columns(rows, _LEFT, "    ")
         if self.errors:
             lines.append(f"  {len(self.errors)} of {self.runs} runs failed")
             for index, text in list(self.errors.items())[:5]:

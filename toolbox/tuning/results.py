@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.files.printing import table
+from toolbox.files.printing import columns, table
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import Controller, Sampled
@@ -178,10 +178,14 @@ class Tuned:
             return "\n".join([*lines, NOTHING])
         best = self.best
         numbers, values = self._changed_rows(best)
-        lines += ["", *_table([["", "given", "tuned", "range"], *numbers, [], *values])]
+        lines += ["", *columns([["", "given", "tuned", "range"], *numbers, [], *values], indent="")]
         lines += [line for remark in self._remarks(best) for line in ("", remark)]
         if len(self.objectives) > 1:
-            lines += ["", f"Front of {_count(len(self.front), 'point')} ({_TUNED} the one above):", *_table(self._front_rows(best))]
+            lines += [
+                "",
+                f"Front of {_count(len(self.front), 'point')} ({_TUNED} the one above):",
+                *columns(self._front_rows(best), indent=""),
+            ]
         return "\n".join(lines)
 
     __repr__ = __str__
@@ -283,8 +287,8 @@ NOTHING = "Nothing was found: no point has finite objectives."
 
 def counted_over(trial: Trial, over: Callable[[Sequence[float]], float]) -> tuple[float, ...]:
     """Every objective of a trial over its scenes; inf where one of them has none."""
-    columns = zip(*trial.values, strict=True)
-    return tuple(float(over(list(column))) if all(map(math.isfinite, column)) else math.inf for column in columns)
+    each = zip(*trial.values, strict=True)
+    return tuple(float(over(list(values))) if all(map(math.isfinite, values)) else math.inf for values in each)
 
 
 def front_of(values: np.ndarray) -> list[int]:
@@ -323,14 +327,6 @@ def _short(value: float) -> str:
 
 def _gain(old: float, new: float) -> str:
     return f"{100 * (new / old - 1):+.0f} %" if math.isfinite(old) and math.isfinite(new) and old > 0 else ""
-
-
-def _table(rows: Sequence[Sequence[str]]) -> list[str]:
-    widths = [max(len(row[i]) for row in rows if i < len(row)) for i in range(max(map(len, rows)))]
-    return [
-        "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=False))).rstrip()
-        for row in rows
-    ]
 
 
 def with_numbers(loop: ClosedLoop, free: Sequence[Free], numbers: Sequence[float | None]) -> ClosedLoop:

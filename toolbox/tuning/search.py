@@ -118,7 +118,7 @@ class TuningSearch:
             return
         waiting: list[concurrent.futures.Future[tuple[tuple[float, ...], str]]] = []
         try:
-            with travelling():
+            with travelling(pairs, self.free, objectives):
                 for numbers in points:
                     waiting += [self.executor.submit(trial_objectives, *pair, self.free, numbers, objectives, strict) for pair in pairs]
                 for k in range(len(points)):

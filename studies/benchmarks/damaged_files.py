@@ -93,7 +93,7 @@ def run_read(path: Path) -> Any:
 
 def sweep_file(folder: Path) -> Path:
     """A sweep in an archive."""
-    return sweep(BELT, {"block.mass": [0.5, 1.0, 2.0], "belt.friction.decay": [2.0, 3.0]}).save(folder / "sweep.npz")
+    return sweep(BELT, {"block.mass": [0.5, 1.0, 2.0], "belt.friction.decay": [2.0, 3.0]}, duration=20.0).save(folder / "sweep.npz")
 
 
 def store_file(folder: Path) -> Path:

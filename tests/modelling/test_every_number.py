@@ -64,8 +64,8 @@ NODE |= dict.fromkeys(("sweep", "worst_case"), "`bit.weight` is a table, whose t
 MOVING = {**dict.fromkeys(("sensitivity", "hopf_points", "severity_map", "worst_case"), "varies in time"), "onset": SHAPE["onset"]}
 START = dict.fromkeys(STEADY, "it is a start value, of which a motion that has settled knows nothing") | {"worst_case": "give `starts`"}
 CLOCK = dict.fromkeys(("sweep", "worst_case"), "a sample time is structure; make one sweep for each")
-CLOCK |= dict.fromkeys(("sensitivity", "onset"), "what is sampled at other instants is another loop")
-CLOCK |= {"hopf_points": "must hold laws in their continuous form", "severity_map": "There is no number `pi.period`"}
+CLOCK |= dict.fromkeys(("sensitivity", "onset", "severity_map"), "what is sampled at other instants is another loop")
+CLOCK |= {"hopf_points": "must hold laws in their continuous form"}
 OVERRIDDEN = dict.fromkeys(("sensitivity", "sweep", "worst_case", *STEADY), "the input `top.reference` takes its place: vary that one")
 
 NUMBERS = [

@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from controllers import PI
+from controllers import LQG, PI
 from models import BitRock, BlockOnBelt, Coulomb, Drop, wells
 from tests.simulation.test_contacts import Ball
 from toolbox import Budget, SceneError, Trajectory, closed_loop, compose, energy_audit, fit, measure, simulate
@@ -24,6 +24,7 @@ def closed_figures():
 
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+NUMBERS = {"reference": 8.0, "lowest_torque": 0.0, "highest_torque": 20_000.0}
 RUNS = {
     "sampled drive": (RIG, 30.0, {"controller": PI(reference=9.0), "sample_time": 0.01}),
     "no contact": (compose(wells.JANSEN_2), 5.0, {"inputs": {"top.torque": 1e4}}),
@@ -35,6 +36,7 @@ RUNS = {
     ),
     "bounces": (compose(Ball(stiffness=1e4, damping=20.0)), 3.0, {"start": {"ball.height": 1.0}}),
     "smoothed": (compose(BlockOnBelt()), 10.0, {"method": Smoothing(1e-2)}),
+    "signals of several entries": (RIG, 10.0, {"controller": LQG(**NUMBERS), "sample_time": 0.01}),
 }
 
 

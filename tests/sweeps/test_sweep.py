@@ -713,6 +713,5 @@ def test_a_number_goes_by_the_end_of_its_name_where_no_other_ends_so():
 def test_a_run_that_is_read_holds_the_loop_with_its_own_number(name):
     loop = closed_loop(RIG, PI(reference=8.0))
     values = [0.9 * loop.number(name).value + 0.1, 1.1 * loop.number(name).value + 0.2]
-    own = measure(lambda run: run.run.loop.number(name).value, "1", "own number")
-    found = sweep(loop, {name: values}, 1.0, measures={"own": own})
+    found = sweep(loop, {name: values}, 1.0, measures={"own": lambda run: run.run.loop.number(name).value})
     np.testing.assert_allclose(found["own"], values, rtol=1e-15)

@@ -133,14 +133,14 @@ def _assembled(plant: HybridSystem, parts: Sequence[Component]) -> HybridSystem:
 
 
 def kind_of(law: Any) -> str:
-    """The name of a Python function, and of anything else that of its class."""
+    """The name of a Python function, and of anything else that of its class; of a sampled law that of the law."""
+    law = law.law if isinstance(law, Sampled) else law
     return getattr(law, "__name__", type(law).__name__)
 
 
 def described(given: Any) -> str:
     """A law and how it runs, in words."""
-    law = given.law if isinstance(given, Sampled) else given
-    name = kind_of(law)
+    name = kind_of(given)
     if not isinstance(given, Sampled):
         return f"{name}, continuous"
     return f"{name}, sampled every {_time(given.period)}" + (f" with a delay of {_time(given.delay)}" if given.delay else "")

@@ -167,8 +167,7 @@ class SmoothBranch(Generic[Place]):
             rates = self.rate(a), self.rate(b)
             if rates[0] * rates[1] < 0:
                 return a, b
-            middle = (a + b) / 2
-            rate = self.rate(middle)
+            rate = self.rate(middle := (a + b) / 2)
             if math.isnan(rates[0]) == math.isnan(rates[1]):
                 break
             if math.isnan(rates[0]) == (math.isnan(rate) or rate * np.nansum(rates) < 0):
@@ -178,15 +177,11 @@ class SmoothBranch(Generic[Place]):
         raise SimulationError("The growth of smooth running is not known on both sides of its border.")
 
     def loss(self, one: float, other: float, precision: float | None = None) -> float:
-        """Where the rate is zero, between two values at which it has different signs; precision: by default 1e-10 of the values.
-
-        Raises SimulationError where no growth is known on the way.
-        """
+        """Where the rate is zero, between values at which its signs differ, by default to 1e-10; raises SimulationError where none is known on the way."""
         from scipy.optimize import brentq
 
         def rate(value: float) -> float:
-            found = self.rate_near(value)
-            if math.isnan(found):
+            if math.isnan(found := self.rate_near(value)):
                 near = ", ".join(f"`{number.name}` = {each:g} {number.unit}" for number, each in self.numbers(value))
                 raise SimulationError(f"The growth of smooth running is not known at {near}.")
             return found

@@ -127,7 +127,7 @@ def in_words(judged: Judged, sticks: int) -> str:
     if judged.regime == SMOOTH:
         return {0: "free", 1: "sticks once"}.get(sticks, "free at last")
     if judged.regime == NOT_DECIDED:
-        return "irregular" if judged.sticks else f"grows in {1 / judged.rate:.3g} s" if judged.rate > 0 else NOT_DECIDED
+        return "irregular stick-slip" if judged.sticks else f"grows in {1 / judged.rate:.3g} s" if judged.rate > 0 else NOT_DECIDED
     return WORDS.get(judged.regime, judged.regime)
 
 

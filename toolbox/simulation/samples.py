@@ -148,8 +148,12 @@ class Samples(Generic[Read]):
         """{signal: its values at all times}, computed together: many signals cost little more than one. Raises SceneError for an unknown name."""
         system = self.program.system
         wanted = tuple(name for name in names if system.rows(name) is None)
-        function = _function(self.program, wanted, ca.vertcat(*map(system.expression, wanted)))
-        found = dict(zip(wanted, _evaluated(function, self).T, strict=True))
+        expressions = [system.expression(name) for name in wanted]
+        together = _evaluated(_function(self.program, wanted, ca.vertcat(*expressions)), self)
+        found, end = {}, 0
+        for name, expression in zip(wanted, expressions, strict=True):
+            first, end = end, end + expression.numel()
+            found[name] = together[:, first] if end - first == 1 else together[:, first:end]
         return {name: found[name] if name in found else np.asarray(self[name]) for name in names}
 
     def computed(self, wanted: str | ca.SX) -> np.ndarray:

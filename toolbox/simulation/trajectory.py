@@ -16,7 +16,6 @@ from toolbox.compilation.work_layout import Nodes
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.modelling.closing import kind_of
 from toolbox.modelling.components import law_of
-from toolbox.modelling.laws import External
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.run import UNHURRIED, Budget
@@ -358,8 +357,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
 
     @property
     def _headlines(self) -> list[str]:
-        laws = iter(self.run.laws)  # in the order of the parts that stand for them
-        names = [kind_of(next(laws) if isinstance(part, External) else law_of(part)) for part in self.run.system.parts]
+        names = [*(kind_of(law_of(part)) for part in self.run.plant.parts), *(kind_of(law) for law in self.run.loop.laws)]
         lines = [
             f"{type(self).__name__} of {', '.join(names)}",
             f"{self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",

@@ -69,7 +69,7 @@ class RockFilter(DisturbanceFilter):
     @property
     def spread_root(self) -> np.ndarray:
         """The Cholesky factor of the covariance of the linear filter, row by row: other numbers in it are a covariance, too."""
-        return np.linalg.cholesky(self.spread)[self.below]
+        return self._root(self.spread)
 
     @spread_root.setter
     def spread_root(self, values: np.ndarray) -> None:
@@ -78,11 +78,17 @@ class RockFilter(DisturbanceFilter):
     @property
     def doubt_root(self) -> np.ndarray:
         """The same of the extended filter, 0 while that does not run."""
-        return np.linalg.cholesky(self.doubt)[self.below] if self.sliding else np.zeros(self.below[0].size)
+        return self._root(self.doubt) if self.sliding else np.zeros(self.below[0].size)
 
     @doubt_root.setter
     def doubt_root(self, values: np.ndarray) -> None:
         self.doubt = self._squared(values)
+
+    def _root(self, covariance: np.ndarray) -> np.ndarray:
+        """The Cholesky factor row by row, also of a covariance that is singular but for rounding, as one that a measurement has settled is."""
+        sizes, axes = np.linalg.eigh(covariance)
+        upper = np.linalg.qr((axes * np.sqrt(np.maximum(sizes, 0.0))).T, mode="r")
+        return (upper.T * np.where(np.diag(upper) < 0.0, -1.0, 1.0))[self.below]
 
     def _squared(self, values: np.ndarray) -> np.ndarray:
         root = np.zeros_like(self.spread)

@@ -54,7 +54,7 @@ def test_a_scene_gives_both_borders_of_every_controller_that_has_the_parameter(r
         rows = list(csv.DictReader(file))
     speeds = [float(row["top.reference [rad/s]"]) for row in rows]
     assert speeds[0] == pytest.approx(20 * math.pi / 30) and speeds[-1] == pytest.approx(150 * math.pi / 30)
-    assert rows[0]["smooth verdict"] == "stick-slip" and rows[-1]["sticking verdict"] == "smooth"
+    assert rows[0]["smooth regime"] == "sticks and slips" and rows[-1]["sticking regime"] == "smooth"
     with (out / "02_stiff_pi_borders.csv").open(newline="") as file:
         borders = {row["border"]: row for row in csv.DictReader(file)}
     assert set(borders) == {"Hopf point", "smooth running is lost", "existing stick-slip ends"}

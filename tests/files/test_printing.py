@@ -94,7 +94,7 @@ def test_an_onset_shows_its_borders_and_the_verdict_at_each_value():
     assert rows[0][:2] == ["border", "block.belt_speed [m/s]"]
     assert f"{found.loss:.6g}" in [row[1] for row in rows if row[0] == "smooth running is lost"]
     verdicts = rows[[row[:2] for row in rows].index(["block.belt_speed [m/s]", "from smooth running"]) + 1 :]
-    assert [row[1] for row in verdicts] == [judged.verdict for judged in found.smooth]
+    assert [row[1] for row in verdicts] == [judged.regime for judged in found.smooth]
     assert repr(found) == str(found) and found.advice in found._repr_html_()
 
 

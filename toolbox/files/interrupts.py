@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -46,8 +47,11 @@ class Gate:
         finally:
             self.keeping = before
 
-    def check(self) -> None:
-        """Raise KeyboardInterrupt where the process was interrupted."""
+    def check(self, patience: float = 0.0) -> None:
+        """Raise KeyboardInterrupt where the process was interrupted, or is within so many seconds."""
+        last = time.monotonic() + patience
+        while not self.asked and time.monotonic() < last:
+            time.sleep(0.01)
         if self.asked:
             raise KeyboardInterrupt
 

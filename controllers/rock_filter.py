@@ -87,7 +87,7 @@ class RockFilter(DisturbanceFilter):
     def _root(self, covariance: np.ndarray) -> np.ndarray:
         """The Cholesky factor row by row, also of a covariance that is singular but for rounding, as one that a measurement has settled is."""
         sizes, axes = np.linalg.eigh(covariance)
-        upper = np.linalg.qr((axes * np.sqrt(np.maximum(sizes, 0.0))).T, mode="r")
+        upper: np.ndarray = np.linalg.qr((axes * np.sqrt(np.maximum(sizes, 0.0))).T)[1]
         return (upper.T * np.where(np.diag(upper) < 0.0, -1.0, 1.0))[self.below]
 
     def _squared(self, values: np.ndarray) -> np.ndarray:

@@ -326,7 +326,9 @@ class Judge:
             return None
         with np.errstate(divide="ignore", invalid="ignore"):
             rates = np.diff(np.log(away[-4:])) / length
-            as_small = np.abs(rates / self.rate - 1.0).max() < 0.25 if math.isfinite(self.rate) else np.ptp(rates) < 0.25 * abs(rates.mean())
+            as_small = (
+                np.abs(rates / self.rate - 1.0).max() < 0.25 if math.isfinite(self.rate) else np.ptp(rates) < 0.25 * abs(rates.mean())
+            )
         dies = self.rate < 0 or (math.isnan(self.rate) and bool((rates < 0).all()))
         small = away[-3:].max() <= max(self.noise, CALM * size) and (away[-1] < away[-3] or away[-1] <= max(self.noise, FLOOR * size))
         if dies and (small or as_small):

@@ -176,7 +176,7 @@ def travelling(*sent: Any) -> Iterator[None]:
             ) from None
         raise
     except concurrent.futures.process.BrokenProcessPool:
-        GATE.check(patience=0.5)  # what ends the workers ends this process, too, if it came to the whole group, and may be told a moment later
+        GATE.check(patience=0.5)  # what came to the whole group ends this process, too, and may be told a moment later
         raise SceneError(
             'Laws, measures and objectives in Python must come from a module or a script whose own work stands under `if __name__ == "__main__":`, '
             "because they travel to other processes; or do without an `executor` of processes."

@@ -56,6 +56,9 @@ class Equilibrium:
         value = np.array(function(0.0, self.states, self.inputs, self.plant.values, mode_numbers(self.plant, self.modes))).ravel()
         return float(value[0]) if value.size == 1 else value
 
+    def __contains__(self, name: object) -> bool:
+        return self.plant.has_signal(name)
+
     def __str__(self) -> str:
         title = "Steady state" + (": " + ", ".join(f"{name} in {mode}" for name, mode in self.modes.items()) if self.modes else "")
         rows = []

@@ -1,0 +1,140 @@
+"""Does `onset` find the borders of wells that nobody chose?
+
+Strings of two to four inertias, some with dry friction along them, under drives drawn by a seed: gains of a PI, soft torque, sliding modes, continuous and
+sampled. Two measures that share the simulation with `onset`, but neither its growth nor its judge nor its search:
+
+- Where stick-slip ends: a run that sticks and slips is carried outwards by a slow ramp of the set-point, by 1e-5 of the border per second; where its last stick
+  ends is the border. A cycle that is lost slowly outlives its border by some 0.2 % so. Of cycles that live side by side the ramp may follow any.
+- Where smooth running is lost: half a percent to either side of the border, a disturbance of 1e-4 of steady running must grow, or die.
+
+    python -m studies random_wells --count 30 --seed 0        (a table; some ten minutes)
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from controllers import PI, SlidingMode, SoftTorque, StiffPI, SuperTwisting
+from models import BitRock, Exponential, TorsionalChain
+from toolbox import ClosedLoop, Sampled, closed_loop, compose, equilibrium, onset, simulate
+from toolbox.errors import SceneError, SimulationError
+
+RANGE = (1.0, 25.0)
+"""Set-points in which borders are looked for [rad/s]."""
+
+RATE = 1e-5
+"""Of the ramps, in parts of the border per second."""
+
+BESIDE = 0.005
+"""How far beside the border of smooth running its growth is looked at, in parts."""
+
+
+@dataclass(frozen=True)
+class Well:
+    """A string with its rock and its drive, in words and as a loop."""
+
+    label: str
+    loop: ClosedLoop
+    swing: float
+
+
+def well(number: int, seed: int) -> Well:
+    """One of the wells of a seed; every tenth has dry friction along its string."""
+    draw = np.random.default_rng((seed, number))
+    n = int(draw.integers(2, 5))
+    inertia = (draw.uniform(800.0, 3000.0), *draw.uniform(100.0, 700.0, n - 2), draw.uniform(150.0, 600.0))
+    stiffness = tuple(draw.uniform(300.0, 1000.0, n - 1) * (n - 1))
+    weight, along = draw.uniform(40e3, 160e3), number % 10 == 9
+    load = weight * BitRock(weight=weight).radius
+    friction: dict[str, Any] = {}
+    if along:
+        friction = {"friction": Exponential(static=1.0, kinetic=draw.uniform(0.6, 0.9), decay=draw.uniform(0.3, 1.0))}
+        friction["friction_load"] = tuple(draw.uniform(0.0, 0.1, n - 1) * load)
+    chain = TorsionalChain(inertia, stiffness, tuple(draw.uniform(5.0, 40.0, n - 1)), top_drag=draw.uniform(0.0, 400.0), bit_drag=draw.uniform(0.0, 40.0), **friction)
+    impedance = math.sqrt(stiffness[0] / sum(1.0 / (k / stiffness[0]) for k in stiffness) * sum(inertia[1:]))
+    laws = (
+        PI(impedance * draw.uniform(0.5, 4.0), impedance * draw.uniform(0.2, 1.5)),
+        StiffPI(),
+        SoftTorque(),
+        SlidingMode(),
+        SuperTwisting(),
+    )
+    law = laws[int(draw.integers(len(laws)))]
+    sampled = isinstance(law, SuperTwisting) or draw.uniform() < 0.3
+    loop = closed_loop(compose(chain, BitRock(weight=weight)), law, **({"sample_time": 0.01} if sampled else {}))
+    words = f"{n} inertias, {type(law).__name__}{', 100 Hz' if sampled else ''}{', friction along' if along else ''}"
+    return Well(words, loop, 2.0 * math.pi * math.sqrt(sum(inertia[1:]) * sum(1.0 / k for k in stiffness)))
+
+
+def ramped(well: Well, end: float, outwards: float) -> float:
+    """The set-point at which a run sticks last that comes from 0.6 of the way inside of its end slowly, and then most slowly through it; nan without a stick."""
+    values = end * (1.0 + outwards * np.array([-0.4, -0.4, -0.03, 0.03]))
+    times = np.cumsum([0.0, 100.0 * well.swing, 0.37 / (10.0 * RATE), 0.06 / RATE])
+    run = simulate(well.loop.but(inputs={"top.reference": (times, values)}), times[-1])
+    sticks = [event.time for event in run.events if event.element == "bit" and event.before == "stick"]
+    return float(np.interp(sticks[-1], times, values)) if sticks else math.nan
+
+
+def growth(well: Well, value: float) -> float:
+    """Rate at which a disturbance of 1e-4 of steady running grows, from what is left of it after forty swings and after eighty [1/s]."""
+    loop = well.loop.at("top.reference", value)
+    laws = [StiffPI() if isinstance(law, Sampled) and isinstance(law.law, SuperTwisting) else getattr(law, "law", law) for law in loop.laws]
+    rest = equilibrium(closed_loop(loop.plant, *laws, inputs=loop.inputs))  # of the string, and of the law where it has a continuous form
+    start = {name: rest[name] for name in loop.system.states if name in rest}
+    start["chain.speed"] = np.append(start["chain.speed"][:-1], (1.0 + 1e-4) * start["chain.speed"][-1])
+    run = simulate(loop.but(start=start), 80.0 * well.swing, accuracy=1e-9)
+    sizes = [np.ptp(run.at(np.linspace(k - 10.0, k, 2001) * well.swing)["bit.speed"]) for k in (40.0, 80.0)]
+    return math.log(sizes[1] / sizes[0]) / (40.0 * well.swing)
+
+
+def row(well: Well) -> tuple[str, bool]:
+    """The line of a well, and whether the measures agree."""
+    began = perf_counter()
+    found = onset(well.loop.at("top.reference", 8.0), "top.reference", RANGE, values=9)
+    took = perf_counter() - began
+    text, agree = f"{well.label:<40}{took:>7.1f} s", True
+    if found.losses:
+        loss = found.loss
+        rates = [growth(well, loss * (1.0 + side)) for side in (-BESIDE, BESIDE)]
+        right = rates[0] > 0 > rates[1] if found.losses[0].safe == "above" else rates[0] < 0 < rates[1]
+        text, agree = text + f"{loss:>11.5f}{'grows and dies' if right else f'{rates[0]:.1e} {rates[1]:.1e}':>22}", right
+    else:
+        text += f"{'-':>11}{'':>22}"
+    if found.ends:
+        end = found.end
+        at = ramped(well, end, 1.0 if found.ends[0].safe == "above" else -1.0)
+        others = [each.high for each in found.coexisting]
+        away = min(abs(at / each - 1.0) for each in (end, *others))
+        text, agree = text + f"{end:>11.5f}{at:>11.5f}{100 * away:>9.3f} %{f'  of {len(others)} cycles' if others else ''}", agree and away < 0.005
+    else:
+        text += f"{'-':>11}"
+    return text, agree
+
+
+def main() -> None:
+    """Print the table and how many agree."""
+    parser = argparse.ArgumentParser(prog="python -m studies random_wells", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--count", type=int, default=30, help="how many wells")
+    parser.add_argument("--seed", type=int, default=0, help="what draws them")
+    given = parser.parse_args()
+    print(f"{'well and drive':<40}{'onset':>9}{'loss':>11}{'beside it':>22}{'end':>11}{'ramp':>11}{'away':>11}")
+    agreed = refused = 0
+    for number in range(given.count):
+        one = well(number, given.seed)
+        try:
+            text, agree = row(one)
+        except (SceneError, SimulationError) as error:
+            text, agree, refused = f"{one.label:<40}{error}", False, refused + 1
+        agreed += agree
+        print(text + ("" if agree else "   <--"), flush=True)
+    print(f"\n{agreed} of {given.count} agree, {refused} refused")
+
+
+if __name__ == "__main__":
+    main()

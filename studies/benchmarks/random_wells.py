@@ -13,12 +13,14 @@ sampled. Two measures that share the simulation with `onset`, but neither its gr
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+from scipy.linalg import eigh
 
 from controllers import PI, SlidingMode, SoftTorque, StiffPI, SuperTwisting
 from models import BitRock, Exponential, TorsionalChain
@@ -56,7 +58,8 @@ def well(number: int, seed: int) -> Well:
     if along:
         friction = {"friction": Exponential(static=1.0, kinetic=draw.uniform(0.6, 0.9), decay=draw.uniform(0.3, 1.0))}
         friction["friction_load"] = tuple(draw.uniform(0.0, 0.1, n - 1) * load)
-    chain = TorsionalChain(inertia, stiffness, tuple(draw.uniform(5.0, 40.0, n - 1)), top_drag=draw.uniform(0.0, 400.0), bit_drag=draw.uniform(0.0, 40.0), **friction)
+    damping, drags = tuple(draw.uniform(5.0, 40.0, n - 1)), (draw.uniform(0.0, 400.0), draw.uniform(0.0, 40.0))
+    chain = TorsionalChain(inertia, stiffness, damping, top_drag=drags[0], bit_drag=drags[1], **friction)
     impedance = math.sqrt(stiffness[0] / sum(1.0 / (k / stiffness[0]) for k in stiffness) * sum(inertia[1:]))
     laws = (
         PI(impedance * draw.uniform(0.5, 4.0), impedance * draw.uniform(0.2, 1.5)),
@@ -73,20 +76,46 @@ def well(number: int, seed: int) -> Well:
 
 
 def ramped(well: Well, end: float, outwards: float) -> float:
-    """The set-point at which a run sticks last that comes from 0.6 of the way inside of its end slowly, and then most slowly through it; nan without a stick."""
-    values = end * (1.0 + outwards * np.array([-0.4, -0.4, -0.03, 0.03]))
-    times = np.cumsum([0.0, 100.0 * well.swing, 0.37 / (10.0 * RATE), 0.06 / RATE])
-    run = simulate(well.loop.but(inputs={"top.reference": (times, values)}), times[-1])
-    sticks = [event.time for event in run.events if event.element == "bit" and event.before == "stick"]
-    return float(np.interp(sticks[-1], times, values)) if sticks else math.nan
+    """The set-point of the last stick of all ramps through a border, most slowly at the border itself; nan without a stick.
+
+    One comes from rest at 0.6 of the border; the others begin close to it, in swings of each mode of the string, so large that the bit stops.
+    """
+    ways = [(-0.4, 0.37 / (10.0 * RATE), None), *((-0.03, 0.0, start) for start in swings(well, end * (1.0 - 0.03 * outwards)))]
+    last = []
+    for inside, slow, start in ways:
+        values = end * (1.0 + outwards * np.array([inside, inside, -0.03, 0.03]))
+        times = np.cumsum([0.0, 100.0 * well.swing, slow + 1.0, 0.06 / RATE])
+        run = simulate(well.loop.but(inputs={"top.reference": (times, values)}, start=start or {}), times[-1])
+        sticks = [event.time for event in run.events if event.element == "bit" and event.before == "stick"]
+        last += [float(np.interp(sticks[-1], times, values))] if sticks else []
+    return max(last, key=lambda value: value * outwards, default=math.nan)
+
+
+def swings(well: Well, speed: float) -> list[dict[str, Any]]:
+    """States of swings in each mode of the string, as on free ends, in which the bit swings by 1.5 and 3 times its mean speed."""
+    chain = next(part for part in well.loop.plant.parts if isinstance(part, TorsionalChain))
+    stretch = np.diff(-np.eye(len(chain.inertia)), axis=0)  # twists of turned inertias
+    found = []
+    shapes = eigh(stretch.T @ np.diag(chain.stiffness) @ stretch, np.diag(chain.inertia))[1].T[1:]
+    rest = rested(well, speed)
+    for shape, size in itertools.product(shapes, (1.5, 3.0)):
+        found.append(rest | {"chain.speed": speed * (1.0 + size * shape / shape[-1])})
+    return found
+
+
+def rested(well: Well, speed: float) -> dict[str, Any]:
+    """States of steady running: of the string, and of the law where it has a continuous form."""
+    loop = well.loop.at("top.reference", speed)
+    laws = [StiffPI() if isinstance(law, Sampled) and isinstance(law.law, SuperTwisting) else getattr(law, "law", law) for law in loop.laws]
+    rest = equilibrium(closed_loop(loop.plant, *laws, inputs=loop.inputs))
+    return {name: rest[name] for name, number in loop.numbers().items() if number.kind == "start" and name in rest} | {
+        name: rest[name] for name in loop.plant.states
+    }
 
 
 def growth(well: Well, value: float) -> float:
     """Rate at which a disturbance of 1e-4 of steady running grows, from what is left of it after forty swings and after eighty [1/s]."""
-    loop = well.loop.at("top.reference", value)
-    laws = [StiffPI() if isinstance(law, Sampled) and isinstance(law.law, SuperTwisting) else getattr(law, "law", law) for law in loop.laws]
-    rest = equilibrium(closed_loop(loop.plant, *laws, inputs=loop.inputs))  # of the string, and of the law where it has a continuous form
-    start = {name: rest[name] for name in loop.system.states if name in rest}
+    loop, start = well.loop.at("top.reference", value), rested(well, value)
     start["chain.speed"] = np.append(start["chain.speed"][:-1], (1.0 + 1e-4) * start["chain.speed"][-1])
     run = simulate(loop.but(start=start), 80.0 * well.swing, accuracy=1e-9)
     sizes = [np.ptp(run.at(np.linspace(k - 10.0, k, 2001) * well.swing)["bit.speed"]) for k in (40.0, 80.0)]
@@ -111,7 +140,10 @@ def row(well: Well) -> tuple[str, bool]:
         at = ramped(well, end, 1.0 if found.ends[0].safe == "above" else -1.0)
         others = [each.high for each in found.coexisting]
         away = min(abs(at / each - 1.0) for each in (end, *others))
-        text, agree = text + f"{end:>11.5f}{at:>11.5f}{100 * away:>9.3f} %{f'  of {len(others)} cycles' if others else ''}", agree and away < 0.005
+        text, agree = (
+            text + f"{end:>11.5f}{at:>11.5f}{100 * away:>9.3f} %{f'  of {len(others)} cycles' if others else ''}",
+            agree and away < 0.005,
+        )
     else:
         text += f"{'-':>11}"
     return text, agree

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from controllers import PI, ImplicitSlidingMode, Lifting, SlidingMode, SoftTorque, SuperTwisting
-from models import BitRock, wells
+from models import BitRock, TorsionalChain, wells
 from toolbox import Sampled, closed_loop, compose, hopf_points
-from toolbox.onsets.growth import SmoothBranch, section, twin_growth
+from toolbox.onsets.growth import SmoothBranch
+from toolbox.onsets.sampled_map import section
+from toolbox.onsets.twins import twin_growth
 from toolbox.robustness.steady_loop import steady_loop
 from toolbox.simulation.request import Request
 from toolbox.steady_states.equilibria import EquilibriumBranch
@@ -22,8 +24,8 @@ SWING = 5.6
 """Period of the string's swing [s]."""
 
 
-def branch(law, continuous=None):
-    base = Request(closed_loop(RIG, law, inputs={"top.reference": 6.0}), 1.0).checked()
+def branch(law, continuous=None, plant=RIG):
+    base = Request(closed_loop(plant, law, inputs={"top.reference": 6.0}), 1.0).checked()
     followed = EquilibriumBranch(closed_loop(RIG, continuous).system, REFERENCE, {}, None) if continuous is not None else None
     return SmoothBranch(base, lambda value: [(REFERENCE, value)], followed)
 
@@ -97,7 +99,8 @@ def test_a_law_around_another_and_one_in_python_lose_it_where_the_law_itself_doe
 @pytest.mark.parametrize("law", [Sampled(PI(), 0.01), Sampled(ImplicitSlidingMode(), 0.01)], ids=["PI", "implicit sliding mode"])
 def test_twin_runs_agree_with_differences(law, value):
     found = branch(law)
-    twins = twin_growth(found.at(value), found(value).state, SWING)
+    run, state = found.at(value), found(value).state
+    twins = twin_growth(run, state, found.shaken(run, state), SWING)
     assert twins.way == "twin runs"
     assert twins.rate == pytest.approx(found.rate(value), abs=1e-6, rel=5e-3)
     assert twins.period == pytest.approx(found(value).growth.period, rel=5e-3)
@@ -108,6 +111,23 @@ def test_super_twisting_has_no_slope_at_its_surface_and_twin_runs_tell():
     found = branch(Sampled(SuperTwisting(), 0.01))
     assert found(3.7).growth.way == "twin runs"
     assert found.loss(3.7, 3.75, 1e-4) == pytest.approx(branch(Sampled(ImplicitSlidingMode(), 0.01)).loss(3.5, 5.0), abs=1e-3)
+
+
+SECOND = compose(
+    TorsionalChain((2690.0, 293.0, 293.0), (1020.0, 1560.0), (30.0, 7.0), top_drag=66.0, bit_drag=36.0), BitRock(weight=78_400.0)
+)
+"""A string that loses smooth running in its second swing, of less than half of the period of the first, which dies ten times as fast."""
+
+
+@pytest.mark.parametrize("value", [3.6, 3.625, 3.8, 4.0])
+def test_the_growth_is_that_of_the_swing_that_a_run_shows_at_last_also_where_it_is_not_the_first(value):
+    found = branch(Sampled(SuperTwisting(), 0.01), plant=SECOND)
+    run, smooth = found.at(value), found(value)
+    kicked = smooth.state.states + 1e-5 * (found.shaken(run, smooth.state) - smooth.state.states)
+    shown = run.again(start=dataclasses.replace(smooth.state, states=kicked), duration=300.0, accuracy=1e-11)
+    early, late = (np.ptp(shown.at(np.linspace(end - 30.0, end, 6001))["bit.speed"]) for end in (200.0, 300.0))
+    assert smooth.growth.rate == pytest.approx(math.log(late / early) / 100.0, abs=1e-4)
+    assert smooth.growth.period == pytest.approx(1.764, abs=5e-3)
 
 
 def test_what_does_not_act_back_has_no_part_in_the_growth():

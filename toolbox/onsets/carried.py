@@ -20,12 +20,12 @@ from toolbox.files.journal import Journal
 from toolbox.measuring import measure
 from toolbox.measuring.judge import FAILED, NONE, NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judge, Judged
 from toolbox.modelling.steady_point import function_of
-from toolbox.onsets.growth import Place, Smooth, SmoothBranch, slip_rows, with_numbers
+from toolbox.onsets.growth import Place, SmoothBranch, with_numbers
+from toolbox.onsets.motions import Smooth, moved, slip_rows, swings
 from toolbox.robustness.steady_loop import at_set_points
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.trajectory import Trajectory
-from toolbox.steady_states.equilibria import flow_slopes
 
 STEPS = 12
 """Steps in which the parameter goes from one value to the next, with a little more than two periods at each: a jump at once would shake a cycle off."""
@@ -255,15 +255,11 @@ class Carried(Generic[Place]):
             point = at_set_points(search.at(value).loop)
             names = [each.name for each in point.plant.elements]
             row = slip_rows(point.plant, point.states, point.plant.values)[names.index(search.element)]
-            exponents, motions = np.linalg.eig(flow_slopes(point))
-            for exponent, motion in zip(exponents, motions.T, strict=True):
-                damped = -exponent.real > DAMPED * abs(exponent)
-                if exponent.imag <= 0.0 or damped or not abs(row @ motion) > 1e-6 * (np.abs(row) @ np.abs(motion)):
+            for exponent, motion in swings(point, row):
+                if -exponent.real > DAMPED * abs(exponent):
                     continue
-                moved = np.real(motion * BEYOND * abs(search.steady(value, smooth)[0]) / (row @ motion))
-                places = {name: slice(first, first + (size or 1)) for name, (first, size, _) in point.plant.states.items()}
-                states = {name: np.atleast_1d(smooth.state[name]) - moved[place] for name, place in places.items()}
-                yield f"the swing of {2 * math.pi / exponent.imag:.3g} s", smooth.state.with_values(states)
+                size = BEYOND * abs(search.steady(value, smooth)[0])
+                yield f"the swing of {2 * math.pi / exponent.imag:.3g} s", moved(smooth.state, point.plant, -size * motion)
 
     def tried(self, value: Place, begin: RunState, finer: float = 1.0, begun: str = "stick-slip carried on") -> Judged:
         """A run from a beginning, with where it ends kept by what it ends in; begun: what it begins from."""

@@ -21,11 +21,11 @@ FIRST, LAST = 1 / 32, 1 / 4096
 """Steps, in parts of the range, with which a cycle is carried on: the first, and the one at which its end is found."""
 
 
-def coexisting(inside: Inside, values: Sequence[float]) -> tuple[Coexisting, ...]:
-    """The cycles at the value with the most of them; none where nowhere two were seen."""
+def coexisting(inside: Inside, values: Sequence[float], at: float) -> tuple[Coexisting, ...]:
+    """The cycles at the value with the most of them, the nearest one to a working point; none where nowhere two were seen."""
     most: list[tuple[str, Judged, RunState]] = []
     where = math.nan
-    for value in values:
+    for value in sorted(values, key=lambda value: abs(value - at)):
         inside.begun_from_all(value)
         found: list[tuple[str, Judged, RunState]] = []
         for begun, judged, end in inside.rounds.get(value, ()):

@@ -190,7 +190,7 @@ def _both_branches(
     for edge, sign in ((numbers[0], -1.0), (numbers[-1], 1.0)):
         inside.outside(edge, outward(edge, sign, width))
     inside.sweep(numbers)
-    several = coexisting(inside, numbers)
+    several = coexisting(inside, numbers, at)
     lasting = sorted({*numbers, *(edge for each in several for edge in (each.low, each.high))})  # one may outlive what is carried along
     cycles = [exact(border, inside, width) for border in inside.ends(lasting, tolerance)]
     sticking = [inside.found[value] for value in numbers]

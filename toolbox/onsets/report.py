@@ -102,7 +102,7 @@ class Onset:
     breakaways
         Borders of standstill.
     coexisting
-        The stick-slip cycles at the value at which the most of them live side by side; empty where nowhere two were seen.
+        The stick-slip cycles at the value at which the most of them live side by side, the nearest one to the working point; empty where nowhere two were seen.
     cycling, standing
         Whether stick-slip lasts, and whether standstill lasts, at each value.
     at

@@ -70,7 +70,7 @@ def well(number: int, seed: int) -> Well:
     )
     law = laws[int(draw.integers(len(laws)))]
     sampled = isinstance(law, SuperTwisting) or draw.uniform() < 0.3
-    loop = closed_loop(compose(chain, BitRock(weight=weight)), law, **({"sample_time": 0.01} if sampled else {}))
+    loop = closed_loop(compose(chain, BitRock(weight=weight)), law, element="bit", **({"sample_time": 0.01} if sampled else {}))
     words = f"{n} inertias, {type(law).__name__}{', 100 Hz' if sampled else ''}{', friction along' if along else ''}"
     return Well(words, loop, 2.0 * math.pi * math.sqrt(sum(inertia[1:]) * sum(1.0 / k for k in stiffness)))
 
@@ -108,9 +108,8 @@ def rested(well: Well, speed: float) -> dict[str, Any]:
     loop = well.loop.at("top.reference", speed)
     laws = [StiffPI() if isinstance(law, Sampled) and isinstance(law.law, SuperTwisting) else getattr(law, "law", law) for law in loop.laws]
     rest = equilibrium(closed_loop(loop.plant, *laws, inputs=loop.inputs))
-    return {name: rest[name] for name, number in loop.numbers().items() if number.kind == "start" and name in rest} | {
-        name: rest[name] for name in loop.plant.states
-    }
+    remembered = [name for name, number in loop.numbers().items() if number.kind == "start" and not loop.plant.has_signal(name)]
+    return {name: rest[name] for name in (*loop.plant.states, *remembered) if name in rest}
 
 
 def growth(well: Well, value: float) -> float:

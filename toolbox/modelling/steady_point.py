@@ -51,7 +51,11 @@ class Equilibrium:
     asked: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float | Any:
-        """A signal or input in SI: a float, or an array for a vector state. Raises SceneError for an unknown name."""
+        """A signal, input or entry of a vector state in SI: a float, or an array for a vector state. Raises SceneError for an unknown name."""
+        rows = self.plant.rows(name)
+        if rows is not None:
+            first, size, _ = rows
+            return float(self.states[first]) if size is None else np.array(self.states[first : first + size])
         function = function_of(self.plant, ("signal", name), lambda: [closed_signal(self.plant, name)])
         value = np.array(function(0.0, self.states, self.inputs, self.plant.values, mode_numbers(self.plant, self.modes))).ravel()
         return float(value[0]) if value.size == 1 else value

@@ -147,8 +147,9 @@ class SmoothBranch(Generic[Place]):
         with contextlib.suppress(SceneError):
             point = at_set_points(run.loop)
             rows = slip_rows(point.plant, point.states, point.plant.values)
-            for row, (_, motion) in ((row, swing) for row in rows for swing in swings(point, row)):
-                shaken += moved(state, point.plant, abs(row @ point.states) * motion).states - state.states
+            for row in rows:
+                for _, motion in swings(point, row):
+                    shaken += moved(state, point.plant, abs(row @ point.states) * motion).states - state.states
         return shaken
 
     def swing(self, value: Place) -> float:

@@ -154,7 +154,7 @@ def cycle_phases(run: Trajectory, count: int = 8) -> list[dict[str, Any]]:
         If the run has less than two releases, or the count is below 1.
     """
     whole("count", count, 1)
-    contact = judged_contact(run.run.system, run.run.loop.element)
+    contact = judged_contact(run.run.loop)
     releases = [event.time for event in run.events if event.element == contact and event.before == "stick" and event.after != "stick"]
     if len(releases) < 2:
         raise SceneError(
@@ -225,8 +225,8 @@ def worst_case(
     window = 0.7 * duration if after is None else number("after", after, "s")
     plant, system = loop.plant, loop.system
     noisy = any(isinstance(law, Sampled) and law.noise for law in loop.laws)
-    contact = judged_contact(system, loop.element)
-    speed = loop.signal or judged_speed(system, contact)
+    contact = judged_contact(loop)
+    speed = judged_speed(loop, contact)
     drives = [name for name in plant.inputs if name not in system.inputs]
     aim = loop.reference or set_point(system, speed) if target is None else in_si(target, system.signal_unit(speed), "target")
     wanted = math.nan if aim is None else loop.number(aim).value if isinstance(aim, str) else float(aim)

@@ -43,7 +43,8 @@ def judged_contact(closed: ClosedLoop | HybridSystem, element: str | None = None
     sticks: False for what is judged by a speed alone, which a contact without modes has, too.
     """
     system = closed.system if isinstance(closed, ClosedLoop) else closed
-    element = element or closed.element if isinstance(closed, ClosedLoop) else element
+    if isinstance(closed, ClosedLoop):
+        element, argument = element or closed.element, "element` of `closed_loop" if argument == "element" else argument
     names = [each.name for each in system.elements if each.law is not None]
     found = judged_element([*system.modeless] if element in system.modeless else names or [*system.modeless], element, argument)
     if found is None:

@@ -3,7 +3,7 @@
 Strings of two to four inertias, some with dry friction along them, under drives drawn by a seed: gains of a PI, soft torque, sliding modes, continuous and
 sampled. Two measures that share the simulation with `onset`, but neither its growth nor its judge nor its search:
 
-- Where stick-slip ends: a run that sticks and slips is carried outwards by a slow ramp of the set-point, by 1e-5 of the border per second; where its last stick
+- Where stick-slip ends: a run that sticks and slips is carried outwards by a slow ramp of the set-point, by 3e-6 of the border per second where it is near; where its last stick
   ends is the border. A cycle that is lost slowly outlives its border by some 0.2 % so. Of cycles that live side by side the ramp may follow any.
 - Where smooth running is lost: half a percent to either side of the border, a disturbance of 1e-4 of steady running must grow, or die.
 
@@ -30,7 +30,7 @@ from toolbox.errors import SceneError, SimulationError
 RANGE = (1.0, 25.0)
 """Set-points in which borders are looked for [rad/s]."""
 
-RATE = 1e-5
+RATE = 3e-6
 """Of the ramps, in parts of the border per second."""
 
 BESIDE = 0.005
@@ -78,13 +78,14 @@ def well(number: int, seed: int) -> Well:
 def ramped(well: Well, end: float, outwards: float) -> float:
     """The set-point of the last stick of all ramps through a border, most slowly at the border itself; nan without a stick.
 
-    One comes from rest at 0.6 of the border; the others begin close to it, in swings of each mode of the string, so large that the bit stops.
+    One comes from rest at 0.6 of the border; the others begin at 0.9 of it, in swings of each mode of the string, so large that the bit stops.
     """
-    ways = [(-0.4, 0.37 / (10.0 * RATE), None), *((-0.03, 0.0, start) for start in swings(well, end * (1.0 - 0.03 * outwards)))]
+    ways = [(-0.4, None), *((-0.1, start) for start in swings(well, end * (1.0 - 0.1 * outwards)))]
     last = []
-    for inside, slow, start in ways:
-        values = end * (1.0 + outwards * np.array([inside, inside, -0.03, 0.03]))
-        times = np.cumsum([0.0, 100.0 * well.swing, slow + 1.0, 0.06 / RATE])
+    for inside, start in ways:
+        values = end * (1.0 + outwards * np.array([inside, inside, -0.01, 0.01, 0.03]))
+        pace = np.array([30.0, 1.0, 10.0]) * RATE * end
+        times = np.cumsum([0.0, 100.0 * well.swing, *(np.abs(np.diff(values[1:])) / pace)])
         run = simulate(well.loop.but(inputs={"top.reference": (times, values)}, start=start or {}), times[-1])
         sticks = [event.time for event in run.events if event.element == "bit" and event.before == "stick"]
         last += [float(np.interp(sticks[-1], times, values))] if sticks else []

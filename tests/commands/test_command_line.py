@@ -171,8 +171,8 @@ SHIPPED = {
     "elastic_pad": {"held": "swing", "push dithered at 2 kHz": "stick-slip"},
     "whirl": {
         "stiff PI": "stick-slip",
-        "sliding mode, gain 0.2 1/s": "free",
-        "sliding mode, gain 0.6 1/s": "free",
+        "sliding mode, gain 0.2 1/s": "no stick",
+        "sliding mode, gain 0.6 1/s": "no stick",
         "sliding mode, gain 1.3 1/s": "stick-slip",
     },
 }

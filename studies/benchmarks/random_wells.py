@@ -3,8 +3,9 @@
 Strings of two to four inertias, some with dry friction along them, under drives drawn by a seed: gains of a PI, soft torque, sliding modes, continuous and
 sampled. Two measures that share the simulation with `onset`, but neither its growth nor its judge nor its search:
 
-- Where stick-slip ends: a run that sticks and slips is carried outwards by a slow ramp of the set-point, by 3e-6 of the border per second where it is near; where its last stick
-  ends is the border. A cycle that is lost slowly outlives its border by some 0.2 % so. Of cycles that live side by side the ramp may follow any.
+- Where stick-slip ends: a run that sticks and slips is carried outwards by a slow ramp of the set-point, by 3e-6 of the border per second where it is near;
+  where its last stick ends is the border. A cycle that is lost slowly outlives its border by some 0.2 % so. Of cycles that live side by side the ramp may
+  follow any.
 - Where smooth running is lost: half a percent to either side of the border, a disturbance of 1e-4 of steady running must grow, or die.
 
     python -m studies random_wells --count 30 --seed 0        (a table; some ten minutes)

@@ -142,15 +142,15 @@ class SmoothBranch(Generic[Place]):
         return Smooth(nearest, growth, np.concatenate([nearest.states, np.zeros(nearest.values.size - nearest.states.size)]))
 
     def shaken(self, run: Run, state: RunState) -> FloatArray:
-        """Smooth running disturbed in all states, and in each swing of the plant by as much at the contacts as they slip: no motion stays unseen for long."""
-        shaken = 2.0 * state.states
+        """A disturbance of the states in which every swing of the plant shows as large at the contacts as they slip; all of them together ten times at most."""
+        away = state.states.copy()
         with contextlib.suppress(SceneError):
             point = at_set_points(run.loop)
-            rows = slip_rows(point.plant, point.states, point.plant.values)
-            for row in rows:
+            for row in slip_rows(point.plant, point.states, point.plant.values):
                 for _, motion in swings(point, row):
-                    shaken += moved(state, point.plant, abs(row @ point.states) * motion).states - state.states
-        return shaken
+                    away += moved(state, point.plant, abs(row @ point.states) * motion).states - state.states
+        rows = slip_rows(run.system, state.states, run.system.values)
+        return away / max(0.1 * float(np.max(np.abs(rows @ away) / (np.abs(rows @ state.states) + 1e-300), initial=0.0)), 1.0)
 
     def swing(self, value: Place) -> float:
         """Period of the least damped swing [s], of the continuous form of the loop, else of the plant at the set-points; nan where neither runs steadily."""

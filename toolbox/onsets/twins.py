@@ -22,22 +22,19 @@ TWIN_SWINGS, LONGEST_TWIN, SAMPLES = 2, 40, 32
 """Swings of a piece of twin runs, the most pieces, and the instants in a swing at which they are compared."""
 
 
-def twin_growth(run: Run, state: RunState, shaken: FloatArray, swing: float) -> Growth | None:
+def twin_growth(run: Run, state: RunState, away: FloatArray, swing: float) -> Growth | None:
     """The growth of what is between two runs that begin on both sides of smooth running; None where two sizes of it never agree.
 
     It counts once it stays the same from piece to piece and what is between the runs is in proportion to how far apart they began: it is neither the chatter of
     a law nor so large that it grows otherwise.
 
-    shaken: the states of smooth running with a disturbance of its own size, of which a small part begins.  swing: about the period of the slowest swing of
-    the machine [s].
+    away: a disturbance of the states as large as they are, small parts of which begin.  swing: about the period of the slowest swing of the machine [s].
     """
     rows = slip_rows(run.system, state.states, run.system.values)
     rows = rows / (np.abs(rows) @ np.abs(state.states) + 1e-300)[:, None]
     for kicks in KICKS:
         twins = [
-            Twins(
-                run, [dataclasses.replace(state, states=state.states + sign * kick * (shaken - state.states)) for sign in (1.0, -1.0)], rows
-            )
+            Twins(run, [dataclasses.replace(state, states=state.states + sign * kick * away) for sign in (1.0, -1.0)], rows)
             for kick in kicks
         ]
         found: list[complex] = []

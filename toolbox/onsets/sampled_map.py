@@ -23,8 +23,8 @@ KICK = 1e-3
 STEP = 0.02
 """Differences, in parts of what each entry moves by then; half of it once more."""
 
-CORRECTIONS = 24
-"""Steps of the search for smooth running, at most."""
+CORRECTIONS, ANEW = 24, 3
+"""Steps of the search for smooth running, at most, and how often it takes derivatives anew."""
 
 AGREES = 1e-3
 """What the growth of two differences may be apart, in parts of its frequency, to count."""
@@ -125,10 +125,13 @@ class SampledMap:
         point, last, here = self.point(self.state), math.inf, False
         if not self.told or not np.isfinite(point).all():
             return None
-        size, matrix = self.sizes(point), known
+        size, matrix, taken = self.sizes(point), known, 0
         for _ in range(CORRECTIONS):
             end = self(point)
             if matrix is None or matrix.shape != (point.size, point.size):
+                if taken == ANEW:
+                    return None
+                taken += 1
                 up, down = self.slopes(point, end, STEP * size)
                 matrix, here, last = (up + down) / 2, True, math.inf
             if not np.isfinite(matrix).all():

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import ClassVar
 
 import casadi as ca
 
@@ -15,8 +16,28 @@ from toolbox import FrictionLaw, Quantity, SceneError, quantity
 from toolbox.modelling import Quantities
 
 
+class _Static(FrictionLaw):
+    """A law whose bound at rest is its coefficient `static`."""
+
+    static: Quantity
+
+    def breakaway(self):
+        return self.static
+
+
+class _Falling(_Static):
+    """A law that falls from its static coefficient to a lower one, the field of the name `lowest`."""
+
+    lowest: ClassVar[str] = "kinetic"
+
+    def check(self):
+        least = getattr(self, self.lowest)
+        if least > self.static:
+            raise SceneError(f"Argument `{self.lowest}` must be <= the static coefficient {self.static:g}, but it is {least!r}.")
+
+
 @dataclass(frozen=True)
-class Coulomb(FrictionLaw):
+class Coulomb(_Falling):
     """Constant kinetic friction below a static bound: mu(v) = kinetic, |F| <= static at rest.
 
     Range: any speed. Source: textbook.
@@ -28,15 +49,9 @@ class Coulomb(FrictionLaw):
     def sliding(self, speed):
         return self.kinetic
 
-    def breakaway(self):
-        return self.static
-
-    def check(self):
-        _static_first(self.static, self.kinetic)
-
 
 @dataclass(frozen=True)
-class Exponential(FrictionLaw):
+class Exponential(_Falling):
     """Friction that decays with speed: mu(v) = kinetic + (static - kinetic) exp(-decay |v|).
 
     The bit law of Navarro-Lopez and Cortes (2007) is this with static 0.8, kinetic 0.5, decay = gamma / v_f = 0.9 s/rad; the law of Larsson
@@ -52,15 +67,9 @@ class Exponential(FrictionLaw):
     def sliding(self, speed):
         return self.kinetic + (self.static - self.kinetic) * ca.exp(-self.decay * speed)
 
-    def breakaway(self):
-        return self.static
-
-    def check(self):
-        _static_first(self.static, self.kinetic)
-
 
 @dataclass(frozen=True)
-class Transition(FrictionLaw):
+class Transition(_Falling):
     """Friction that falls about one speed: mu(v) = kinetic + (static - kinetic) exp(-(|v| / speed)^4).
 
     A smooth substitute for the law of a rotating drill string that drops from static to kinetic at a speed w_c: 94 % of the drop lie between 0.42 and
@@ -75,15 +84,9 @@ class Transition(FrictionLaw):
         square = (speed / self.speed) ** 2
         return self.kinetic + (self.static - self.kinetic) * ca.exp(-(square**2))
 
-    def breakaway(self):
-        return self.static
-
-    def check(self):
-        _static_first(self.static, self.kinetic)
-
 
 @dataclass(frozen=True)
-class Drop(FrictionLaw):
+class Drop(_Falling):
     """Friction that drops at one slip speed: mu = static up to it, kinetic beyond.
 
     The drop is a break of the law, located as an event; `Transition` is its smooth counterpart. Source: U. J. F. Aarsnes, R. J. Shor (2018),
@@ -97,18 +100,12 @@ class Drop(FrictionLaw):
     def sliding(self, speed, beyond):
         return self.static - (self.static - self.kinetic) * beyond
 
-    def breakaway(self):
-        return self.static
-
     def breaks(self):
         return (self.speed,)
 
-    def check(self):
-        _static_first(self.static, self.kinetic)
-
 
 @dataclass(frozen=True)
-class GaussianStribeck(FrictionLaw):
+class GaussianStribeck(_Falling):
     """Stribeck friction as controls know it: mu(v) = kinetic + (static - kinetic) exp(-(v / speed)^2).
 
     Its slope is zero at rest and steepest at speed / sqrt(2), where mu' = -sqrt(2 / e) (static - kinetic) / speed. Viscous friction belongs to the part that
@@ -122,15 +119,9 @@ class GaussianStribeck(FrictionLaw):
     def sliding(self, speed):
         return self.kinetic + (self.static - self.kinetic) * ca.exp(-((speed / self.speed) ** 2))
 
-    def breakaway(self):
-        return self.static
-
-    def check(self):
-        _static_first(self.static, self.kinetic)
-
 
 @dataclass(frozen=True)
-class RationalStribeck(FrictionLaw):
+class RationalStribeck(_Falling):
     """Friction that falls as a hyperbola to a level and rises again: mu(v) = kinetic + (static - kinetic) / (1 + decay |v|) + rise v^2.
 
     The law of the blocks of K. Popp, P. Stelter, Phil. Trans. R. Soc. Lond. A 332 (1990) 89-105, and of U. Galvanetto, S. R. Bishop, who write it as
@@ -145,15 +136,9 @@ class RationalStribeck(FrictionLaw):
     def sliding(self, speed):
         return self.kinetic + (self.static - self.kinetic) / (1 + self.decay * speed) + self.rise * speed**2
 
-    def breakaway(self):
-        return self.static
-
-    def check(self):
-        _static_first(self.static, self.kinetic)
-
 
 @dataclass(frozen=True)
-class Tabulated(FrictionLaw):
+class Tabulated(_Static):
     """Measured friction: coefficients at slip speeds, linear between them, constant beyond the last one.
 
     The first speed is 0: its coefficient is that of beginning slip, at most `static`, the bound at rest. Every speed within is a kink, located as an event is,
@@ -170,9 +155,6 @@ class Tabulated(FrictionLaw):
         turns = [(after - before) * ca.fmax(0, speed - u) for u, (before, after) in zip(v[1:], pairwise([*slopes, 0]), strict=True)]
         return mu[0] + slopes[0] * speed + sum(turns)
 
-    def breakaway(self):
-        return self.static
-
     def check(self):
         if len(self.speeds) < 2 or len(self.speeds) != len(self.coefficients):
             raise SceneError(
@@ -187,7 +169,7 @@ class Tabulated(FrictionLaw):
 
 
 @dataclass(frozen=True)
-class Hyperbolic(FrictionLaw):
+class Hyperbolic(_Static):
     """Friction that falls as a hyperbola: F(v) = static / (1 + decay |v|).
 
     Leine et al. (1998) use static = 1 N, decay = 3 s/m: the load is then 1. Source: R. I. Leine, D. H. van Campen, A. de Kraker, L. van
@@ -200,12 +182,9 @@ class Hyperbolic(FrictionLaw):
     def sliding(self, speed):
         return self.static / (1 + self.decay * speed)
 
-    def breakaway(self):
-        return self.static
-
 
 @dataclass(frozen=True)
-class CubicStribeck(FrictionLaw):
+class CubicStribeck(_Falling):
     """Cubic Stribeck law with a minimum: mu(v) = static - 1.5 (static - minimum) [|v|/v_m - (|v|/v_m)^3 / 3].
 
     mu(v_m) = minimum; beyond v_m friction rises again. Source: J. J. Thomsen, A. Fidlin, Int. J. Non-Linear Mechanics 38 (2003) 389-403,
@@ -214,19 +193,9 @@ class CubicStribeck(FrictionLaw):
 
     static: Quantity = quantity(0.4, "1", "static coefficient", at_least=0)
     minimum: Quantity = quantity(0.25, "1", "smallest kinetic coefficient", at_least=0)
+    lowest: ClassVar[str] = "minimum"
     minimum_speed: Quantity = quantity(0.5, "m/s", "slip speed v_m of the minimum", above=0)
 
     def sliding(self, speed):
         ratio = speed / self.minimum_speed
         return self.static - 1.5 * (self.static - self.minimum) * (ratio - ratio**3 / 3)
-
-    def breakaway(self):
-        return self.static
-
-    def check(self):
-        _static_first(self.static, self.minimum, "minimum")
-
-
-def _static_first(static: float, kinetic: float, name: str = "kinetic") -> None:
-    if kinetic > static:
-        raise SceneError(f"Argument `{name}` must be <= the static coefficient {static:g}, but it is {kinetic!r}.")

@@ -9,6 +9,7 @@ from itertools import pairwise
 import casadi as ca
 
 from toolbox import Component, Equations, Quantity, SceneError, quantity, state
+from toolbox.authoring import entries
 from toolbox.modelling import OptionalQuantity, Quantities
 
 
@@ -46,8 +47,7 @@ class AxialChain(Component):
         springs = n if self.hook_load is None else n - 1
         reason = "one per mass, the hoisting lines first" if self.hook_load is None else "one less than masses where `hook_load` is imposed"
         for name in ("stiffness", "damping"):
-            if len(getattr(self, name)) != springs:
-                raise SceneError(f"Argument `axial.{name}` must have {springs} entries, {reason}, but it has {len(getattr(self, name))}.")
+            entries(f"axial.{name}", getattr(self, name), springs, f", {reason}")
 
     def equations(self, signal):
         n, springs = len(self.mass), len(self.stiffness)

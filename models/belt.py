@@ -9,7 +9,7 @@ import casadi as ca
 
 from models.friction import Hyperbolic
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
-from toolbox.authoring import number
+from toolbox.authoring import entries, number
 from toolbox.modelling import Quantities
 
 
@@ -127,10 +127,7 @@ class BlocksOnBelt(Component):
         if n < 2:
             raise SceneError(f"Argument `blocks.mass` must hold at least 2 masses, but it has {n}.")
         for name, size in (("stiffness", n), ("damping", n), ("load", n), ("tie", n - 1)):
-            if len(getattr(self, name)) != size:
-                raise SceneError(
-                    f"Argument `blocks.{name}` must have {size} entries for {n} blocks, but it has {len(getattr(self, name))}."
-                )
+            entries(f"blocks.{name}", getattr(self, name), size, f" for {n} blocks")
 
     def equations(self, signal):
         n = len(self.mass)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from toolbox import Component, Equations, Quantity, SceneError, quantity, state
-from toolbox.authoring import whole
+from toolbox.authoring import entries, whole
 from toolbox.modelling import OptionalQuantities, Relay
 
 
@@ -73,8 +73,7 @@ class BristleContact(Component):
         expected = len(parabolic_shares(self.n))
         if self.shares is None:
             return
-        if len(self.shares) != expected:
-            raise SceneError(f"Argument `plate.shares` must have {expected} entries, one per bristle, but it has {len(self.shares)}.")
+        entries("plate.shares", self.shares, expected, ", one per bristle")
         if abs(sum(self.shares) - 1) > 1e-9:
             raise SceneError(f"Argument `plate.shares` must add up to 1, but the sum is {sum(self.shares):.12g}.")
 

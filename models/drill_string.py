@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
-from toolbox.authoring import whole
+from toolbox.authoring import entries, whole
 from toolbox.modelling import OptionalQuantities, Quantities
 
 
@@ -49,22 +49,14 @@ class TorsionalChain(Component):
                 f"Argument `chain.inertia` must hold at least 2 inertias, but it has {n}: one under a table is a `TorsionalPendulum`."
             )
         for name in ("stiffness", "damping"):
-            if len(getattr(self, name)) != n - 1:
-                raise SceneError(
-                    f"Argument `chain.{name}` must have {n - 1} entries, one less than `chain.inertia`, but it has {len(getattr(self, name))}."
-                )
+            entries(f"chain.{name}", getattr(self, name), n - 1, ", one less than `chain.inertia`")
         if (self.friction is None) != (self.friction_load is None):
             raise SceneError("Arguments `chain.friction` and `chain.friction_load` must be given together.")
-        if self.drag is not None and len(self.drag) != n:
-            raise SceneError(f"Argument `chain.drag` must have {n} entries, one for each inertia, but it has {len(self.drag)}.")
+        entries("chain.drag", self.drag, n, ", one for each inertia")
         if self.friction_at is not None:
             _check_friction_at(self.friction_at, self.friction_load, n)
-        elif self.friction_load is not None and len(self.friction_load) not in (n - 1, n):
-            raise SceneError(
-                f"Argument `chain.friction_load` must have {n} entries, or {n - 1} to leave the last inertia to the rock, but it has "
-                f"{len(self.friction_load)}."
-            )
-
+        elif self.friction_load is not None and len(self.friction_load) != n - 1:
+            entries("chain.friction_load", self.friction_load, n, f", or {n - 1} to leave the last inertia to the rock")
         if self.collar is not None:
             whole("chain.collar", self.collar, -n, n - 1)
 
@@ -127,7 +119,4 @@ def _check_friction_at(at: tuple[int, ...], load: tuple[float, ...] | None, n: i
         raise SceneError("Argument `chain.friction_at` must come with `chain.friction` and `chain.friction_load`, but they are not given.")
     if list(at) != sorted({i for i in at if isinstance(i, (int, np.integer)) and 0 <= i < n}):
         raise SceneError(f"Argument `chain.friction_at` must be increasing numbers of inertias, 0 to {n - 1}, but it is {at!r}.")
-    if len(load) != len(at):
-        raise SceneError(
-            f"Argument `chain.friction_load` must have {len(at)} entries, one for each of `chain.friction_at`, but it has {len(load)}."
-        )
+    entries("chain.friction_load", load, len(at), ", one for each of `chain.friction_at`")

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
-from toolbox.authoring import NumberOrText, number, whole
+from toolbox.authoring import NumberOrText, entries, number, whole
 from toolbox.modelling import OptionalQuantities, Quantities
 
 
@@ -100,9 +100,7 @@ class FlowLine(Component):
         if n < 1:
             raise SceneError("Argument `line.resistance` must hold at least one segment, but it is empty.")
         for name in ("loss", "inertance", "compliance", "gel_load"):
-            given = getattr(self, name)
-            if given is not None and len(given) != n:
-                raise SceneError(f"Argument `line.{name}` must have {n} entries like `line.resistance`, but it has {len(given)}.")
+            entries(f"line.{name}", getattr(self, name), n, " like `line.resistance`")
         if (self.gel is None) != (self.gel_load is None):
             raise SceneError("Arguments `line.gel` and `line.gel_load` must be given together, but one is missing.")
 

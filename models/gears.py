@@ -28,7 +28,7 @@ import numpy as np
 
 from models.friction import Coulomb
 from toolbox import Component, DryFriction, Equations, SceneError, quantity, state
-from toolbox.authoring import columns, number
+from toolbox.authoring import columns, entries, number
 from toolbox.modelling import OptionalQuantities, Quantities
 
 GROUND = "ground"
@@ -265,10 +265,7 @@ class GearNetwork(Component):
                 size == 0 or (self.efficiency is None and self.idle_torque is None and field in ("efficiency", "idle_torque"))
             ):
                 continue
-            if given is None or len(given) != size:
-                raise SceneError(
-                    f"Argument `gears.{field}` must have {size} entries, one for each of `gears.{of}`, but it has {len(given or ())}."
-                )
+            entries(f"gears.{field}", given or (), size, f", one for each of `gears.{of}`")
         for train, ratio in zip(self.trains, self.ratio, strict=True):
             _check_train(train, ratio)
         for shaft in self.shafts:

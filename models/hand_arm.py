@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from toolbox import Component, Equations, SceneError, quantity, state
-from toolbox.authoring import NumberOrText, number, numbers
+from toolbox.authoring import NumberOrText, entries, number, numbers
 from toolbox.modelling import Quantities
 
 BAND = (10.0**0.8, 10.0**3.1)
@@ -54,10 +54,7 @@ class HandArm(Component):
         if n < 1:
             raise SceneError("Argument `hand.mass` must hold at least one mass, but it is empty.")
         for name in ("stiffness", "damping"):
-            if len(getattr(self, name)) != n + 1:
-                raise SceneError(
-                    f"Argument `hand.{name}` must have {n + 1} entries, one more than `hand.mass`, but it has {len(getattr(self, name))}."
-                )
+            entries(f"hand.{name}", getattr(self, name), n + 1, ", one more than `hand.mass`")
         if not isinstance(self.holds, str) or not self.holds.isidentifier() or self.holds == "hand":
             raise SceneError(f"Argument `hand.holds` must be the first word of the signals of what is held, but it is {self.holds!r}.")
 

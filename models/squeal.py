@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from models.friction import Coulomb
-from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
+from toolbox.authoring import entries
 from toolbox.modelling import Quantities
 
 
@@ -42,8 +43,7 @@ class SquealingPad(Component):
     friction: FrictionLaw = Coulomb(static=0.9, kinetic=0.9)
 
     def check(self):
-        if len(self.angle) != len(self.stiffness):
-            raise SceneError(f"Argument `pad.angle` must have {len(self.stiffness)} entries, one per spring, but it has {len(self.angle)}.")
+        entries("pad.angle", self.angle, len(self.stiffness), ", one per spring")
 
     def equations(self, signal):
         x, y = state("pad.position", "m"), state("pad.approach", "m")

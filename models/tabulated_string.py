@@ -15,7 +15,7 @@ from models.sections import Section, read_sections
 from models.soft_string import side_force
 from models.survey import Survey, read_survey
 from toolbox import FrictionLaw, SceneError, quantity
-from toolbox.authoring import NumberOrText, number, whole
+from toolbox.authoring import NumberOrText, entries, number, whole
 from toolbox.modelling import OptionalQuantities
 
 
@@ -27,10 +27,7 @@ class DrillString(TorsionalChain):
 
     def check(self):
         super().check()
-        if self.depth is not None and len(self.depth) != len(self.inertia):
-            raise SceneError(
-                f"Argument `chain.depth` must have {len(self.inertia)} entries, one for each inertia, but it has {len(self.depth)}."
-            )
+        entries("chain.depth", self.depth, len(self.inertia), ", one for each inertia")
 
     @classmethod
     def from_tables(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -82,6 +82,12 @@ def whole(word: str, given: Any, at_least: int, at_most: int | None = None) -> i
             f"Argument `{word}` must be an integer >= {at_least}{'' if at_most is None else f' and <= {at_most}'}, but it is {short(given)}."
         )
     return int(given)
+
+
+def entries(word: str, given: Sized | None, size: int, each: str) -> None:
+    """Raise SceneError unless a row that is given has `size` entries; `each` says in the message which, as in ", one per spring"."""
+    if given is not None and len(given) != size:
+        raise SceneError(f"Argument `{word}` must have {size} entries{each}, but it has {len(given)}.")
 
 
 _BOUNDS = {"above": (operator.gt, ">"), "at_least": (operator.ge, ">="), "below": (operator.lt, "<"), "at_most": (operator.le, "<=")}

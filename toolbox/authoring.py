@@ -2,7 +2,7 @@
 
 Everything here is public: it changes only with a line in the changelog. `models` and `controllers` import nothing else of the toolbox.
 
-    checks      number, numbers, whole, array, symmetric, is_finite_number, finite_array, in_si, NumberOrText, check_fields, suggest, window
+    checks      number, numbers, whole, array, entries, symmetric, is_finite_number, finite_array, in_si, NumberOrText, check_fields, suggest, window
     symbols     State
     files       columns, Column, Table, read_table, read_arrays, read_mat, opened, replaced
     predictions Rollout, regularised, advance_rollout, time_left
@@ -20,6 +20,7 @@ from toolbox import faces
 
 if TYPE_CHECKING:
     from toolbox.arguments import array as array
+    from toolbox.arguments import entries as entries
     from toolbox.arguments import finite_array as finite_array
     from toolbox.arguments import is_finite_number as is_finite_number
     from toolbox.arguments import number as number

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from toolbox import FrictionLaw, SceneError
-from toolbox.authoring import NumberOrText, array, is_finite_number, number, read_arrays, replaced, suggest, symmetric, whole
+from toolbox.authoring import NumberOrText, array, entries, is_finite_number, number, read_arrays, replaced, suggest, symmetric, whole
 from toolbox.contacts import ContactProblem
 
 MATRICES = ("mass", "damping", "stiffness")
@@ -70,10 +70,7 @@ class ReducedBody:
             raise SceneError("Argument `mass` must be positive definite: a coordinate without mass has no motion of its own.")
         for word in ("frequencies", "errors"):
             object.__setattr__(self, word, array(word, getattr(self, word), (None,), 0.0))
-        if len(self.frequencies) != len(self.errors):
-            raise SceneError(
-                f"Argument `errors` must have {len(self.frequencies)} entries, one for each frequency, but it has {len(self.errors)}."
-            )
+        entries("errors", self.errors, len(self.frequencies), ", one for each frequency")
         for word, axes in (("places", 2), ("areas", 1)):
             if getattr(self, word) is not None:
                 object.__setattr__(self, word, array(word, getattr(self, word), (None,) * axes))

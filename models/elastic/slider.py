@@ -10,6 +10,7 @@ import numpy as np
 from models.elastic.reduced_body import ReducedBody
 from models.friction import Exponential
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
+from toolbox.authoring import entries
 from toolbox.modelling import Quantities
 
 
@@ -42,9 +43,7 @@ class ElasticSlider(Component):
     def check(self):
         if not isinstance(self.body, ReducedBody):
             raise SceneError(f"Argument `body` must be a ReducedBody, as `ElasticBody.reduced` makes it, but it is {self.body!r}.")
-        contacts = len(self.body.indices("contact"))
-        if len(self.loads) != contacts:
-            raise SceneError(f"Argument `slider.loads` must have {contacts} entries, one for each contact, but it has {len(self.loads)}.")
+        entries("slider.loads", self.loads, len(self.body.indices("contact")), ", one for each contact")
         self.body.index(self.held)
 
     def equations(self, signal):

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from models.elastic.reduced_body import ReducedBody
-from models.elastic.spectrum import DENSE, natural_frequencies
+from models.elastic.spectrum import DENSE, modes_near, natural_frequencies, solver
 from toolbox import SceneError
 from toolbox.authoring import array, number
 
@@ -100,7 +100,6 @@ class _Held:
     def _shapes(self) -> np.ndarray:
         """(n, p) shapes of least strain energy for a displacement 1 of each port; entries that free motions leave open are pinned."""
         from scipy.linalg import qr
-        from scipy.sparse import csc_matrix
 
         load = (self.z.T @ self.stiffness @ self.y).toarray()
         kept = np.ones(len(self.free), bool)
@@ -108,13 +107,12 @@ class _Held:
             kept[qr(self.free.T, mode="r", pivoting=True)[1][: self.free.shape[1]]] = False
         inner = np.zeros(load.shape)
         if kept.any():
-            inner[kept] = -_solver(csc_matrix(self.inner_stiffness[kept][:, kept]))(load[kept])
+            inner[kept] = -solver(self.inner_stiffness[kept][:, kept])(load[kept])
         return self.y @ np.eye(load.shape[1]) + self.z @ inner
 
     def modes(self, edge: float) -> np.ndarray:
         """(n, r) modes with held ports and frequencies up to `edge` [Hz], those of frequency zero first, normalised to mass 1."""
         from scipy.linalg import eigh
-        from scipy.sparse.linalg import LinearOperator, eigsh
 
         size, free = self.inner_mass.shape[0], self.free.shape[1]
         limit = (2 * math.pi * edge) ** 2
@@ -125,12 +123,9 @@ class _Held:
         else:
             fastest = np.max(self.inner_stiffness.diagonal() / self.inner_mass.diagonal())
             shift = -max(limit / 10, 1e-9 * fastest) if free else 0.0
-            inverse = LinearOperator((size, size), matvec=_solver(self.inner_stiffness - shift * self.inner_mass))
-            count, squares = 16 + free, np.zeros(1)
+            count, squares, nearest = 16 + free, np.zeros(1), modes_near(self.inner_mass, self.inner_stiffness, shift)
             while squares.max() <= limit and count <= size // 2:
-                squares, shapes = eigsh(
-                    self.inner_stiffness, k=count, M=self.inner_mass, sigma=shift, OPinv=inverse, v0=np.cos(np.arange(size))
-                )
+                squares, shapes = nearest(count)
                 count *= 2
             if squares.max() <= limit:
                 raise SceneError(f"Argument `band` must be lower, because modes up to {edge:g} Hz are more than half of all.")
@@ -153,23 +148,10 @@ class _Held:
 def rigid_shapes(mass: Any, stiffness: Any) -> np.ndarray:
     """(n, r) orthonormal motions without strain of a body, r from 0 to 6."""
     from scipy.linalg import eigh
-    from scipy.sparse.linalg import LinearOperator, eigsh
 
-    n = mass.shape[0]
     fastest = np.max(stiffness.diagonal() / mass.diagonal())
-    if n <= DENSE:
+    if mass.shape[0] <= DENSE:
         squares, shapes = eigh(stiffness.toarray(), mass.toarray())
     else:
-        shift = -1e-6 * fastest
-        inverse = LinearOperator((n, n), matvec=_solver(stiffness - shift * mass))
-        squares, shapes = eigsh(stiffness, k=8, M=mass, sigma=shift, OPinv=inverse, v0=np.cos(np.arange(n)))
+        squares, shapes = modes_near(mass, stiffness, -1e-6 * fastest)(8)
     return np.linalg.qr(shapes[:, squares < 1e-12 * fastest])[0]
-
-
-def _solver(matrix: Any) -> Any:
-    """The inverse of a sparse positive definite matrix, as a function of (n,) or (n, k) right sides."""
-    from scipy.sparse import csc_matrix
-    from scipy.sparse.linalg import splu
-
-    factor = splu(csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    return factor.solve

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,8 +22,6 @@ def natural_frequencies(mass: Any, stiffness: Any, band: float) -> np.ndarray:
     mass, stiffness: (n, n), dense or sparse. Those of a large body are found by Lanczos iteration about 0, twice as many until one is beyond the band.
     """
     from scipy.linalg import eigh
-    from scipy.sparse import csc_matrix
-    from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
     n = mass.shape[0]
     # round-off of the largest eigenvalue: what is below it is a rigid motion
@@ -32,16 +32,30 @@ def natural_frequencies(mass: Any, stiffness: Any, band: float) -> np.ndarray:
     shift = -max(
         (2 * math.pi * band) ** 2 / 10, SAFE * (2 * math.pi * floor) ** 2
     )  # not an eigenvalue: the matrix of a free body can be factorised, too
-    factor = splu(csc_matrix(stiffness - shift * mass), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    inverse = LinearOperator((n, n), matvec=factor.solve)
-    count = 16
+    count, nearest = 16, modes_near(mass, stiffness, shift)
     while True:
-        squares = np.sort(
-            eigsh(stiffness, k=min(count, n - 2), M=mass, sigma=shift, OPinv=inverse, return_eigenvectors=False, v0=np.cos(np.arange(n)))
-        )
+        squares = np.sort(nearest(min(count, n - 2), return_eigenvectors=False))
         if squares[-1] > (2 * math.pi * band) ** 2 or count >= n - 2:
             return _up_to(squares, band, floor)
         count *= 2
+
+
+def modes_near(mass: Any, stiffness: Any, shift: float) -> Callable[..., Any]:
+    """Lanczos iteration about an eigenvalue, as scipy's `eigsh` of how many: the matrices are factorised once."""
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    n = mass.shape[0]
+    inverse = LinearOperator((n, n), matvec=solver(stiffness - shift * mass))
+    return functools.partial(eigsh, stiffness, M=mass, sigma=shift, OPinv=inverse, v0=np.cos(np.arange(n)))
+
+
+def solver(matrix: Any) -> Any:
+    """The inverse of a sparse positive definite matrix, as a function of (n,) or (n, k) right sides."""
+    from scipy.sparse import csc_matrix
+    from scipy.sparse.linalg import splu
+
+    factor = splu(csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return factor.solve
 
 
 def _dense(matrix: Any) -> np.ndarray:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from models.belt import BlockOnBelt
 from models.bit_rock import BitRock
@@ -15,8 +16,10 @@ from models.disks import TwoDisks
 from models.drill_string import TorsionalChain
 from models.friction import Coulomb, CubicStribeck, Exponential
 from models.oscillators import hopf_speed
-from toolbox import SceneError
+from toolbox import FrictionLaw, SceneError
 from toolbox.authoring import number
+
+Law = TypeVar("Law", bound=FrictionLaw)
 
 
 @dataclass(frozen=True)
@@ -39,13 +42,9 @@ def belt_cycle(block: BlockOnBelt) -> StickSlipPeriod:
 
     Exact. Raises SceneError for another law, damping, drag, a belt at rest or no spring. Source: textbook.
     """
-    if not isinstance(block.friction, Coulomb):
-        raise SceneError(f"Argument `block.friction` must be Coulomb for this closed form, but it is {block.friction!r}.")
-    for name in ("damping", "drag"):
-        if getattr(block, name) != 0:
-            raise SceneError(f"Argument `block.{name}` must be 0 for this closed form, but it is {getattr(block, name)!r}.")
-    fall = block.load * (block.friction.static - block.friction.kinetic)
-    return _cycle(block.mass, block.stiffness, fall, block.belt_speed, "block")
+    law = _law("block", block, Coulomb)
+    fall = block.load * (law.static - law.kinetic)
+    return _cycle("block", block, ("damping", "drag"), block.mass, fall, block.belt_speed)
 
 
 def driven_disks_cycle(disks: TwoDisks, rotor_speed: float) -> StickSlipPeriod:
@@ -55,20 +54,27 @@ def driven_disks_cycle(disks: TwoDisks, rotor_speed: float) -> StickSlipPeriod:
 
     so that period / T_n = 1 + (z - arctan z) / pi. Exact for an infinitely heavy rotor. Raises SceneError as `belt_cycle` does.
     """
-    if not isinstance(disks.friction, Coulomb):
-        raise SceneError(f"Argument `disks.friction` must be Coulomb for this closed form, but it is {disks.friction!r}.")
-    if disks.damping != 0:
-        raise SceneError(f"Argument `disks.damping` must be 0 for this closed form, but it is {disks.damping!r}.")
-    fall = disks.normal_force * disks.radius * (disks.friction.static - disks.friction.kinetic)
-    return _cycle(disks.stator_inertia, disks.stiffness, fall, rotor_speed, "disks")
+    law = _law("disks", disks, Coulomb)
+    fall = disks.normal_force * disks.radius * (law.static - law.kinetic)
+    return _cycle("disks", disks, ("damping",), disks.stator_inertia, fall, rotor_speed)
 
 
-def _cycle(inertia: float, stiffness: float, fall: float, speed: float, part: str) -> StickSlipPeriod:
-    number(f"{part}.stiffness", stiffness, above=0)
+def _law(name: str, part: Any, kind: type[Law], words: str = " for this closed form") -> Law:
+    """The law of a part, refused unless it is of a kind."""
+    if not isinstance(part.friction, kind):
+        raise SceneError(f"Argument `{name}.friction` must be {kind.__name__}{words}, but it is {part.friction!r}.")
+    return part.friction
+
+
+def _cycle(name: str, part: Any, losses: tuple[str, ...], inertia: float, fall: float, speed: float) -> StickSlipPeriod:
+    for loss in losses:
+        if getattr(part, loss) != 0:
+            raise SceneError(f"Argument `{name}.{loss}` must be 0 for this closed form, but it is {getattr(part, loss)!r}.")
+    number(f"{name}.stiffness", part.stiffness, above=0)
     if number("speed", speed) == 0:
         raise SceneError("Argument `speed` of the driver must not be 0.")
-    w = math.sqrt(stiffness / inertia)
-    z = fall * w / (stiffness * abs(speed))
+    w = math.sqrt(part.stiffness / inertia)
+    z = fall * w / (part.stiffness * abs(speed))
     return StickSlipPeriod(slip=2 / w * (math.pi - math.atan(z)), stick=2 * z / w)
 
 
@@ -78,7 +84,7 @@ def stick_slip_speed(block: BlockOnBelt) -> float:
     Between v_b0 and the Hopf speed v_b1 it swings without stick, see `slip_amplitude`. Range: weak damping and weak friction. Raises SceneError
     for other laws. Source: J. J. Thomsen, A. Fidlin, Int. J. Non-Linear Mechanics 38 (2003) 389-403, doi:10.1016/S0020-7462(01)00073-7.
     """
-    _cubic(block)
+    _law("block", block, CubicStribeck)
     return math.sqrt(4 / 5) * hopf_speed(block)
 
 
@@ -87,18 +93,13 @@ def slip_amplitude(block: BlockOnBelt) -> float:
 
     Range: v_b0 < v_b < v_b1. Raises SceneError for other laws and below v_b0. Source: as `stick_slip_speed`.
     """
-    _cubic(block)
+    _law("block", block, CubicStribeck)
     low, high = stick_slip_speed(block), hopf_speed(block)
     if block.belt_speed < low:
         raise SceneError(
             f"Argument `block.belt_speed` must be >= {low:.6g} m/s, below which the block sticks, but it is {block.belt_speed!r}."
         )
     return 2 * math.sqrt(max(0.0, high**2 - block.belt_speed**2) * block.mass / block.stiffness)
-
-
-def _cubic(block: BlockOnBelt) -> None:
-    if not isinstance(block.friction, CubicStribeck):
-        raise SceneError(f"Argument `block.friction` must be CubicStribeck for this closed form, but it is {block.friction!r}.")
 
 
 def den_hartog_amplitude(block: BlockOnBelt, force: float, frequency: float) -> float:
@@ -168,9 +169,7 @@ def hopf_speed_of_string(chain: TorsionalChain, rock: BitRock, *, held: bool = F
     d is `bearable_fall`: of a drive with constant torque, or of one that holds the top speed. 0.0 where the string turns steadily at every
     speed. Raises SceneError for another law than the exponential one, and where d is not positive.
     """
-    law = rock.friction
-    if not isinstance(law, Exponential):
-        raise SceneError(f"Argument `bit.friction` must be Exponential for this closed form, but it is {law!r}.")
+    law = _law("bit", rock, Exponential)
     steepest = rock.weight * rock.radius * (law.static - law.kinetic) * law.decay
     bearable = bearable_fall(chain, held=held)
     if not bearable > 0:
@@ -188,9 +187,7 @@ def groan_growth(brake: DiscBrake, force: float, until: float = 0.0) -> float:
     slower than w_e. Range: a speed that changes little within a period of the pad; swings too small to stick. Raises SceneError for other laws and
     for a force <= 0.
     """
-    law = brake.friction
-    if not isinstance(law, Exponential):
-        raise SceneError(f"Argument `brake.friction` must be Exponential, but it is {law!r}.")
+    law = _law("brake", brake, Exponential, "")
     number("force", force, "N", above=0)
     drop, rate = law.static - law.kinetic, law.decay * brake.radius
     fed = 2.0 * force * drop * law.decay

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from models.friction import Exponential
-from models.smooth_bit_rock import smooth_torque
+from models.smooth_bit_rock import SmoothBitRock, smooth_torque
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity
 from toolbox.modelling import OptionalQuantity
 
@@ -96,18 +96,13 @@ class HystereticBitRock(Component):
 
 
 @dataclass(frozen=True)
-class SmoothHystereticBitRock(Component):
+class SmoothHystereticBitRock(SmoothBitRock):
     """Smooth rock torque with hysteresis in the acceleration: T0 that of `SmoothBitRock`, on branches T0 +- beta0 |T0|, see the module.
 
     Signals as `HystereticBitRock`; no contact, and no stick. Source: F. F. Real et al. (2018) for law and b0 .. b3; beta0 and beta1 are
     assumed. Range: as `SmoothBitRock`, beta0 <= 1.
     """
 
-    weight: Quantity = quantity(97_347.0, "N", "weight on bit", at_least=0, usual=(500.0, 5e6))
-    b0: Quantity = quantity(0.0239, "m", "torque per weight at high speed", at_least=0, source="Real et al. (2018)")
-    b1: Quantity = quantity(1.910, "s/rad", "steepness at zero speed", at_least=0, source="Real et al. (2018)")
-    b2: Quantity = quantity(8.500, "s/rad", "height of the peak", at_least=0, source="Real et al. (2018)")
-    b3: Quantity = quantity(5.470, "s2/rad2", "narrowness of the peak", at_least=0, source="Real et al. (2018)")
     beta0: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
     beta1: OptionalQuantity = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from controllers import LQG, HInfinity, IdealSlidingMode, LinearMPC, SlidingMode, SoftTorque, StiffPI, SuperTwisting, ZTorque
+from controllers import LQG, PI, HInfinity, IdealSlidingMode, Lifting, LinearMPC, SlidingMode, SoftTorque, StiffPI, SuperTwisting, ZTorque
 from models import BitRock, wells
 from toolbox import (
     Component,
@@ -22,6 +22,7 @@ from toolbox import (
     Update,
     closed_loop,
     compose,
+    equilibrium,
     margins,
     measure,
     quantity,
@@ -30,7 +31,7 @@ from toolbox import (
 )
 from toolbox.robustness.disk_margins import LoopMargins, joint_margins, loop_margins, scaled_norm
 from toolbox.robustness.loop import LinearLoop
-from toolbox.robustness.measured import with_delay, with_gain
+from toolbox.robustness.measured import measured_margins, with_delay, with_gain
 from toolbox.robustness.steady_loop import steady_loop
 
 pytestmark = pytest.mark.timeout(120)
@@ -329,6 +330,27 @@ def test_measured_margins_of_a_linear_law_agree_with_its_linear_ones(rig):
     found = margins(closed_loop(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03)), measured=True)
     assert found.measured.highest_gain == pytest.approx(found["top.torque"].highest_gain, rel=0.03)
     assert found.measured.delay == pytest.approx(found.delay_margin, rel=0.03)
+
+
+@pytest.mark.parametrize(("reference", "grows"), [(3.985, True), (4.0, False)])
+def test_a_loop_that_grows_with_a_quarter_of_an_hour_has_no_measured_margin(reference, grows):
+    loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight=97_347.0)), PI(4_000.0, 1_500.0, reference=reference))  # lost at 3.9919
+    rest = equilibrium(loop)
+    start = {name: rest[name] for name in loop.system.states} | {"chain.speed": rest["chain.speed"] * [1.0, 1.001]}
+    found = measured_margins(loop.but(start=start), duration=60.0)
+    assert (found.highest_gain == 1.0) == grows and (found.lowest_gain == 1.0) == grows
+
+
+def test_a_law_that_lifts_the_set_point_for_a_while_has_the_margins_of_the_law_inside():
+    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+    found = []
+    for law in (PI(4_000.0, 1_500.0), Lifting(PI(4_000.0, 1_500.0))):
+        loop = closed_loop(rig, law, sample_time=0.01).at("top.reference", 8.0)
+        rest = equilibrium(closed_loop(rig, PI(4_000.0, 1_500.0)).at("top.reference", 8.0))
+        start = {name: rest[name] for name in rig.states} | {"chain.speed": 0.98 * rest["chain.speed"]}
+        found.append(measured_margins(loop.but(start=start), duration=60.0))
+    inner, lifting = found
+    assert lifting.highest_gain == inner.highest_gain and lifting.delay >= inner.delay and lifting.lowest_gain <= inner.lowest_gain
 
 
 def test_a_loop_that_fails_as_it_is_has_no_measured_margin(rig):

@@ -33,6 +33,10 @@ FACTORS = (1.05, 1.1, 1.2, 1.35, 1.6, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
 """Factors that are tried one after the other until one fails; then the last interval is halved."""
 RIPPLE = 0.05
 """Part of its mean by which a command may swing to either side; twice what it does on the machine as it is, where that is more."""
+PIECES, SAME, UNSEEN = 8, 1.01, 1e-6
+"""How often a run is carried on that is not calm, what a swing may grow by from one quarter of it to the next, and the severity below which nothing swings."""
+LIMITS = Budget(steps=2_000_000)
+"""What a run may take: steps, which every machine takes alike."""
 CLOSE = 0.01
 """Part of its value to which a margin is measured."""
 
@@ -109,8 +113,9 @@ def with_delay(law: Any, delay: float) -> Any:
 def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None = None, severity: float = 0.05) -> MeasuredMargins:
     """Gain, delay and inertia at which a closed loop that starts from smooth running fails.
 
-    A run fails where it cannot be finished, or where in its second half a contact sticks, the severity of its speed is above `severity`, or a
-    command swings by more than RIPPLE.
+    A run fails where it cannot be finished, or where in its second half a contact sticks. Where the severity in that half is above `severity`, or grows within
+    it, the run is carried on by as much again, up to PIECES times, because a law may lift the set-point for a while, and a loop may grow slowly; it fails
+    if it never calms down, or where a command swings by more than RIPPLE then.
 
     - loop: its start is smooth running, of the plant and of the memory of laws;
     - duration [s] of a run;  inertia: name of a parameter that is one number.
@@ -130,29 +135,36 @@ def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None =
             f"Argument `inertia` must name one number of the plant, but it is {inertia!r}: {suggest(str(inertia), plant.parameters)}"
         )
     speeds = [judged_speed(plant, name) for name in [*contacts, *plant.modeless]]
-    after = duration / 2
 
-    def run(gain: float, delay: float, factor: float) -> Trajectory:
+    def changed(gain: float, delay: float, factor: float) -> ClosedLoop:
         changed = dataclasses.replace(loop, laws=tuple(with_delay(with_gain(law, gain), delay) for law in laws))
         if inertia is not None and factor != 1.0:
             changed = changed.with_parameters({inertia: factor * float(system.parameter(inertia))})
-        return simulate(changed, duration, budget=Budget(seconds=60.0))
+        return changed
 
-    def ripples(done: Trajectory) -> np.ndarray:
-        return np.array([measure.severity(done, name, after) for name in plant.inputs if name not in system.inputs])
+    def calm(done: Trajectory) -> bool:
+        """Whether the second half of a run swings little, and less and less."""
+        quarters = [done.begin + part * duration for part in (0.5, 0.75, 1.0)]
+        pairs = [[measure.severity(done, speed, a, until=b) for a, b in itertools.pairwise(quarters)] for speed in speeds]
+        return all(late < severity and early < severity and (late <= SAME * early or late < UNSEEN) for early, late in pairs)
 
     swings: list[np.ndarray] = []
 
     def fails(gain: float = 1.0, delay: float = 0.0, factor: float = 1.0) -> bool:
-        try:
-            done = run(gain, delay, factor)
-        except SimulationError:
+        own, start = changed(gain, delay, factor), None
+        for _ in range(PIECES):
+            try:
+                done = simulate(own, duration, start=start, budget=LIMITS)
+            except SimulationError:
+                return True
+            after, start = done.begin + duration / 2, done.last
+            if any(done.time_in(name, "stick", after=after) > 0.0 for name in contacts):
+                return True
+            if calm(done):
+                break
+        else:
             return True
-        if any(done.time_in(name, "stick", after=after) > 0.0 for name in contacts):
-            return True
-        if not all(measure.severity(done, speed, after) < severity for speed in speeds):
-            return True
-        swings.append(ripples(done))
+        swings.append(np.array([measure.severity(done, name, after) for name in plant.inputs if name not in system.inputs]))
         return bool((swings[-1] > np.maximum(RIPPLE, 2.0 * swings[0])).any())
 
     if fails():

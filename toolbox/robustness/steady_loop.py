@@ -324,7 +324,7 @@ def _guesses(point: SampledPoint, loop: ClosedLoop, guess: Mapping[str, Any]) ->
         yield point.with_outputs(states, {})
     duration = SETTLING * max(period for period, _ in point.clocks)
     try:
-        run = simulate(loop, duration, start=states, budget=Budget(seconds=20.0))
+        run = simulate(loop, duration, start=states, budget=Budget(steps=1_000_000))
     except SimulationError:
         return
     recorded = run.at(np.linspace(0.5, 1.0, 501) * duration)

@@ -10,7 +10,7 @@
         stickslip.robust(rig, law, disk_margin=0.35)
         stickslip.survives(rig, law, 200.0, errors={"chain.inertia.0": (0.8, 1.2)}, starts=cycle_phases(stick_slip, 8))
 
-The assertions are those of `toolbox.onsets.checks.Checks`; a failed one saves a figure under `--stickslip-figures DIR`, or the test's `tmp_path`.
+The assertions are those of `toolbox.robustness.checks.Checks`; a failed one saves a figure under `--stickslip-figures DIR`, or the test's `tmp_path`.
 
 Why a module of its own, beside the packages: pytest imports its plugins at every start, and importing anything below `toolbox` imports casadi. Here
 everything heavy is imported by the fixtures, when a test asks for them.
@@ -59,15 +59,15 @@ def pytest_generate_tests(metafunc):
 @pytest.fixture
 def perturbed(request):
     """Function of a plant -> {parameter: perturbed value}, to be given to `simulate(..., parameters=perturbed(plant))`."""
-    from toolbox.onsets.checks import Perturbation
+    from toolbox.robustness.checks import Perturbation
 
     return Perturbation(getattr(request, "param", {}))
 
 
 @pytest.fixture
 def stickslip(request):
-    """Assertions on runs, see `toolbox.onsets.checks.Checks`."""
-    from toolbox.onsets.checks import Checks
+    """Assertions on runs, see `toolbox.robustness.checks.Checks`."""
+    from toolbox.robustness.checks import Checks
 
     folder = request.config.getoption("stickslip_figures", None)
     return Checks(folder=Path(folder) if folder else request.getfixturevalue("tmp_path"), name=request.node.name)

@@ -190,7 +190,9 @@ def test_limit_cycle_answers_where_a_continuous_law_sticks_and_slips(kind):
     assert cycle.stable and cycle.stick_share("bit") > 0.1
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if re.search("Nonlinear|horizon", name) else name for name in LAWS]
+)
 def test_worst_case_answers_from_smooth_running_in_which_the_declared_machine_stays(name):
     def question(loop):
         return worst_case(loop, 6.0, errors={"disc.inertia" if LAWS[name].brake else "chain.inertia.1": 1.05})
@@ -200,7 +202,7 @@ def test_worst_case_answers_from_smooth_running_in_which_the_declared_machine_st
     found = question(LAWS[name].loop)
     assert len(found.outcomes) == 2 and not any(outcome.failure for outcome in found.outcomes)
     cold = "horizon" in name  # an observer that `Observed` starts takes the bit for stuck
-    assert all((outcome.stuck > 0.0) == cold for outcome in found.outcomes)
+    assert all((outcome.stuck > 0.0) == cold and (cold or not outcome.rate > 0) for outcome in found.outcomes)
 
 
 @pytest.mark.parametrize("name", [name for name in LAWS if "onset" in LAWS[name].refuses])

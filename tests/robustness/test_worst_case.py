@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from controllers import LQG, SoftTorque, StiffPI
+from controllers import LQG, PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, measure, simulate, worst_case
 from toolbox.robustness import cycle_phases
+from toolbox.robustness.steady_loop import smooth_start
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -96,6 +97,31 @@ def test_seeds_are_used_where_there_is_noise(rig):
     assert [outcome.seed for outcome in noisy.outcomes] == [1, 2, 3]
     assert len({outcome.ripple for outcome in noisy.outcomes}) == 3
     assert len(worst_case(closed_loop(rig, Sampled(SoftTorque(reference=9.0), 0.01)), 60.0, seeds=(1, 2, 3)).outcomes) == 1
+
+
+def test_a_machine_on_which_smooth_running_grows_is_no_success_however_calm_the_window(rig):
+    """On the declared machine the drive leaves smooth running in 1000 s, of which 100 s show nothing; with less weight it stays."""
+    loop = closed_loop(rig, PI(4_000.0, 1_500.0, reference=3.985))
+    start = {**smooth_start(loop), "chain.speed": np.full(2, 3.985)}
+    calm = worst_case(loop, 100.0, errors={"bit.weight": 0.98}, starts=[start])
+    declared, light = calm.outcomes
+    assert declared.stuck == light.stuck == 0.0 and declared.ripple < 0.05 and abs(declared.mean_error) < 0.02
+    assert declared.rate > 0 > light.rate and declared.failure.startswith("grows in") and not declared.excess <= 1.0
+    assert light.excess <= 1.0 and not light.failure
+    assert "1 of 2 runs fail, the worst with declared" in str(calm) and declared.failure in str(calm)
+
+
+def test_a_window_before_the_first_stick_is_no_success(rig):
+    """A drive that holds its speed keeps smooth running and stick-slip alike: a bit that has slowed down is followed to which of them it goes."""
+    loop = closed_loop(rig, StiffPI(reference=REFERENCE, **LIMITS))
+    wide = {"mean_within": 10.0, "ripple_within": 10.0, "after": 0.05}
+    slow, near = (
+        worst_case(loop, 0.2, starts=[{**smooth_start(loop), "chain.speed": [REFERENCE, bit]}], **wide).worst
+        for bit in (0.2 * REFERENCE, 0.9 * REFERENCE)
+    )
+    assert slow.stuck == near.stuck == 0.0 and slow.rate == near.rate < 0
+    assert slow.failure == "sticks and slips" and slow.excess == math.inf
+    assert not near.failure and near.excess <= 1.0
 
 
 def test_the_result_draws_every_run(found):

@@ -9,8 +9,8 @@ import pytest
 from controllers import StiffPI
 from models import BitRock, Exponential, wells
 from toolbox import Sampled, Scene, SceneError, closed_loop, compose, onset, severity_map, simulate, sweep, worst_case
-from toolbox.onsets.checks import Checks
 from toolbox.robustness import cycle_phases
+from toolbox.robustness.checks import Checks
 
 LAW = Sampled(StiffPI(reference=4.0), 0.01)
 WEIGHTS = {"bit.weight": (60e3, 90e3)}

@@ -61,6 +61,11 @@ CALM = 1e-3
 """Deviation, in parts of the target, that is small where it falls and small ones die."""
 
 
+def told_growth(rate: float) -> str:
+    """How a small disturbance that goes as exp(rate t) goes on, in words; "-" where the rate [1/s] is not known or zero."""
+    return f"{'grows' if rate > 0 else 'dies'} in {1 / abs(rate):.3g} s" if rate and math.isfinite(rate) else "-"
+
+
 @dataclass(frozen=True)
 class Judged:
     """What a run came to.

@@ -22,10 +22,10 @@ from toolbox.measuring.judge import FAILED, NONE, NOT_DECIDED, SMOOTH, STANDS, S
 from toolbox.modelling.steady_point import function_of
 from toolbox.onsets.growth import Place, SmoothBranch, with_numbers
 from toolbox.onsets.motions import Smooth, moved, slip_rows, swings
-from toolbox.robustness.steady_loop import at_set_points
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.trajectory import Trajectory
+from toolbox.steady_states.running import at_set_points
 
 STEPS = 12
 """Steps in which the parameter goes from one value to the next, with a little more than two periods at each: a jump at once would shake a cycle off."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,8 +29,8 @@ HERE = 0.0
 def comes_to(run: Trajectory, element: str, signal: str, after: float) -> Judged | None:
     """Return what a run comes to: from a time on as it is, and carried on with its inputs as they are at its end where that does not tell.
 
-    None where no judge can say more than the run shows: an input or a law goes on changing in time, friction has two directions, or nothing tells the scale
-    of time because the machine has no steady running.
+    None where no judge can say more than the run shows: an input or a law goes on changing in time, friction has two directions, nothing tells the scale of
+    time because the machine has no steady running, or what is looked at is shorter than a swing.
 
     Parameters
     ----------
@@ -40,23 +41,57 @@ def comes_to(run: Trajectory, element: str, signal: str, after: float) -> Judged
     after
         Time from which on the run is looked at [s]; later where an input still changes then.
     """
-    settled = _settled(run.run.loop, after)
-    if settled is None:
-        return None
-    loop, begin = settled
-    if begin >= run.end or loop.changes_in_time or any(each.directions > 1 for each in loop.system.elements):
-        return None
-    try:
-        still = Request(loop, 0.0, accuracy=run.accuracy).checked()
-        branch = SmoothBranch[float](still, lambda _: (), lambda _: _steady(loop))
-        period = branch.swing(HERE)
-        if not period < run.end - begin:
+    found = Settled.of(run.run.loop, element, signal, after, run.accuracy)
+    return None if found is None or not found.runs.period < run.end - found.begin else found.judged(run)
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A closed loop whose inputs are as they are at last, and the judge of its runs from the time on from which they are.
+
+    runs: of the loop;  begin: the time [s].
+    """
+
+    runs: JudgedRuns[float]
+    begin: float
+
+    @classmethod
+    def of(
+        cls,
+        loop: ClosedLoop,
+        element: str,
+        signal: str,
+        after: float,
+        accuracy: float | None = None,
+        known: SmoothBranch[float] | None = None,
+    ) -> Settled | None:
+        """The judge of a loop; None where it can say nothing. known: smooth running of the same loop with other seeds."""
+        settled = _settled(loop, after)
+        if settled is None:
             return None
-        runs = JudgedRuns(base=still, branch=branch, element=element, signal=signal, perturbation=math.nan, period=period, budget=LONGEST)
-        judge = runs.judge(HERE)
-        judged = judge.of_run(run, begin)
-        return runs.run(HERE, run.last)[0] if judged.regime == NOT_DECIDED else judged
-    except (SceneError, SimulationError):
+        loop, begin = settled
+        if loop.changes_in_time or any(each.directions > 1 for each in loop.system.elements):
+            return None
+        with contextlib.suppress(SceneError, SimulationError):
+            still = Request(loop, 0.0, accuracy=accuracy or loop.accuracy or 1e-6).checked()
+            branch = known or SmoothBranch[float](still, lambda _: (), lambda _: _steady(loop))
+            period = branch.swing(HERE)
+            runs = JudgedRuns(
+                base=still, branch=branch, element=element, signal=signal, perturbation=math.nan, period=period, budget=LONGEST
+            )
+            return None if math.isnan(period) else cls(runs, begin)
+        return None
+
+    @property
+    def rate(self) -> float:
+        """Rate at which a small disturbance of smooth running grows [1/s]; nan where it is not known."""
+        return self.runs.branch.rate(HERE)
+
+    def judged(self, run: Trajectory) -> Judged | None:
+        """What a run of this loop comes to; None where it fails."""
+        with contextlib.suppress(SceneError, SimulationError):
+            judged = self.runs.judge(HERE).of_run(run, self.begin)
+            return self.runs.run(HERE, run.last)[0] if judged.regime == NOT_DECIDED else judged
         return None
 
 

@@ -26,10 +26,10 @@ from toolbox.modelling.steady_point import Equilibrium
 from toolbox.onsets.motions import Growth, Smooth, in_phase, least_damped, moved, slip_rows, swing_period, swings
 from toolbox.onsets.sampled_map import SampledMap
 from toolbox.onsets.twins import twin_growth
-from toolbox.robustness.steady_loop import at_set_points
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
 from toolbox.steady_states.equilibria import flow_slopes
+from toolbox.steady_states.running import at_set_points
 
 Place = TypeVar("Place", float, complex)
 """Where the free numbers of a loop are: the value of one number, or a point of the plane of two (`toolbox.onsets.map_loop`)."""

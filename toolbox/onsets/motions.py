@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import FloatArray
+from toolbox.measuring.judge import told_growth
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.steady_point import Equilibrium, function_of
 from toolbox.simulation.run_state import RunState
@@ -51,7 +52,7 @@ class Growth:
         return 1.0 / abs(self.rate) if self.rate else math.inf
 
     def __str__(self) -> str:
-        return f"{'grows' if self.rate > 0 else 'dies'} with {self.time:.3g} s, by {self.way}"
+        return f"{told_growth(self.rate)}, by {self.way}"
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from toolbox.arguments import BoolArray, FloatArray, is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.printing import columns, table
 from toolbox.files.unit_systems import Reading, reading
-from toolbox.measuring.judge import SMOOTH, STANDS, SWINGS, Judged
+from toolbox.measuring.judge import SMOOTH, STANDS, SWINGS, Judged, told_growth
 from toolbox.steady_states.hopf import HopfPoint
 
 
@@ -372,9 +372,9 @@ class Onset:
         for value, a, b, stands in zip(self.values, self.smooth, self.sticking, self.standing, strict=True):
             longest = "for good" if b.regime == STANDS else f"{b.longest:.3g} s" if b.longest else "-"
             number = f"{value * self._read.factor:.5g}"
-            known = math.isfinite(a.rate) and a.rate != 0.0
-            growth = f"{'grows' if a.rate > 0 else 'dies'} in {1 / abs(a.rate):.3g} s" if known else "-"
-            cells.append((number, a.regime, shown(a.severity), growth, b.regime, shown(b.severity), longest, "lasts" if stands else "-"))
+            cells.append(
+                (number, a.regime, shown(a.severity), told_growth(a.rate), b.regime, shown(b.severity), longest, "lasts" if stands else "-")
+            )
         return cells
 
     @staticmethod

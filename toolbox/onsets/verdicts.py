@@ -13,7 +13,7 @@ from toolbox.errors import SceneError, SimulationError
 from toolbox.files import tables
 from toolbox.files.printing import columns
 from toolbox.files.unit_systems import reading
-from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judged
+from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judged, told_growth
 from toolbox.measuring.measure import stick_intervals
 from toolbox.onsets.coming_to import comes_to
 from toolbox.scenes.judged import judged_measures, sticks_before_standstill
@@ -127,7 +127,7 @@ def in_words(judged: Judged, sticks: int) -> str:
     if judged.regime == SMOOTH:
         return {0: "free", 1: "sticks once"}.get(sticks, "free at last")
     if judged.regime == NOT_DECIDED:
-        return "irregular stick-slip" if judged.sticks else f"grows in {1 / judged.rate:.3g} s" if judged.rate > 0 else NOT_DECIDED
+        return "irregular stick-slip" if judged.sticks else told_growth(judged.rate) if judged.rate > 0 else NOT_DECIDED
     return WORDS.get(judged.regime, judged.regime)
 
 

@@ -31,7 +31,7 @@ from toolbox.robustness.loop import LinearLoop, NoDerivative, acts, checked_smoo
 from toolbox.simulation.run import Budget
 from toolbox.simulation.simulate import simulate
 from toolbox.steady_states.linear import equilibrium, input_values, linearise
-from toolbox.steady_states.running import running
+from toolbox.steady_states.running import at_set_points
 
 KICK = 0.02
 """Part of the states by which a run starts off steady running."""
@@ -346,19 +346,6 @@ def smooth_points(loop: ClosedLoop, guess: Mapping[str, Any]) -> list[Equilibriu
     with contextlib.suppress(SceneError):
         found.append(at_set_points(loop))
     return found
-
-
-def at_set_points(loop: ClosedLoop) -> Equilibrium:
-    """Steady running of a plant at the set-points of its laws, which are inputs of the closed loop; raises SceneError where there is none."""
-    plant, system, inputs = loop.plant, loop.system, loop.constant_inputs("steady running")
-    wanted = {}
-    for name, value in zip(system.inputs, input_values(system, inputs).tolist(), strict=True):
-        part, _, kind = name.rpartition(".")
-        if kind == "reference" and plant.has_signal(f"{part}.speed"):
-            wanted[f"{part}.speed"] = value
-    drives = tuple(name for name in plant.inputs if name not in system.inputs)
-    known = {name: value for name, value in inputs.items() if name in plant.inputs}
-    return running(dataclasses.replace(loop.bare, inputs=known), wanted, drives)
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------- both kinds

@@ -7,6 +7,7 @@ start with every seed; the runs that differ by numbers alone step side by side (
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 import math
@@ -17,15 +18,18 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import mapping, number, numbers, whole
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.printing import columns
 from toolbox.files.units import NumberOrText, in_si
+from toolbox.measuring.judge import CALM, STANDS, STICKS, told_growth
 from toolbox.measuring.measures import Measure, maximum, mean, minimum, stuck_ratio
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
 from toolbox.modelling.closing import described
 from toolbox.modelling.laws import Sampled
+from toolbox.onsets.coming_to import Settled
 from toolbox.robustness.steady_loop import smooth_start
 from toolbox.scenes.judged import judged_contact, judged_measures, judged_speed, set_point
+from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.sweep import sweep
 
@@ -49,10 +53,12 @@ class Outcome:
         Error of the mean speed, as a part of its target [1].
     ripple
         Half the range of the command by its mean, the largest of any command [1].
+    rate
+        Rate at which a small disturbance of smooth running grows on this machine [1/s]; nan where it is not known.
     failure
-        Why the run could not be finished; empty where it could.
+        Why the run could not be finished, or what it comes to in spite of a calm window; empty where neither is so.
     excess
-        The largest of these by what is allowed, infinite for a run that sticks or fails; at most 1 is a success.
+        The largest of these by what is allowed, infinite for a run that sticks, grows or fails; at most 1 is a success.
     more
         {name: value} of further measures.
     """
@@ -63,6 +69,7 @@ class Outcome:
     stuck: float
     mean_error: float
     ripple: float
+    rate: float
     failure: str
     excess: float
     more: Mapping[str, float] = field(default_factory=dict)
@@ -111,12 +118,14 @@ class WorstCase:
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text: the worst outcome of each error, and how many of its runs fail."""
-        lines: list[tuple[str, ...]] = [("error", "failed", "start", "seed", "stuck", "mean error", "ripple", *self.outcomes[0].more)]
+        lines: list[tuple[str, ...]] = [
+            ("error", "failed", "start", "seed", "stuck", "mean error", "ripple", "a disturbance", *self.outcomes[0].more)
+        ]
         for error, worst in self.by_error.items():
             own = [outcome for outcome in self.outcomes if outcome.error == error]
             failed = sum(outcome.excess > 1.0 for outcome in own)
             numbers = [_percent(each) for each in (worst.stuck, worst.mean_error, worst.ripple)]
-            numbers += [f"{value:.4g}" for value in worst.more.values()]
+            numbers += [told_growth(worst.rate), *(f"{value:.4g}" for value in worst.more.values())]
             lines.append((error, f"{failed} of {len(own)}", str(worst.start), str(worst.seed), *numbers))
         return lines
 
@@ -186,7 +195,9 @@ def worst_case(
     """Run a closed loop with every model error, from every start and with every seed of its noise, and judge the end of each run.
 
     A run succeeds where, from `after` on, the contact never sticks, the mean speed is within `mean_within` of its target, and no command swings by more than
-    `ripple_within` of its mean to either side.
+    `ripple_within` of its mean to either side; and where it stays so: a small disturbance of smooth running must not grow on that machine, however slowly, and
+    a run that still swings is carried on until the judge of `onset` can tell. Inputs count as they are at last; where one goes on changing, the window alone
+    decides.
 
     Parameters
     ----------
@@ -236,7 +247,7 @@ def worst_case(
     asked = _measures(contact, speed, drives, window) | {f"further {name}": each for name, each in more.items()}
     begins = [smooth_start(loop)] if starts is None else list(starts)
     found: list[Outcome] = []
-    seconds = 0.0
+    seconds, machines = 0.0, _Machines(contact, speed, duration, window)
     delays = sorted({case.get(DELAY, 1.0) for case in cases.values()})
     for late, seed, (k, begin) in itertools.product(delays, seeds if noisy else (0,), enumerate(begins)):
         own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late}
@@ -247,6 +258,9 @@ def worst_case(
         for i, label in enumerate(own):
             numbers = {name: float(done[name][i]) for name in asked}
             outcome = _outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, wanted, (mean_within, ripple_within))
+            if outcome.excess <= 1.0:
+                swing = (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"])
+                outcome = machines.lasting(outcome, running.but(start=states_of(begin, plant)), rows[i], swing)
             found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
     order = {label: i for i, label in enumerate(cases)}
     found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
@@ -269,7 +283,8 @@ def _measures(contact: str, speed: str, drives: Sequence[str], window: float) ->
         for name in drives
         for word, measure in (("low", minimum), ("high", maximum), ("mean", mean))
     }
-    return {"stuck": stuck_ratio(contact, window), "mean": mean(speed, window), **swings}
+    of_speed = {"mean": mean(speed, window), "lowest": minimum(speed, window), "highest": maximum(speed, window)}
+    return {"stuck": stuck_ratio(contact, window), **of_speed, **swings}
 
 
 def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
@@ -319,7 +334,7 @@ def _outcome(
 ) -> Outcome:
     """What came of a run, and by how much it is beyond what is allowed."""
     if failure:
-        return Outcome(label, start, seed, math.nan, math.nan, math.nan, str(failure), math.inf)
+        return Outcome(label, start, seed, math.nan, math.nan, math.nan, math.nan, str(failure), math.inf)
     error = numbers["mean"] / target - 1.0
     ripple = 0.0
     for name in drives:
@@ -327,7 +342,36 @@ def _outcome(
         mean = abs(numbers[f"mean {name}"])
         ripple = max(ripple, swing / mean if mean > 0.0 else math.inf if swing > 0.0 else 0.0)
     excess = math.inf if numbers["stuck"] > 0.0 else max(0.0 if math.isnan(error) else abs(error) / allowed[0], ripple / allowed[1])
-    return Outcome(label, start, seed, numbers["stuck"], error, ripple, "", excess)
+    return Outcome(label, start, seed, numbers["stuck"], error, ripple, math.nan, "", excess)
+
+
+@dataclass
+class _Machines:
+    """Judges of what calm windows come to: smooth running of each machine once, whatever the start and the seed."""
+
+    contact: str
+    speed: str
+    duration: float
+    window: float
+    known: dict[str, Settled | None] = field(default_factory=dict)
+
+    def lasting(self, outcome: Outcome, loop: ClosedLoop, numbers: Mapping[str, float], swing: float) -> Outcome:
+        """An outcome whose window is calm, with what it comes to; numbers: of its machine;  swing: of the speed in the window, in parts of its mean."""
+        for name, value in numbers.items():
+            loop = loop.at(name, value)
+        if outcome.error not in self.known:
+            self.known[outcome.error] = Settled.of(loop, self.contact, self.speed, self.window)
+        settled = self.known[outcome.error]
+        if settled is None:
+            return outcome
+        rate = settled.rate
+        comes_to = told_growth(rate) if rate > 0.0 else ""
+        if not rate > 0.0 and not (rate < 0.0 and swing < CALM):
+            own = Settled.of(loop, self.contact, self.speed, self.window, known=settled.runs.branch)
+            with contextlib.suppress(SimulationError):
+                judged = own and own.judged(simulate(loop, self.duration))
+                comes_to = judged.regime if judged and judged.regime in (STICKS, STANDS) else ""
+        return dataclasses.replace(outcome, rate=rate, failure=comes_to, excess=math.inf if comes_to else outcome.excess)
 
 
 def _badness(outcome: Outcome) -> tuple[bool, float, float, float]:

@@ -90,3 +90,16 @@ def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], drives: str | Sequ
     if not (np.abs(reached - target) <= 1e-6 * np.maximum(np.abs(target), np.abs(reached))).all():
         raise SceneError(f"There is no steady running at {asked} that `{'`, `'.join(driven)}` can keep.")
     return dataclasses.replace(point, asked={**loop.asked, **asked_units(wanted)})
+
+
+def at_set_points(loop: ClosedLoop) -> Equilibrium:
+    """Steady running of a plant at the set-points of its laws, which are inputs of the closed loop; raises SceneError where there is none."""
+    plant, system, inputs = loop.plant, loop.system, loop.constant_inputs("steady running")
+    wanted = {}
+    for name, value in zip(system.inputs, input_values(system, inputs).tolist(), strict=True):
+        part, _, kind = name.rpartition(".")
+        if kind == "reference" and plant.has_signal(f"{part}.speed"):
+            wanted[f"{part}.speed"] = value
+    drives = tuple(name for name in plant.inputs if name not in system.inputs)
+    known = {name: value for name, value in inputs.items() if name in plant.inputs}
+    return running(dataclasses.replace(loop.bare, inputs=known), wanted, drives)

@@ -17,14 +17,15 @@ import numpy as np
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.measuring import measure
-from toolbox.measuring.judge import SMOOTH
+from toolbox.measuring.judge import SMOOTH, STANDS, STICKS, told_growth
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.onsets.coming_to import comes_to
 from toolbox.onsets.onset import onset
 from toolbox.onsets.report import Onset
 from toolbox.robustness.margins import Margins, margins
 from toolbox.robustness.worst_case import WorstCase, worst_case
-from toolbox.scenes.judged import judged_contact
+from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.trajectory import Trajectory
 
 
@@ -55,7 +56,10 @@ class Checks:
     name: str = "check"
 
     def no_stick_slip(self, run: Trajectory, after: float, element: str | None = None) -> None:
-        """No stick phase, however short, touches the time after `after` [s]. element: the contact; the only one without."""
+        """No stick phase, however short, touches the time after `after` [s], and none comes when the run goes on with its inputs as they are at its end.
+
+        A run whose inputs go on changing, and one that is shorter than a swing, is judged by itself alone. element: the contact; the only one without.
+        """
         __tracebackhide__ = True
         contact = judged_contact(run.program.system, element)
         sticks = measure.stick_intervals(run, contact, after)
@@ -65,6 +69,16 @@ class Checks:
                 "no_stick_slip",
                 f"`{contact}` must not stick after {after:g} s, but it sticks {len(sticks)} time(s) for {sum(lengths):.4g} s in all, the longest "
                 f"{max(lengths):.4g} s, first at {sticks[0][0]:.4g} s",
+                lambda: run.plot(),
+            )
+        judged = comes_to(run, contact, judged_speed(run.program.system, contact), after)
+        if judged is not None and (judged.rate > 0 or judged.regime in (STICKS, STANDS)):
+            coming = (
+                f"a small disturbance of smooth running {told_growth(judged.rate)}" if judged.rate > 0 else f"carried on it {judged.regime}"
+            )
+            self._fail(
+                "no_stick_slip",
+                f"`{contact}` must not stick after {after:g} s: it does not until {run.end:g} s, but {coming}",
                 lambda: run.plot(),
             )
 

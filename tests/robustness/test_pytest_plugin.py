@@ -11,10 +11,10 @@ import tomllib
 import numpy as np
 import pytest
 
-from controllers import IdealSlidingMode, SoftTorque, StiffPI
+from controllers import PI, IdealSlidingMode, SoftTorque, StiffPI
 from models import BitRock, wells
-from toolbox import Sampled, SceneError, closed_loop, compose, measure, simulate
-from toolbox.onsets.checks import Checks, Perturbation
+from toolbox import Sampled, SceneError, closed_loop, compose, inputs, measure, simulate
+from toolbox.robustness.checks import Checks, Perturbation
 
 pytest_plugins = "pytester"
 
@@ -69,6 +69,16 @@ def test_a_bit_that_sticks_is_reported_with_times_and_a_figure(checks, stiff):
     sticks = measure.stick_intervals(stiff, "bit", 60.0)
     assert f"sticks {len(sticks)} time(s)" in text and f"{sticks[0][0]:.4g} s" in text
     assert figure(text).startswith(b"\x89PNG")
+
+
+def test_a_bit_that_will_stick_is_reported_though_the_run_shows_no_stick(checks):
+    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+    slowed = {end: inputs.ramp(10.0, end, 0.0, 600.0) for end in (3.985, 4.0)}
+    grows, calm = (simulate(closed_loop(rig, PI(4_000.0, 1_500.0), inputs={"top.reference": each}), 680.0) for each in slowed.values())
+    assert "but a small disturbance of smooth running grows in" in failure(checks.no_stick_slip, grows, after=600.0)
+    checks.no_stick_slip(calm, after=600.0)
+    falls = simulate(rig, 6.0, controller=StiffPI(reference=6.5), start={"chain.twist": [16.4], "chain.speed": [4.55, 1.95]})
+    assert "but carried on it sticks and slips" in failure(checks.no_stick_slip, falls, after=0.1)
 
 
 def test_a_free_bit_passes(checks, soft):

@@ -214,7 +214,7 @@ def test_onset_refuses_what_has_none(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in LAWS if "onset" not in LAWS[name].refuses])
 def test_onset_answers_with_a_loss_or_says_how_far_smooth_running_holds(name):
-    found = onset(LAWS[name].loop, "top.reference", (3.0, 9.0), values=3)
+    found = onset(LAWS[name].loop, "top.reference", (3.0, 9.0), values=3, tolerance=0.1, duration=150.0)
     assert len(found.smooth) == 4 and found.parameter == "top.reference"
     assert all(3.0 <= border.value <= 9.0 for border in found.losses)
     assert found.smooth[-1].regime != "" and found.at == 8.0

@@ -40,6 +40,9 @@ NEARBY = (0.0, 1e-4, -1e-4, 1e-3, -1e-3)
 HALVINGS = 8
 """How often the way to a place at which the growth is not known is halved, to come between there and where growth is zero."""
 
+TRIED = 3
+"""Places at which the map of a sampled loop must fail to have derivatives, and have them nowhere, before it is left for twin runs at once."""
+
 EXACT_SENSORS = {".sensors.noise": 0.0, ".sensors.resolution": 1e-18}
 """Numbers with which sensors read what there is: steps of an encoder so fine that they round nothing."""
 
@@ -63,6 +66,7 @@ class SmoothBranch(Generic[Place]):
         self.followed: Callable[[Place], Equilibrium | None] | None = followed
         self.known: dict[Place, Smooth | None] = {}
         self.slopes: FloatArray | None = None
+        self.rough = 0
 
     def at(self, value: Place) -> Run:
         """The run with the free numbers at a place."""
@@ -130,6 +134,8 @@ class SmoothBranch(Generic[Place]):
         run, nearest = self.at(value), None
         for begin in self._beginnings(run, value):
             nearest = nearest or begin
+            if self.rough == TRIED:
+                break
             with contextlib.suppress(SimulationError):
                 searched = SampledMap(run, begin)
                 found = searched.smooth(self.slopes)
@@ -138,6 +144,8 @@ class SmoothBranch(Generic[Place]):
                     return found
         if nearest is None:
             return None
+        if self.slopes is None:
+            self.rough = min(self.rough + 1, TRIED)
         growth = twin_growth(run, nearest, self.shaken(run, nearest), self.swing(value)) or Growth(math.nan, math.inf, "runs")
         return Smooth(nearest, growth, np.concatenate([nearest.states, np.zeros(nearest.values.size - nearest.states.size)]))
 

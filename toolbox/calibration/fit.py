@@ -237,10 +237,13 @@ class LeastSquares:
         factor = float(student.ppf(0.5 + self.confidence / 2, n - k))
         span = np.where(np.isfinite(self.high - self.low), self.high - self.low, self._size(values))
         edge = np.minimum(values - self.low, self.high - values) < 1e-6 * span
+        recording, count = misfit.recording, sum(values.size for values in misfit.measured.values())
+        measured = f"{count} measured values over {recording.time[-1]:g} s ({recording.source}), {misfit.how}"
         return Fit(
             self.names, self.units, values, np.sqrt(np.diag(covariance)), covariance, self.confidence, factor,
             tuple(residual_of(name, misfit.plant.unit(name), left[name], misfit.measured[name]) for name in misfit.outputs), condition,
-            tuple(name for i, name in enumerate(self.names) if edge[i] or i in rest.why), agreeing, len(found), misfit,
+            tuple(name for i, name in enumerate(self.names) if edge[i] or i in rest.why), agreeing, len(found), measured,
+            misfit.exact, misfit.panels(left), misfit,
             {self.names[i]: words for i, words in rest.why.items()}, tuple(name for name, silent in zip(self.names, mute.tolist(), strict=True) if silent),
             ways @ sampling_error(misfit, values, jacobian, scales),
         )  # fmt: skip

@@ -20,6 +20,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.calibration.columnwise import Columnwise
+from toolbox.calibration.panels import TIME, Panel
 from toolbox.calibration.recording import Recording
 from toolbox.errors import GrazingError, SceneError, SimulationError, suggest
 from toolbox.modelling.closed_loop import ClosedLoop
@@ -104,6 +105,14 @@ class Simulated:
     def run(self, values: np.ndarray) -> Trajectory:
         """The simulation with the free numbers at given values; raises what `simulate` raises."""
         return simulate(self.at(values), float(self.recording.time[-1]), output_times=self.recording.time, accuracy=self.accuracy)
+
+    how = "by simulation"
+
+    def panels(self, left: Mapping[str, np.ndarray]) -> tuple[Panel, ...]:
+        """What was measured beside the model; left: model less measured."""
+        never, nothing = np.zeros(self.recording.time.size, bool), np.empty((2, 0))
+        values = ((name, self.plant.unit(name), self.measured[name], self.measured[name] + left[name]) for name in self.outputs)
+        return tuple(Panel(name, unit, TIME, self.time[name], measured, model, never, nothing) for name, unit, measured, model in values)
 
     def allowed(self, values: np.ndarray) -> None:
         """Raise SceneError where the numbers contradict each other."""
@@ -207,6 +216,20 @@ class MeasuredLoop:
         self.rows, self.released = rows, np.isin(rows, release)
         self.outputs = [self.output]
         self.time, self.measured = {self.output: recording.time[rows]}, {self.output: values[rows]}
+
+    @property
+    def how(self) -> str:
+        """What was fitted, in words."""
+        return f"law of `{self.plant.elements[self.place].name}` against the measured loop"
+
+    def panels(self, left: Mapping[str, np.ndarray]) -> tuple[Panel, ...]:
+        """What was measured beside the law; left: law less measured."""
+        name, element = self.output, self.plant.elements[self.place]
+        measured = self.measured[name]
+        still = np.setdiff1d(np.arange(self.slip.size), self.rows)
+        resting = np.stack([self.slip[still], self.recording.signals[name][still]])
+        over = f"slip of {element.name} [{element.slip_unit}]"
+        return (Panel(name, self.plant.unit(name), over, self.slip[self.rows], measured, measured + left[name], self.released, resting),)
 
     def at(self, values: np.ndarray) -> ClosedLoop:
         """The loop with the free numbers at given values."""

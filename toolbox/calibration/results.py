@@ -11,18 +11,19 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import FloatArray
-from toolbox.calibration.residuals import MeasuredLoop
+from toolbox.calibration.panels import Panel
 from toolbox.calibration.trust import Residual
 from toolbox.errors import SceneError, suggest
 from toolbox.files import tables
 from toolbox.files.printing import columns, table
+from toolbox.files.results import LEFT_OUT, Result
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(Result):
     """Estimates of a fit: `fit["bit.friction.static"]`, `fit.interval(name)`, `fit.parameters`, `fit.plant`, `print(fit)`, `fit.plot()`.
 
     Attributes
@@ -41,8 +42,14 @@ class Fit:
         Names that ended at a bound, or at another number.
     agreeing, starts
         How many of the searches ended at this optimum, and how many there were.
+    measured
+        What was fitted, in words.
+    exact
+        Whether slopes of the model are exact.
+    panels
+        What was measured beside the fitted model, a `Panel` for each signal.
     misfit
-        The model and the data.
+        The model and the data; None in a result that was loaded, which has no loop and no plant.
     resting
         Why a name cannot go on to its optimum, {name: reason}, for those that rest on another number.
     mute
@@ -65,7 +72,10 @@ class Fit:
     at_bounds: tuple[str, ...]
     agreeing: int
     starts: int
-    misfit: Any = field(repr=False)
+    measured: str
+    exact: bool
+    panels: tuple[Panel, ...] = field(repr=False)
+    misfit: Any = field(repr=False, metadata=LEFT_OUT)
     resting: Mapping[str, str] = field(default_factory=dict)
     mute: tuple[str, ...] = ()
     sampling: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -96,14 +106,23 @@ class Fit:
     @property
     def parameters(self) -> dict[str, float]:
         """{name: estimate} of those that are parameters of the plant."""
-        loop = self.misfit.loop
+        loop = self._machine.loop
         taken = [each.name for each in self.misfit.numbers if each.kind == "parameter" or (each.is_input and each.name not in loop.inputs)]
         return {name: self[name] for name in taken if loop.plant.has_parameter(name)}
 
     @property
     def loop(self) -> ClosedLoop:
         """The calibrated loop, driven by what was measured."""
-        return self.misfit.at(self.values)
+        return self._machine.at(self.values)
+
+    @property
+    def _machine(self) -> Any:
+        """The model; raises SceneError where there is none."""
+        if self.misfit is None:
+            raise SceneError(
+                "This fit was read from a file, which holds its numbers alone: put them into a loop by `loop.at(name, fit[name])`."
+            )
+        return self.misfit
 
     @property
     def plant(self) -> HybridSystem:
@@ -127,15 +146,8 @@ class Fit:
 
     @property
     def _headlines(self) -> tuple[str, str]:
-        count = sum(values.size for values in self.misfit.measured.values())
-        how = (
-            f"law of `{self.misfit.plant.elements[self.misfit.place].name}` against the measured loop"
-            if isinstance(self.misfit, MeasuredLoop)
-            else "by simulation"
-        )
-        recording = self.misfit.recording
         return (
-            f"Fit of {len(self.names)} number(s) to {count} measured values over {recording.time[-1]:g} s ({recording.source}), {how}",
+            f"Fit of {len(self.names)} number(s) to {self.measured}",
             f"{self.agreeing} of {self.starts} start(s) end here; intervals of {100 * self.confidence:g} %",
         )
 
@@ -170,12 +182,18 @@ class Fit:
                     f"  `{name}` is less sure than its interval says: what the measured inputs do between their samples may move it by {abs(shift):.2g}, "
                     f"{abs(shift) / (self.factor * error):.1f} half-widths. Record them faster, or fit the law alone to its loop (`contact=`)."
                 )
-        if not self.misfit.exact:
+        if not self.exact:
             lines.append("  slopes by differences, because a law in Python or an encoder has no exact ones")
         return lines
 
-    def save(self, path: str | Path) -> Path:
-        """Write estimates, deviations and intervals as csv in SI units."""
+    def check_loaded(self) -> None:
+        """Raise ValueError where the arrays do not fit to the names."""
+        k = len(self.names)
+        if not (self.values.shape == self.errors.shape == (k,) and self.covariance.shape == (k, k) and len(self.units) == k):
+            raise ValueError("its arrays do not fit to its names")
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write estimates, deviations and intervals as CSV in SI units, whole or not at all; returns the path."""
         estimates = zip(self.names, self.units, self.values.tolist(), self.errors.tolist(), strict=True)
         headings = ["name", "unit", "estimate", "standard deviation", "low", "high"]
         return tables.write(path, headings, [[name, *rest, *self.interval(name)] for name, *rest in estimates])
@@ -184,4 +202,4 @@ class Fit:
         """Draw what was measured against the model: traces, residuals, and the friction loop. Returns the axes."""
         from toolbox.calibration.figures import fitted  # here, because matplotlib is slow to import
 
-        return fitted(self.misfit, self.values, self.asked)
+        return fitted(self.panels, self.asked)

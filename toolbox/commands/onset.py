@@ -37,8 +37,8 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Find the borders of stick-slip. Returns the exit code."""
+    from toolbox.onsets.comparison import Comparison
     from toolbox.onsets.onset import onset
-    from toolbox.onsets.report import Comparison
     from toolbox.scenes.scene import Scene
 
     scene = Scene.load(given.scene)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import dataclasses
+import json
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,9 +15,12 @@ import numpy as np
 from toolbox.arguments import number
 from toolbox.contacts.problem import LEGEND, OPEN, SLIP, STICK, ContactProblem
 from toolbox.errors import SceneError, suggest
+from toolbox.files.archives import Shape, arrays, check_shapes, understood
 from toolbox.files.atomic import replaced
+from toolbox.files.results import read, written
 from toolbox.files.tables import write as write_table
 from toolbox.files.units import NumberOrText
+from toolbox.modelling.elements import FrictionLaw
 from toolbox.simulation.samples import Event
 
 
@@ -37,6 +42,21 @@ class Energies:
         for word, values in vars(self).items():
             setattr(kept, word, {name: v[:rows] for name, v in values.items()} if isinstance(values, dict) else values[:rows])
         return kept
+
+
+RECORDS = ("time", "coordinates", "rates", "modes", "normal", "tangential", "slip", "rubbed", "passes")
+"""Arrays of a run in its file, in the order of its fields."""
+
+
+def _law_named(name: str) -> type[FrictionLaw]:
+    """The friction law of that name, of all that are defined; raises SceneError where there is none."""
+    left = [FrictionLaw]
+    while left:
+        kind = left.pop()
+        if f"{kind.__module__}.{kind.__qualname__}" == name:
+            return kind
+        left += kind.__subclasses__()
+    raise SceneError(f"The run has the friction law `{name}`, which is not known here: import its module first.")
 
 
 @dataclass
@@ -189,24 +209,77 @@ class ContactRun:
         return worst
 
     def save(self, path: str | Path) -> Path:
-        """Write the run to a compressed npz file for numpy, whole or not at all; returns its path.
+        """Write the run to a compressed npz file without pickle, which `load` reads, or to a table where the path ends with .csv; whole or not at all.
 
-        Keys: time, modes, normal, tangential, slip and rubbed as the attributes; areas and, where they are known, places of the contacts; `output.<name>` and
-        `output.<name>.speed`, `input.<name>`; `energy.<word>` for those of `energy`.
+        Keys: time, coordinates, rates, modes, normal, tangential, slip, rubbed and passes as the attributes; areas and, where they are known, places of the
+        contacts; `output.<name>`, `output.<name>.speed` and `input.<name>`; `energy.<word>` for those of `energy`;
+        `run` (JSON) and the arrays it names for the problem.
         """
-        arrays: dict[str, Any] = {word: getattr(self, word) for word in ("time", "modes", "normal", "tangential", "slip", "rubbed")}
-        arrays |= {word: getattr(self.problem, word) for word in ("areas", "places") if getattr(self.problem, word) is not None}
+        path = Path(path)
+        if path.suffix == ".csv":
+            return self.to_csv(path)
+        columns: dict[str, Any] = {word: getattr(self, word) for word in RECORDS}
+        columns |= {word: getattr(self.problem, word) for word in ("areas", "places") if getattr(self.problem, word) is not None}
         for name in self.problem.outputs:
-            arrays |= {f"output.{name}": self[name], f"output.{name}.speed": self.rate(name)}
-        arrays |= {f"input.{name}": values for name, values in self.inputs.items()}
+            columns |= {f"output.{name}": self[name], f"output.{name}.speed": self.rate(name)}
+        columns |= {f"input.{name}": values for name, values in self.inputs.items()}
         for word, values in vars(self.energy).items():
-            arrays |= (
+            columns |= (
                 {f"energy.{word}.{name}": each for name, each in values.items()} if isinstance(values, dict) else {f"energy.{word}": values}
             )
-        path = Path(path)
+        law = self.problem.friction
+        own = {each.name: getattr(self.problem, each.name) for each in dataclasses.fields(self.problem) if each.name != "friction"}
+        held: dict[str, Any] = {}
+        tree = written(
+            {"problem": own, "law": f"{type(law).__module__}.{type(law).__qualname__}", "friction": vars(law), "wall_time": self.wall_time},
+            held,
+        )
         with replaced(path) as file:
-            np.savez_compressed(file, **arrays)
+            np.savez_compressed(file, run=np.array(json.dumps(tree)), **columns, **held)
         return path
+
+    @staticmethod
+    def load(path: str | Path) -> ContactRun:
+        """Read what `save` wrote: all but `error`, which asks for another run.
+
+        Parameters
+        ----------
+        path
+            Path of the file. The module that defines the friction law must have been imported.
+
+        Raises
+        ------
+        SceneError
+            If the file is not one that `save` wrote, or there is no such friction law.
+        """
+        what = "a run written by `ContactRun.save`"
+        with understood(Path(path), what):
+            data = arrays(Path(path), what)
+            tree = dict(json.loads(str(data["run"])))
+            kind = _law_named(tree["law"])
+            problem = read(Mapping[str, Any], tree["problem"], data, "problem")
+            mappings = {word: read(Mapping[str, Any], problem[word], data, word) for word in ("forces", "surface", "outputs", "units")}
+            law = kind(**read(Mapping[str, Any], tree["friction"], data, "friction"))
+            inputs = {name.removeprefix("input."): values for name, values in data.items() if name.startswith("input.")}
+            energy = Energies(0, ())
+            for word in vars(energy):
+                own = f"energy.{word}"
+                sums = {name.removeprefix(f"{own}."): values for name, values in data.items() if name.startswith(f"{own}.")}
+                setattr(energy, word, sums if word == "work" else data[own])
+            records: dict[str, Any] = {word: data[word] for word in RECORDS}
+            held = ContactProblem(**{**problem, **mappings, "friction": law})
+            run = ContactRun(problem=held, energy=energy, inputs=inputs, wall_time=float(tree["wall_time"]), **records)
+            run._check(data)
+        return run
+
+    def _check(self, data: Mapping[str, np.ndarray]) -> None:
+        """Raise ValueError where arrays that were read do not fit to one another and to the problem."""
+        problem, n, c, k = self.problem, self.problem.size, self.problem.contacts, self.problem.directions
+        shapes: dict[str, Shape] = {"time": ("f", "t"), "coordinates": ("f", "t", n), "rates": ("f", "t", n), "modes": ("iu", "t", c)}
+        shapes |= {"normal": ("f", "t", c), "tangential": ("f", "t", c, k), "slip": ("f", "t", c, k), "rubbed": ("f", "t", c)}
+        shapes |= {f"input.{name}": ("f", "t") for name in (*problem.forces, *problem.surface)}
+        shapes |= {name: ("f", "t") for name in data if name.startswith("energy.")}
+        check_shapes(data, shapes)
 
     def to_csv(self, path: str | Path) -> Path:
         """Write what the face does as a whole as CSV in SI, units in the headings, one row per instant, whole or not at all; returns the path.

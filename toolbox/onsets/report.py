@@ -6,13 +6,13 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import BoolArray, FloatArray, is_finite_number
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError
 from toolbox.files.printing import columns, table
+from toolbox.files.results import Result
 from toolbox.files.unit_systems import Reading, reading
 from toolbox.measuring.judge import SMOOTH, STANDS, SWINGS, Judged, told_growth
 from toolbox.steady_states.hopf import HopfPoint
@@ -78,7 +78,7 @@ class Coexisting:
 
 
 @dataclass(frozen=True)
-class Onset:
+class Onset(Result):
     """What a machine does over one parameter, on both of its branches: `print(onset)` for the report, `onset.plot()` for the picture.
 
     Attributes
@@ -310,7 +310,7 @@ class Onset:
     def _repr_html_(self) -> str:
         title, judged = self._headlines
         notes = [self.advice, *self._side_by_side, *(f"Note: {note}" for note in self._noted)]
-        borders = table(title, ("border", _labelled(self.parameter, self._read.unit), ""), self._border_rows(), notes)
+        borders = table(title, ("border", labelled(self.parameter, self._read.unit), ""), self._border_rows(), notes)
         return borders + table(judged, self._head, self._value_rows(), [self._checked])
 
     @property
@@ -356,7 +356,7 @@ class Onset:
     def _head(self) -> tuple[str, ...]:
         """Headings of `_value_rows`."""
         return (
-            _labelled(self.parameter, self._read.unit),
+            labelled(self.parameter, self._read.unit),
             "from smooth running",
             "severity",
             "a disturbance",
@@ -402,7 +402,12 @@ class Onset:
 
         return onset_diagram(self, ax=ax)
 
-    def save(self, path: str | Path) -> Path:
+    def check_loaded(self) -> None:
+        """Raise ValueError where the values of both branches are not as many."""
+        if len({len(each) for each in (self.values, self.smooth, self.sticking, self.cycling, self.standing)}) != 1:
+            raise ValueError("its branches do not have as many values")
+
+    def to_csv(self, path: str | Path) -> Path:
         """Write one row per value as csv: regime, severity, sticks and growth rate of both branches, and whether standstill lasts; whole or not at all."""
         from toolbox.files import tables
 
@@ -436,62 +441,11 @@ GROWTHS = ("poles", "differences", "twin runs")
 """Ways in which the growth of smooth running is known."""
 
 
-def _labelled(name: str, unit: str) -> str:
+def labelled(name: str, unit: str) -> str:
+    """A name with its unit, where it has one."""
     return name if unit == "1" else f"{name} [{unit}]"
 
 
 def shown(value: float) -> str:
     """A number of a report; "-" where there is none."""
     return "-" if math.isnan(value) else f"{value:.3g}"
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Onsets of several controllers over one parameter, side by side: `print(comparison)`, `comparison["soft torque"]`."""
-
-    onsets: Mapping[str, Onset]
-    failures: Mapping[str, str] = field(default_factory=dict)
-
-    def __getitem__(self, label: str) -> Onset:
-        if label not in self.onsets:
-            raise SceneError(f"There is no onset of `{label}`: {suggest(label, self.onsets)}")
-        return self.onsets[label]
-
-    @cached_property
-    def rows(self) -> list[tuple[str, ...]]:
-        """One line per controller as text: name, Hopf point, loss, end, break-away, bistable band, verdict at the working point and margin."""
-        lines = [("controller", "Hopf point", "smooth lost", "stick-slip ends", "break-away", "bistable", "at", "there", "margin")]
-        for label, found in self.onsets.items():
-            factor = reading(found.unit, found.asked).factor
-            inside = found.values[0] <= found.at <= found.values[-1]
-            borders = [
-                min(row, key=lambda b: abs(b.value - found.at)).margin(found.at) for row in (found.losses, found.ends, found.stalls) if row
-            ]
-            lines.append(
-                (
-                    label,
-                    shown(factor * min((p.value for p in found.hopf), key=lambda v: abs(v - found.at), default=math.nan)),
-                    shown(factor * found.loss),
-                    shown(factor * found.end),
-                    shown(factor * found.breakaway),
-                    ", ".join(f"{low * factor:.3g} .. {high * factor:.3g}" for low, high in found.bistable) or "-",
-                    f"{found.at * factor:.4g}",
-                    found.verdict(found.at) if inside else "outside",
-                    f"{100 * min(borders):+.0f} %" if borders else "-",
-                )
-            )
-        return lines + [(label, "failed", *[""] * 7) for label in self.failures]
-
-    def __str__(self) -> str:
-        lines = columns(self.rows, indent="")
-        lines.insert(1, "-" * max(map(len, lines)))
-        return "\n".join([*self._title, *lines, *(f"{label} failed: {reason}" for label, reason in self.failures.items())])
-
-    @property
-    def _title(self) -> list[str]:
-        """What is compared, with the unit of its values; nothing where all failed."""
-        return [f"Borders over {_labelled(each.parameter, each._read.unit)}" for each in self.onsets.values()][:1]
-
-    def _repr_html_(self) -> str:
-        failed = [f"{label} failed: {reason}" for label, reason in self.failures.items()]
-        return table(", ".join(self._title) or "Onsets of stick-slip", self.rows[0], self.rows[1:], failed)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import mapping, number
 from toolbox.errors import SceneError
+from toolbox.files import tables
 from toolbox.files.printing import columns
+from toolbox.files.results import Result
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
@@ -22,7 +26,7 @@ from toolbox.steady_states.linear import input_values
 
 
 @dataclass(frozen=True)
-class Margins:
+class Margins(Result):
     """Margins of a closed loop at steady running: `print(found)` shows all, `found.plot()` draws the Nyquist curve and the sensitivity.
 
     Attributes
@@ -57,6 +61,11 @@ class Margins:
     measured: MeasuredMargins | None = None
     loop: LinearLoop | None = field(default=None, repr=False)
     asked: Mapping[str, str] = field(default_factory=dict)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write one row per command as CSV in SI units, whole or not at all; returns the path."""
+        names = [each.name for each in dataclasses.fields(LoopMargins)]
+        return tables.write(path, names, [[getattr(row, name) for name in names] for row in self.loops])
 
     def __getitem__(self, command: str) -> LoopMargins:
         """The margins of one command; raises SceneError for a name that is none."""

@@ -13,13 +13,16 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import mapping, number, numbers, whole
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.files import tables
 from toolbox.files.printing import columns
+from toolbox.files.results import Result
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring.judge import CALM, STANDS, STICKS, told_growth
 from toolbox.measuring.measures import Measure, maximum, mean, minimum, stuck_ratio
@@ -76,7 +79,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class WorstCase:
+class WorstCase(Result):
     """Outcomes of a law over model errors, starts and seeds: `print(found)` shows the worst of each error, `found.worst` the worst of all.
 
     Attributes
@@ -133,6 +136,11 @@ class WorstCase:
         failed = sum(outcome.excess > 1.0 for outcome in self.outcomes)
         verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
         return "\n".join([f"Worst case of {self.title}: {verdict}", f"  {self.way}", *columns(self.rows)])
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write one row per run as CSV, whole or not at all; returns the path."""
+        headings = ["error", "start", "seed", "stuck", "mean error", "ripple", "rate [1/s]", "failure", "excess", *self.outcomes[0].more]
+        return tables.write(path, headings, [[*list(vars(outcome).values())[:-1], *outcome.more.values()] for outcome in self.outcomes])
 
     def plot(self, axes: Any = None) -> Any:
         """Time stuck and ripple of every run by its error; see `toolbox.robustness.figures.worst_case_diagram`. Returns both axes."""

@@ -21,6 +21,7 @@ from toolbox.arguments import number, numbers, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files import tables
 from toolbox.files.printing import columns
+from toolbox.files.results import Result
 from toolbox.files.units import NumberOrText
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
@@ -54,7 +55,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class WorkPrecision:
+class WorkPrecision(Result):
     """Error against time for one scene. `print` it for the table, `plot` and `save` it.
 
     Attributes
@@ -104,7 +105,7 @@ class WorkPrecision:
 
         return work_precision(self, ax=ax)
 
-    def save(self, path: str | Path) -> Path:
+    def to_csv(self, path: str | Path) -> Path:
         """Write the points as CSV, whole or not at all."""
         names = [field.name for field in fields(Point)]
         return tables.write(path, names, [[getattr(point, name) for name in names] for point in self.points])

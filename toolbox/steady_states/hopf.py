@@ -25,6 +25,7 @@ import numpy as np
 
 from toolbox.arguments import numbers, whole
 from toolbox.errors import NoSteadyState, SceneError
+from toolbox.files.results import LEFT_OUT
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
@@ -62,7 +63,7 @@ class HopfPoint:
     unit: str
     value: float
     frequency: float
-    point: Equilibrium
+    point: Equilibrium = field(metadata=LEFT_OUT)
     stable: str
     coefficient: float
     residual: float

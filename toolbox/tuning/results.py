@@ -14,6 +14,7 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.files.printing import columns, table
+from toolbox.files.results import LEFT_OUT, Result
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import Controller, Sampled
@@ -74,7 +75,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Tuned:
+class Tuned(Result):
     """Result of a tuning; `print` it for the report.
 
     Attributes
@@ -94,7 +95,7 @@ class Tuned:
     seed
         Seed of the search.
     loop
-        The loop of the first scene, with the law as it was given.
+        The loop of the first scene, with the law as it was given; None in a result that was loaded: `dataclasses.replace(found, loop=loop)` has its laws.
     simulated
         Number of runs of this call; the others came from the journal.
     asked
@@ -110,7 +111,7 @@ class Tuned:
     trials: tuple[Trial, ...]
     seed: int
     simulated: int
-    loop: ClosedLoop = field(repr=False)
+    loop: ClosedLoop = field(repr=False, metadata=LEFT_OUT)
     asked: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -153,13 +154,22 @@ class Tuned:
         return self.law_of(self.best)
 
     def law_of(self, trial: Trial) -> Controller | Sampled:
-        """Return the law of any trial, such as another member of the front."""
-        return law_with_numbers(with_numbers(self.loop, self.free, trial.numbers))
+        """Return the law of any trial, such as another member of the front; raises SceneError in a result that was loaded, which has no loop."""
+        return law_with_numbers(with_numbers(self._machine, self.free, trial.numbers))
 
     @property
     def controller(self) -> Controller | Sampled:
         """The law as it was given."""
-        return self.loop.laws[0]
+        return self._machine.laws[0]
+
+    @property
+    def _machine(self) -> ClosedLoop:
+        """The loop; raises SceneError where there is none."""
+        if self.loop is None:
+            raise SceneError(
+                "This result was read from a file, which does not hold its loop: `dataclasses.replace(found, loop=loop)` has its laws."
+            )
+        return self.loop
 
     def applied(self, scene: Scene, label: str) -> Scene:
         """Return a scene in which the case of that label stands twice: as given, and next to it with the best numbers as "<label>, tuned"."""
@@ -267,7 +277,7 @@ class Tuned:
         best = factors * self.counted(self.best) if len(front) else None
         return tuning_diagram(names, factors * tried, factors * front, factors * self.counted(self.before), best, ax)
 
-    def save(self, path: str | Path) -> Path:
+    def to_csv(self, path: str | Path) -> Path:
         """Write one row per trial as csv, whole or not at all: numbers, objectives over the scenes and in each, membership of the front, failures."""
         from toolbox.files import tables
 

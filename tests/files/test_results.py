@@ -1,0 +1,177 @@
+"""Results in files: what `save` writes `load` reads, alike for all; what is damaged or another thing is refused by a sentence."""
+
+import dataclasses
+import json
+import math
+import zipfile
+
+import numpy as np
+import pytest
+
+from controllers import PI, SoftTorque, StiffPI
+from models import BitRock, BlockOnBelt, Coulomb, wells
+from toolbox import Sampled, SceneError, closed_loop, compose, fit, margins, onset, simulate, tune, work_precision, worst_case
+from toolbox.calibration.results import Fit
+from toolbox.contacts import ContactProblem, ContactRun, step_contacts
+from toolbox.files.results import Result
+from toolbox.onsets.comparison import Comparison
+from toolbox.onsets.report import Onset
+from toolbox.robustness import Margins, WorstCase
+from toolbox.scenes.work_precision import WorkPrecision
+from toolbox.tuning.results import Tuned
+
+RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+BELT = compose(BlockOnBelt())
+
+
+def of_onset():
+    return onset(closed_loop(RIG, PI(4_000.0, 1_500.0)), "top.reference", ("30 rpm", "130 rpm"), values=3)
+
+
+def of_comparison():
+    found = of_onset()
+    return Comparison({"PI": found}, {"another": "it failed"})
+
+
+def of_margins():
+    return margins(closed_loop(RIG, Sampled(SoftTorque(reference=8.0), 0.01, 0.03)), measured=False)
+
+
+def of_worst_case():
+    return worst_case(closed_loop(RIG, SoftTorque(reference=9.0)), 20.0, errors={"bit.weight": (0.9, 1.1)}, measures=("peak",))
+
+
+def of_work_precision():
+    return work_precision(BELT, 2.0, methods=("explicit",), accuracies=(1e-3, 1e-6), repeats=1)
+
+
+def of_tuning():
+    return tune(RIG, StiffPI(reference=9.0), ("severity", "peak"), {"pi.proportional": (500.0, 2000.0)}, duration=30.0, runs=10)
+
+
+def of_fit():
+    run = simulate(BELT, 4.0, output_times=np.linspace(0.0, 4.0, 401))
+    data = {"time": run.time, "block.position": run["block.position"]}
+    return fit(closed_loop(BELT), data, {"block.stiffness": None}, starts=1)
+
+
+MADE = {
+    Onset: of_onset, Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, WorkPrecision: of_work_precision,
+    Tuned: of_tuning, Fit: of_fit,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module", params=MADE, ids=lambda kind: kind.__name__)
+def result(request):
+    return MADE[request.param]()
+
+
+def same(one, other):
+    """Whether two values of fields are the same, bit by bit."""
+    if isinstance(one, np.ndarray):
+        return np.array_equal(one, other, equal_nan=True) and one.dtype == other.dtype
+    if dataclasses.is_dataclass(one):
+        kept = [each.name for each in dataclasses.fields(one) if each.metadata.get("saved", True)]
+        return type(one) is type(other) and all(same(getattr(one, name), getattr(other, name)) for name in kept)
+    if isinstance(one, tuple | list):
+        return type(one) is type(other) and len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, dict):
+        return list(one) == list(other) and all(map(same, one.values(), other.values()))
+    return one == other or (isinstance(one, float) and math.isnan(one) and math.isnan(other))
+
+
+def test_every_result_is_read_as_it_was_written(result, tmp_path):
+    again = type(result).load(result.save(tmp_path / "found.npz"))
+    assert same(result, again) and str(again) == str(result) and repr(again)
+    if hasattr(result, "_repr_html_"):
+        assert again._repr_html_() == result._repr_html_()
+
+
+def test_every_result_that_was_read_is_drawn(result, tmp_path):
+    again = type(result).load(result.save(tmp_path / "found.npz"))
+    if hasattr(result, "plot"):
+        lines, others = ([line.get_xydata() for ax in np.ravel(each.plot()) for line in ax.lines] for each in (result, again))
+        assert lines and same([np.asarray(each) for each in lines], [np.asarray(each) for each in others])
+
+
+def test_a_path_that_ends_with_csv_is_a_table(result, tmp_path):
+    assert result.save(tmp_path / "found.csv").read_bytes() == result.to_csv(tmp_path / "again.csv").read_bytes()
+    with pytest.raises(SceneError, match=f"must be a file written by `{type(result).__name__}.save`"):
+        type(result).load(tmp_path / "found.csv")
+
+
+def test_another_result_is_refused_by_its_kind(result, tmp_path):
+    path = result.save(tmp_path / "found.npz")
+    for kind in MADE:
+        if kind is not type(result):
+            with pytest.raises(SceneError, match=f"it holds a result of the kind {type(result).__name__}"):
+                kind.load(path)
+
+
+def test_a_changed_entry_is_refused(result, tmp_path):
+    path = result.save(tmp_path / "found.npz")
+    with np.load(path) as data:
+        held = dict(data)
+    tree = json.loads(str(held["result"]))
+    for name in tree["fields"]:
+        wrong = {**tree, "fields": {**tree["fields"], name: {"neither": "nor"}}}
+        np.savez(tmp_path / "wrong.npz", **{**held, "result": np.array(json.dumps(wrong))})
+        with pytest.raises(SceneError, match="must be a file written by"):
+            type(result).load(tmp_path / "wrong.npz")
+        own = next(each for each in dataclasses.fields(result) if each.name == name)
+        if own.default is not dataclasses.MISSING or own.default_factory is not dataclasses.MISSING:
+            continue  # what a later version adds has a default, by which older files are read
+        less = {**tree, "fields": {key: value for key, value in tree["fields"].items() if key != name}}
+        np.savez(tmp_path / "less.npz", **{**held, "result": np.array(json.dumps(less))})
+        with pytest.raises(SceneError, match=f"has no '{name}'"):
+            type(result).load(tmp_path / "less.npz")
+    with zipfile.ZipFile(path) as archive:
+        assert not any(b"pickle" in archive.read(name)[:200] for name in archive.namelist())
+
+
+def test_what_belongs_to_the_machine_is_asked_for(tmp_path):
+    tuned, fitted = of_tuning(), of_fit()
+    loaded, read = Tuned.load(tuned.save(tmp_path / "tuned.npz")), Fit.load(fitted.save(tmp_path / "fit.npz"))
+    with pytest.raises(SceneError, match=r"dataclasses.replace\(found, loop=loop\)"):
+        loaded.law  # noqa: B018
+    assert dataclasses.replace(loaded, loop=tuned.loop).law == tuned.law
+    for name in ("parameters", "loop", "plant"):
+        with pytest.raises(SceneError, match=r"loop.at\(name, fit\[name\]\)"):
+            getattr(read, name)
+    assert read["block.stiffness"] == fitted["block.stiffness"]
+
+
+def test_a_function_of_the_users_own_is_refused(tmp_path):
+    with pytest.raises(SceneError, match=r"cannot be saved: a file holds one of builtins.max"):
+        dataclasses.replace(of_tuning(), over=lambda values: values[0]).save(tmp_path / "tuned.npz")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_of_many_contacts_is_read_as_it_was_written(tmp_path):
+    tangent = np.array([[[1.0, 0.0]], [[0.0, 1.0]]])
+    problem = ContactProblem(
+        mass=np.diag([1.0, 2.0]), stiffness=np.array([[3.0, -1.0], [-1.0, 2.0]]), tangent=tangent, friction=Coulomb(0.4, 0.3),
+        load=np.array([5.0, 6.0]), forces={"push": np.array([1.0, 0.0])}, outputs={"front": np.array([0.0, 1.0])},
+        places=np.array([[0.0], [1.0]]), units={"front": "m"},
+    )  # fmt: skip
+    run = step_contacts(problem, 5.0, step=0.01, inputs={"push": 4.0})
+    again = ContactRun.load(run.save(tmp_path / "run.npz"))
+    for name in ("time", "coordinates", "rates", "modes", "normal", "tangential", "slip", "rubbed", "passes"):
+        assert same(getattr(run, name), getattr(again, name)), name
+    assert same(run["front.speed"], again["front.speed"]) and same(run.pressure, again.pressure)
+    assert again.problem.friction == problem.friction and run.audit() == again.audit() and str(again) == str(run)
+    assert same(run.inputs, again.inputs) and again.to_csv(tmp_path / "b.csv").read_bytes() == run.save(tmp_path / "a.csv").read_bytes()
+    with np.load(tmp_path / "run.npz") as data:
+        held = dict(data)
+    for name in ("normal", "input.push", "energy.kinetic", "coordinates"):
+        np.savez(tmp_path / "wrong.npz", **{**held, name: held[name][:-1]})
+        with pytest.raises(SceneError, match="which does not fit to its other arrays"):
+            ContactRun.load(tmp_path / "wrong.npz")
+    other = str(held["run"]).replace("models.friction.Coulomb", "models.friction.Nobodys")
+    np.savez(tmp_path / "wrong.npz", **{**held, "run": np.array(other)})
+    with pytest.raises(SceneError, match="has the friction law `models.friction.Nobodys`, which is not known here"):
+        ContactRun.load(tmp_path / "wrong.npz")
+
+
+def test_every_kind_of_result_stands_here():
+    assert set(Result.__subclasses__()) == set(MADE)

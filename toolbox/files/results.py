@@ -1,0 +1,158 @@
+"""Results of a study in files: every field of a frozen dataclass by its annotation, checked when it is read, and never run as code."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import statistics
+import types
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.files.archives import arrays, understood
+from toolbox.files.atomic import replaced
+
+Self = TypeVar("Self", bound="Result")
+
+LEFT_OUT = {"saved": False}
+"""Metadata of a field that belongs to the machine at hand: it is not written, and None in a result that was loaded."""
+
+FUNCTIONS = {
+    f"{each.__module__}.{each.__qualname__}": each for each in (max, min, sum, statistics.fmean, statistics.mean, statistics.median)
+}
+"""Functions that a field may hold."""
+
+
+class Result:
+    """A frozen dataclass of numbers, texts, arrays and such dataclasses that saves and loads itself; its fields are annotated by types known at run time."""
+
+    def save(self, path: str | Path) -> Path:
+        """Write everything to an npz file without pickle, which `load` reads, or to a table where the path ends with .csv; whole or not at all.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Returns
+        -------
+        Path
+            The same path.
+        """
+        path = Path(path)
+        if path.suffix == ".csv":
+            return self.to_csv(path)
+        found: dict[str, np.ndarray] = {}
+        tree = {"kind": type(self).__name__, "fields": written(self, found)}
+        with replaced(path) as file:
+            np.savez_compressed(file, result=np.array(json.dumps(tree)), **found)  # type: ignore[arg-type]
+        return path
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the table of the result as CSV in SI units, whole or not at all; returns the path."""
+        raise NotImplementedError
+
+    @classmethod
+    def load(cls: type[Self], path: str | Path) -> Self:
+        """Read what `save` wrote into an npz file.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        SceneError
+            If the file is not one that `save` of this kind of result wrote.
+        """
+        path, kind = Path(path), cls.__name__
+        what = f"a file written by `{kind}.save`"
+        with understood(path, what):
+            found = arrays(path, what)
+            tree = json.loads(str(found["result"]))
+            if tree["kind"] != kind:
+                raise ValueError(f"it holds a result of the kind {tree['kind']}")
+            loaded: Self = read(cls, tree["fields"], found, kind)
+            loaded.check_loaded()
+        return loaded
+
+    def check_loaded(self) -> None:
+        """Raise ValueError where what was read does not fit together."""
+
+
+def written(value: Any, arrays: dict[str, np.ndarray]) -> Any:
+    """A value for JSON; its arrays are added under names of their own."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, np.ndarray):
+        name = f"array.{len(arrays)}"
+        arrays[name] = value
+        return name
+    if isinstance(value, complex):
+        return [value.real, value.imag]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {
+            each.name: written(getattr(value, each.name), arrays) for each in dataclasses.fields(value) if each.metadata.get("saved", True)
+        }
+    if isinstance(value, Mapping):
+        return [[written(key, arrays), written(each, arrays)] for key, each in value.items()]
+    if isinstance(value, tuple | list):
+        return [written(each, arrays) for each in value]
+    if callable(value):
+        name = f"{value.__module__}.{value.__qualname__}"
+        if FUNCTIONS.get(name) is not value:
+            raise SceneError(f"A result with the function {value!r} cannot be saved: a file holds one of {', '.join(FUNCTIONS)}.")
+        return name
+    return value
+
+
+def read(kind: Any, given: Any, arrays: Mapping[str, np.ndarray], word: str) -> Any:
+    """The value of a kind, as annotated, from what `written` made of it; raises ValueError where it is none. word: what it is, for the message."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, types.UnionType):
+        if given is None and type(None) in inner:
+            return None
+        kind = next(each for each in inner if each is not type(None))
+        origin, inner = get_origin(kind), get_args(kind)
+    whole = dataclasses.is_dataclass(kind)
+    held: type = dict if whole else list if kind is complex or origin in (tuple, dict, Mapping) else object
+    number = kind is float and type(given) is int
+    fits = isinstance(given, held) and (kind not in (bool, int, float, str) or type(given) is kind or number)
+    if not fits:
+        raise ValueError(f"its `{word}` is {given!r}")
+    if whole:
+        return _read_fields(kind, given, arrays)
+    if kind is np.ndarray or origin is np.ndarray:
+        return arrays[given]
+    if kind is complex:
+        return complex(*given)
+    if origin is tuple:
+        own = [inner[0]] * len(given) if inner[-1] is Ellipsis else inner
+        return tuple(read(each, value, arrays, word) for each, value in zip(own, given, strict=True))
+    if origin in (dict, Mapping):
+        return {read(inner[0], key, arrays, word): read(inner[1], each, arrays, word) for key, each in given}
+    if origin is Callable:
+        return FUNCTIONS[given]
+    if kind is Any:
+        return arrays[given] if isinstance(given, str) and given.startswith("array.") else given
+    return kind(given)
+
+
+def _read_fields(kind: Any, given: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Any:
+    """A dataclass of its fields; one with a default may be absent, so that files of earlier versions are read."""
+    hints, fields = get_type_hints(kind), {each.name: each for each in dataclasses.fields(kind)}
+    for name in given:
+        if name not in fields:
+            raise ValueError(f"it has `{name}`, which is not known here")
+    values = {name: None for name, each in fields.items() if not each.metadata.get("saved", True)}
+    for name, each in fields.items():
+        if name in given:
+            values[name] = read(hints[name], given[name], arrays, name)
+        elif name not in values and each.default is dataclasses.MISSING and each.default_factory is dataclasses.MISSING:
+            raise KeyError(name)
+    return kind(**values)

@@ -1,0 +1,75 @@
+"""Onsets of several controllers side by side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from toolbox.errors import SceneError, suggest
+from toolbox.files import tables
+from toolbox.files.printing import columns, table
+from toolbox.files.results import Result
+from toolbox.files.unit_systems import reading
+from toolbox.onsets.report import Onset, labelled, shown
+
+
+@dataclass(frozen=True)
+class Comparison(Result):
+    """Onsets of several controllers over one parameter, side by side: `print(comparison)`, `comparison["soft torque"]`."""
+
+    onsets: Mapping[str, Onset]
+    failures: Mapping[str, str] = field(default_factory=dict)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write one row per controller as CSV in SI units, whole or not at all: its borders next to the working point; returns the path."""
+        unit = next((labelled(each.parameter, each.unit) for each in self.onsets.values()), "")
+        rows = [[label, found.loss, found.end, found.breakaway, ""] for label, found in self.onsets.items()]
+        headings = ["controller", f"smooth lost, {unit}", "stick-slip ends", "break-away", "failure"]
+        return tables.write(path, headings, [*rows, *([label, math.nan, math.nan, math.nan, why] for label, why in self.failures.items())])
+
+    def __getitem__(self, label: str) -> Onset:
+        if label not in self.onsets:
+            raise SceneError(f"There is no onset of `{label}`: {suggest(label, self.onsets)}")
+        return self.onsets[label]
+
+    @cached_property
+    def rows(self) -> list[tuple[str, ...]]:
+        """One line per controller as text: name, Hopf point, loss, end, break-away, bistable band, verdict at the working point and margin."""
+        lines = [("controller", "Hopf point", "smooth lost", "stick-slip ends", "break-away", "bistable", "at", "there", "margin")]
+        for label, found in self.onsets.items():
+            factor = reading(found.unit, found.asked).factor
+            inside = found.values[0] <= found.at <= found.values[-1]
+            borders = [
+                min(row, key=lambda b: abs(b.value - found.at)).margin(found.at) for row in (found.losses, found.ends, found.stalls) if row
+            ]
+            lines.append(
+                (
+                    label,
+                    shown(factor * min((p.value for p in found.hopf), key=lambda v: abs(v - found.at), default=math.nan)),
+                    shown(factor * found.loss),
+                    shown(factor * found.end),
+                    shown(factor * found.breakaway),
+                    ", ".join(f"{low * factor:.3g} .. {high * factor:.3g}" for low, high in found.bistable) or "-",
+                    f"{found.at * factor:.4g}",
+                    found.verdict(found.at) if inside else "outside",
+                    f"{100 * min(borders):+.0f} %" if borders else "-",
+                )
+            )
+        return lines + [(label, "failed", *[""] * 7) for label in self.failures]
+
+    def __str__(self) -> str:
+        lines = columns(self.rows, indent="")
+        lines.insert(1, "-" * max(map(len, lines)))
+        return "\n".join([*self._title, *lines, *(f"{label} failed: {reason}" for label, reason in self.failures.items())])
+
+    @property
+    def _title(self) -> list[str]:
+        """What is compared, with the unit of its values; nothing where all failed."""
+        return [f"Borders over {labelled(each.parameter, each._read.unit)}" for each in self.onsets.values()][:1]
+
+    def _repr_html_(self) -> str:
+        failed = [f"{label} failed: {reason}" for label, reason in self.failures.items()]
+        return table(", ".join(self._title) or "Onsets of stick-slip", self.rows[0], self.rows[1:], failed)

@@ -59,7 +59,7 @@ def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int 
         [*reads, ("top.torque.held", "N m", 0.0), ("top.reference", "rad/s", numbers.reference)],
         memory, [("top.torque", "N m")],
         note=f"The solver in {name}_osqp (OSQP, Apache 2.0) keeps its last answer to start from in static memory: one law, one thread.\n"
-        f"Compile with {name}_osqp/*.c and {name}_osqp/src/*.c, and -I {name}_osqp -I {name}_osqp/inc/public -I {name}_osqp/inc/private.\n"
+        f"Compile with all .c files of {name}_osqp and of {name}_osqp/src, and -I {name}_osqp -I {name}_osqp/inc/public -I {name}_osqp/inc/private.\n"
         "The last entry of the memory is 1 while the soft drive acts: the plan did not pass its check, or the watchdog found no motion.",
     )  # fmt: skip
     return written(c, h, declared, [before, after], _orchestration(name, law, before, after))

@@ -46,7 +46,7 @@ class CompiledLaw:
 
     def __init__(self, c, memory, drives, sources=(), flags=()):
         library = c.with_suffix(".so")
-        warnings = ["-Wall", "-Werror", "-pedantic", "-std=c99", *flags]
+        warnings = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-std=c99", *flags]
         subprocess.run(
             [COMPILER, *warnings, "-O1", "-ffp-contract=off", "-shared", "-fPIC", str(c), *sources, "-lm", "-o", str(library)], check=True
         )
@@ -67,7 +67,7 @@ def header(path):
     text = path.read_text()
     defined = [line.split() for line in text.splitlines() if line.startswith("#define")]
     macros = {words[1]: float(words[2]) for words in defined if len(words) == 3}
-    rows = {"y": [], "u": [], "memory": []}
+    rows = {"y": [], "u": [], "memory": [], "gains": []}
     for line in text.splitlines():
         words = line.split()
         if len(words) > 2 and words[0] == "*" and "[" in words[1]:
@@ -133,6 +133,30 @@ def test_the_c_of_a_law_closes_the_loop_and_frees_the_bit_that_a_constant_torque
 
 
 @compiled
+def test_gains_may_be_others_than_those_of_the_law(tmp_path):
+    made = {}
+    for name, law in (
+        ("one", PI(reference=8.0, proportional=3.0, integral=2.0)),
+        ("two", PI(reference=8.0, proportional=5.0, integral=7.0)),
+    ):
+        c, h = export_c(closed_loop(PLANT, law, sample_time=PERIOD), tmp_path / name)
+        made[name] = CompiledLaw(c, len(header(h)[1]["memory"]), 1), header(h)[1]["gains"], c
+    one, gains, c = made["one"]
+    assert gains == ["law.proportional", "law.integral"]
+    functions = ctypes.CDLL(str(c.with_suffix(".so")))
+    numbers = np.zeros(2)
+    functions.one_gains(numbers.ctypes.data_as(ctypes.c_void_p))
+    assert numbers.tolist() == [3.0, 2.0]
+    numbers[:] = 5.0, 7.0
+    for speed in (0.0, 3.0, 9.0):
+        y = np.array([speed, 0.0, 8.0][: len(header(c.with_suffix(".h"))[1]["y"])])
+        y[-1] = 8.0
+        pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (numbers, y, one.memory, one.u)]
+        assert functions.one_step_with(*pointers) == 0
+        assert one.u[0] == made["two"][0](0.0, y)[0]
+
+
+@compiled
 def test_two_exported_laws_link_into_one_program(tmp_path):
     for name, law in (("first", PI(**LIMITS)), ("second", HInfinity(**LIMITS))):
         export_c(closed_loop(PLANT, law, sample_time=PERIOD), tmp_path / f"{name}.c")
@@ -162,6 +186,8 @@ def compiled_program(tmp_path, law, iterations=20_000):
     sources = [str(path) for path in (*solver.glob("*.c"), *(solver / "src").glob("*.c"))]
     folders = [f"-I{folder}" for folder in (solver, solver / "inc" / "public", solver / "inc" / "private")]
     _, rows = header(h)
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", *(folder.replace("-I", "-isystem") for folder in folders)]
+    subprocess.run([COMPILER, *strict, "-c", str(c), "-o", str(tmp_path / "strict.o")], check=True)  # the solver's own code is not ours
     return CompiledLaw(c, len(rows["memory"]), 1, sources, (*folders, "-w")), rows
 
 

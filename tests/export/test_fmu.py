@@ -1,6 +1,7 @@
 """Laws as FMUs: another simulator loads them and gets the law that was simulated."""
 
 import shutil
+import subprocess
 import sys
 import zipfile
 from xml.etree import ElementTree
@@ -81,10 +82,8 @@ def test_a_predictive_law_travels_with_its_solver(tmp_path):
 def test_the_description_names_variables_units_and_start_values(tmp_path):
     path = export_fmu(closed_loop(PLANT, StiffPI(reference=7.25), sample_time=PERIOD), tmp_path / "stiff")
     with zipfile.ZipFile(path) as archive:
-        assert {name for name in archive.namelist() if not name.startswith("documentation/")} == {
-            "modelDescription.xml",
-            "binaries/linux64/stiff.so",
-        }
+        sources = {"stiff.c", "stiff.h", "stiff_fmi.c"}
+        assert set(archive.namelist()) == {"modelDescription.xml", "binaries/linux64/stiff.so", *(f"sources/{name}" for name in sources)}
         root = ElementTree.fromstring(archive.read("modelDescription.xml"))
     variables = {each.get("name"): (each.get("causality"), each.find("Real").attrib) for each in root.find("ModelVariables")}
     assert variables == {
@@ -94,7 +93,16 @@ def test_the_description_names_variables_units_and_start_values(tmp_path):
         "top.torque": ("output", {"unit": "N m"}),
         "memory.pi.angle": ("local", {"unit": "rad", "start": "0.0"}),
         "memory.pi.started": ("local", {"unit": "1", "start": "0.0"}),
+        **{
+            name: ("parameter", {"unit": unit, "start": repr(value)})
+            for name, unit, value in (
+                ("law.proportional", "N m s/rad", StiffPI().proportional),
+                ("law.integral", "N m/rad", StiffPI().integral),
+            )
+        },
     }
+    assert {each.get("name") for each in root.iter("File")} == {"stiff.c", "stiff_fmi.c"}
+    assert float(root.find("DefaultExperiment").get("stepSize")) == PERIOD
     assert root.get("fmiVersion") == "2.0" and root.find("CoSimulation").get("modelIdentifier") == "stiff"
 
 
@@ -108,3 +116,57 @@ def test_without_a_compiler_or_with_one_that_fails_the_error_says_so(tmp_path, m
         with pytest.raises(SceneError, match="`false` failed"):
             export_fmu(closed_loop(PLANT, StiffPI(), sample_time=PERIOD), tmp_path / "stiff")
     assert not list(tmp_path.iterdir())
+
+
+@compiled
+def test_the_sources_of_a_unit_compile_without_a_warning(tmp_path):
+    path = export_fmu(closed_loop(PLANT, SoftTorque(reference=8.0, **LIMITS), sample_time=PERIOD), tmp_path / "drive")
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path / "unit")
+    for source in (tmp_path / "unit" / "sources").glob("*.c"):
+        strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
+        subprocess.run(["cc", *strict, "-c", str(source), "-o", str(tmp_path / "object.o")], check=True)
+
+
+@compiled
+def test_outputs_are_right_after_initialisation_gains_can_be_set_and_what_is_not_allowed_is_told(tmp_path):
+    fmpy = loader()
+    law = SoftTorque(reference=8.0)
+    path = export_fmu(closed_loop(PLANT, law, sample_time=PERIOD), tmp_path / "drive")
+    description = fmpy.read_model_description(str(path), validate=True)
+    references = {variable.name: variable.valueReference for variable in description.modelVariables}
+    told = []
+    folder = fmpy.extract(str(path))
+    callbacks = fmpy.fmi2.fmi2CallbackFunctions()
+    callbacks.logger = fmpy.fmi2.fmi2CallbackLoggerTYPE(lambda env, name, status, category, message: told.append(message.decode()))
+    callbacks.allocateMemory = fmpy.fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.fmi2.calloc)
+    callbacks.freeMemory = fmpy.fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.fmi2.free)
+    kind = {"unzipDirectory": folder, "modelIdentifier": description.coSimulation.modelIdentifier}
+    unit = fmpy.fmi2.FMU2Slave(guid=description.guid, **kind)
+    unit.instantiate(callbacks=callbacks)
+    with pytest.raises(Exception, match="fmi2DoStep"):
+        unit.doStep(0.0, PERIOD)
+    unit.setupExperiment(startTime=0.0)
+    unit.enterInitializationMode()
+    unit.setReal([references["top.speed"]], [5.0])
+    unit.exitInitializationMode()
+    drive = unit.getReal([references["top.torque"]])[0]
+    first = simulate(PLANT, PERIOD, controller=law, sample_time=PERIOD, start={"top.speed": 5.0})["top.torque"][0]
+    assert drive == pytest.approx(first, rel=1e-12) and abs(drive) > 100.0
+    before = unit.getReal([references["law.proportional"]])[0]
+    unit.setReal([references["law.proportional"]], [2.0 * before])
+    unit.doStep(0.0, PERIOD)  # P e + I e T
+    gains = [unit.getReal([references[f"law.{name}"]])[0] for name in ("proportional", "integral")]
+    assert gains[0] == 2.0 * before and unit.getReal([references["top.torque"]])[0] - drive == pytest.approx(before * 3.0, rel=1e-9)
+    with pytest.raises(Exception, match="fmi2SetReal"):
+        unit.setReal([references["top.torque"]], [1.0])
+    with pytest.raises(Exception, match="fmi2SetReal"):
+        unit.setReal([references["memory.pi.angle"]], [1.0])
+    unit.terminate()
+    other = fmpy.fmi2.FMU2Slave(guid="{another}", **kind)
+    with pytest.raises(Exception, match="nstantiate"):
+        other.instantiate(callbacks=callbacks)
+    words = ("fmi2DoStep must follow", "must not write an output", "memory of the law", "GUID is not that of this unit")
+    assert len(told) == len(words) and all(word in message for word, message in zip(words, told, strict=True))
+    unit.freeInstance()
+    shutil.rmtree(folder)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import control
 import numpy as np
 import pytest
@@ -9,8 +12,11 @@ import pytest
 from controllers import PI
 from models import BitRock, wells
 from toolbox import (
+    Controller,
+    Equations,
     Sampled,
     SceneError,
+    Update,
     closed_loop,
     compose,
     export_c,
@@ -19,6 +25,7 @@ from toolbox import (
     onset,
     severity_map,
     simulate,
+    state,
     sweep,
     to_control,
 )
@@ -65,6 +72,41 @@ def test_what_goes_out_comes_back_the_same_law():
     again = to_control(closed_loop(RIG, from_control(pi(), reference=9.95, **SIGNALS)))
     w = np.array([0.3, 2.0, 20.0])
     assert np.allclose(control.frequency_response(again[0, 0], w).complex, -control.frequency_response(pi(), w).complex)
+
+
+@dataclass(frozen=True)
+class Leaning(Controller):
+    """A law with constants everywhere: z' = y - 9, u = 8000 + 300 z - 1500 (y - r), z(k+1) = z + T (y - 9)."""
+
+    measures: ClassVar[tuple[str, ...]] = ("top.speed",)
+    drives: ClassVar[tuple[str, ...]] = ("top.torque",)
+
+    def continuous(self, signal):
+        z, y = state("leaning.sum", "rad"), signal("top.speed", "rad/s")
+        return Equations(flow={z: 9.0 - y}, gives={"top.torque": (self._drive(signal, z), "N m")})
+
+    def sampled(self, signal, period):
+        z, y = state("leaning.sum", "rad"), signal("top.speed", "rad/s")
+        return Update(memory={z: z + period * (9.0 - y)}, outputs={"top.torque": (self._drive(signal, z), "N m")})
+
+    def _drive(self, signal, z):
+        return 8000.0 + 300.0 * z - 1500.0 * (signal("top.speed", "rad/s") - signal("top.reference", "rad/s", default=9.5))
+
+
+@pytest.mark.parametrize("law", [DRIVE, Leaning()], ids=["PI", "with constants"])
+@pytest.mark.parametrize("period", [None, 0.02])
+def test_a_law_that_goes_out_comes_back_with_its_working_point_and_set_points(law, period):
+    out = to_control(closed_loop(RIG, law, sample_time=period))
+    back = from_control(out)
+    runs = [simulate(RIG, 30.0, controller=each, sample_time=period, accuracy=1e-9, inputs=inputs) for each in (law, back) for inputs in (
+        {}, {"top.reference": step(9.0, 10.0, 15.0)})]  # fmt: skip
+    for mine, theirs in ((runs[0], runs[2]), (runs[1], runs[3])):
+        assert np.allclose(mine.at(29.0)["top.torque"], theirs.at(29.0)["top.torque"], rtol=1e-7)
+    assert abs(runs[0].at(29.0)["top.torque"] - runs[1].at(29.0)["top.torque"]) > 1.0
+    again = to_control(closed_loop(RIG, back, sample_time=period))
+    assert again.law.at == pytest.approx(out.law.at) and again.law.defaults == out.law.defaults
+    with pytest.raises(SceneError, match="`measures` must name signals, because the system was not made by `to_control`"):
+        from_control(2.0 * out)
 
 
 def test_a_discrete_system_runs_at_its_own_period_only():

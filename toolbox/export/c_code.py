@@ -16,9 +16,11 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError, suggest
+from toolbox.export.casadi_text import casadi_text
+from toolbox.export.from_control import LinearLaw
 from toolbox.files.atomic import replaced
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
-from toolbox.modelling.components import check_fields, law_of, numbers_of, rebuilt
+from toolbox.modelling.components import Slot, check_fields, law_of, numbers_of, rebuilt, symbolic_copy
 from toolbox.modelling.elements import State, time
 from toolbox.modelling.laws import Controller, Sampled, names
 from toolbox.modelling.observers import Observer
@@ -32,6 +34,7 @@ class OpenLaw:
     reads: {signal: (symbol, unit, default or None)}, those without default first, in the order in which the law asks, what it drives itself as
     `<signal>.held`, the value held until the sample;  memory: its states;
     following: their next values (sampled) or rates (continuous);  gives: {signal: (expression, unit)};  period: sample time [s], None where it is continuous.
+    gains: [(name, unit, value, symbol)] of the numbers that are still symbols.
     """
 
     title: str
@@ -41,6 +44,7 @@ class OpenLaw:
     gives: dict[str, tuple[ca.SX, str]]
     drives: tuple[str, ...]
     period: float | None
+    gains: tuple[tuple[str, str, float, ca.SX], ...] = ()
 
     @property
     def y(self) -> ca.SX:
@@ -79,20 +83,30 @@ def only_law(loop: ClosedLoop) -> tuple[Any, float | None]:
     return law, float(given.period) if isinstance(given, Sampled) else None
 
 
-def opened(law: Any, period: float | None) -> OpenLaw:
-    """A law with all its numbers, by itself, sampled or (None) continuous. Raises SceneError where it has no equations of that kind."""
+def opened(law: Any, period: float | None, gains: bool = False) -> OpenLaw:
+    """A law by itself, sampled or (None) continuous, with all its numbers or, for `gains`, with symbols for those that it computes with.
+
+    Raises SceneError where it has no equations of that kind.
+    """
     title = type(law).__name__
     if not isinstance(law, Controller):
         raise SceneError(f"The law must be held by casadi expressions, but {title} is designed as a Python callable.")
     check_fields(law)
+    slots, numbers = list[Slot](), numbers_of(law)
+    if gains:
+        law = symbolic_copy(law, "", slots)
+    symbols = ca.vertcat(*[slot.symbol for slot in slots])
     reads: dict[str, tuple[ca.SX, str, float | None]] = {}
     driven = names(law.drives)
+
+    def number_of(expression: Any) -> float:
+        return float(ca.evalf(ca.substitute(ca.SX(expression), symbols, ca.DM(numbers)))) if slots else float(expression)
 
     def signal(name: str, unit: str, default: Any = None) -> ca.SX:
         if name in driven:  # what was held before, under a name of its own
             name = f"{name}.held"
         if name not in reads:
-            reads[name] = (ca.SX.sym(name), unit, None if default is None else float(default))
+            reads[name] = (ca.SX.sym(name), unit, None if default is None else number_of(default))
         return reads[name][0]
 
     if period is None:
@@ -106,20 +120,34 @@ def opened(law: Any, period: float | None) -> OpenLaw:
     following = ca.densify(ca.vertcat(*[ca.SX(value) for value in memory.values()])) if memory else ca.SX(0, 1)
     found = {name: (ca.SX(value), unit) for name, (value, unit) in gives.items()}
     reads = dict(sorted(reads.items(), key=lambda item: item[1][2] is not None))  # what is measured, then set-points
-    if ca.depends_on(ca.vertcat(following, *[value for value, _ in found.values()]), time):
+    every = ca.vertcat(following, *[value for value, _ in found.values()])
+    if ca.depends_on(every, time):
         raise SceneError(f"{title} depends on time itself, which a law by itself does not know.")
-    return OpenLaw(title, reads, tuple(memory), following, found, names(law.drives) or tuple(found), period)
+    entries = [(slot, name, symbol) for slot in slots for name, symbol in _entries(slot)]
+    known = zip(entries, numbers, strict=True) if gains else ()
+    used = tuple(
+        (name, slot.spec.metadata.get("unit", "1"), value, symbol) for (slot, name, symbol), value in known if ca.depends_on(every, symbol)
+    )
+    return OpenLaw(title, reads, tuple(memory), following, found, names(law.drives) or tuple(found), period, used)
+
+
+def _entries(slot: Slot) -> list[tuple[str, ca.SX]]:
+    """(name, symbol) of every number of a field."""
+    if slot.size is None:
+        return [(slot.field_path, slot.symbol)]
+    return [(f"{slot.field_path}.{i}", slot.symbol[i]) for i in range(slot.size)]
 
 
 # --------------------------------------------------------------------------------------------------------------------------------- python-control
 def to_control(law: Controller | Sampled | ClosedLoop, *, outputs: str | Sequence[str] | None = None) -> Any:
-    """Return a linear law as `control.StateSpace` from what it reads to what it drives.
+    """Return a linear law as `control.StateSpace` from what it reads to what it drives, with its working point beside the system.
 
-        z' = A z + B y,  u = C z + D y     or     z_(k+1) = A z_k + B y_k,  u_k = C z_k + D y_k
+        z' = A z + B (y - y0),  u = u0 + C z + D (y - y0)     or     z_(k+1) = A z_k + B (y_k - y0),  u_k = u0 + C z_k + D (y_k - y0)
 
-    Inputs are the measured signals and then the set-points, outputs what the law drives, under the names that `linearise` gives them. A constant part, such
-    as the torque at a working point, is left out: y and u are deviations from it. Close the loop with `control.feedback(plant, law, sign=1)`: a law gives
-    what it drives, with its sign.
+    Inputs are the measured signals and then the set-points, outputs what the law drives, under the names that `linearise` gives them. The system is that of
+    deviations; `system.law` holds the working point and the names of the signals in the toolbox, so that `from_control(to_control(law))` is the law. What
+    python-control computes from the system has no `law`. Close the loop with `control.feedback(plant, law, sign=1)`: a law gives what it drives, with
+    its sign.
 
     Parameters
     ----------
@@ -155,11 +183,24 @@ def to_control(law: Controller | Sampled | ClosedLoop, *, outputs: str | Sequenc
             raise SceneError(f"{made.title} must be a linear law, but `{label}` is not linear in what it reads{limited}.")
     given_out = ca.vertcat(*[made.gives[name][0] for name in wanted]) if wanted else ca.SX(0, 1)
     slopes = [ca.jacobian(each, by) for each in (made.following, given_out) for by in (made.z, made.y)]
-    A, B, C, D = (np.array(ca.DM(ca.Function("slope", [], [ca.densify(slope)])()["o0"])) for slope in slopes)
-    return control.ss(
+    constants = [ca.substitute(each, known, ca.DM.zeros(known.numel())) for each in (made.following, given_out)]
+    A, B, C, D, moved, driven = (np.array(ca.evalf(ca.densify(each))) for each in (*slopes, *constants))
+    found = control.ss(
         A, B, C, D, dt=0 if period is None else period, inputs=[_entry(name) for name in made.reads],
         outputs=[_entry(name) for name in wanted], states=[_entry(label) for label in labels] or None, name=made.title,
     )  # fmt: skip
+    found.law = _about(made, wanted, B, D, moved.ravel(), driven.ravel())
+    return found
+
+
+def _about(law: OpenLaw, outputs: Sequence[str], B: np.ndarray, D: np.ndarray, moved: np.ndarray, driven: np.ndarray) -> LinearLaw | None:
+    """The working point about which a law without constants is the law z' = A z + B y + moved, u = C z + D y + driven; None where there is none."""
+    point = -np.linalg.lstsq(B, moved, rcond=None)[0] if moved.any() else np.zeros(B.shape[1])
+    if np.abs(B @ point + moved).max(initial=0.0) > 1e-9 * np.abs(moved).max(initial=0.0):
+        return None
+    at = dict(zip(law.reads, point.tolist(), strict=True)) | dict(zip(outputs, (driven + D @ point).tolist(), strict=True))
+    defaults = {name: default for name, (_, _, default) in law.reads.items() if default is not None}
+    return LinearLaw(tuple(law.reads), tuple(outputs), at, defaults)
 
 
 def settled(law: OpenLaw) -> OpenLaw:
@@ -204,12 +245,15 @@ def export_c(loop: ClosedLoop, path: str | Path) -> tuple[Path, Path]:
 
         void NAME_start(double *memory);
         int NAME_step(const double *y, double *memory, double *u);     0 for success
+        void NAME_gains(double *gains);
+        int NAME_step_with(const double *gains, const double *y, double *memory, double *u);
 
     `NAME_step` is called once per sample. It reads what is measured and the set-points in y and writes what is driven to u, in the order, units and with the
-    defaults that the header lists. `top.torque.held` is the torque that acts until this sample, 0 where none does: a law takes over from it at its first
-    sample. The memory belongs to the caller, nothing is allocated, nothing is global, and only math.h is needed. Delays, noise and the hold between samples
-    are the machine's own. A law that is no casadi expression may write itself, by a method `export_c(c, h, period)` of what it is designed as: `LinearMPC`
-    does, with a solver in a folder NAME_osqp.
+    defaults that the header lists. `NAME_step_with` does the same with other gains than those of the law, which `NAME_gains` writes. `top.torque.held` is the
+    torque that acts until this sample, 0 where none does: a law takes over from it at its first sample. The memory belongs to the caller, nothing is
+    allocated, nothing is global, and only math.h is needed. Delays, noise and the hold between samples are the machine's own. A law that is no casadi
+    expression may write itself, by a method `export_c(c, h, period)` of what it is designed as: `LinearMPC` does, with a solver in a folder NAME_osqp, and
+    has no gains.
 
     Parameters
     ----------
@@ -243,22 +287,26 @@ def declared_c(loop: ClosedLoop, path: str | Path) -> Declared:
     c, h = c_paths(path)
     if hasattr(made, "export_c"):
         return made.export_c(c, h, period)
-    law = opened(made, period)
+    law = opened(made, period, gains=True)
     driven = ca.vertcat(*[law.gives[name][0] for name in law.drives])
-    step = ca.Function(f"{c.stem}_law", [law.y, law.z], [ca.densify(driven), law.following], ["y", "memory"], ["u", "next"])
+    gains = ca.vertcat(ca.SX(0, 1), *[symbol for _, _, _, symbol in law.gains])
+    step = ca.Function(f"{c.stem}_law", [law.y, law.z, gains], [ca.densify(driven), law.following], ["y", "memory", "gains"], ["u", "next"])
     if step.has_free():
         raise SceneError(f"{law.title} depends on {', '.join(step.get_free())}, which a law by itself does not know.")
     reads = [(name, unit, default) for name, (_, unit, default) in law.reads.items()]
-    return written(
-        c, h, Declared(law.title, c.stem, period, reads, law.labels, [(name, law.gives[name][1]) for name in law.drives]), [step]
+    drives = [(name, law.gives[name][1]) for name in law.drives]
+    declared = Declared(
+        law.title, c.stem, period, reads, law.labels, drives, gains=[(f"law.{name}", unit, value) for name, unit, value, _ in law.gains]
     )
+    return written(c, h, declared, [step])
 
 
 @dataclass(frozen=True)
 class Declared:
     """Signals and memory that the header of a law in C lists.
 
-    These are (signal, unit, default or None) of what it reads, (signal, unit) of what it drives, and (name, unit) of its memory.
+    These are (signal, unit, default or None) of what it reads, (signal, unit) of what it drives, (name, unit) of its memory, and (name, unit, value) of its
+    gains.
     """
 
     title: str
@@ -268,6 +316,7 @@ class Declared:
     memory: list[tuple[str, str]]
     drives: list[tuple[str, str]]
     note: str = ""
+    gains: Sequence[tuple[str, str, float]] = ()
 
 
 def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Function], step: str | None = None) -> Declared:
@@ -282,7 +331,7 @@ def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Functio
     functions
         The casadi functions.
     step
-        The C of NAME_step. Without it there is one function, (y, memory) -> (u, next memory), and the step is that.
+        The C of NAME_step. Without it there is one function, (y, memory, gains) -> (u, next memory), and the step is that.
     """
     texts = (_header(declared), _source(declared, functions, step or _step(declared, functions[0])))
     for path, text in zip((h, c), texts, strict=True):
@@ -320,6 +369,7 @@ def _header(law: Declared) -> str:
         *entries("u", [(n, unit, "") for n, unit in law.drives]),
         " * Memory, which starts at 0:",
         *entries("memory", [(n, unit, "") for n, unit in law.memory]),
+        *([" * Gains:", *entries("gains", [(n, unit, f"{value!r}") for n, unit, value in law.gains])] if law.gains else []),
         " */",
         f"#ifndef {upper}_H",
         f"#define {upper}_H",
@@ -327,6 +377,7 @@ def _header(law: Declared) -> str:
         f"#define {upper}_READS {len(law.reads)}",
         f"#define {upper}_MEMORY {len(law.memory)}",
         f"#define {upper}_DRIVES {len(law.drives)}",
+        f"#define {upper}_GAINS {len(law.gains)}",
         f"#define {upper}_PERIOD {float(law.period)!r}",
         "",
         "#ifdef __cplusplus",
@@ -335,6 +386,14 @@ def _header(law: Declared) -> str:
         "",
         f"void {name}_start(double *memory);",
         f"int {name}_step(const double *y, double *memory, double *u);",
+        *(
+            [
+                f"void {name}_gains(double *gains);",
+                f"int {name}_step_with(const double *gains, const double *y, double *memory, double *u);",
+            ]
+            if law.gains
+            else []
+        ),
         "",
         "#ifdef __cplusplus",
         "}",
@@ -349,19 +408,7 @@ def _header(law: Declared) -> str:
 def _source(law: Declared, functions: Sequence[ca.Function], step: str) -> str:
     """The functions as casadi writes them, and the two that are called; whatever is global begins with the name."""
     name = law.name
-    generator = ca.CodeGenerator(name, {"casadi_int": "int", "casadi_real": "double", "main": False, "mex": False, "with_header": False})
-    for function in functions:
-        generator.add(function)
-    body = generator.dump()
-    if len(functions) == 1:
-        entry = body.index(f"int {functions[0].name()}(")
-        rest = body.find("CASADI_SYMBOL_EXPORT", entry)  # from here on casadi describes the function to casadi
-        body = body[: rest if rest > 0 else None].rstrip()
-    for array in re.findall(
-        r"static const casadi_int (casadi_s\d+)\[", body
-    ):  # sparsities that only casadi's own description reads: warnings to a compiler
-        if len(re.findall(rf"\b{array}\b", body)) == 2:
-            body = re.sub(rf"^(#define {array} |static const casadi_int {array}\[).*\n", "", body, flags=re.MULTILINE)
+    body = casadi_text(name, functions)
     begin = [
         f"void {name}_start(double *memory) {{",
         *([f"  int i;\n  for (i = 0; i < {len(law.memory)}; ++i) memory[i] = 0.0;"] if law.memory else ["  (void)memory;"]),
@@ -371,23 +418,39 @@ def _source(law: Declared, functions: Sequence[ca.Function], step: str) -> str:
 
 
 def _step(law: Declared, function: ca.Function) -> str:
-    many = len(law.memory)
-    return "\n".join(
-        [
-            f"int {law.name}_step(const double *y, double *memory, double *u) {{",
-            f"  double next[{max(many, 1)}], w[{max(function.sz_w(), 1)}];",
-            f"  int iw[{max(function.sz_iw(), 1)}], i, failed;",
-            f"  const double *arg[{max(function.sz_arg(), 2)}];",
-            f"  double *res[{max(function.sz_res(), 2)}];",
-            "  arg[0] = y;",
-            "  arg[1] = memory;",
-            "  res[0] = u;",
-            "  res[1] = next;",
-            f"  failed = {function.name()}(arg, res, iw, w, 0);",
-            "  if (failed) return failed;",
-            f"  for (i = 0; i < {many}; ++i) memory[i] = next[i];",
-            "  return 0;",
+    name, many, gains = law.name, len(law.memory), len(law.gains)
+    entry = f"{name}_step_with(const double *gains" if gains else f"{name}_step("
+    lines = [
+        f"int {entry}{', ' if gains else ''}const double *y, double *memory, double *u) {{",
+        f"  double next[{max(many, 1)}], w[{max(function.sz_w(), 1)}];",
+        f"  int iw[{max(function.sz_iw(), 1)}], i, failed;",
+        f"  const double *arg[{max(function.sz_arg(), 3)}];",
+        f"  double *res[{max(function.sz_res(), 2)}];",
+        "  arg[0] = y;",
+        "  arg[1] = memory;",
+        f"  arg[2] = {'gains' if gains else '0'};",
+        "  res[0] = u;",
+        "  res[1] = next;",
+        f"  failed = {function.name()}(arg, res, iw, w, 0);",
+        "  if (failed) return failed;",
+        f"  for (i = 0; i < {many}; ++i) memory[i] = next[i];",
+        "  return 0;",
+        "}",
+        "",
+    ]
+    if gains:
+        values = ", ".join(repr(float(value)) for _, _, value in law.gains)
+        lines += [
+            f"static const double {name}_values[{gains}] = {{{values}}};",
+            "",
+            f"void {name}_gains(double *gains) {{",
+            "  int i;",
+            f"  for (i = 0; i < {gains}; ++i) gains[i] = {name}_values[i];",
+            "}",
+            "",
+            f"int {name}_step(const double *y, double *memory, double *u) {{",
+            f"  return {name}_step_with({name}_values, y, memory, u);",
             "}",
             "",
         ]
-    )
+    return "\n".join(lines)

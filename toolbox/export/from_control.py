@@ -21,6 +21,26 @@ Matrix = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
+class LinearLaw:
+    """What a system of python-control does not hold of the law that it was made from by `to_control`.
+
+    Attributes
+    ----------
+    measures, drives
+        The signals that are its inputs and outputs.
+    at
+        {signal: value at the working point}.
+    defaults
+        {set-point: value unless it is given}.
+    """
+
+    measures: tuple[str, ...]
+    drives: tuple[str, ...]
+    at: Mapping[str, float]
+    defaults: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class StateSpaceLaw(Controller):
     """A linear law about a working point, made by `from_control`.
 
@@ -39,6 +59,8 @@ class StateSpaceLaw(Controller):
     driven_at: tuple[float, ...] = ()
     reference: float | None = None
     units: tuple[str, ...] | None = None
+    defaults: tuple[tuple[str, float], ...] = ()
+    """(set-point, its value unless it is given)."""
     typed: tuple[tuple[str, str], ...] = ()
     """(argument, text with a unit) of numbers that the plant tells the unit of."""
 
@@ -94,8 +116,9 @@ class StateSpaceLaw(Controller):
                 f"Argument `{self.typed[0][0]}` must be a plain number where no plant tells its unit, but it is {self.typed[0][1]!r}."
             )
         units = self.units or ("1",) * (len(self.measures) + len(self.drives))
+        defaults = {name: 0.0 for name in self.measures if name.endswith(".reference")} | dict(self.defaults)
         read = [
-            signal(name, unit, *([0.0] if name.endswith(".reference") else [])) for name, unit in zip(self.measures, units, strict=False)
+            signal(name, unit, *([defaults[name]] if name in defaults else [])) for name, unit in zip(self.measures, units, strict=False)
         ]
         if self.reference is not None:
             return signal(f"{self.measures[0].partition('.')[0]}.reference", units[0], default=self.reference) - read[0]
@@ -109,8 +132,8 @@ class StateSpaceLaw(Controller):
 def from_control(
     system: Any,
     *,
-    measures: str | Sequence[str],
-    drives: str | Sequence[str],
+    measures: str | Sequence[str] | None = None,
+    drives: str | Sequence[str] | None = None,
     reference: NumberOrText | None = None,
     at: Mapping[str, NumberOrText] | None = None,
 ) -> StateSpaceLaw:
@@ -122,16 +145,18 @@ def from_control(
         `control.StateSpace` or `control.TransferFunction`, proper. A continuous one runs continuous, or sampled by Tustin's rule; a discrete one runs
         sampled, with the period `dt` that it has (any, where its `dt` is True).
     measures
-        The signals that are its inputs, in order, for example "top.speed"; a set-point such as "top.reference" may be among them, behind the first.
+        The signals that are its inputs, in order, for example "top.speed"; a set-point such as "top.reference" may be among them, behind the first. None
+        takes those of the law that `to_control` made the system from, with the defaults of their set-points.
     drives
-        The signals that are its outputs, in order, for example "top.torque".
+        The signals that are its outputs, in order, for example "top.torque". None takes those of that law.
     reference
         Set-point, in the unit of the one measured signal, or text such as "60 rpm". With it the system sees the error e = reference - y, as K in the usual
         loop with negative feedback does; it is the default of the signal `top.reference` (of the part that is measured), so that a run may change it in
         time. Without it the system sees y itself, and gives what it drives with its sign, as the systems that `to_control` returns do.
     at
         Working point: values, or text with units, of measured and driven signals by name, 0 for those that are left out. The system sees deviations of what
-        is measured from it (where there is no reference), and what it gives is added to that of the driven signals.
+        is measured from it (where there is no reference), and what it gives is added to that of the driven signals. None takes that of the law which
+        `to_control` made the system from, where `measures`, `drives` and `reference` are None too.
 
     Returns
     -------
@@ -141,11 +166,24 @@ def from_control(
     Raises
     ------
     SceneError
-        For a system that is improper or no linear system, signals that do not fit its inputs and outputs, and a reference for several of them.
+        For a system that is improper or no linear system, signals that are not given or do not fit its inputs and outputs, and a reference for several of
+        them.
     """
     import control
 
-    inputs, outputs = names(measures), names(drives)
+    law: LinearLaw | None = getattr(system, "law", None)
+    for word, given in (("measures", measures), ("drives", drives)):
+        if given is None and law is None:
+            raise SceneError(
+                f"Argument `{word}` must name signals, because the system was not made by `to_control` from a law with a working point."
+            )
+    defaults: Mapping[str, float] = {}
+    if law is not None:
+        if measures is None and drives is None and reference is None:
+            at = law.at if at is None else at
+        defaults = law.defaults if measures is None else {}
+        measures, drives = measures or law.measures, drives or law.drives
+    inputs, outputs = names(measures or ()), names(drives or ())
     if not isinstance(system, (control.StateSpace, control.TransferFunction)):
         raise SceneError(f"Argument `system` must be a control.StateSpace or a control.TransferFunction, but it is {system!r}.")
     try:
@@ -179,5 +217,5 @@ def from_control(
         dt=float(timing) if discrete and timing is not True else None, discrete=discrete,
         measured_at=tuple(plain(f"at.{name}", point.get(name, 0.0)) for name in inputs),
         driven_at=tuple(plain(f"at.{name}", point.get(name, 0.0)) for name in outputs),
-        reference=None if reference is None else plain("reference", reference), typed=tuple(typed),
+        reference=None if reference is None else plain("reference", reference), typed=tuple(typed), defaults=tuple(defaults.items()),
     )  # fmt: skip

@@ -55,6 +55,7 @@ class Program:
     updates: list[tuple[ca.SX, ca.SX, ca.SX]]
     expressions: tuple[ca.SX, ...]
     form: Switching
+    equations: ClosedEquations
 
     def lacking(self, formulas: Formulas, kinds: tuple[tuple[str, Any], ...]) -> str:
         """Why a run that asked for these formulas steps by those of this program; empty where it steps by them."""
@@ -147,6 +148,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], formula
         updates=updates,
         expressions=(p, u, form.force),
         form=form,
+        equations=equations,
     )
     system.cache[key] = program
     if _holds_expression(key):

@@ -25,8 +25,10 @@ SECOND = -2
 """`Work.loader` of the second direction of the friction before it: a switch, which is in mode 0 again when that friction comes to rest."""
 
 
-# --- indices into `Work.reals`; ERROR_OLD is a binary logarithm, FOLLOWED the longest implicit step that follows modes that grow, 0 where it is not known
-TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, FOLLOWED, REALS = range(11)
+# --- indices into `Work.reals`; ERROR_OLD is a binary logarithm, FOLLOWED the longest implicit step that follows modes that grow, 0 where it is not known.
+# The loop returns at END; the run ends at LAST, beyond which no step looks; HORIZON is the time over which the accuracy is promised, of which a step may add
+# its share to the error. In `simulate` the three are the same; who steps from one END to the next leaves the others as they are.
+TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, FOLLOWED, LAST, HORIZON, REALS = range(13)
 
 
 UNTOLD = 1e-300

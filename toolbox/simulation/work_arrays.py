@@ -43,7 +43,8 @@ def work_arrays(run: Run, program: Program) -> Any:
     reals = np.zeros(work_layout.REALS)
     reals[work_layout.LONGEST] = run.longest_step if program.forced or system.updates else np.inf
     reals[work_layout.STEP_SIZE] = fixed or 0.0
-    reals[work_layout.TIME], reals[work_layout.END] = state.time, run.end
+    reals[work_layout.TIME] = state.time
+    reals[[work_layout.END, work_layout.LAST, work_layout.HORIZON]] = run.end
     reals[work_layout.RTOL] = tolerance or run.accuracy
     reals[work_layout.LAST_EVENT] = -np.inf
     reals[work_layout.POWER] = program.formulas.power

@@ -33,7 +33,8 @@ def record(w, t, x):
 def inputs_changed(w, t, slips_jump):
     """After a parameter jumped, or a sample: elements whose slip jumped away from zero slide, switches turn, the others are decided by force.
 
-    slips_jump: whether a slip can have jumped; its value before is then in `y`, as `jumps` leaves it. A change within the round-off of its terms is none.
+    slips_jump: whether a slip can have jumped; its value before is then in `y`, as `jumps` leaves it, so that who changes parameters does so by `jumps`.
+    A change within the round-off of its terms is none.
     """
     ne = w.ints[layout.NE]
     wrong = False

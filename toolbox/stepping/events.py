@@ -28,7 +28,7 @@ def project_event(w, t, again):
 @inlined
 def after_event(w, t):
     """Switch what fires at an event. DONE, or the status of `advance` where switching has no end, no modes are consistent, or a bound becomes negative."""
-    if t - w.reals[layout.LAST_EVENT] <= 1e-13 * max(abs(t), min(w.reals[layout.END], 1.0)):
+    if t - w.reals[layout.LAST_EVENT] <= 1e-13 * max(abs(t), min(w.reals[layout.HORIZON], 1.0)):
         w.ints[layout.CLOSE] += 1
         if w.ints[layout.CLOSE] > 50 + 20 * w.ints[layout.NE]:
             return layout.ENDLESS

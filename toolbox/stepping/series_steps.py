@@ -49,7 +49,7 @@ def open_series(w, t):
     n, ng, order = w.ints[layout.N], w.ints[layout.NG], w.ints[layout.ORDER]
     width = n + ng
     call(w.ints[layout.SERIES], t, max(w.reals[layout.STEP_SIZE], 0.0), w.x, w.k, w.p, w.m, w.k)
-    rate = SHARE * w.reals[layout.RTOL] / w.reals[layout.END]
+    rate = SHARE * w.reals[layout.RTOL] / w.reals[layout.HORIZON]
     first, second, guard, total = 0.0, 0.0, 0.0, 0.0
     last = (order - 1) * width
     for i in range(n - w.excited.size):
@@ -74,7 +74,7 @@ def open_series(w, t):
             third = max(third, abs(w.k[last - 2 * width + i]) * weight)
             fourth = max(fourth, abs(w.k[last - 3 * width + i]) * weight)
         h = min(h, SLACK + min(_allowance(third, 1.0 / (p - 3.0)), _allowance(fourth, 1.0 / (p - 4.0))))
-    tenth = log2(0.1 * w.reals[layout.END])
+    tenth = log2(0.1 * w.reals[layout.HORIZON])
     if h > tenth and first > 0.0:  # of an error that a tenth of the run may make
         h = max(tenth, -(log2(first) - tenth) / p)
     if first > 0.0 and w.reals[layout.RTOL] < 1e-10:  # no less than round-off
@@ -205,7 +205,7 @@ def defect(w, t, h):
     """
     n, ng, order = w.ints[layout.N], w.ints[layout.NG], w.ints[layout.ORDER]
     call(w.ints[layout.FIELD], t + h, 0.0, w.y, w.k, w.p, w.m, w.z)
-    share = SHARE * max(w.reals[layout.RTOL] * min(h / w.reals[layout.END], 0.1), 1e-14)
+    share = SHARE * max(w.reals[layout.RTOL] * min(h / w.reals[layout.HORIZON], 0.1), 1e-14)
     error = 0.0
     for i in range(n - w.excited.size):
         size = max(w.scale[i], abs(w.y[i]), 1e-10 * w.group_scale[w.group[i]], 1e-14)

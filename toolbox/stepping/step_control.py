@@ -116,7 +116,7 @@ def first_step(w):
         d1 += (w.k[i] / tol) ** 2
     measure_round_off(w)
     h0 = 1e-6 if d0 < 1e-10 or d1 < 1e-10 else 0.01 * math.sqrt(d0 / d1)
-    h0 = min(h0, w.reals[layout.END] - t)
+    h0 = min(h0, w.reals[layout.LAST] - t)
     for i in range(n):
         w.y[i] = w.x[i] + h0 * w.k[i]
     call(w.ints[layout.FIELD], t + h0, 0.0, w.y, w.k, w.p, w.m, w.z)
@@ -127,7 +127,7 @@ def first_step(w):
     top = max(d1, d2)
     h1 = (0.01 / top) ** (1.0 / w.ints[layout.ORDER]) if top > 1e-15 else max(1e-6, h0 * 1e-3)
     # states that are still zero would make the rule absurdly careful; a step too long is only rejected
-    h = max(min(100.0 * h0, h1), 1e-9 * w.reals[layout.END])
+    h = max(min(100.0 * h0, h1), 1e-9 * w.reals[layout.HORIZON])
     w.reals[layout.STEP_SIZE] = h if h > 0.0 and math.isfinite(h) else 1e-9
     w.reals[layout.STEP_OLD] = 0.0
 
@@ -173,7 +173,7 @@ def scaled_error(w, h):
             if w.loader[i] == layout.SECOND and w.m[i] == 1.0 and w.m[i - 1] != 0.0:
                 portion = h  # a slip that ends must not miss its rest by what other steps may add
                 turned = max(turned, _growth_of_slip(owned(w), h, i - 1) / GROWTH_OF_SLIP)
-    share = max(w.reals[layout.RTOL] * min(portion / w.reals[layout.END], 0.1), 1e-14 if w.reals[layout.RTOL] > 1e-14 else 2e-15)
+    share = max(w.reals[layout.RTOL] * min(portion / w.reals[layout.HORIZON], 0.1), 1e-14 if w.reals[layout.RTOL] > 1e-14 else 2e-15)
     for i in range(n):
         size = max(w.scale[i], abs(w.y[i]), 1e-10 * w.group_scale[w.group[i]], 1e-14)
         if w.ints[layout.IMPLICIT] == 1 and abs(w.y[i]) > w.scale[i]:  # nobody knows yet how large it will be
@@ -194,6 +194,6 @@ def scaled_error(w, h):
         error = max(error, turned)
     for q in range(hidden):
         # where nothing has acted yet the force is taken to become what its rate makes of it in a thousandth of the run
-        size = max(w.guard_scale[2 * w.excited[q] + w.ints[layout.NG]], 1e-3 * w.reals[layout.END] * abs(w.k[n + q]), 1e-300)
+        size = max(w.guard_scale[2 * w.excited[q] + w.ints[layout.NG]], 1e-3 * w.reals[layout.HORIZON] * abs(w.k[n + q]), 1e-300)
         error = max(error, abs(w.y[lowest + n + q]) / ((0.02 if two else 3e-4) * size))
     return error

@@ -1,0 +1,108 @@
+/* ---------------------------------------------------------------------------------------------------------------------------- what is called */
+#define SETTABLE (@UPPER@_INPUTS + @UPPER@_PARAMETERS)
+
+void @NAME@_start(@NAME@ *w) {
+  int i;
+  @NAME@_copy_start(w);
+  for (i = 0; i < SETTABLE; ++i) w->wanted[i] = w->p[@NAME@_places[i]];
+}
+
+int @NAME@_set(@NAME@ *w, int number, double value) {
+  if (number < 0 || number >= SETTABLE || !isfinite(value)) return @UPPER@_UNKNOWN;
+  w->wanted[number] = value;
+  if (w->ints[AT_STARTED] == 0) w->p[@NAME@_places[number]] = value;
+  return @UPPER@_DONE;
+}
+
+int @NAME@_set_state(@NAME@ *w, int state, double value) {
+  if (state < 0 || state >= @UPPER@_STATES || !isfinite(value) || w->ints[AT_STARTED] != 0) return @UPPER@_UNKNOWN;
+  w->x[state] = value;
+  return @UPPER@_DONE;
+}
+
+/* What the caller has set becomes the next jump, in the place of those that are over. */
+static void @NAME@_jump(@NAME@ *w) {
+  int i;
+  int64_t end, entry;
+  end = w->jump_first[w->ints[AT_JUMP]];
+  entry = end;
+  for (i = 0; i < SETTABLE; ++i) {
+    if (w->wanted[i] != w->p[@NAME@_places[i]]) {
+      --entry;
+      w->jump_index[entry] = @NAME@_places[i];
+      w->jump_value[entry] = w->wanted[i];
+    }
+  }
+  if (entry == end) return;
+  --w->ints[AT_JUMP];
+  w->jump_first[w->ints[AT_JUMP]] = entry;
+  w->jump_t[w->ints[AT_JUMP]] = w->reals[AT_TIME];
+}
+
+int @NAME@_step(@NAME@ *w, double until) {
+  int status;
+  if (!(until >= w->reals[AT_TIME])) return @UPPER@_BACKWARD;
+  w->ints[AT_EVENTS] = 0;
+  w->reals[AT_END] = until;
+  if (w->ints[AT_STARTED] != 0) @NAME@_jump(w);
+  status = (int)loop_advance(w);
+  return status == AT_EVENTS_FULL ? @UPPER@_OVERRUN : status;
+}
+
+double @NAME@_time(const @NAME@ *w) {
+  return w->reals[AT_TIME];
+}
+
+void @NAME@_outputs(const @NAME@ *w, double *y) {
+  @NAME@_model_signals(w->reals[AT_TIME], 0.0, w->x, w->k, w->p, w->m, y);
+}
+
+int @NAME@_mode(const @NAME@ *w, int element) {
+  return element >= 0 && element < @UPPER@_ELEMENTS ? (int)w->m[element] : @UPPER@_UNKNOWN;
+}
+
+int @NAME@_events(const @NAME@ *w) {
+  return (int)w->ints[AT_EVENTS];
+}
+
+double @NAME@_event(const @NAME@ *w, int event, int *element, int *before, int *after) {
+  if (event < 0 || event >= w->ints[AT_EVENTS]) return -1.0;
+  *element = (int)w->ev_i[event];
+  *before = w->ev_m[3 * event];
+  *after = w->ev_m[3 * event + 1];
+  return w->ev_t[event];
+}
+
+int64_t @NAME@_engine_steps(const @NAME@ *w) {
+  return w->ints[AT_ACCEPTED] + w->ints[AT_REJECTED];
+}
+
+const char *@NAME@_settable_name(int number) {
+  return number >= 0 && number < SETTABLE ? @NAME@_settable_names[number] : 0;
+}
+
+const char *@NAME@_output_name(int output) {
+  return output >= 0 && output < @UPPER@_OUTPUTS ? @NAME@_output_names[output] : 0;
+}
+
+const char *@NAME@_element_name(int element) {
+  return element >= 0 && element < @UPPER@_ELEMENTS ? @NAME@_element_names[element] : 0;
+}
+
+const char *@NAME@_mode_name(int element, int mode) {
+  return @NAME@_mode_word(element, mode);
+}
+
+const char *@NAME@_status_text(int status) {
+  switch (status) {
+    case @UPPER@_DONE: return "done";
+    case @UPPER@_OVERRUN: return "the call has made all the steps or switches that it may: call again to go on";
+    case @UPPER@_ENDLESS: return "switching has no end";
+    case @UPPER@_UNDERFLOW: return "the steps have become too short";
+    case @UPPER@_INCONSISTENT: return "no modes are consistent";
+    case @UPPER@_NEGATIVE_BOUND: return "the bound of a friction has become negative";
+    case @UPPER@_BACKWARD: return "the time asked for lies before the present one";
+    case @UPPER@_UNKNOWN: return "there is no such number, or it cannot be set now";
+    default: return "unknown";
+  }
+}

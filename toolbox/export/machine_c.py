@@ -1,0 +1,385 @@
+"""Plants and whole closed loops as C99, for programs that step them: simulators of other people, test benches, real-time targets.
+
+The event loop in C is translated from the compiled one (`toolbox.export.translation`), and the equations are the C that casadi writes for those that the
+toolbox compiles, so that neither is written a second time. All sizes are constants, all memory is one struct that belongs to the caller: saving a state is
+copying it. What stands beside it in C, `machine.c`, only sets numbers, steps, and hands out names.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import number
+from toolbox.compilation import work_layout as layout
+from toolbox.compilation.program import Program, program_of
+from toolbox.errors import SceneError
+from toolbox.export.c_values import STORED, NotTranslatable, Value, known
+from toolbox.export.model_c import model_text
+from toolbox.export.translation import Translation
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.laws import Controller, Sampled
+from toolbox.simulation.carry_out import formulas_of
+from toolbox.simulation.methods import Explicit
+from toolbox.simulation.request import Request
+from toolbox.simulation.run import Run
+from toolbox.simulation.work_arrays import work_arrays
+
+FIXED = (
+    layout.N,
+    layout.NE,
+    layout.NG,
+    *layout.FORMULAS,
+    layout.COUPLED,
+    layout.BOUNDS,
+    layout.FIRST_HELD,
+    layout.NODES,
+    layout.BUDGET,
+    layout.OUTPUT,
+)
+"""Entries of `Work.ints` that are constants in C."""
+
+CONSTANT = ("group", "excited", "kind", "initial", "attached", "loader", "keys", "clocks")
+"""Arrays that are constants in C."""
+
+EVENTS, STEPS = 64, 10_000
+"""Switches and steps of the engine that one call may make before it returns OVERRUN."""
+
+MODELS = ("field", "step", "project", "probe", "burden", "impulse")
+STATUS = {
+    layout.DONE: ("DONE", "the time asked for is reached"),
+    layout.PAUSED: ("OVERRUN", "the call has made all the steps that it may: call again to go on"),
+    layout.EVENTS_FULL: ("OVERRUN", "the call has made all the switches that it may: call again to go on"),
+    layout.ENDLESS: ("ENDLESS", "switching has no end"),
+    layout.UNDERFLOW: ("UNDERFLOW", "the steps have become too short"),
+    layout.INCONSISTENT: ("INCONSISTENT", "no modes are consistent"),
+    layout.NEGATIVE_BOUND: ("NEGATIVE_BOUND", "the bound of a friction has become negative"),
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A number that the caller may set, or read: its name, unit, and place in an array."""
+
+    name: str
+    unit: str
+    place: int = 0
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A loop made ready for C: the run that it was tried with, its program and arrays."""
+
+    name: str
+    loop: ClosedLoop
+    run: Run
+    program: Program
+
+    @cached_property
+    def work(self) -> dict[str, np.ndarray]:
+        """The arrays as they are before the first step, without room for records."""
+        arrays = work_arrays(self.run, self.program)._asdict()
+        instant = 2 * self.program.kernel.elements + 1
+        for name in arrays:
+            if name.startswith("rec_"):
+                arrays[name] = np.zeros((8, *arrays[name].shape[1:]), arrays[name].dtype)
+            elif name.startswith("ev_"):
+                arrays[name] = np.zeros((EVENTS + instant, *arrays[name].shape[1:]), arrays[name].dtype)
+        ints, reals = arrays["ints"], arrays["reals"]
+        ints[layout.NODES], ints[layout.BUDGET] = 0, STEPS
+        reals[layout.END], reals[layout.LAST] = 0.0, np.inf
+        arrays["samplers"] = arrays["samplers"].copy()
+        for c in range(len(arrays["samplers"])):
+            arrays["samplers"][c, layout.ADDRESS] = c + 1
+        room = len(self.settable)  # in front of the jumps of tables, for those that the caller makes
+        arrays["jump_first"] = np.concatenate([[0], arrays["jump_first"] + room])
+        arrays["jump_t"] = np.concatenate([[-np.inf], arrays["jump_t"]])
+        arrays["jump_index"] = np.concatenate([np.zeros(room, np.int64), arrays["jump_index"]])
+        arrays["jump_value"] = np.concatenate([np.zeros(room), arrays["jump_value"]])
+        ints[layout.JUMP] = 1
+        return arrays
+
+    @cached_property
+    def inputs(self) -> list[Entry]:
+        """Inputs that the caller sets: those that are numbers."""
+        slots = self.program.coefficient_slot
+        return [Entry(name, self.program.system.inputs[name].unit, slots[name]) for name, kind in self.run.kinds if kind == "number"]
+
+    @cached_property
+    def parameters(self) -> list[Entry]:
+        """Parameters that have an effect."""
+        found, system = [], self.program.system
+        silent = self.loop.overridden
+        for name, entry in system.parameters.items():
+            if name not in silent:
+                rows = [name] if entry.size is None else [f"{name}.{i}" for i in range(entry.size)]
+                found += [Entry(row, entry.unit, entry.offset + i) for i, row in enumerate(rows)]
+        return found
+
+    @cached_property
+    def settable(self) -> list[Entry]:
+        """Inputs, then parameters."""
+        return [*self.inputs, *self.parameters]
+
+    @cached_property
+    def states(self) -> list[Entry]:
+        """The states."""
+        found = []
+        for name, (first, size, unit) in self.program.system.states.items():
+            rows = [name] if size is None else [f"{name}.{i}" for i in range(size)]
+            found += [Entry(row, unit, first + i) for i, row in enumerate(rows)]
+        return found
+
+    @cached_property
+    def outputs(self) -> list[Entry]:
+        """The states, then the other signals, as `toolbox.export.model_c` gives them."""
+        system = self.program.system
+        found = [Entry(each.name, each.unit) for each in self.states]
+        for name, (expression, unit) in system.signals.items():
+            if system.rows(name) is None:
+                size = expression.numel()
+                found += [Entry(row, unit) for row in ([name] if size == 1 else [f"{name}.{i}" for i in range(size)])]
+        return found
+
+    def translated(self) -> Translation:
+        """The event loop in C."""
+        from toolbox.stepping.event_stepper import advance  # here, because numba is slow to import
+
+        ints = self.work["ints"]
+        numbers: dict[tuple[str, int], Any] = {("ints", place): int(ints[place]) for place in FIXED}
+        numbers["reals", layout.POWER] = float(self.work["reals"][layout.POWER])
+        addresses = (layout.FIELD, layout.STEP, layout.PROJECT, layout.PROBE, layout.BURDEN, layout.IMPULSE)
+        models = {int(ints[place]): f"{self.name}_model_{word}" for place, word in zip(addresses, MODELS, strict=True) if ints[place]}
+        made = Translation(self.work, numbers, {word: f"{self.name}_{word}" for word in CONSTANT}, models, f"{self.name}_update", self.name)
+        made.written(advance, [Value("w", "w"), known(None)])
+        return made
+
+
+# ---------------------------------------------------------------------------------------------------------------------------------------- refusals
+def machine(loop: ClosedLoop, name: str, duration: Any = None, accuracy: float | None = None) -> Machine:
+    """A loop made ready for C, after a run that shows how it steps; raises SceneError for what does not go."""
+    for given in loop.laws:
+        law = given.law if isinstance(given, Sampled) else given
+        if not isinstance(law, Controller):
+            raise SceneError(
+                f"A loop goes to C with laws of casadi expressions, but {type(law).__name__} is a law in Python: export the plant alone."
+            )
+    for law in loop.designed:
+        if not isinstance(law, Controller):
+            raise SceneError(
+                f"A loop goes to C with laws of casadi expressions, but {type(law).__name__} solves a program at every sample: export the plant, and where "
+                'it can the law by itself, `export_c(loop, path, part="law")`.'
+            )
+    span = loop.duration if duration is None else duration
+    if span is None:
+        raise SceneError("Argument `duration` must be given, over which the accuracy holds: only a loop out of a scene has one of its own.")
+    span = number("duration", span, "s", above=0)
+    tried = Request(_with_all_inputs(loop), span, None, "event", accuracy or loop.accuracy or 1e-6).checked()
+    done = tried.again()
+    if done.program.formulas.implicit:
+        raise SceneError(f"The loop must be one for explicit steps to go to C, but it is stiff: {done.why}")
+    run = Request(tried.loop, span, None, Explicit(), tried.accuracy).checked()
+    return Machine(name, tried.loop, run, program_of(run.system, run.kinds, formulas_of(run)))
+
+
+def _with_all_inputs(loop: ClosedLoop) -> ClosedLoop:
+    """The loop with every input that has a constant default as a number, so that it can be set."""
+    system, found = loop.system, dict(loop.inputs)
+    for name, entry in system.inputs.items():
+        if name not in found and not ca.depends_on(entry.default, ca.vertcat(system.t, system.x)):
+            value = ca.substitute(entry.default, system.p, ca.DM(system.values)) if system.p.numel() else entry.default
+            if ca.SX(value).is_constant() or not ca.symvar(ca.SX(value)):
+                found[name] = float(ca.evalf(value))
+    return loop.but(inputs=found)
+
+
+# -------------------------------------------------------------------------------------------------------------------------------------------- text
+def machine_files(made: Machine) -> dict[str, str]:
+    """{file: text} of a machine in C. Raises SceneError where the loop holds what C has no words for."""
+    try:
+        loop = made.translated()
+    except NotTranslatable as error:
+        raise SceneError(f"The event loop cannot be written in C: {error}.") from error
+    return {
+        f"{made.name}.h": _header(made),
+        f"{made.name}.c": _source(made, loop),
+        "main.c": _filled("machine_main.c", made),
+        "CMakeLists.txt": _filled("machine_cmake.txt", made),
+        "README.md": _readme(made),
+    }
+
+
+def _filled(template: str, made: Machine) -> str:
+    """A file beside this one, with the name of the machine."""
+    text = Path(__file__).with_name(template).read_text(encoding="utf-8")
+    words = {"NAME": made.name, "UPPER": made.name.upper(), "DURATION": repr(float(made.run.duration)), "TITLE": made.loop.title}
+    return re.sub(r"@(\w+)@", lambda found: words[found[1]], text)
+
+
+def _c_name(name: str) -> str:
+    return re.sub(r"\W", "_", name)
+
+
+def _members(made: Machine) -> dict[str, np.ndarray]:
+    """The arrays that are in the struct."""
+    return {name: array for name, array in made.work.items() if name not in CONSTANT}
+
+
+def _header(made: Machine) -> str:
+    upper, name = made.name.upper(), made.name
+    groups = {"INPUT": made.inputs, "PARAMETER": made.parameters, "STATE": made.states, "OUTPUT": made.outputs}
+    lines = [
+        f"/* {made.loop.title}: a machine exported by stickslip-toolbox. SI units, angles in rad. See README.md. */",
+        f"#ifndef {upper}_H",
+        f"#define {upper}_H",
+        "",
+        "#include <stdint.h>",
+        "",
+    ]
+    first = 0
+    for word, entries in groups.items():
+        first = len(made.inputs) if word == "PARAMETER" else 0
+        lines += [f"#define {upper}_{word}S {len(entries)}"]
+        lines += [f"#define {upper}_{word}_{_c_name(entry.name)} {first + i} /* [{entry.unit}] */" for i, entry in enumerate(entries)]
+    elements = made.program.system.elements
+    lines += [f"#define {upper}_ELEMENTS {len(elements)}"]
+    for i, element in enumerate(elements):
+        legend = ", ".join(f"{mode}: {word}" for mode, word in sorted(element.legend.items()))
+        lines.append(f"#define {upper}_ELEMENT_{_c_name(element.name)} {i} /* {legend} */")
+    lines += ["", "/* what a step returns */"]
+    for code, (word, meaning) in STATUS.items():
+        if word != "OVERRUN" or code == layout.PAUSED:
+            lines.append(f"#define {upper}_{word} {code} /* {meaning} */")
+    lines += [
+        f"#define {upper}_BACKWARD (-1) /* the time asked for lies before the present one */",
+        f"#define {upper}_UNKNOWN (-2) /* there is no such number, or it cannot be set now */",
+        "",
+    ]
+    lines += [
+        "/* everything that changes; only the functions below read and write it, and a copy of it is a saved state */",
+        f"typedef struct {name} {{",
+    ]
+    for member, array in _members(made).items():
+        lines.append(f"  {STORED[str(array.dtype)][1]} {member}[{max(array.size, 1)}];")
+    lines += [
+        f"  double wanted[{max(len(made.settable), 1)}];",
+        f"}} {name};",
+        "",
+        _filled("machine_api.h", made),
+        f"#endif /* {upper}_H */",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _numbers(array: np.ndarray) -> str:
+    kind = STORED[str(array.dtype)][0]
+    return (
+        ", ".join(known(np.uint64(each) if kind == "u" else float(each) if kind == "f" else int(each)).text for each in array.ravel())
+        or "0"
+    )
+
+
+def _source(made: Machine, loop: Translation) -> str:
+    name = made.name
+    constants = [
+        f"static const {STORED[str(made.work[word].dtype)][1]} {name}_{word}[{max(made.work[word].size, 1)}] = {{{_numbers(made.work[word])}}};"
+        for word in CONSTANT
+        if re.search(rf"\b{name}_{word}\[", "".join(each.text for each in loop.order))
+    ]
+    starts, values = [], []
+    for member, array in _members(made).items():
+        if array.size and (array != 0).any() and not member.startswith(("rec_", "ev_")):
+            values.append(f"static const {STORED[str(array.dtype)][1]} {name}_first_{member}[{array.size}] = {{{_numbers(array)}}};")
+            starts.append(f"  memcpy(w->{member}, {name}_first_{member}, sizeof w->{member});")
+    tables = [
+        f"static const int32_t {name}_places[{max(len(made.settable), 1)}] = {{{', '.join(str(each.place) for each in made.settable) or '0'}}};",
+        *(
+            f"static const char *const {name}_{word}[{max(len(entries), 1)}] = {{{', '.join(_quoted(each) for each in entries) or '0'}}};"
+            for word, entries in (
+                ("settable_names", [each.name for each in made.settable]),
+                ("output_names", [each.name for each in made.outputs]),
+                ("element_names", [each.name for each in made.program.system.elements]),
+            )
+        ),
+    ]
+    modes = [
+        f"  if (element == {i} && mode == {mode}) return {_quoted(word)};"
+        for i, element in enumerate(made.program.system.elements)
+        for mode, word in element.legend.items()
+    ]
+    return "\n\n".join(
+        [
+            f"/* The machine of {name}.h: its equations as casadi writes them, and the event loop of the toolbox, translated. */",
+            f'#include "{name}.h"\n\n#include <math.h>\n#include <string.h>',
+            model_text(name, made.program),
+            "\n".join(constants),
+            loop.source(),
+            "\n".join(values),
+            "\n".join(tables),
+            f"static const char *{name}_mode_word(int element, int mode) {{\n"
+            + "\n".join([*modes, "  (void)element; (void)mode;", '  return "";'])
+            + "\n}",
+            f"static void {name}_copy_start({name} *w) {{\n" + "\n".join(["  memset(w, 0, sizeof *w);", *starts]) + "\n}",
+            "\n".join(f"#define {word} {place}" for word, place in _places().items()),
+            _filled("machine.c", made),
+        ]
+    )
+
+
+def _places() -> Mapping[str, int]:
+    """Places in `ints` and `reals` that `machine.c` names."""
+    words = ("TIME", "END", "JUMP", "EVENTS", "STARTED", "ACCEPTED", "REJECTED", "EVENTS_FULL", "PAUSED")
+    return {f"AT_{word}": getattr(layout, word) for word in words}
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _readme(made: Machine) -> str:
+    def table(entries: list[Entry], first: int = 0) -> str:
+        return "\n".join(
+            [
+                "| number | name | unit |",
+                "|---|---|---|",
+                *(f"| {first + i} | `{each.name}` | {each.unit} |" for i, each in enumerate(entries)),
+            ]
+        )
+
+    elements = [
+        f"| {i} | `{element.name}` | {', '.join(f'{mode} {word}' for mode, word in sorted(element.legend.items()))} |"
+        for i, element in enumerate(made.program.system.elements)
+    ]
+    return _filled("machine_readme.md", made) + "\n".join(
+        [
+            f"Accuracy: {made.run.accuracy:g} over {made.run.duration:g} s. One call makes at most {STEPS} steps and {EVENTS} switches.",
+            "", "## Inputs", table(made.inputs), "", "## Parameters", table(made.parameters, len(made.inputs)), "", "## Outputs", table(made.outputs),
+            "", "## Elements", "| number | name | modes |", "|---|---|---|", *elements, "",
+        ]
+    )  # fmt: skip
+
+
+def written_machine(loop: ClosedLoop, path: str | Path, duration: Any, accuracy: float | None) -> tuple[Path, Path]:
+    """Write a machine into a folder; see `toolbox.export_c`."""
+    from toolbox.files.atomic import replaced
+
+    folder = Path(path)
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", folder.name):
+        raise SceneError(f"Argument `path` must end in a name of C, letters, digits and _, but it is `{path}`.")
+    files = machine_files(machine(loop, folder.name, duration, accuracy))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SceneError(f"Cannot write `{folder}`: {error.strerror}.") from None
+    for name, text in files.items():
+        with replaced(folder / name) as file:
+            file.write(text.encode())
+    return folder / f"{folder.name}.c", folder / f"{folder.name}.h"

@@ -1,47 +1,70 @@
-"""A law that lifts its own set-point while the string swings and lowers it again, as drillers do by hand."""
+"""A law that lifts its own set-point once there is evidence that the bit stops, and lowers it again, as drillers do by hand."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 
 import casadi as ca
 
-from controllers.bumpless import acting
+from controllers.bumpless import acting, begun
+from controllers.observers import Kalman
+from controllers.observers.linear import StringObserver
+from controllers.string_model import lumped_string
 from toolbox import Controller, HybridSystem, Quantity, SceneError, Update, quantity, state
+from toolbox.modelling import OptionalQuantity
+
+SLOW, FAST = 0.35, 0.5
+"""Bit speeds in parts of the set-point: below the first it dips, above the second the next dip counts as another one."""
+SWING, STILL = 0.8, 0.5
+"""Amplitudes of the string's torque over its impedance, in parts of the set-point: from the first on a dip may be a stick, below the second the bit is calm."""
+APART, CALM, WATCHED = 20.0, 0.5, 54.0
+"""Periods of the string: between two dips that are one evidence, of calm until the set-point comes down, and until a relapse is a new event."""
+STEEPER, CHANGED = 0.5, 0.05
+"""What is added to a lift that does not help, in parts of the set-point; change of the set-point that counts as new."""
 
 
 @dataclass(frozen=True)
 class Lifting(Controller):
-    """A law that gives another law a higher set-point while the top swings, and comes down slowly once it does not.
+    """A law that gives another law a higher set-point while the bit sticks and slips, and comes down slowly once it turns evenly.
 
-        the top swings where w_top < (1 - swing) lifted;   left = hold there, else counts down to 0
-        lifted - reference rises at `rise` towards to - reference while left > 0, else falls at `fall` to 0
+        a dip:  bit speed < 0.35 L  and  sqrt(2 var(torque of the string)) > 0.8 L zeta,   after a bit speed > 0.5 L;   L = lifted set-point
 
-    Why: a stick-slip that lives beside smooth running at one set-point does not at a higher one, where the rock is flatter. A law that holds smooth running
-    down to 4 rad/s may need 7 rad/s to break a cycle, most of all on a drive that is heavier than it knows; lifted, it needs no more than it holds. The price
-    is speed: for the time of the lift the bit turns faster than asked. The top of a stiff drive does not swing: the law inside must give way to the string.
-    While the bit sticks, the top of a string that is stiffer than the law knows swings by an eighth to a fifth of its speed: `swing` must lie below that. Above
-    the set-point nothing counts as a swing, since the top of a law with a slow integral stays above one that falls.
+    A Kalman filter on the declared string gives bit speed and torque from the top speed and the torque command; the variance is one over a period of
+    the string. Two dips within 20 periods are the evidence. L then rises to `first` times what is asked; two dips more add 0.5 each time. Once the amplitude
+    stays below half of L for half a period, L comes down. Two dips on the way down, or within 54 periods after it, are a relapse: L rises to what calmed the
+    bit before, and after n relapses it comes down 1 + n^2 / 2 times more slowly. After `tries` relapses, or where `highest` does not help, the law gives up: it
+    comes down and lifts no more until what is asked changes by 5 %. A weight that varies is no evidence: it makes no dips with so large a swing. Another
+    set-point is followed at the same rates, so that a step of it is none either.
 
-    `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. From rest, too,
-    the top is off its set-point, and the start is lifted. Sampled only. Source: the practice of lifting the rotary speed against stick-slip; the rule is a
-    choice of this file. Around a law that is designed as a callable, such as a predictive one, the whole is a callable; `run.laws[0].inside` holds that law.
+    Why: a stick-slip that lives beside smooth running at one set-point does not at a higher one, where the rock is flatter. The price is speed: while
+    lifted the bit turns faster than asked. It helps where the law inside holds smooth running at what is asked and damps the string, and gives up where it
+    does not: a stiff drive leaves the string swinging for minutes.
+
+    `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. Recorded
+    are `lifting.reference` (L), `lifting.lifts` (their number), `lifting.gave_up` (the set-point at which it did, else 0) and `lifting.held` (how
+    far above the set-point the bit calmed last). Sampled only. Around a law that is designed as a callable, such as a predictive one, the whole is a
+    callable; `run.laws[0].inside` holds that law. Source: the practice of lifting the rotary speed against stick-slip; the rule is a choice of this file.
     """
 
     law: Controller = field(default_factory=Controller)
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
-    to: Quantity = quantity(12.0, "rad/s", "set-point that is lifted to", above=0, usual=(0.05, 40.0))
-    swing: Quantity = quantity(
-        0.1, "1", "how far below the lifted set-point the top speed counts as swinging, in parts of it", above=0, at_most=1
+    first: Quantity = quantity(2.0, "1", "first lifted set-point in parts of what is asked", above=1)
+    highest: Quantity = quantity(4.0, "1", "highest one", above=1)
+    rise: Quantity = quantity(0.5, "rad/s2", "rate at which the set-point is lifted", above=0)
+    fall: Quantity = quantity(0.3, "rad/s2", "rate at which it is lowered", above=0)
+    tries: Quantity = quantity(2.0, "1", "relapses until it gives up", at_least=0)
+    string_period: OptionalQuantity = quantity(
+        None, "s", "period of the string below a drive that does not swing; filled in by design", above=0
     )
-    hold: Quantity = quantity(15.0, "s", "time after the last swing for which the set-point stays up", above=0)
-    rise: Quantity = quantity(1.0, "rad/s2", "rate at which the set-point is lifted", above=0)
-    fall: Quantity = quantity(0.2, "rad/s2", "rate at which it is lowered", above=0)
+    string_impedance: OptionalQuantity = quantity(None, "N m s/rad", "sqrt(stiffness inertia) of the string; filled in by design", above=0)
+    observer: StringObserver = field(default_factory=lambda: Kalman(torque_walk=2000.0))
 
     def check(self):
-        if not isinstance(self.law, Controller):
-            raise SceneError(f"Argument `law` must be a Controller, but it is {self.law!r}.")
+        for name, kind in (("law", Controller), ("observer", StringObserver)):
+            if not isinstance(getattr(self, name), kind):
+                raise SceneError(f"Argument `{name}` must be a {kind.__name__}, but it is {getattr(self, name)!r}.")
 
     @property
     def drives(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -49,20 +72,66 @@ class Lifting(Controller):
         return self.law.drives
 
     def design(self, plant: HybridSystem) -> Controller:
-        """The law with its inner law designed on the plant."""
-        return dataclasses.replace(self, law=self.law.design(plant))
+        """The law with inner law and observer designed on the plant, and with the period and impedance of its string where they are not given."""
+        filled = {}
+        if self.string_period is None or self.string_impedance is None:
+            string = lumped_string(plant, "Lifting", "`string_period` and `string_impedance`")
+            filled = {"string_period": 2.0 * math.pi / string.frequency, "string_impedance": string.impedance}
+            filled = {name: value for name, value in filled.items() if getattr(self, name) is None}
+        return dataclasses.replace(self, law=self.law.design(plant), observer=self.observer.design(plant), **filled)
 
     def sampled(self, signal, period):
-        extra, left = state("lifting.speed", "rad/s"), state("lifting.time", "s")
-        asked = signal("top.reference", "rad/s", default=self.reference)
-        lifted = asked + extra
+        wanted, asked = signal("top.reference", "rad/s", default=self.reference), state("lifting.asked", "rad/s")
+        speed, torque = signal("top.speed", "rad/s"), acting(signal)
+        x = state("lifting.string", "1", len(self.observer.gain or ()))
+        mean, square = state("lifting.mean", "rad/s"), state("lifting.square", "rad2/s2")
+        armed, left, calm, watch = state("lifting.armed", "1"), *(state(f"lifting.{name}", "s") for name in ("left", "calm", "watch"))
+        extra, level, held, gave_up = (state(f"lifting.{name}", "rad/s") for name in ("speed", "level", "held", "gave_up"))
+        relapses, lifts = state("lifting.relapses", "1"), state("lifting.lifts", "1")
+        lifted, nothing = asked + extra, 1e-3 * self.reference
 
         def higher(name, unit, default=None):
             return lifted if name == "top.reference" else signal(name, unit, default)
 
-        update = self.law.sampled(higher, period)
-        swings = (signal("top.speed", "rad/s") < (1.0 - self.swing) * lifted) * (acting(signal) != 0.0)
-        waits = ca.if_else(swings, self.hold, ca.fmax(left - period, 0.0))
-        highest = ca.fmax(self.to - asked, 0.0)
-        moved = ca.if_else(waits > 0.0, ca.fmin(extra + self.rise * period, highest), ca.fmax(extra - self.fall * period, 0.0))
-        return Update({**update.memory, extra: moved, left: waits}, {**update.outputs, "lifting.reference": (lifted, "rad/s")})
+        inside = self.law.sampled(higher, period)
+        estimates = self.observer.seen(x)
+        bit, swing = estimates["bit.speed"][0], estimates["top.load"][0] / self.string_impedance
+        share = ca.fmin(period / self.string_period, 1.0)
+
+        swings = 2.0 * (square - mean * mean)  # square of the amplitude
+        dip = armed * (bit < SLOW * lifted) * (swings > (SWING * lifted) ** 2) * (level <= extra) * (torque != 0.0)
+        quiet = (gave_up > nothing) * (ca.fabs(asked - gave_up) <= CHANGED * gave_up)
+        watches = (watch > period) * ((gave_up <= nothing) + quiet)
+        evidence = dip * (left > 0.0) * (1.0 - quiet)
+        up, most = level > nothing, (self.highest - 1.0) * asked
+        relapse = evidence * (1.0 - up) * watches
+        ends = evidence * ca.if_else(up, level >= most, relapse * (relapses >= self.tries))
+        lifts_now = evidence * (1.0 - ends)
+        higher_by = ca.if_else(up, level + STEEPER * asked, ca.if_else(relapse, held, (self.first - 1.0) * asked))
+        calms = up * (calm <= 0.0) * (1.0 - evidence)
+        aim = ca.if_else(lifts_now, ca.fmin(higher_by, most), ca.if_else(ends + calms, 0.0, ca.if_else(up, level, 0.0)))
+        rises = aim > extra
+        slower = self.fall / (1.0 + 0.5 * relapses * relapses)
+        moved = ca.if_else(rises, ca.fmin(extra + self.rise * period, aim), ca.fmax(extra - slower * period, aim))
+        busy = (extra > nothing) + (aim > nothing)
+        memory = {
+            x: self.observer.moved(x, torque, period, speed),
+            asked: asked + ca.fmin(ca.fmax(wanted - asked, -self.fall * period), self.rise * period),
+            mean: mean + share * (swing - mean),
+            square: square + share * (swing * swing - square),
+            armed: ca.if_else(bit > FAST * lifted, 1.0, armed * (1.0 - dip)),
+            left: ca.if_else(dip, APART * self.string_period * (1.0 - evidence), ca.fmax(left - period, 0.0)),
+            calm: ca.if_else(
+                (aim > nothing) * ((swings > (STILL * lifted) ** 2) + rises), CALM * self.string_period, ca.fmax(calm - period, 0.0)
+            ),
+            watch: ca.if_else(busy, WATCHED * self.string_period, watches * (watch - period)),
+            extra: moved,
+            level: aim,
+            held: ca.if_else(calms, level, ca.if_else(held > nothing, held, 0.0)),
+            gave_up: ca.if_else(ends, asked, ca.if_else(quiet, gave_up, 0.0)),
+            relapses: ca.if_else(watches, relapses + relapse, 0.0),
+            lifts: ca.if_else(lifts > 0.5, lifts, 0.0) + lifts_now * (1.0 - up),
+        }
+        update = Update({**inside.memory, **memory}, {**inside.outputs, "lifting.reference": (lifted, "rad/s")})
+        load = self.observer.seen(self.observer.begun(speed, torque))["top.load"][0] / self.string_impedance
+        return begun(update, signal, "lifting", {x: self.observer.begun(speed, torque), asked: wanted, mean: load, square: load * load})

@@ -59,6 +59,38 @@ def string_model(plant: HybridSystem) -> StringModel:
     return StringModel(A, B.ravel(), E.ravel(), tuple(name for name, _ in names), tuple(unit for _, unit in names), *C)
 
 
+@dataclass(frozen=True)
+class LumpedString:
+    """A chain of inertias as one spring between two: all springs in series, and all inertias below the drive.
+
+    drive, below: inertias [kg m2];  stiffness: of the springs in series [N m/rad];  drag: of the drive [N m s/rad].
+    """
+
+    drive: float
+    below: float
+    stiffness: float
+    drag: float
+
+    @property
+    def impedance(self) -> float:
+        """zeta = sqrt(k J) [N m s/rad]: torque at the top per speed of a bit that swings below a drive which does not."""
+        return float(np.sqrt(self.stiffness * self.below))
+
+    @property
+    def frequency(self) -> float:
+        """sqrt(k / J) [rad/s], of that swing."""
+        return float(np.sqrt(self.stiffness / self.below))
+
+
+def lumped_string(plant: HybridSystem, law: str, instead: str) -> LumpedString:
+    """The lumped string of a plant with a chain of inertias. Raises SceneError with the name of the law and what may be given to it instead."""
+    try:
+        inertia, stiffness, drag = (plant.parameter(f"chain.{name}") for name in ("inertia", "stiffness", "top_drag"))
+    except SceneError as error:
+        raise SceneError(f"{law} is designed on a chain of inertias, or given {instead}: {error}") from None
+    return LumpedString(float(inertia[0]), float(np.sum(inertia[1:])), 1.0 / float(np.sum(1.0 / stiffness)), float(drag))
+
+
 def entries(matrix: np.ndarray) -> tuple[int, ...]:
     """Places, counted row by row, at which a matrix is not zero: of a string of n elements some 4 n of them."""
     return tuple(np.flatnonzero(matrix).tolist())

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from controllers.bumpless import acting, begun, over
+from controllers.string_model import lumped_string
 from controllers.torque_limits import TorqueLimits
-from toolbox import Equations, Quantity, SceneError, Update, quantity, state
+from toolbox import Equations, Quantity, Update, quantity, state
 from toolbox.modelling import OptionalQuantity
 
 
@@ -54,18 +55,12 @@ class ZTorque(TorqueLimits):
         """The law with what is not given read from the chain of the plant."""
         if None not in (self.impedance, self.integral, self.inertia):
             return self
-        try:
-            inertia, stiffness, drag = (plant.parameter(f"chain.{name}") for name in ("inertia", "stiffness", "top_drag"))
-        except SceneError as error:
-            raise SceneError(
-                f"ZTorque is designed on a chain of inertias, or given `impedance`, `integral` and `inertia`: {error}"
-            ) from None
-        series, below = 1.0 / float(np.sum(1.0 / stiffness)), float(np.sum(inertia[1:]))
-        zeta = float(np.sqrt(series * below))
+        string = lumped_string(plant, "ZTorque", "`impedance`, `integral` and `inertia`")
+        zeta = string.impedance
         numbers = {
-            "impedance": max(zeta - drag, 0.0),
-            "integral": zeta * float(np.sqrt(series / below)) / 5,
-            "inertia": compensated(float(inertia[0]), max(zeta, drag), self.filter_time),
+            "impedance": max(zeta - string.drag, 0.0),
+            "integral": zeta * string.frequency / 5,
+            "inertia": compensated(string.drive, max(zeta, string.drag), self.filter_time),
         }
         return replace(self, back_calculation=zeta, **{name: value for name, value in numbers.items() if getattr(self, name) is None})
 

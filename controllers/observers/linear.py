@@ -91,21 +91,24 @@ class StringObserver(Observer):
 
     def _equations(self, signal) -> tuple[Any, Any, dict[str, tuple[Any, str]]]:
         """State, its rate as a function of the state, and the estimates."""
+        x = state("observer.state", "1", self._stacked()[0])
+        speed, torque = signal("top.speed", "rad/s"), signal("top.torque", "N m")
+        return x, self._rate(torque, speed), self.seen(x)
+
+    def _rate(self, torque: Any, speed: Any = None) -> Any:
+        """The rate as a function of the state, with a measured top speed or without."""
         n, stacked = self._stacked()
         A, B, L, top = stacked[:n, :], stacked[n, :].T, ca.vertcat(*(self.gain or ())), stacked[n + 1, :]
-        x = state("observer.state", "1", n)
-        speed, torque = signal("top.speed", "rad/s"), signal("top.torque", "N m")
 
         def rate(z: Any) -> Any:
-            return A @ z + B * torque + L * self.injection(speed - top @ z)
+            free = A @ z + B * torque
+            return free if speed is None else free + L * self.injection(speed - top @ z)
 
-        return x, rate, self.seen(x)
+        return rate
 
-    def moved(self, x: Any, torque: Any, duration: Any) -> Any:
-        """The state after a duration [s] under a held torque [N m], with nothing measured."""
-        n, stacked = self._stacked()
-        A, B = stacked[:n, :], stacked[n, :].T
-        return one_step(lambda z: A @ z + B * torque, x, duration)
+    def moved(self, x: Any, torque: Any, duration: Any, speed: Any = None) -> Any:
+        """The state after a duration [s] under a held torque [N m] and a measured top speed [rad/s], or with nothing measured."""
+        return one_step(self._rate(torque, speed), x, duration)
 
     def seen(self, x: Any) -> dict[str, tuple[Any, str]]:
         """{signal: (estimate, unit)} of a state."""

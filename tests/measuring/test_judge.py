@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from controllers import PI, Lifting, SoftTorque
+from controllers import PI, SoftTorque
 from models import BitRock, BlockOnBelt, wells
+from tests.relapsing import Relapsing
 from toolbox import Sampled, closed_loop, compose, equilibrium, measure, simulate
 from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judge
 from toolbox.simulation.request import Request
@@ -30,7 +31,7 @@ def at(reference, rate):
 
 @pytest.mark.parametrize(("reference", "interval", "rate"), [(3.0, 72.0, 0.222), (3.97, 374.0, 0.00282), (3.985, 647.0, 0.00071)])
 def test_a_law_that_relapses_every_ten_minutes_sticks_and_slips(reference, interval, rate):
-    law = Sampled(Lifting(PI()), 0.01)
+    law = Sampled(Relapsing(), 0.01)
     judged, _ = carried(RIG, law, at(reference, rate), {"chain.speed": (reference, 0.0)}, inputs={"top.reference": reference})
     assert judged.regime == STICKS and judged.interval == pytest.approx(interval, rel=2e-3)
     # its twin: a run of two minutes after a lull shows nothing

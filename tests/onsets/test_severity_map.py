@@ -77,7 +77,7 @@ LAWS = {
     "PI at 100 Hz": closed_loop(RIG, Sampled(StiffPI(), 0.01)),
     "super-twisting": closed_loop(RIG, SuperTwisting(), sample_time=0.01),
     "implicit sliding mode": closed_loop(RIG, ImplicitSlidingMode(), sample_time=0.01),
-    "lifting": closed_loop(RIG, Lifting(StiffPI()), sample_time=0.01),
+    "lifting": closed_loop(RIG, Lifting(SoftTorque()), sample_time=0.01),
 }
 
 

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers import PI, IdealSlidingMode, Lifting, SoftTorque
+from controllers import PI, IdealSlidingMode, SoftTorque
 from models import BitRock, wells
+from tests.relapsing import Relapsing
 from toolbox import Sampled, Scene, closed_loop, compose, hopf_points, inputs, simulate
 from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judged
 from toolbox.onsets.coming_to import comes_to
@@ -39,7 +40,7 @@ def test_a_loop_that_looks_calm_for_its_run_and_grows_with_minutes_is_not_free()
 
 
 def test_a_drive_that_relapses_every_six_minutes_is_not_free():
-    judged = slowed(Lifting(PI(4_000.0, 1_500.0)), 3.97, sample_time=0.01)
+    judged = slowed(Relapsing(PI(4_000.0, 1_500.0)), 3.97, sample_time=0.01)
     assert in_words(judged, 0).startswith("grows in ") and judged.rate > 1e-3
 
 

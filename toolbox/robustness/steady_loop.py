@@ -37,6 +37,8 @@ KICK = 0.02
 """Part of the states by which a run starts off steady running."""
 SETTLING = 20_000
 """Samples that a loop is given to show where it is steady."""
+STANDS = 1e-9
+"""Slip [rad/s or m/s] below which a contact is taken to stand: what is found there instead of 0 is round-off, of either sign."""
 
 
 @dataclass(frozen=True)
@@ -167,6 +169,14 @@ class SampledPoint:
             q[self.n : self.n + self.h] = self.value(q)[self.n : self.n + self.h]
         return q
 
+    def begun(self, states: Mapping[str, Any], commands: Mapping[str, float]) -> np.ndarray:
+        """q at states, with what the laws remember after their first sample under the commands that act."""
+        q = self.with_outputs(states, {})
+        for j in self.driven:
+            q[self.n + j] = commands[self.names[j]]
+        q[self.n + self.h :] = self.value(q)[self.n + self.h :]
+        return q
+
     def start(self, plant: HybridSystem, q: np.ndarray) -> dict[str, Any]:
         """Start values of a run: states of the plant KICK off the point, and what the laws remember and hold there."""
         found: dict[str, Any] = {self.names[j]: q[self.n + j] for j in self.driven}
@@ -206,9 +216,10 @@ class SampledPoint:
         if not np.isfinite(rows).all():
             raise NoDerivative("the slope of the law is not finite near steady running")
         try:
-            q = least_squares(
-                lambda q: residual(q) / rows, q, lambda q: slope(q) / rows[:, None], x_scale="jac", method="trf", xtol=1e-15, ftol=1e-15, gtol=1e-15
-            ).x  # fmt: skip
+            with np.errstate(over="ignore", invalid="ignore"):  # far from steady running a law may be anything
+                q = least_squares(
+                    lambda q: residual(q) / rows, q, lambda q: slope(q) / rows[:, None], x_scale="jac", method="trf", xtol=1e-15, ftol=1e-15, gtol=1e-15
+                ).x  # fmt: skip
         except ValueError:  # values that are not finite on the way
             return None
         for _ in range(6):
@@ -287,7 +298,7 @@ def sampled_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> SteadyLoo
         raise NoDerivative(reason)
     slips = np.array(system.slips(0.0, q[: point.n], point.u, system.values, point.m)).ravel()
     for element, mode, slip in zip(system.elements, point.m, slips, strict=True):
-        if element.law is not None and mode * slip <= 0.0:
+        if element.law is not None and mode * slip <= STANDS:
             raise SceneError(
                 f"Argument `controller` must keep `{element.name}` sliding at steady running, but its slip is {mode * slip:.3g} {element.slip_unit}."
             )
@@ -304,7 +315,8 @@ def sampled_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> SteadyLoo
 
 
 def _guesses(point: SampledPoint, loop: ClosedLoop, guess: Mapping[str, Any]) -> Iterator[np.ndarray]:
-    """Where to look for steady running: where the continuous forms are steady, where the set-points are kept, at the start, and where a run goes from there.
+    """Where to look for steady running: where the continuous forms are steady, where the set-points are kept, at the start, where a run goes from there,
+    and where laws that take over begin.
 
     Sets the modes of `point` to those of each guess.
     """
@@ -333,6 +345,10 @@ def _guesses(point: SampledPoint, loop: ClosedLoop, guess: Mapping[str, Any]) ->
         memory = {name: reading(name) for update in point.system.updates for name in update.places}
         if point.placed(states, memory, {}):
             yield point.with_outputs(states, memory)
+    for known in candidates:
+        states = {name: known[name] for name in plant.states}
+        if point.placed(states, {}, {}):
+            yield point.begun(states, {point.names[j]: known[point.names[j]] for j in point.driven})
 
 
 def smooth_points(loop: ClosedLoop, guess: Mapping[str, Any]) -> list[Equilibrium]:

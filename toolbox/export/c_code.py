@@ -19,6 +19,7 @@ from toolbox.errors import SceneError, suggest
 from toolbox.export.casadi_text import casadi_text
 from toolbox.export.from_control import LinearLaw
 from toolbox.files.atomic import replaced
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.components import Slot, check_fields, law_of, numbers_of, rebuilt, symbolic_copy
 from toolbox.modelling.elements import State, time
@@ -240,8 +241,12 @@ def _linear(expression: ca.SX, symbols: ca.SX) -> bool:
 
 # --------------------------------------------------------------------------------------------------------------------------------------------- C
 @takes_loop
-def export_c(loop: ClosedLoop, path: str | Path) -> tuple[Path, Path]:
-    """Write a sampled law as C99: NAME.c, and NAME.h beside it.
+def export_c(
+    loop: ClosedLoop, path: str | Path, *, part: str | None = None, duration: NumberOrText | None = None, accuracy: float | None = None
+) -> tuple[Path, Path]:
+    """Write a sampled law, or a plant with its laws, as C99 that needs only math.h; nothing is allocated, nothing is global.
+
+    The law, NAME.c and NAME.h beside it, for the controller of a real machine:
 
         void NAME_start(double *memory);
         int NAME_step(const double *y, double *memory, double *u);     0 for success
@@ -250,17 +255,33 @@ def export_c(loop: ClosedLoop, path: str | Path) -> tuple[Path, Path]:
 
     `NAME_step` is called once per sample. It reads what is measured and the set-points in y and writes what is driven to u, in the order, units and with the
     defaults that the header lists. `NAME_step_with` does the same with other gains than those of the law, which `NAME_gains` writes. `top.torque.held` is the
-    torque that acts until this sample, 0 where none does: a law takes over from it at its first sample. The memory belongs to the caller, nothing is
-    allocated, nothing is global, and only math.h is needed. Delays, noise and the hold between samples are the machine's own. A law that is no casadi
-    expression may write itself, by a method `export_c(c, h, period)` of what it is designed as: `LinearMPC` does, with a solver in a folder NAME_osqp, and
-    has no gains.
+    torque that acts until this sample, 0 where none does: a law takes over from it at its first sample. The memory belongs to the caller. Delays, noise and
+    the hold between samples are the machine's own. A law that is no casadi expression may write itself, by a method `export_c(c, h, period)` of what it is
+    designed as: `LinearMPC` does, with a solver in a folder NAME_osqp, and has no gains.
+
+    The loop, or a plant without laws, a folder NAME with NAME.c, NAME.h, an example main.c, CMakeLists.txt and README.md, for programs that simulate it:
+
+        void NAME_start(NAME *w);
+        int NAME_set(NAME *w, int number, double value);      an input or a parameter
+        int NAME_step(NAME *w, double until);                 to a time; every switch on the way is located
+        void NAME_outputs(const NAME *w, double *y);          and modes, events, names
+
+    It holds the event loop of the toolbox, translated, with explicit steps, and the laws with their clocks, delays and noise. All that changes is in one
+    struct, so that a copy of it is a saved state. A call makes a bounded number of steps and switches, and returns NAME_OVERRUN where more are needed. The
+    run over `duration` is carried out once, to see that it can be.
 
     Parameters
     ----------
     loop
-        A loop with one sampled law, which is written with its period and the numbers that it takes on the plant.
+        A loop with one sampled law, which is written with its period and the numbers that it takes on the plant; or, for `part="loop"`, any loop or plant.
     path
-        Either file, without suffix or with that of the other.
+        Of a law either file, without suffix or with that of the other; of a loop the folder. Its name is that of the functions.
+    part
+        "law" or "loop"; None takes the law where there is one.
+    duration
+        Time over which the accuracy of a loop is promised [s]; None takes that of its scene. The machine runs on behind it.
+    accuracy
+        Accuracy of a loop, as in `simulate`; None takes that of its scene, or 1e-6.
 
     Returns
     -------
@@ -270,8 +291,19 @@ def export_c(loop: ClosedLoop, path: str | Path) -> tuple[Path, Path]:
     Raises
     ------
     SceneError
-        If the loop holds anything but one sampled Controller, no casadi expression holds the law, the name is none in C, or a file cannot be written.
+        If the name is none in C or a file cannot be written. Of a law, if the loop holds anything but one sampled Controller, or no casadi expression holds it.
+        Of a loop, if it is stiff, so that it needs implicit steps, or one of its laws is no casadi expression.
+    SimulationError
+        If the run fails.
     """
+    if part not in (None, "law", "loop"):
+        raise SceneError(f'Argument `part` must be "law" or "loop", but it is {part!r}.')
+    if part == "loop" or (part is None and not loop.laws):
+        from toolbox.export.machine_c import written_machine  # here, because few programs need it
+
+        return written_machine(loop, path, duration, accuracy)
+    if duration is not None or accuracy is not None:
+        raise SceneError('Arguments `duration` and `accuracy` belong to `part="loop"`, but a law is written, which has none.')
     c, h = c_paths(path)
     declared_c(loop, path)
     return c, h

@@ -39,6 +39,20 @@ static void @NAME@_jump(@NAME@ *w) {
   w->jump_t[w->ints[AT_JUMP]] = w->reals[AT_TIME];
 }
 
+/* Switches of the second direction of a friction go with those of the first. */
+static void @NAME@_sift(@NAME@ *w) {
+  int64_t e, kept = 0;
+  for (e = 0; e < w->ints[AT_EVENTS]; ++e) {
+    if (@NAME@_second[w->ev_i[e]]) continue;
+    w->ev_t[kept] = w->ev_t[e];
+    w->ev_i[kept] = w->ev_i[e];
+    w->ev_m[3 * kept] = w->ev_m[3 * e];
+    w->ev_m[3 * kept + 1] = w->ev_m[3 * e + 1];
+    ++kept;
+  }
+  w->ints[AT_EVENTS] = kept;
+}
+
 int @NAME@_step(@NAME@ *w, double until) {
   int status;
   if (!(until >= w->reals[AT_TIME])) return @UPPER@_BACKWARD;
@@ -46,6 +60,7 @@ int @NAME@_step(@NAME@ *w, double until) {
   w->reals[AT_END] = until;
   if (w->ints[AT_STARTED] != 0) @NAME@_jump(w);
   status = (int)loop_advance(w);
+  @NAME@_sift(w);
   return status == AT_EVENTS_FULL ? @UPPER@_OVERRUN : status;
 }
 

@@ -22,7 +22,7 @@ from toolbox.compilation import work_layout as layout
 from toolbox.compilation.program import Program, program_of
 from toolbox.errors import SceneError
 from toolbox.export.c_values import STORED, NotTranslatable, Value, known
-from toolbox.export.model_c import model_text
+from toolbox.export.model_c import model_text, signals_of
 from toolbox.export.translation import Translation
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import Controller, Sampled
@@ -114,13 +114,14 @@ class Machine:
 
     @cached_property
     def parameters(self) -> list[Entry]:
-        """Parameters that have an effect."""
-        found, system = [], self.program.system
-        silent = self.loop.overridden
-        for name, entry in system.parameters.items():
-            if name not in silent:
-                rows = [name] if entry.size is None else [f"{name}.{i}" for i in range(entry.size)]
-                found += [Entry(row, entry.unit, entry.offset + i) for i, row in enumerate(rows)]
+        """Parameters that have an effect: those in whose place no input stands."""
+        found, program = [], self.program
+        laws = [each for _, following, outputs in program.updates for each in (following, outputs)]
+        every = ca.vertcat(program.form.field, program.form.guards, program.form.probed, signals_of(program), *laws)
+        acting = set(ca.jacobian_sparsity(ca.densify(every), program.equations.p).get_triplet()[1])
+        for name, entry in program.system.parameters.items():
+            rows = [name] if entry.size is None else [f"{name}.{i}" for i in range(entry.size)]
+            found += [Entry(row, entry.unit, entry.offset + i) for i, row in enumerate(rows) if entry.offset + i in acting]
         return found
 
     @cached_property
@@ -184,7 +185,7 @@ def machine(loop: ClosedLoop, name: str, duration: Any = None, accuracy: float |
     tried = Request(_with_all_inputs(loop), span, None, "event", accuracy or loop.accuracy or 1e-6).checked()
     done = tried.again()
     if done.program.formulas.implicit:
-        raise SceneError(f"The loop must be one for explicit steps to go to C, but it is stiff: {done.why}")
+        raise SceneError("The loop must be one for explicit steps to go to C, but it is stiff: its run takes implicit ones.")
     run = Request(tried.loop, span, None, Explicit(), tried.accuracy).checked()
     return Machine(name, tried.loop, run, program_of(run.system, run.kinds, formulas_of(run)))
 
@@ -297,9 +298,15 @@ def _source(made: Machine, loop: Translation) -> str:
     starts, values = [], []
     for member, array in _members(made).items():
         if array.size and (array != 0).any() and not member.startswith(("rec_", "ev_")):
-            values.append(f"static const {STORED[str(array.dtype)][1]} {name}_first_{member}[{array.size}] = {{{_numbers(array)}}};")
-            starts.append(f"  memcpy(w->{member}, {name}_first_{member}, sizeof w->{member});")
+            places = np.flatnonzero(array)
+            values.append(f"static const int32_t {name}_at_{member}[{places.size}] = {{{', '.join(map(str, places.tolist()))}}};")
+            values.append(
+                f"static const {STORED[str(array.dtype)][1]} {name}_first_{member}[{places.size}] = {{{_numbers(array.ravel()[places])}}};"
+            )
+            starts.append(f"  for (i = 0; i < {places.size}; ++i) w->{member}[{name}_at_{member}[i]] = {name}_first_{member}[i];")
+    second = ", ".join(str(int(element.second)) for element in made.program.system.elements) or "0"
     tables = [
+        f"static const uint8_t {name}_second[{max(len(made.program.system.elements), 1)}] = {{{second}}};",
         f"static const int32_t {name}_places[{max(len(made.settable), 1)}] = {{{', '.join(str(each.place) for each in made.settable) or '0'}}};",
         *(
             f"static const char *const {name}_{word}[{max(len(entries), 1)}] = {{{', '.join(_quoted(each) for each in entries) or '0'}}};"
@@ -327,7 +334,7 @@ def _source(made: Machine, loop: Translation) -> str:
             f"static const char *{name}_mode_word(int element, int mode) {{\n"
             + "\n".join([*modes, "  (void)element; (void)mode;", '  return "";'])
             + "\n}",
-            f"static void {name}_copy_start({name} *w) {{\n" + "\n".join(["  memset(w, 0, sizeof *w);", *starts]) + "\n}",
+            f"static void {name}_copy_start({name} *w) {{\n" + "\n".join(["  int i;", "  memset(w, 0, sizeof *w);", *starts]) + "\n}",
             "\n".join(f"#define {word} {place}" for word, place in _places().items()),
             _filled("machine.c", made),
         ]

@@ -30,7 +30,7 @@ def model_text(name: str, program: Program) -> str:
         "project": equations.function("project", ca.densify(form.projected)),
         "probe": equations.function("probe", ca.densify(form.probed)),
         "burden": equations.function("burden", padded),
-        "signals": equations.function("signals", _signals(program)),
+        "signals": equations.function("signals", signals_of(program)),
     }
     if form.impulse is not None:
         sticking, elastic, results = form.impulse
@@ -48,7 +48,7 @@ def model_text(name: str, program: Program) -> str:
     )
 
 
-def _signals(program: Program) -> ca.SX:
+def signals_of(program: Program) -> ca.SX:
     """The states, then the signals that are none, as one column."""
     system = program.system
     _, u, force = program.expressions

@@ -1,0 +1,280 @@
+"""Plants and loops as C: the same switches in the same order as `simulate`, from a loop that nobody wrote a second time."""
+
+import ctypes
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import toolbox.stepping.modes as modes_of_the_loop
+from controllers import LinearMPC, SoftTorque, StiffPI
+from models import BitRock, BlockOnBelt, wells
+from models.friction import Hyperbolic
+from toolbox import Sampled, Scene, SceneError, closed_loop, compose, export_c, simulate
+from toolbox.compilation import work_layout as layout
+from toolbox.export.machine_c import EVENTS, machine, machine_files
+from toolbox.stepping.modes import decide, two_directions
+
+COMPILER = shutil.which("gcc") or shutil.which("cc")
+compiled = pytest.mark.skipif(COMPILER is None or sys.platform != "linux", reason="a machine in C is compiled with `cc`, which is not here")
+STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
+RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+LOOP = closed_loop(RIG, SoftTorque(reference=8.0), sample_time=0.01)
+DONE, OVERRUN = 0, 3
+
+
+class CompiledMachine:
+    """An exported machine as a shared library, with the struct in a buffer."""
+
+    def __init__(self, source: Path):
+        self.name, library = source.stem, source.with_suffix(".so")
+        subprocess.run([COMPILER, *STRICT, "-shared", "-fPIC", str(source), "-lm", "-o", str(library)], check=True)
+        size = source.with_name("size.c")
+        size.write_text(
+            f'#include <stdio.h>\n#include "{self.name}.h"\nint main(void) {{ printf("%zu", sizeof({self.name})); return 0; }}\n'
+        )
+        subprocess.run([COMPILER, str(size), "-o", str(size.with_suffix(""))], check=True)
+        self.size = int(subprocess.run([str(size.with_suffix(""))], capture_output=True, check=True).stdout)
+        self.library = ctypes.CDLL(str(library))
+        self.memory = ctypes.create_string_buffer(self.size)
+        self.macros = dict(
+            line.split()[1:3]
+            for line in source.with_suffix(".h").read_text().splitlines()
+            if line.startswith("#define") and len(line.split()) > 2
+        )
+        self._function("start", None)(self.memory)
+
+    def _function(self, word, result, *arguments):
+        function = getattr(self.library, f"{self.name}_{word}")
+        function.restype, function.argtypes = result, [ctypes.c_void_p, *arguments]
+        return function
+
+    def number(self, group, name):
+        return int(self.macros[f"{self.name.upper()}_{group}_{name.replace('.', '_')}"])
+
+    def set(self, group, name, value):
+        return self._function("set", ctypes.c_int, ctypes.c_int, ctypes.c_double)(self.memory, self.number(group, name), value)
+
+    def step(self, until):
+        return self._function("step", ctypes.c_int, ctypes.c_double)(self.memory, until)
+
+    def outputs(self):
+        y = np.zeros(int(self.macros[f"{self.name.upper()}_OUTPUTS"]))
+        self._function("outputs", None, ctypes.c_void_p)(self.memory, y.ctypes.data)
+        return y
+
+    def output(self, name):
+        return self.outputs()[self.number("OUTPUT", name)]
+
+    def events(self):
+        """(time, element, before, after) of the last step."""
+        count = self._function("events", ctypes.c_int)(self.memory)
+        event = self._function("event", ctypes.c_double, ctypes.c_int, *[ctypes.c_void_p] * 3)
+        names = self.library[f"{self.name}_element_name"], self.library[f"{self.name}_mode_name"]
+        for each in names:
+            each.restype = ctypes.c_char_p
+        found = []
+        for k in range(count):
+            element, before, after = ctypes.c_int(), ctypes.c_int(), ctypes.c_int()
+            t = event(self.memory, k, *(ctypes.byref(each) for each in (element, before, after)))
+            found.append((t, names[0](element).decode(), *(names[1](element, mode).decode() for mode in (before, after))))
+        return found
+
+    def run(self, until, period=None):
+        """Every event up to a time, in communication steps of a period."""
+        found = []
+        for k in range(1, 2 if period is None else round(until / period) + 1):
+            status = OVERRUN
+            while status == OVERRUN:
+                status = self.step(until if period is None else min(k * period, until))
+                found += self.events()
+            assert status == DONE, status
+        return found
+
+
+def same_switches(found, run, tolerance):
+    assert [event[1:] for event in found] == [tuple(event)[1:] for event in run.events]
+    assert np.abs(np.subtract([event[0] for event in found], [event.time for event in run.events])).max(initial=0.0) < tolerance
+
+
+@compiled
+@pytest.mark.parametrize("period", [None, 0.1])
+def test_a_rig_with_a_sampled_drive_switches_as_it_does_in_simulate(tmp_path, period):
+    loop = closed_loop(RIG, Sampled(StiffPI(reference=4.7), 0.01, delay=0.015))
+    run = simulate(loop, 30.0)
+    assert len(run.events) > 5
+    found = CompiledMachine(export_c(loop, tmp_path / "rig", part="loop", duration=30.0)[0])
+    same_switches(found.run(30.0, period), run, 1e-9 if period is None else 1e-5)
+    assert found.output("bit.speed") == pytest.approx(run.at(30.0)["bit.speed"], abs=1e-9 if period is None else 1e-4)
+    assert found.output("bit.torque") == pytest.approx(run.at(30.0)["bit.torque"], rel=1e-6)
+
+
+@compiled
+def test_an_input_that_the_caller_changes_jumps_as_a_table_does_and_gains_and_parameters_are_numbers(tmp_path):
+    plain = compose(wells.NAVARRO_LOPEZ_4, BitRock(weight=97_347.0))
+    found = CompiledMachine(export_c(closed_loop(plain, inputs={"top.torque": 9000.0}), tmp_path / "plain", duration=20.0)[0])
+    assert found.set("INPUT", "top.torque", float("nan")) != DONE
+    assert found.set("PARAMETER", "bit.friction.static", 0.75) == DONE  # before the first step: from the start
+    events = found.run(12.0)
+    assert found.set("INPUT", "top.torque", 12_000.0) == DONE
+    assert found.step(11.0) != DONE  # time does not run backward
+    events += found.run(20.0)
+    table = ((0.0, 12.0, 12.0, 20.0), (9000.0, 9000.0, 12_000.0, 12_000.0))
+    run = simulate(closed_loop(plain, inputs={"top.torque": table}, parameters={"bit.friction.static": 0.75}), 20.0)
+    assert "PLAIN_PARAMETER_bit_weight" not in found.macros and "PLAIN_INPUT_bit_weight" in found.macros  # one variable
+    same_switches(events, run, 1e-7)
+    assert len(events) > 2 and found.output("bit.speed") == pytest.approx(run.at(20.0)["bit.speed"], abs=1e-5)
+
+
+@compiled
+def test_a_copy_of_the_memory_is_a_saved_state_and_nothing_is_allocated_or_global(tmp_path):
+    source, _ = export_c(LOOP, tmp_path / "rig", part="loop", duration=20.0)
+    found = CompiledMachine(source)
+    found.run(5.0)
+    saved = bytes(found.memory.raw)
+    first = found.run(15.0), found.outputs()
+    found.memory.raw = saved
+    again = found.run(15.0), found.outputs()
+    assert first[0] == again[0] and np.array_equal(first[1], again[1])
+    subprocess.run([COMPILER, *STRICT, "-fno-pic", "-c", str(source), "-o", str(tmp_path / "rig.o")], check=True)
+    symbols = subprocess.run(["nm", str(tmp_path / "rig.o")], capture_output=True, text=True, check=True).stdout.split("\n")
+    kinds = {line.split()[-2] for line in symbols if line}
+    assert not kinds & set("BbDdCc"), "something that changes is global"
+    needed = {line.split()[-1] for line in symbols if " U " in line}
+    assert needed <= {
+        "exp",
+        "log",
+        "cos",
+        "sin",
+        "floor",
+        "pow",
+        "sqrt",
+        "fmin",
+        "fmax",
+        "fabs",
+        "memcpy",
+        "memset",
+        "memmove",
+        "__stack_chk_fail",
+    }
+    assert all(line.split()[-1].startswith("rig_") for line in symbols if " T " in line)
+
+
+@compiled
+def test_a_call_does_a_bounded_amount_and_the_next_one_goes_on(tmp_path):
+    belt = compose(BlockOnBelt())
+    run = simulate(belt, 2000.0)
+    found = CompiledMachine(export_c(belt, tmp_path / "belt", duration=2000.0)[0])
+    assert found.step(2000.0) == OVERRUN
+    events = found.events()
+    assert 0 < len(events) <= EVENTS + 2 < len(run.events)
+    same_switches(events + found.run(2000.0), run, 1e-5)
+
+
+@compiled
+def test_the_example_builds_and_runs(tmp_path):
+    source, _ = export_c(compose(BlockOnBelt()), tmp_path / "belt", duration=50.0)
+    program = tmp_path / "program"
+    subprocess.run([COMPILER, *STRICT, str(source), str(source.with_name("main.c")), "-lm", "-o", str(program)], check=True)
+    lines = subprocess.run([str(program), "50"], capture_output=True, text=True, check=True).stdout.splitlines()
+    events = [line for line in lines if not line.startswith("#")]
+    assert len(events) == len(simulate(compose(BlockOnBelt()), 50.0).events) > 3
+
+
+def text_of(loop):
+    return machine_files(machine(closed_loop(loop), "belt", 10.0))["belt.c"]
+
+
+def test_a_change_of_a_friction_law_or_of_the_modes_changes_the_c(monkeypatch):
+    class Other(Hyperbolic):
+        def kinetic(self, speed):
+            return 2.0 * super().kinetic(speed)
+
+    before = text_of(compose(BlockOnBelt()))
+    assert text_of(compose(BlockOnBelt())) == before
+    assert text_of(compose(BlockOnBelt(friction=Other()))) != before
+
+    def decided_otherwise(w, t):
+        """A rule of modes that the toolbox does not have."""
+        for i in range(w.ints[layout.NE]):
+            if two_directions(w, i):
+                return False
+        return decide(w, t) and w.reals[layout.TIME] < 12345.0
+
+    monkeypatch.setattr(modes_of_the_loop, "decide", decided_otherwise)
+    assert "12345.0" not in before and "12345.0" in text_of(compose(BlockOnBelt()))
+
+
+def test_what_the_translator_does_not_know_is_refused_by_name_and_line(monkeypatch):
+    def unknown(w, t):
+        return len([mode for mode in w.m if mode]) > 0
+
+    monkeypatch.setattr(modes_of_the_loop, "decide", unknown)
+    with pytest.raises(SceneError, match=r"unknown, line \d+: `.*` is not known"):
+        text_of(compose(BlockOnBelt()))
+
+
+def python_law(t, y):
+    return 0.0
+
+
+python_law.measures, python_law.drives = "top.speed", "top.torque"
+
+
+@pytest.mark.parametrize(
+    ("loop", "words"),
+    [
+        (closed_loop(RIG, python_law, sample_time=0.1), "law in Python"),
+        (
+            closed_loop(RIG, LinearMPC(reference=8.0, lowest_torque=0.0, highest_torque=2e4), sample_time=0.1),
+            "solves a program at every sample",
+        ),
+        (Scene.load("studies/scenes/elastic_slider.toml"), "stiff"),
+    ],
+    ids=["Python", "LinearMPC", "stiff"],
+)
+def test_what_cannot_go_is_refused_by_name(tmp_path, loop, words):
+    loop = loop[loop.cases[0].label] if isinstance(loop, Scene) else loop
+    with pytest.raises(SceneError, match=words):
+        export_c(loop, tmp_path / "rig", part="loop", duration=loop.duration or 5.0)
+    assert not (tmp_path / "rig").exists()
+
+
+def test_wrong_arguments_are_told(tmp_path):
+    with pytest.raises(SceneError, match='`part` must be "law" or "loop"'):
+        export_c(LOOP, tmp_path / "rig", part="plant")
+    with pytest.raises(SceneError, match="`duration` must be given"):
+        export_c(LOOP, tmp_path / "rig", part="loop")
+    with pytest.raises(SceneError, match='belong to `part="loop"`'):
+        export_c(LOOP, tmp_path / "rig", duration=3.0)
+    with pytest.raises(SceneError, match="name of C"):
+        export_c(RIG, tmp_path / "my rig", duration=3.0)
+
+
+CHAOTIC = {"alternating_load", "whirl"}
+"""Scenes whose error estimate is above 1: two runs of them differ."""
+
+STIFF = {"elastic_slider"}
+MANY = {"elastic_face", "string_on_wall"}
+"""Scenes of many contacts, which are no loops."""
+
+
+@compiled
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted({path.stem for path in Path("studies/scenes").glob("*.toml")} - CHAOTIC - STIFF - MANY))
+def test_every_scene_of_equations_switches_as_it_does_in_simulate(tmp_path, name):
+    scene = Scene.load(f"studies/scenes/{name}.toml")
+    loop = scene[scene.cases[0].label]
+    run = simulate(loop, method="explicit")
+    found = CompiledMachine(export_c(loop, tmp_path / name, part="loop")[0])
+    same_switches(found.run(loop.duration), run, max(1e-9, 10.0 * run.accuracy))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(CHAOTIC))
+def test_the_scenes_that_are_left_out_are_chaotic(name):
+    scene = Scene.load(f"studies/scenes/{name}.toml")
+    assert simulate(scene[scene.cases[0].label], method="explicit").error > 1.0

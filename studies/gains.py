@@ -25,8 +25,9 @@ from typing import Any
 import numpy as np
 
 from controllers import LQG, PI, HInfinity, Lifting, ZTorque
-from studies.protocol import CORNERS, DELAY, LIMITS, SINGLES, Group, Law, attempts, disk_margins
+from studies.protocol import CORNERS, DELAY, LIMITS, SINGLES, trial
 from toolbox import SceneError, SimulationError
+from toolbox.robustness.set_points import Group
 
 STORE = Path(__file__).parent / "data" / "gains.json"
 LADDER = (6.5, 5.5, 4.5, 4.0)
@@ -105,7 +106,7 @@ def failures(family: Family, numbers: Mapping[str, float], ladder: tuple[float, 
     total = 0
     for i, speed in enumerate(ladder):
         try:
-            here = sum(len(failed) for failed, _ in attempts(Law("tuned", lambda at: family.of(at, numbers)), TUNING, speed, "direct"))
+            here = sum(len(failed) for failed, _ in trial("tuned", lambda at: family.of(at, numbers)).attempts(TUNING, speed))
         except (SceneError, SimulationError):  # numbers for which there is no law
             here = TUNING.runs
         total += here
@@ -160,7 +161,7 @@ def searched(label: str, points: int, seed: int = 1) -> Found:
 
 def margin(family: Family, numbers: Mapping[str, float]) -> float:
     """The smallest disk margin at `LOW` over one error of the rig at a time, at most 1; 0 where the loop is unstable."""
-    worst = disk_margins(lambda at: family.of(at, numbers), LOW)[1]
+    worst = trial("tuned", lambda at: family.of(at, numbers)).disk_margins(SINGLES, LOW)[1]
     return 0.0 if np.isnan(worst) else min(worst, 1.0)
 
 

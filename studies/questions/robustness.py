@@ -36,7 +36,7 @@ import numpy as np
 from controllers import LQG, PI, ActiveDamping, HInfinity, ImplicitSlidingMode, SlidingMode, SoftTorque, StiffPI, SuperTwisting, ZTorque
 from controllers.observers import Kalman
 from studies import gains
-from studies.protocol import DELAY, PLANT, disk_margins
+from studies.protocol import DELAY, PLANT, SINGLES, trial
 from toolbox import Sampled, closed_loop, margins, units
 from toolbox.figures.style import name_axis
 from toolbox.files import tables
@@ -77,7 +77,7 @@ def found_at(label: str, speed: float, **arguments: Any) -> Margins:
 
 def worst_at(label: str, speed: float) -> tuple[float, str]:
     """The smallest disk margin of a law at a set-point [rad/s] over one error of the rig at a time, and which: the robust rigs of `studies.protocol`."""
-    return disk_margins(LAWS[label], speed)[1:]
+    return trial(label, LAWS[label], PERIOD).disk_margins(SINGLES, speed)[1:]
 
 
 def worst_table(speeds: Sequence[float] = SPEEDS) -> str:

@@ -108,7 +108,7 @@ def machine(law: Trial, reference: float, folder: Path) -> Compiled:
 def failures(made: Compiled, group: Group, way: str, step: float = STEP) -> Iterator[str]:
     """Which runs of a group fail, and why."""
     for seed in group.seeds:
-        for rig in group.rigs:
+        for rig in group.machines:
             for phase in group.phases:
                 noise = group.noise * np.random.default_rng([seed + SHIFTED, round(8 * phase)]).standard_normal(80_000)
                 why = verdict(made.numbers(rig, way, phase, noise, step), made.reference, group.noise)

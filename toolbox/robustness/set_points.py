@@ -368,7 +368,8 @@ class Cells:
             for line in path.read_text(encoding="utf-8").splitlines():
                 try:
                     row = json.loads(line)
-                    self.known[row.pop("key")] = Outcome(**row)
+                    key = row.pop("key")
+                    self.known[key] = Outcome(**row)
                 except (json.JSONDecodeError, KeyError, TypeError, AttributeError):
                     continue
 
@@ -390,7 +391,7 @@ class Cells:
             self.known[key] = found
             if self.path is not None:
                 with self.path.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps({"key": key, **dataclasses.asdict(found)}) + "\n")
+                    file.write("\n" + json.dumps({"key": key, **dataclasses.asdict(found)}))
             if self.say is not None:
                 lasts = f" for {group.judged:g} s" if group.judged == LASTING else ""
                 self.say(

@@ -8,14 +8,14 @@ weight as `machine_groups` has them, and among the rocks one with a Gaussian law
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 from controllers import StiffPI
 from models import BitRock, Exponential, GaussianStribeck, wells
-from toolbox import Controller, compose
-from toolbox.robustness.set_points import Machine, Trial, machine_groups
+from toolbox import Sampled, closed_loop, compose
+from toolbox.robustness.groups import Machine, machine_groups
+from toolbox.robustness.set_points import Trial
 
 WEIGHT = 97_347.0
 ROCK = BitRock(weight=WEIGHT)
@@ -36,14 +36,13 @@ GROUPS["rocks"] = replace(
 SINGLES, CORNERS = GROUPS["robust"].machines, GROUPS["corners"].machines
 
 
-def stiff(reference: float) -> Controller:
-    """The drive that has the rig in stick-slip at a set-point [rad/s]."""
-    return StiffPI(reference=reference, **LIMITS)
+STIFF = StiffPI(**LIMITS)
+"""The drive that has the rig in stick-slip."""
 
 
-def trial(label: str, of: Callable[[float], Any], period: float = 0.01) -> Trial:
-    """A law on the rig: what makes it for a set-point [rad/s], and its period [s]."""
-    return Trial(label, PLANT, of, stiff, period, DELAY)
+def trial(label: str, law: Any, period: float = 0.01) -> Trial:
+    """A law on the rig, and its period [s]."""
+    return Trial(replace(closed_loop(PLANT, Sampled(law, period, DELAY)), label=label), STIFF)
 
 
 def rock_torques(reference: float) -> dict[str, float]:

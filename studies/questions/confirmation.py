@@ -26,10 +26,11 @@ from typing import Any
 import numpy as np
 
 from models import wells
-from studies.protocol import DELAY, GROUPS, LIMITS, PLANT, ROCK, stiff
+from studies.protocol import DELAY, GROUPS, LIMITS, PLANT, ROCK, STIFF
 from studies.questions import drives
 from toolbox import closed_loop, export_c
-from toolbox.robustness.set_points import SETTLING, WAYS, Group, Machine, Trial, set_point, verdict
+from toolbox.robustness.groups import Group, Machine
+from toolbox.robustness.set_points import SETTLING, WAYS, Trial, at_set_point, set_point, verdict
 
 NUMBERS = ("chain.inertia.0", "chain.inertia.1", "chain.stiffness.0", "bit.weight")
 DECLARED = closed_loop(PLANT)
@@ -95,7 +96,7 @@ def machine(law: Trial, reference: float, folder: Path) -> Compiled:
     compiler = shutil.which("cc")
     if compiler is None:
         raise RuntimeError("A C compiler is needed, but there is no `cc`.")
-    for name, each in (("before", stiff(reference)), ("law", law.of(reference))):
+    for name, each in (("before", at_set_point(STIFF, reference)), ("law", law.of(reference))):
         export_c(closed_loop(PLANT, each, sample_time=law.period), folder / name)
     library = folder / "machine.so"
     sources = [str(Path(__file__).with_suffix(".c")), str(folder / "before.c"), str(folder / "law.c")]

@@ -52,12 +52,14 @@ from controllers import (
 )
 from controllers.observers import Kalman
 from studies import gains
-from studies.protocol import CORNERS, DELAY, GROUPS, HIGHEST, LIMITS, LOWEST, NOISE, PLANT, SINGLES, WEIGHT, rock_torques, trial
+from studies.protocol import CORNERS, DELAY, GROUPS, HIGHEST, LIMITS, LOWEST, NOISE, PLANT, WEIGHT, rock_torques, trial
 from toolbox import Controller, Sampled, Trajectory, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.files import tables
 from toolbox.modelling.laws import designed
-from toolbox.robustness.set_points import WAYS, Cells, Group, Lowest, Machine, Trial, lowest
+from toolbox.robustness.groups import Group, Machine
+from toolbox.robustness.lowest_set_point import Cells, Held, borders
+from toolbox.robustness.set_points import WAYS, Trial
 from toolbox.sweeps.executors import Workers
 
 __all__ = ["DELAY", "LIMITS", "NOISE", "PLANT", "WEIGHT", "Row", "laws", "row", "step_time", "table"]
@@ -75,37 +77,34 @@ PREDICTIVE = ("linear MPC", "nonlinear MPC")
 def laws() -> dict[str, Trial]:
     """All rows, in the order of the table, by label."""
 
-    def plain(kind: Callable[..., Any], **numbers: Any) -> Callable[[float], Any]:
-        return lambda reference: kind(reference=reference, **numbers, **LIMITS)
-
-    def on_estimates(kind: Callable[..., Any]) -> Callable[[float], Any]:
-        return lambda reference: OnEstimates(kind(reference=reference, **LIMITS), Kalman(speed_noise=NOISE), late=LATE)
+    def on_estimates(kind: Callable[..., Any]) -> OnEstimates:
+        return OnEstimates(kind(**LIMITS), Kalman(speed_noise=NOISE), late=LATE)
 
     rows = {
-        "stiff PI": plain(StiffPI),
-        "PI": plain(PI),
-        "active damping": plain(ActiveDamping),
-        "soft torque": plain(SoftTorque),
+        "stiff PI": StiffPI(**LIMITS),
+        "PI": PI(**LIMITS),
+        "active damping": ActiveDamping(**LIMITS),
+        "soft torque": SoftTorque(**LIMITS),
         "impedance, tuned": gains.tuned("impedance"),
-        "Z-torque": plain(ZTorque, filter_time=0.02),
+        "Z-torque": ZTorque(filter_time=0.02, **LIMITS),
         "Z-torque, tuned": gains.tuned("Z-torque"),
         "sliding mode": on_estimates(SlidingMode),
         "implicit sliding mode": on_estimates(ImplicitSlidingMode),
         "super-twisting": on_estimates(SuperTwisting),
         "impedance super-twisting": on_estimates(ImpedanceSuperTwisting),
         "LQR on a Kalman filter": on_estimates(LQR),
-        "H-infinity": plain(HInfinity),
+        "H-infinity": HInfinity(**LIMITS),
         "H-infinity, tuned": gains.tuned("H-infinity"),
-        "LQG": plain(LQG, late=LATE, speed_noise=NOISE),
+        "LQG": LQG(late=LATE, speed_noise=NOISE, **LIMITS),
         "LQG, tuned": gains.tuned("LQG"),
         "impedance, tuned, lifting": gains.tuned("impedance, lifting"),
         "Z-torque, tuned, lifting": gains.tuned("Z-torque, lifting"),
         "LQG, tuned, lifting": gains.tuned("LQG, lifting"),
-        "soft torque, lifting": lambda reference: Lifting(SoftTorque(reference=reference, **LIMITS), reference=reference),
+        "soft torque, lifting": Lifting(SoftTorque(**LIMITS)),
     }
-    found = {label: trial(label, of) for label, of in rows.items()}
+    found = {label: trial(label, law) for label, law in rows.items()}
     for label, kind in zip(PREDICTIVE, (LinearMPC, NonlinearMPC), strict=True):
-        found[label] = trial(label, plain(kind, delay=DELAY), 0.1)
+        found[label] = trial(label, kind(delay=DELAY, **LIMITS), 0.1)
     return found
 
 
@@ -121,7 +120,7 @@ class Row:
     """A line of the table: set-points [rad/s] by group and way (nan for none), settling [s] (inf for never), overshoot and ripple as parts, step [s].
 
     margins: disk margins of the declared machine and of the worst of the robust ones, each at the set-point of its group (nan for none).
-    above, fastest: what the direct takeover costs on the declared machine at its set-point: share of the time above it, and highest bit speed over it.
+    recovery, fastest: what the direct takeover costs on the declared machine at its set-point: seconds above it, and highest bit speed over it.
     """
 
     label: str
@@ -131,22 +130,15 @@ class Row:
     ripple: float
     step: float
     margins: tuple[float, float]
-    above: float = np.nan
+    recovery: float = np.nan
     fastest: float = np.nan
 
 
 def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = None) -> Row:
     """The line of a law with some of the groups."""
-    found: dict[str, tuple[Lowest, ...]] = {}
     predictive = law.label in PREDICTIVE
-    for name in names:
-        pair = []
-        for i, way in enumerate(WAYS):  # noise and errors are not expected to help by more than 0.5 rad/s
-            known = found["declared"][i].speed if "declared" in found else np.nan
-            lower = LOWEST if np.isnan(known) else max(known - 0.5, LOWEST)
-            step = 0.5 if predictive else 0.1
-            pair.append(lowest(law, groups_of(law)[name], way, cells, lower=lower, higher=HIGHEST, step=step, lasts=not predictive))
-        found[name] = tuple(pair)
+    groups = [groups_of(law)[name] for name in names]
+    found = borders(law, groups, cells=cells, lower=LOWEST, higher=HIGHEST, step=0.5 if predictive else 0.1, lasts=not predictive)
     quiet = law.run(Machine("declared"), COMMON, noise=0.0)
     speed = quiet.at(np.arange(law.takeover(COMMON), quiet.end, 0.02))["bit.speed"]
     outside = np.flatnonzero(np.abs(speed / COMMON - 1.0) > 0.05)
@@ -154,15 +146,11 @@ def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = 
     noisy = law.run(Machine("declared"), COMMON)
     torque = noisy.at(np.arange(noisy.end - 60.0, noisy.end, law.period) + law.period / 2)["top.torque"]
     ripple = float(torque.std() / torque.mean())
-    direct = {name: pair[0] for name, pair in found.items()}
-    declared, robust = (direct[name].speed if name in direct else np.nan for name in ("declared", "robust"))
-    held = (
-        law.disk_margins((), declared)[0] if declared == declared else np.nan, law.disk_margins(SINGLES, robust)[1] if robust == robust else np.nan,
-    )  # fmt: skip
-    price = direct.get("declared", Lowest(np.nan, ""))
-    speeds = {name: (one.speed, other.speed) for name, (one, other) in found.items()}
+    declared, robust = (found.get((name, "direct"), Held(np.nan, "")) for name in ("declared", "robust"))
+    speeds = {name: (found[name, "direct"].speed, found[name, "raised"].speed) for name in names}
     overshoot = float(speed.max() / COMMON - 1.0)
-    return Row(law.label, speeds, settling, overshoot, ripple, step_time(law, COMMON), held, price.above, price.fastest / price.speed)
+    held, price = (declared.margin, robust.margin), (declared.recovery, declared.fastest / declared.speed)
+    return Row(law.label, speeds, settling, overshoot, ripple, step_time(law, COMMON), held, *price)
 
 
 def judged_rows(labels: Sequence[str], names: Sequence[str], path: Path | None, jobs: int) -> list[Row]:
@@ -219,8 +207,8 @@ def table(rows: Sequence[Row]) -> str:
     """The rows as text."""
     names = list(rows[0].lowest)
     head = f"{'controller':<26}" + "".join(f"{name:>14}" for name in names) + f"{'settling':>11}{'overshoot':>11}{'ripple':>9}"
-    head += f"{'disk margin':>18}{'above':>8}{'fastest':>9}{'step p99':>11}"
-    under = f"{'':<26}" + f"{'direct/raised':>14}" * len(names) + f"{'at 8 rad/s':>31}{'declared / robust':>18}{'at the lowest':>17}"
+    head += f"{'disk margin':>18}{'recovery':>11}{'fastest':>9}{'step p99':>11}"
+    under = f"{'':<26}" + f"{'direct/raised':>14}" * len(names) + f"{'at 8 rad/s':>31}{'declared / robust':>18}{'at the lowest':>20}"
     lines = [head, under, "-" * len(head)]
     for each in rows:
         speeds = [" / ".join(f"{value:.1f}" if value == value else "none" for value in each.lowest[name]) for name in names]
@@ -228,7 +216,7 @@ def table(rows: Sequence[Row]) -> str:
         settling = f"{each.settling:.1f} s" if np.isfinite(each.settling) else "never"
         lines.append(
             f"{each.label:<26}" + "".join(f"{text:>14}" for text in speeds)
-            + f"{settling:>11}{100 * each.overshoot:>9.0f} %{100 * each.ripple:>7.1f} %{margins:>18}{100 * each.above:>6.0f} %{each.fastest:>7.1f} x"
+            + f"{settling:>11}{100 * each.overshoot:>9.0f} %{100 * each.ripple:>7.1f} %{margins:>18}{each.recovery:>9.0f} s{each.fastest:>7.1f} x"
             + f"{1e6 * each.step:>8.1f} us"
         )  # fmt: skip
     return "\n".join(lines)
@@ -306,7 +294,7 @@ def flat(each: Row) -> dict[str, Any]:
     """A row as one level of names."""
     speeds = {f"{name} {way}": value for name, pair in each.lowest.items() for way, value in zip(WAYS, pair, strict=True)}
     return {"label": each.label, **speeds, "settling": each.settling, "overshoot": each.overshoot, "ripple": each.ripple, "step": each.step,
-            "disk margin": each.margins[0], "disk margin, robust": each.margins[1], "time above": each.above, "fastest": each.fastest}  # fmt: skip
+            "disk margin": each.margins[0], "disk margin, robust": each.margins[1], "recovery": each.recovery, "fastest": each.fastest}  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -12,7 +12,9 @@ from controllers import PI, LinearMPC
 from studies import gains
 from studies.protocol import CORNERS, GROUPS, LIMITS, PLANT, SINGLES, rock_torques, trial
 from studies.questions.drives import Row, judged_rows, laws, picture, row, step_time, table
-from toolbox.robustness.set_points import Cells, Group, Machine, Outcome, Trial, lowest, set_point, verdict
+from toolbox.robustness.groups import Group, Machine
+from toolbox.robustness.lowest_set_point import Cells, lowest
+from toolbox.robustness.set_points import Outcome, Trial, set_point, verdict
 
 EVERY = laws()
 BRIEF = {name: replace(group, phases=(0.0, 0.5), seeds=group.seeds[:1]) for name, group in GROUPS.items()}
@@ -128,7 +130,7 @@ def test_what_is_known_of_a_law_is_kept_in_a_file_and_a_law_with_other_numbers_i
     calls = []
     monkeypatch.setattr(Trial, "outcome", lambda *given: (calls.append(given), Outcome(True, "", 8))[1])
     path = tmp_path / "cells.jsonl"
-    law = trial("PI", lambda reference: PI(reference=reference, **LIMITS))
+    law = trial("PI", PI(**LIMITS))
     first = Cells(path)
     first.outcome(law, GROUPS["declared"], 5.0, "direct")
     first.outcome(law, GROUPS["declared"], 5.0, "direct")
@@ -136,7 +138,7 @@ def test_what_is_known_of_a_law_is_kept_in_a_file_and_a_law_with_other_numbers_i
         file.write('\n{"key": "cut')  # a write that was interrupted
     again = Cells(path)
     assert again.outcome(law, GROUPS["declared"], 5.0, "direct").passed and len(calls) == 1
-    again.outcome(trial("PI", lambda reference: PI(reference=reference, proportional=900.0, **LIMITS)), GROUPS["declared"], 5.0, "direct")
+    again.outcome(trial("PI", PI(proportional=900.0, **LIMITS)), GROUPS["declared"], 5.0, "direct")
     assert len(calls) == 2
     assert len(Cells(path).known) == 2  # what was written after the cut is read
 
@@ -151,11 +153,7 @@ def test_a_row_and_the_time_of_a_python_law():
     found = row(EVERY["LQG"], (), None)
     assert found.settling < 60.0 and found.ripple < 0.05 and 0.0 < found.step < 1e-3
     assert "LQG" in table([found])
-    assert (
-        0.0
-        < step_time(trial("linear MPC", lambda reference: LinearMPC(reference=reference, delay=0.03, **LIMITS).design(PLANT), 0.1), 8.0)
-        < 1.0
-    )
+    assert 0.0 < step_time(trial("linear MPC", LinearMPC(delay=0.03, **LIMITS).design(PLANT), 0.1), 8.0) < 1.0
 
 
 def test_the_picture_shows_every_law_and_where_none_of_its_set_points_holds(tmp_path):

@@ -189,6 +189,8 @@ def noise(mean: float, deviation: float, highest: float, seed: float = 0) -> Sha
 
         mean + deviation sqrt(2 / n) sum over k of sin(2 pi f_k t + phase_k),   n = 24,   f_k somewhere in the k-th of n equal bands
 
+    Source: the sum of S. O. Rice, Bell System Tech. J. 23 (1944) 282-332.
+
     Parameters
     ----------
     mean, deviation
@@ -197,8 +199,6 @@ def noise(mean: float, deviation: float, highest: float, seed: float = 0) -> Sha
         Highest frequency [Hz], > 0.
     seed
         Whole number from 0 to a million; another one gives another realisation.
-
-    Source: the sum of S. O. Rice, Bell System Tech. J. 23 (1944) 282-332.
     """
     number("highest", highest, "Hz", above=0)
     whole("seed", int(seed) if seed == round(seed) else seed, 0, 10**6)

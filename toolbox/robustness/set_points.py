@@ -1,38 +1,37 @@
-"""The lowest set-point that a law of a drill string holds: on the declared machine, on others, under a weight that varies, for half an hour.
+"""How a law of a drill string is tried at a set-point: another drive has the string in stick-slip, and the law takes over at some phases of that cycle.
 
-Another drive has the string in stick-slip at the set-point; the law takes over at some phases of that cycle. Two ways of starting:
+Two ways of starting:
 
     direct   the set-point stays
     raised   the set-point is lifted to 12 rad/s, held for 40 s and lowered again within 60 s, as drillers do
 
 Success: from 80 s after the last change of the set-point on the bit does not stick; over the window that follows its mean speed is within 2 % of the
 set-point; the standard deviation of the torque is at most 2 % of its mean without noise, 5 % with noise, and free where the weight varies; the torque is at a
-limit at most 1 % of the time. A group stops at the first failure. The lowest set-point is found by bisection on a grid, and confirmed at three set-points
-above it and by runs of half an hour at it.
+limit at most 1 % of the time. Where that has to last, smooth running moreover is stable
+on every machine.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache
-from pathlib import Path
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
-from toolbox.modelling import inputs as shapes
-from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
+from toolbox.measuring.judge import told_growth
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Component, Equations
 from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, Takeover, designed
+from toolbox.robustness.groups import LASTING, Group, Machine
 
 if TYPE_CHECKING:
     from toolbox.simulation.trajectory import Trajectory
@@ -41,79 +40,39 @@ LIFTED, LIFT, HELD, LOWERED = 12.0, 5.0, 40.0, 60.0
 """A raised set-point [rad/s]; seconds in which it is lifted, held and lowered."""
 SETTLING = 80.0
 """Seconds after the last change of the set-point until the judged window."""
-LASTING, FEW, SEEN = 1800.0, 2, 3
-"""Judged window [s] of the runs that confirm a set-point, and the most phases and seeds of them."""
 WAYS = ("direct", "raised")
 
 
 @dataclass(frozen=True)
-class Varying:
-    """A weight that varies about its mean: a sine of that size (in parts of the mean) and frequency [Hz], or noise of that standard deviation below it."""
-
-    size: float
-    frequency: float
-    noise: bool = False
-
-    def input(self, mean: float, seed: int) -> Any:
-        """The weight over time."""
-        varied = (mean, self.size * mean, self.frequency)
-        return shapes.noise(*varied, seed=seed) if self.noise else shapes.sine(*varied)
-
-
-@dataclass(frozen=True)
-class Machine:
-    """A machine beside the declared one.
-
-    factors: ((number of the loop, factor of its declared value), ...).  late: by how much commands come later than declared [s].
-    plant: another plant, with the same names, in place of the declared one.  weight: how the weight varies.
-    """
-
-    name: str
-    factors: tuple[tuple[str, float], ...] = ()
-    late: float = 0.0
-    plant: HybridSystem | None = field(default=None, repr=False)
-    weight: Varying | None = None
-
-
-@dataclass(frozen=True)
-class Group:
-    """Machines that a law must do well on, with seeds of the noise and phases of the cycle (in parts of its period) at which it takes over.
-
-    noise: standard deviation of the measured top speed [rad/s], 0 for none.  judged: length of the judged window [s].
-    """
-
-    name: str
-    machines: tuple[Machine, ...]
-    seeds: tuple[int, ...] = (0,)
-    noise: float = 0.01
-    phases: tuple[float, ...] = tuple(k / 8 for k in range(8))
-    judged: float = 80.0
-
-    @property
-    def runs(self) -> int:
-        """Number of runs at one set-point."""
-        return len(self.machines) * len(self.seeds) * len(self.phases)
-
-    @property
-    def lasting(self) -> Group:
-        """The same machines with few phases and seeds for half an hour."""
-        chosen = self.phases[:: max(1, len(self.phases) // FEW)][:FEW]
-        return replace(self, seeds=self.seeds[:SEEN], phases=chosen, judged=LASTING)
-
-
-@dataclass(frozen=True)
 class Outcome:
-    """What came of a group at a set-point.
+    """What came of a group of machines at a set-point.
 
-    passed: whether every run succeeded;  why: machine, seed and phase that failed first, and why;  runs: how many were run;  above: largest share of the time
-    after the takeover at which the top was more than 10 % above what is asked;  fastest: highest bit speed [rad/s] after the takeover.
+    Attributes
+    ----------
+    passed
+        Whether every run succeeded.
+    why
+        Machine, seed and phase that failed first, and why.
+    runs
+        How many were run.
+    above
+        Largest share of the judged window in which the top was more than 10 % above what is asked [1].
+    recovery
+        Longest time that it was so before that window [s]; of a raised set-point that includes the raising.
+    fastest, torque
+        Highest speed of the bit [rad/s] and highest torque of the drive [N m] after the takeover.
+    lifts
+        Most lifts of a run, for a law that lifts its set-point.
     """
 
     passed: bool
     why: str = ""
     runs: int = 0
     above: float = math.nan
+    recovery: float = math.nan
     fastest: float = math.nan
+    torque: float = math.nan
+    lifts: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -153,50 +112,103 @@ def limits_of(law: Any) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Cycle:
-    """The stick-slip under a drive: start values at its last release before 200 s, its period, and the time of that release [s]; without one, 8 s and 200 s."""
+    """The stick-slip under a drive: start values at its last release before 200 s, its period, and the time of that release [s].
+
+    sticks: whether there is any; without, the period is 8 s and the release 200 s.
+    """
 
     start: Mapping[str, Any]
     period: float
     release: float
+    sticks: bool = True
 
 
 @dataclass(frozen=True)
 class Trial:
-    """How a law is tried: the plant it was designed on, what makes it for a set-point [rad/s], its clock, and the drive that it takes over from.
+    """How a law is tried: its loop, and the drive that it takes over from.
 
-    of: returns a Controller; it is designed on `plant`, and acts on the machines of a group.  period: sample time of both laws [s].
-    late: declared delay of commands [s].  before: returns the drive that has the string in stick-slip at a set-point.
+    loop: of the declared plant with one sampled law of `top.torque`; at a set-point its law has that `reference`, is designed on that plant, and acts on the
+    machines of a group.  before: a law, at whose set-point likewise the string sticks and slips.
     """
 
-    label: str
-    plant: HybridSystem
-    of: Callable[[float], Any]
-    before: Callable[[float], Controller]
-    period: float = 0.01
-    late: float = 0.0
+    loop: ClosedLoop
+    before: Controller
+
+    @cached_property
+    def clock(self) -> Sampled:
+        """The sampled law of the loop. Raises SceneError where there is another law, or none."""
+        laws = self.loop.laws
+        if len(laws) != 1 or not isinstance(laws[0], Sampled) or "top.torque" not in self.loop.plant.inputs:
+            raise SceneError(
+                f"Argument `loop` must hold one sampled law that drives `top.torque` of a drill string, but it holds {len(laws)} "
+                "law(s): give `closed_loop(plant, Sampled(law, '10 ms', delay='30 ms'))`."
+            )
+        lost = next((name for name in self.loop.parameters if name not in self.loop.bare.parameters), None)
+        if lost is not None:
+            raise SceneError(f"Argument `{lost}` must be given to the law itself to be tried at other set-points, not in `parameters`.")
+        return laws[0]
+
+    @property
+    def plant(self) -> HybridSystem:
+        """The declared plant."""
+        return self.loop.plant
+
+    @property
+    def period(self) -> float:
+        """Sample time of both laws [s]."""
+        return float(self.clock.period)
+
+    @property
+    def label(self) -> str:
+        """What tables call the law."""
+        return self.loop.label or type(self.clock.law).__name__
+
+    def key(self, reference: float) -> list[Any]:
+        """What tells this trial at a set-point from others, as text and numbers."""
+        clock = replace(self.clock, law=None)  # type: ignore[arg-type]
+        laws = [repr(self.of(reference)), repr(at_set_point(self.before, reference))]
+        bare = _bare(self.loop)
+        return [self.label, repr(self.plant.parts), repr((dict(bare.inputs), dict(bare.parameters))), repr(clock), *laws]
+
+    def of(self, reference: float) -> Any:
+        """The law for a set-point [rad/s]."""
+        return at_set_point(self.clock.law, reference)
 
     def cycle(self, reference: float) -> Cycle:
         """The stick-slip under the drive before at a set-point."""
-        return _cycle(self.plant, self.before(reference))
+        return _cycle(_bare(self.loop), at_set_point(self.before, reference), reference, self.period)
 
     def in_python(self, reference: float) -> bool:
         """Whether the law is designed as a callable: its memory cannot be told, and its runs begin at rest under the drive before."""
         return not isinstance(designed(self.of(reference), self.plant), Controller)
 
-    def loop(self, machine: Machine, group: Group, reference: float, way: str, seed: int, at: float) -> tuple[ClosedLoop, float]:
-        """(loop, last change of its set-point [s]) in which the law takes over at a time [s] on a machine with its own plant, delay and weight."""
+    def on(
+        self, machine: Machine, law: Any, noise: float = 0.0, seed: int = 0, plant: HybridSystem | None = None, **changes: Any
+    ) -> ClosedLoop:
+        """The loop of a law on a machine; plant: in place of that of the machine;  changes: of fields of the loop."""
+        late = float(self.clock.delay) + machine.late
+        noises = {name: value for name, value in self.clock.noise.items() if name != "top.speed"} | ({"top.speed": noise} if noise else {})
+        sampled = replace(self.clock, law=law, delay=late, noise=noises, seed=seed, measures=None, drives=None)
+        loop = replace(_bare(self.loop), plant=plant or machine.plant or self.plant, laws=(sampled,), **changes)
+        for name, factor in machine.factors:
+            loop = loop.at(name, factor * float(loop.number(name).value))
+        return loop
+
+    def takes_over(self, machine: Machine, group: Group, reference: float, way: str, seed: int, at: float) -> tuple[ClosedLoop, float]:
+        """(loop, last change of its set-point [s]) in which the law takes over at a time [s], on the declared numbers of a machine."""
         cycle, asleep = self.cycle(reference), self.in_python(reference)
         given, last = set_point(reference, way, (cycle.release if asleep else 0.0) + 2.0 * cycle.period + 1.0)
-        law, before = self.of(reference), self.before(reference)
+        law, before = self.of(reference), at_set_point(self.before, reference)
+        plant = machine.plant or self.plant
         if machine.plant is not None:  # the law is designed on the declared plant
             law = designed(law, self.plant)
-        both = Takeover(before, law, at=at, name="takeover")
-        sampled = Sampled(both, self.period, self.late + machine.late, {"top.speed": group.noise} if group.noise else {}, seed=seed)
-        inputs = {"top.reference": given}
+        inputs = dict(_bare(self.loop).inputs) | {"top.reference": given}
         if machine.weight is not None:
-            inputs["bit.weight"] = machine.weight.input(_weight(machine.plant or self.plant), seed)
-        watched = _watched(machine.plant or self.plant, Watch(reference=reference, **(limits_of(law) or limits_of(before)), name="watch"))
-        return closed_loop(watched, sampled, inputs=inputs, start={} if asleep else cycle.start), last
+            inputs["bit.weight"] = machine.weight.input(_bare(self.loop).number("bit.weight").value, seed)
+        watched = _watched(plant, Watch(reference=reference, **(limits_of(law) or limits_of(before)), name="watch"))
+        both = Takeover(before, law, at=at, name="takeover")
+        alike = replace(machine, factors=())
+        return self.on(alike, both, group.noise, seed, watched, inputs=inputs, start={} if asleep else cycle.start), last
 
     def takeover(self, reference: float, phase: float = 0.0) -> float:
         """When the law takes over [s], at a phase of the cycle and at a sample of its own."""
@@ -213,20 +225,22 @@ class Trial:
         """
         from toolbox.simulation.simulate import simulate
 
-        loop, _ = self.loop(machine, Group("", (machine,), noise=noise), reference, "direct", seed, self.takeover(reference, phase))
+        loop, _ = self.takes_over(machine, Group("", (machine,), noise=noise), reference, "direct", seed, self.takeover(reference, phase))
         for name, factor in machine.factors:
             loop = loop.at(name, factor * float(loop.number(name).value))
         return simulate(loop, duration + (self.cycle(reference).release if self.in_python(reference) else 0.0))
 
     def outcome(self, group: Group, reference: float, way: str = "direct") -> Outcome:
         """What comes of the law on a group of machines; stops at the first sweep that holds a failure."""
-        runs, above, fastest = 0, 0.0, 0.0
+        if group.judged >= LASTING and (said := self.growing(group.machines, reference)):
+            return Outcome(False, said)
+        runs, most = 0, dict.fromkeys(("above", "recovery", "fastest", "torque_high", "lifts"), 0.0)
         for failed, numbers in self.attempts(group, reference, way):
             runs += len(numbers["stuck"])
             if failed:
                 return Outcome(False, failed[0], runs)
-            above, fastest = max(above, float(np.max(numbers["above"]))), max(fastest, float(np.max(numbers["fastest"])))
-        return Outcome(True, "", runs, above, fastest)
+            most = {name: max(most[name], float(np.max(numbers[name]))) if name in numbers else math.nan for name in most}
+        return Outcome(True, "", runs, *most.values())
 
     def attempts(self, group: Group, reference: float, way: str = "direct") -> Iterator[tuple[list[str], dict[str, np.ndarray]]]:
         """(which runs failed and why, what was measured of each) of one sweep after the other."""
@@ -239,13 +253,11 @@ class Trial:
         for seed in group.seeds:
             for apart in dict.fromkeys((each.late, each.plant, each.weight) for each in group.machines):
                 machines = [each for each in group.machines if (each.late, each.plant, each.weight) == apart]
-                loop, last = self.loop(machines[0], group, reference, way, seed, times[0])
+                loop, last = self.takes_over(machines[0], group, reference, way, seed, times[0])
                 after, end = last + SETTLING, last + SETTLING + group.judged
-                asked = {
-                    "stuck": measures.time_in("bit", after),
-                    "above": measures.mean("watch.above", begun),
-                    "fastest": measures.maximum("bit.speed", begun),
-                }
+                asked = {"stuck": measures.time_in("bit", after), "above": measures.mean("watch.above", after)}
+                asked |= {"recovery": measures.mean("watch.above", begun, after), "fastest": measures.maximum("bit.speed", begun)}
+                asked |= {"torque_high": measures.maximum("top.torque", begun)}
                 for name, of in {
                     "speed": "bit.speed",
                     "torque": "top.torque",
@@ -253,6 +265,8 @@ class Trial:
                     "limited": "watch.limited",
                 }.items():
                     asked[name] = measures.mean(of, after)
+                if loop.system.has_signal("lifting.lifts"):
+                    asked["lifts"] = measures.maximum("lifting.lifts", begun)
                 declared = {name: float(loop.number(name).value) for each in machines for name, _ in each.factors}
                 numbers = [declared | {name: factor * declared[name] for name, factor in each.factors} for each in machines]
                 phases = list(zip(group.phases, times, strict=True))
@@ -260,7 +274,7 @@ class Trial:
                 found: Iterable[Any]
                 if asleep:  # a law in Python: one run after the other, up to the first that fails
                     found = (
-                        _measured(self.loop(machines[0], group, reference, way, seed, at)[0], each, end, asked)
+                        _measured(self.takes_over(machines[0], group, reference, way, seed, at)[0], each, end, asked)
                         for each in numbers
                         for _, at in phases
                     )
@@ -277,7 +291,23 @@ class Trial:
                         why = verdict(row, reference, group.noise, varying=apart[2] is not None) if finite else "the run failed"
                         failed += [f"{name}: {why}"] if why else []
                     names = names[count:]
+                    rows["recovery"] = rows["recovery"] * (after - begun)
                     yield failed, rows
+
+    def steady(self, machine: Machine, reference: float) -> ClosedLoop:
+        """The loop of the law alone on a machine at a set-point, without noise and with a constant weight."""
+        law = self.of(reference) if machine.plant is None else designed(self.of(reference), self.plant)
+        return self.on(machine, law, inputs=dict(_bare(self.loop).inputs) | {"top.reference": reference})
+
+    def growing(self, machines: Sequence[Machine], reference: float) -> str:
+        """The first machine on which a small disturbance of smooth running grows at a set-point, and how fast; empty where it does on none."""
+        from toolbox.onsets.coming_to import Settled
+
+        for machine in machines:
+            settled = Settled.of(self.steady(machine, reference), "bit", "bit.speed", 0.0)
+            if settled is not None and settled.rate > 0.0:
+                return f"{machine.name}: smooth running is not stable, a disturbance {told_growth(settled.rate)}"
+        return ""
 
     def disk_margins(self, machines: Sequence[Machine], reference: float) -> tuple[float, float, str]:
         """The disk margin on the declared machine at a set-point [rad/s], the smallest over others, and of which; nan where the law has no slope."""
@@ -285,10 +315,7 @@ class Trial:
 
         found = []
         for machine in (Machine(""), *machines):
-            loop = closed_loop(self.plant, Sampled(self.of(reference), self.period, self.late + machine.late))
-            for name, factor in machine.factors:
-                loop = loop.at(name, factor * float(loop.number(name).value))
-            found.append((margins(loop, measured=False).disk_margin, machine.name))
+            found.append((margins(self.steady(machine, reference), measured=False).disk_margin, machine.name))
             if np.isnan(found[0][0]):
                 return math.nan, math.nan, ""
         return found[0][0], *min(found[1:], default=found[0])
@@ -308,7 +335,7 @@ def _measured(loop: ClosedLoop, numbers: Mapping[str, float], end: float, asked:
 
 
 def verdict(numbers: Mapping[str, float], reference: float, noise: float, varying: bool = False) -> str:
-    """Why a run is no success, given seconds stuck, means of speed, torque, its square and the share at a limit; empty where it is one."""
+    """Why a run is no success, given seconds stuck and means of what was watched; empty where it is one."""
     if numbers["stuck"] > 0.0:
         return f"stuck {numbers['stuck']:.1f} s"
     off = numbers["speed"] / reference - 1.0
@@ -335,191 +362,21 @@ def _watched(plant: HybridSystem, watch: Watch) -> HybridSystem:
 
 
 @cache
-def _cycle(plant: HybridSystem, before: Controller) -> Cycle:
+def _bare(loop: ClosedLoop) -> ClosedLoop:
+    """The loop without its law, set-point and start."""
+    return replace(loop.bare, start={})
+
+
+@cache
+def _cycle(bare: ClosedLoop, before: Controller, reference: float, period: float) -> Cycle:
     from toolbox.simulation.simulate import simulate
 
-    loop = closed_loop(plant, before, sample_time=0.01)
+    loop = replace(bare, laws=(Sampled(before, period),), inputs=dict(bare.inputs) | {"top.reference": reference})
     run = simulate(loop, 200.0)
     releases = [event.time for event in run.events if event.element == "bit" and event.before == "stick" and event.time > 100.0]
     release = releases[-1] if len(releases) > 1 else 200.0
     point = run.at(release)
     memory = [name for update in loop.system.updates for name in update.places]
-    start = {name: point[name] for name in plant.states} | {f"before.{name}": point[name] for name in memory}
-    return Cycle(start, float(releases[-1] - releases[-2]) if len(releases) > 1 else 8.0, float(release))
-
-
-def _weight(plant: HybridSystem) -> float:
-    """The declared weight on bit [N]."""
-    return float(closed_loop(plant).number("bit.weight").value)
-
-
-# ------------------------------------------------------------------------------------------------------------------------------------- the search
-class Cells:
-    """Outcomes that are known, kept in a file of JSON lines, so that a search that was stopped goes on where it was.
-
-    path: of the file, or None for none.  A line that was not finished is left out. The numbers of the law are part of the key: another law of the same
-    label is judged anew.  say: called with a line of text for each new outcome.
-    """
-
-    def __init__(self, path: Path | None = None, say: Callable[[str], None] | None = None):
-        self.path, self.say = path, say
-        self.known: dict[str, Outcome] = {}
-        if path is not None and path.exists():
-            for line in path.read_text(encoding="utf-8").splitlines():
-                try:
-                    row = json.loads(line)
-                    key = row.pop("key")
-                    self.known[key] = Outcome(**row)
-                except (json.JSONDecodeError, KeyError, TypeError, AttributeError):
-                    continue
-
-    def outcome(self, trial: Trial, group: Group, reference: float, way: str) -> Outcome:
-        """The outcome at a set-point, known or new."""
-        law, before = trial.of(reference), trial.before(reference)
-        key = json.dumps(
-            [
-                trial.label,
-                repr(getattr(law, "law", law) if not isinstance(law, Controller) else law),
-                repr(before),
-                repr(group),
-                way,
-                reference,
-            ]
-        )
-        if key not in self.known:
-            found = trial.outcome(group, reference, way)
-            self.known[key] = found
-            if self.path is not None:
-                with self.path.open("a", encoding="utf-8") as file:
-                    file.write("\n" + json.dumps({"key": key, **dataclasses.asdict(found)}))
-            if self.say is not None:
-                lasts = f" for {group.judged:g} s" if group.judged == LASTING else ""
-                self.say(
-                    f"{trial.label}, {group.name}, {way}, {reference:.1f} rad/s: "
-                    + (f"holds{lasts}" if found.passed else f"fails: {found.why}")
-                )
-        return self.known[key]
-
-
-@dataclass(frozen=True)
-class Lowest:
-    """The lowest set-point [rad/s] that a law holds on a group, nan where it holds none, what fails one step below, and what it costs at it.
-
-    above: largest share of the time after the takeover with the top 10 % above what is asked;  fastest: highest bit speed [rad/s].
-    """
-
-    speed: float
-    why: str
-    above: float = math.nan
-    fastest: float = math.nan
-
-
-def lowest(
-    trial: Trial,
-    group: Group,
-    way: str = "direct",
-    cells: Cells | None = None,
-    lower: float = 1.5,
-    higher: float = 14.0,
-    step: float = 0.1,
-    lasts: bool = True,
-) -> Lowest:
-    """The lowest set-point by bisection between `lower` (taken to fail) and `higher`, confirmed at three above it and, with `lasts`, for half an hour.
-
-    Where one of these fails, the search goes on above it: what is given is the lowest from which on nothing that was tried failed. All in rad/s.
-    """
-    cells = cells or Cells()
-
-    def fails(k: int, chosen: Group = group) -> str:
-        found = cells.outcome(trial, chosen, round(k * step, 6), way)
-        return "" if found.passed else found.why
-
-    low, high = round(lower / step), round(higher / step)
-    top = high
-    why = fails(high)
-    if why:
-        return Lowest(math.nan, why)
-    below = "not tried below"
-    while True:
-        while high - low > 1:
-            middle = (low + high) // 2
-            said = fails(middle)
-            low, high, below = (middle, high, said) if said else (low, middle, below)
-        above = sorted({min(high + round(each / step), top) for each in (0.3, 0.8, 2.0)})
-        broken = [(k, said) for k in above if (said := fails(k))]
-        if not broken and lasts and (said := fails(high, group.lasting)):
-            broken = [(high, f"{said} within half an hour")]
-            if high == top:
-                return Lowest(math.nan, broken[0][1])
-            low, below, high = high, broken[0][1], high + 1
-            while high < top and (said := fails(high)):
-                low, below, high = high, said, high + 1
-            continue
-        if not broken:
-            found = cells.outcome(trial, group, round(high * step, 6), way)
-            return Lowest(round(high * step, 6), below, found.above, found.fastest)
-        low, below = broken[-1]
-        high = top
-
-
-# ------------------------------------------------------------------------------------------------------------------------------- groups of machines
-WEIGHTS = (
-    Varying(0.02, 0.2, noise=True),
-    Varying(0.05, 0.2, noise=True),
-    Varying(0.05, 0.17),
-    Varying(0.1, 0.1),
-)
-"""Weights that vary: 2 and 5 % rms below 0.2 Hz, 5 % at the frequency of a string of 2 km, a heave of 10 % every ten seconds."""
-
-
-def machine_groups(
-    plant: HybridSystem, noise: float = 0.01, late: float = 0.03, seeds: Sequence[int] = tuple(range(101, 121))
-) -> dict[str, Group]:
-    """Groups of machines for a drill string with a chain of inertias and a rock, by name.
-
-        declared   as declared, no noise
-        real       weight + 10 %, noise, all seeds
-        robust     one error at a time: inertia of the drive +-10 and +-20 %, inertia below it, stiffness and weight +-20 %, commands later; 3 seeds
-        corners    (drive, below, stiffness) = (.8, 1.2, .8), (1.2, .8, 1.2), (.8, .8, .8); 3 seeds
-        rocks      half the decay of the friction with speed; 3 seeds; only for a rock with an exponential law
-        weight     a weight that varies in time: `WEIGHTS`, 3 seeds, 2 phases, judged for 600 s
-
-    noise: of the measured top speed [rad/s].  late: by how much commands come later than declared [s] on one of the robust machines.
-    """
-    names = list(closed_loop(plant).numbers())
-
-    def entries(name: str) -> list[str]:
-        return [each for each in names if each.rpartition(".")[0] == name]
-
-    places = {"drive": entries("chain.inertia")[:1], "bit": entries("chain.inertia")[1:], "stiffness": entries("chain.stiffness")}
-    places["weight"] = ["bit.weight"] if "bit.weight" in names else []
-    for word, found in places.items():
-        if not found:
-            raise SceneError(
-                f"The machines beside a declared one are those of a drill string with a chain of inertias and a rock, but its {word} is not known."
-            )
-
-    def machine(name: str, late: float = 0.0, **factors: float) -> Machine:
-        return Machine(name, tuple((place, factor) for word, factor in factors.items() for place in places[word]), late)
-
-    singles = [machine(f"drive {100 * (each - 1):+.0f} %", drive=each) for each in (0.8, 0.9, 1.1, 1.2)]
-    singles += [
-        machine(f"{word} {100 * (each - 1):+.0f} %", **{word: each}) for word in ("bit", "stiffness", "weight") for each in (0.8, 1.2)
-    ]
-    corners = [
-        machine(f"drive {a:g}, bit {b:g}, stiffness {c:g}", drive=a, bit=b, stiffness=c)
-        for a, b, c in ((0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8))
-    ]
-    groups = [
-        Group("declared", (Machine("declared"),), noise=0.0),
-        Group("real", (machine("weight +10 %", weight=1.1),), tuple(seeds), noise),
-        Group("robust", (*singles, machine(f"commands {1e3 * late:.0f} ms later", late)), tuple(seeds[:3]), noise),
-        Group("corners", tuple(corners), tuple(seeds[:3]), noise),
-    ]
-    if "bit.friction.decay" in names:
-        groups.append(Group("rocks", (Machine("half the decay", (("bit.friction.decay", 0.5),)),), tuple(seeds[:3]), noise))
-    varying = tuple(
-        Machine(f"weight {'noise' if each.noise else 'sine'} {100 * each.size:g} %, {each.frequency:g} Hz", weight=each) for each in WEIGHTS
-    )
-    groups.append(Group("weight", varying, tuple(seeds[:3]), noise, (0.0, 0.5), 600.0))
-    return {group.name: group for group in groups}
+    start = {name: point[name] for name in bare.plant.states} | {f"before.{name}": point[name] for name in memory}
+    sticks = len(releases) > 1
+    return Cycle(start, float(releases[-1] - releases[-2]) if sticks else 8.0, float(release), sticks)

@@ -19,7 +19,7 @@ LASTING, FEW, SEEN = 1800.0, 2, 3
 
 @dataclass(frozen=True)
 class Varying:
-    """A weight that varies about its mean: a sine of that size (in parts of the mean) and frequency [Hz], or noise of that standard deviation below it."""
+    """A weight that varies about its mean: a sine of that size (in parts of the mean) and frequency [Hz], or noise of that deviation with a corner there."""
 
     size: float
     frequency: float
@@ -78,7 +78,7 @@ WEIGHTS = (
     Varying(0.05, 0.17),
     Varying(0.1, 0.1),
 )
-"""Weights that vary: 2 and 5 % rms below 0.2 Hz, 5 % at the frequency of a string of 2 km, a heave of 10 % every ten seconds."""
+"""Weights that vary: 2 and 5 % rms with a corner at 0.2 Hz, 5 % at the frequency of a string of 2 km, a heave of 10 % every ten seconds."""
 
 
 def machine_groups(

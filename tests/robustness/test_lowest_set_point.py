@@ -64,10 +64,11 @@ def test_what_is_known_is_not_asked_again_and_another_machine_is(found, monkeypa
     monkeypatch.setattr(Trial, "outcome", lambda *given: pytest.fail("it is known"))
     again = lowest_set_point(LOOP, StiffPI(), [BRIEF], ways=["direct"], between=("62 rpm", "110 rpm"), step="4 rpm", known=path)
     assert repr(again) == repr(result) and len([json.loads(line) for line in path.read_text().split("\n") if line]) == len(said)
+    later = LOOP.with_laws([Sampled(SoftTorque(), "10 ms", delay="20 ms")])
     keys = {
         json.dumps(Trial(loop, before).key(5.0))
         for loop, before in (
-            (LOOP, StiffPI()), (LOOP.at("bit.weight", 9e4), StiffPI()), (LOOP, PI()), (LOOP.with_laws([Sampled(SoftTorque(), "10 ms", delay="20 ms")]), StiffPI()),
+            (LOOP, StiffPI()), (LOOP.at("bit.weight", 9e4), StiffPI()), (LOOP, PI()), (later, StiffPI()),
             (closed_loop(PLANT, Sampled(SoftTorque(detuning=0.9), 0.01, 0.03)), StiffPI()),
         )
     }  # fmt: skip

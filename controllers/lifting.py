@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 
@@ -73,7 +74,7 @@ class Lifting(Controller):
 
     def design(self, plant: HybridSystem) -> Controller:
         """The law with inner law and observer designed on the plant, and with the period and impedance of its string where they are not given."""
-        filled = {}
+        filled: dict[str, Any] = {}
         if self.string_period is None or self.string_impedance is None:
             string = lumped_string(plant, "Lifting", "`string_period` and `string_impedance`")
             filled = {"string_period": 2.0 * math.pi / string.frequency, "string_impedance": string.impedance}
@@ -85,7 +86,8 @@ class Lifting(Controller):
         speed, torque = signal("top.speed", "rad/s"), acting(signal)
         x = state("lifting.string", "1", len(self.observer.gain or ()))
         mean, square = state("lifting.mean", "rad/s"), state("lifting.square", "rad2/s2")
-        armed, left, calm, watch = state("lifting.armed", "1"), *(state(f"lifting.{name}", "s") for name in ("left", "calm", "watch"))
+        armed = state("lifting.armed", "1")
+        left, calm, watch = (state(f"lifting.{name}", "s") for name in ("left", "calm", "watch"))
         extra, level, held, gave_up = (state(f"lifting.{name}", "rad/s") for name in ("speed", "level", "held", "gave_up"))
         relapses, lifts = state("lifting.relapses", "1"), state("lifting.lifts", "1")
         lifted, nothing = asked + extra, 1e-3 * self.reference

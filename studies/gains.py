@@ -25,8 +25,9 @@ from typing import Any
 import numpy as np
 
 from controllers import LQG, PI, HInfinity, Lifting, ZTorque
-from studies.protocol import CORNERS, DELAY, LIMITS, SINGLES, Group, Law, attempts, disk_margins
+from studies.protocol import CORNERS, DELAY, LIMITS, SINGLES, trial
 from toolbox import SceneError, SimulationError
+from toolbox.robustness.groups import Group
 
 STORE = Path(__file__).parent / "data" / "gains.json"
 LADDER = (6.5, 5.5, 4.5, 4.0)
@@ -41,12 +42,12 @@ LATE = round(DELAY / 0.01)
 
 @dataclass(frozen=True)
 class Family:
-    """Laws with free numbers: what makes one for a set-point [rad/s] and numbers, and the bounds of these, positive, searched by their logarithm.
+    """Laws with free numbers: what makes one of numbers, and the bounds of these, positive, searched by their logarithm.
 
     lifts: whether they lift their own set-point.
     """
 
-    of: Callable[[float, Mapping[str, float]], Any]
+    of: Callable[[Mapping[str, float]], Any]
     bounds: Mapping[str, tuple[float, float]]
     lifts: bool = False
 
@@ -57,15 +58,13 @@ class Family:
 
 
 FAMILIES: dict[str, Family] = {
-    "impedance": Family(
-        lambda reference, q: PI(reference=reference, **q, **LIMITS), {"proportional": (200.0, 4000.0), "integral": (50.0, 3000.0)}
-    ),
+    "impedance": Family(lambda q: PI(**q, **LIMITS), {"proportional": (200.0, 4000.0), "integral": (50.0, 3000.0)}),
     "Z-torque": Family(
-        lambda reference, q: ZTorque(reference=reference, **q, **LIMITS),
+        lambda q: ZTorque(**q, **LIMITS),
         {"impedance": (100.0, 3000.0), "integral": (20.0, 2000.0), "inertia": (50.0, 1900.0), "filter_time": (0.01, 1.0)},
     ),
     "H-infinity": Family(
-        lambda reference, q: HInfinity(reference=reference, **q, **LIMITS),
+        lambda q: HInfinity(**q, **LIMITS),
         {
             "bit_size": (0.1, 10.0),
             "angle_size": (1.0, 100.0),
@@ -75,7 +74,7 @@ FAMILIES: dict[str, Family] = {
         },
     ),
     "LQG": Family(
-        lambda reference, q: LQG(reference=reference, late=LATE, **q, **LIMITS),
+        lambda q: LQG(late=LATE, **q, **LIMITS),
         {
             "top_size": (0.3, 30.0),
             "bit_size": (0.1, 10.0),
@@ -88,7 +87,7 @@ FAMILIES: dict[str, Family] = {
 
 
 def _lifting(family: Family) -> Family:
-    return Family(lambda reference, q: Lifting(law=family.of(reference, q), reference=reference), family.bounds, lifts=True)
+    return Family(lambda q: Lifting(family.of(q)), family.bounds, lifts=True)
 
 
 FAMILIES |= {f"{name}, lifting": _lifting(FAMILIES[name]) for name in ("impedance", "Z-torque", "LQG")}
@@ -105,7 +104,7 @@ def failures(family: Family, numbers: Mapping[str, float], ladder: tuple[float, 
     total = 0
     for i, speed in enumerate(ladder):
         try:
-            here = sum(len(failed) for failed, _ in attempts(Law("tuned", lambda at: family.of(at, numbers)), TUNING, speed, "direct"))
+            here = sum(len(failed) for failed, _ in trial("tuned", family.of(numbers)).attempts(TUNING, speed))
         except (SceneError, SimulationError):  # numbers for which there is no law
             here = TUNING.runs
         total += here
@@ -160,7 +159,7 @@ def searched(label: str, points: int, seed: int = 1) -> Found:
 
 def margin(family: Family, numbers: Mapping[str, float]) -> float:
     """The smallest disk margin at `LOW` over one error of the rig at a time, at most 1; 0 where the loop is unstable."""
-    worst = disk_margins(lambda at: family.of(at, numbers), LOW)[1]
+    worst = trial("tuned", family.of(numbers)).disk_margins(SINGLES, LOW)[1]
     return 0.0 if np.isnan(worst) else min(worst, 1.0)
 
 
@@ -179,6 +178,6 @@ def stored(label: str, path: Path = STORE) -> dict[str, float]:
     return dict(json.loads(path.read_text(encoding="utf-8"))[label]["numbers"])
 
 
-def tuned(label: str) -> Callable[[float], Any]:
-    """What makes a law of a family with its stored gains for a set-point [rad/s]."""
-    return lambda reference: FAMILIES[label].of(reference, stored(label))
+def tuned(label: str) -> Any:
+    """A law of a family with its stored gains."""
+    return FAMILIES[label].of(stored(label))

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from toolbox.orbits.continuation import follow as follow
     from toolbox.orbits.limit_cycle import limit_cycle as limit_cycle
     from toolbox.orbits.sensitivity import sensitivity as sensitivity
+    from toolbox.robustness.lowest_set_point import lowest_set_point as lowest_set_point
     from toolbox.robustness.margins import margins as margins
     from toolbox.robustness.worst_case import worst_case as worst_case
     from toolbox.scenes.differences import compare as compare

@@ -17,15 +17,22 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 import numpy as np
 
-from studies.protocol import GROUPS, HIGHEST, WAYS, Rig, lowest
-from studies.questions.drives import laws, run_of
+from studies.protocol import GROUPS, HIGHEST
+from studies.questions.drives import laws
 from toolbox import plot
+from toolbox.robustness.groups import Machine
+from toolbox.robustness.lowest_set_point import lowest
+from toolbox.robustness.set_points import WAYS
 
 shown = ("stiff PI", "soft torque", "impedance, tuned", "LQG", "LQG, tuned")
 every = laws()
 groups = {name: replace(GROUPS[name], phases=(0.0, 0.5), seeds=GROUPS[name].seeds[:1]) for name in ("declared", "robust")}
 found = {
-    label: {f"{name}, {way}": lowest(every[label], group, way, step=1.0, lower=2.0).speed for name, group in groups.items() for way in WAYS}
+    label: {
+        f"{name}, {way}": lowest(every[label], group, way, step=1.0, lower=2.0, lasts=False).speed
+        for name, group in groups.items()
+        for way in WAYS
+    }
     for label in shown
 }
 columns = list(found["LQG"])
@@ -53,8 +60,8 @@ with plt.rc_context(plot.PAPER):
 # What a wrong inertia does to a filter that trusts its drive: the delivered LQG and the tuned one at 8 rad/s on a drive 20 % lighter than declared.
 
 # %%
-light = Rig("drive -20 %", drive=0.8)
-runs = {label: run_of(every[label], 8.0, light, seed=101) for label in ("LQG", "LQG, tuned")}
+light = Machine("drive -20 %", (("chain.inertia.0", 0.8),))
+runs = {label: every[label].run(light, 8.0, seed=101) for label in ("LQG", "LQG, tuned")}
 times = np.arange(0.0, 120.0, 0.02)
 with plt.rc_context(plot.PAPER):
     figure, panels = plt.subplots(2, 1, figsize=(plot.WIDTH, 3.2), layout="constrained", sharex=True, sharey=True)

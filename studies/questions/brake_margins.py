@@ -22,8 +22,8 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -57,26 +57,39 @@ STOPS = _errors({
 })  # fmt: skip
 
 
-def stop_succeeds(contender: brakes.Contender, deceleration: float, factors: Mapping[str, float], phase: float) -> bool:
-    """Whether one stop succeeds; the roughness of the disc begins at a phase."""
+def stop_of(contender: brakes.Contender, deceleration: float, factors: Mapping[str, float], phase: float) -> brakes.Stop | None:
+    """One stop, None where its run fails; the roughness of the disc begins at a phase."""
     plant = brakes.plant_of(brakes.LAG)
     given = {name: factor * float(plant.parameter(name)) for name, factor in factors.items()}
     try:
         run = brakes.run_of(contender, deceleration, True, brakes.VERDICT_SEEDS[0], parameters=given, phase=phase)
     except SimulationError:
-        return False
-    return brakes.stop_of(run, deceleration).succeeds
+        return None
+    return brakes.stop_of(run, deceleration)
 
 
-def highest(holds: Callable[[float], bool], lowest: float, most: float, step: float) -> float:
-    """The highest number of a grid that holds, with `CONFIRMED` below it; nan where the lowest does not."""
+def stop_fails(contender: brakes.Contender, deceleration: float, factors: Mapping[str, float], phase: float) -> str:
+    """What keeps one stop from being a success; empty where it is one."""
+    stop = stop_of(contender, deceleration, factors, phase)
+    return "failed run" if stop is None else stop.fails
+
+
+def highest(fails: Callable[[float], str], lowest: float, most: float, step: float) -> brakes.Border:
+    """The highest number of a grid that does not fail, nor do `CONFIRMED` below it, and what fails next above; nan where the lowest does."""
     count = round((most - lowest) / step)
+    known: dict[int, str] = {}
 
     def at(k: int) -> float:
         return round(lowest + k * step, 9)
 
+    def holds(value: float) -> bool:
+        k = round((value - lowest) / step)
+        if k not in known:
+            known[k] = fails(value)
+        return not known[k]
+
     if not holds(at(0)):
-        return math.nan
+        return brakes.Border(math.nan, known[0])
     good, bad = 0, count + 1
     while bad - good > 1:
         middle = (good + bad) // 2
@@ -88,20 +101,20 @@ def highest(holds: Callable[[float], bool], lowest: float, most: float, step: fl
             failing = [k for k in range(max(good - CONFIRMED, 1), good) if not holds(at(k))]
             if failing:
                 good, bad = 0, failing[0]
-    return at(good)
+    return brakes.Border(at(good), known.get(bad, "scan"))
 
 
 @dataclass(frozen=True)
 class Groan:
-    """A line of the first table: highest deceleration [rad/s2] by error of the machine; nan below the lowest that is tried."""
+    """A line of the first table: highest deceleration and what ends it by error of the machine."""
 
     label: str
-    highest: Mapping[str, float]
+    highest: Mapping[str, brakes.Border]
 
     @property
-    def robust(self) -> float:
+    def robust(self) -> brakes.Border:
         """The least over all errors; nan where one is."""
-        return float(np.min(list(self.highest.values())))
+        return min(self.highest.values(), key=lambda each: np.nan_to_num(each.deceleration, nan=-1.0))
 
 
 def groan(label: str) -> Groan:
@@ -110,11 +123,56 @@ def groan(label: str) -> Groan:
     found = {}
     for word, factors in STOPS.items():
 
-        def holds(deceleration: float, factors: Mapping[str, float] = factors) -> bool:
-            return all(stop_succeeds(contender, deceleration, factors, phase) for phase in PHASES)
+        def fails(deceleration: float, factors: Mapping[str, float] = factors) -> str:
+            return next((failed for phase in PHASES if (failed := stop_fails(contender, deceleration, factors, phase))), "")
 
-        found[word] = highest(holds, brakes.LOWEST, brakes.HIGHEST, brakes.STEP)
+        found[word] = highest(fails, brakes.LOWEST, brakes.HIGHEST, brakes.STEP)
     return Groan(label, found)
+
+
+MARGINS = (0.6, 0.7, 0.8, 0.9, 1.0)
+EASED = LABELS[:-1]
+TYRE = 0.3
+"""Radius of the tyre [m]."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """The shortest way [m] of a law with a margin on some machines, whatever was planned; the deceleration [rad/s2] that gives it, and what ends the scan."""
+
+    length: float
+    deceleration: float
+    ended: str
+
+
+def shortest(label: str, margin: float, machines: Mapping[str, Mapping[str, float]], phases: Sequence[float] = (0.0, 0.5)) -> Way:
+    """The shortest way at which the pad groans on no machine at any phase; decelerations in steps of 0.25 rad/s2 up to the first groan."""
+    contender = next(each for each in brakes.contenders() if each.label == label)
+    contender = replace(contender, law=partial(contender.law, margin=margin))
+    best = Way(math.nan, math.nan, "scan")
+    for deceleration in np.arange(brakes.LOWEST, brakes.HIGHEST + 0.01, 0.25):
+        longest = 0.0
+        for factors in machines.values():
+            for phase in phases:
+                stop = stop_of(contender, float(deceleration), factors, phase)
+                if stop is None or stop.fails in ("groan", "stand"):
+                    return replace(best, ended="failed run" if stop is None else stop.fails)
+                longest = max(longest, TYRE * stop.way)
+        if not longest >= best.length:
+            best = Way(longest, float(deceleration), "scan")
+    return best
+
+
+def ways_table() -> str:
+    """The shortest ways without groan over the margin, declared and over all errors, as text."""
+    lines = [f"{'shortest way [m], margin':<26}" + "".join(f"{margin:>20g}" for margin in MARGINS), "-" * (26 + 20 * len(MARGINS))]
+    for label in EASED:
+        cells = []
+        for margin in MARGINS:
+            pair = [shortest(label, margin, machines) for machines in ({"declared": {}}, STOPS)]
+            cells.append(" / ".join("none" if math.isnan(each.length) else f"{each.length:.2f} {each.ended}" for each in pair))
+        lines.append(f"{label:<26}" + "".join(f"{cell:>20}" for cell in cells))
+    return "\n".join(lines)
 
 
 # --- dither
@@ -208,12 +266,9 @@ def dithered(label: str, ratios: Sequence[float] | np.ndarray = dither.RATIOS) -
 def groan_table(rows: Sequence[Groan]) -> str:
     """The first table as text."""
     words = list(rows[0].highest)
-    head = f"{'highest [rad/s2]':<26}" + "".join(f"{word:>17}" for word in words) + f"{'robust':>10}"
+    head = f"{'highest [rad/s2]':<26}" + "".join(f"{word:>17}" for word in words) + f"{'robust':>12}"
 
-    def shown(value: float) -> str:
-        return f"{value:.1f}" if value == value else f"< {brakes.LOWEST:g}"
-
-    lines = [f"{row.label:<26}" + "".join(f"{shown(row.highest[word]):>17}" for word in words) + f"{shown(row.robust):>10}" for row in rows]
+    lines = [f"{row.label:<26}" + "".join(f"{row.highest[word]!s:>17}" for word in words) + f"{row.robust!s:>12}" for row in rows]
     return "\n".join([head, "-" * len(head), *lines])
 
 
@@ -236,11 +291,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     stops = [groan(label) for label in LABELS]
     print(groan_table(stops), flush=True)
+    print(f"\n{ways_table()}", flush=True)
     cured = [dithered(rig.label) for rig in dither.RIGS]
     print(f"\n{dither_table(cured)}")
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
-        write_rows([{"label": row.label, **row.highest, "robust": row.robust} for row in stops], given.out / "groan.csv")
+        rows = [
+            {"label": row.label, "error": word, "highest": each.deceleration, "ended by": each.ended}
+            for row in stops
+            for word, each in row.highest.items()
+        ]
+        write_rows(rows, given.out / "groan.csv")
         swings = [{"label": row.label, "error": word, "swing": value} for row in cured for word, value in row.swing.items()]
         write_rows(swings, given.out / "dither_margins.csv")
         print(f"\nThe tables are in {given.out}")

@@ -8,7 +8,7 @@ every 30 ms; dither acts at once, by an actuator of its own.
 Groan: two or more releases of the pad from stick while the disc still turns faster than 0.1 rad/s (12 mm/s at the pads); one release is not yet groan.
 Slower than that every brake sticks a last time, because a pad that swings at all swings faster than the disc. A stop succeeds where there is no groan,
 the disc stands, and its way is within 15 % of the planned one. Decelerations are scanned from 0.5 rad/s2 upward in steps of 0.1 until the first failure;
-the table shows the last success before it.
+the table shows the last success before it, and what ended it: groan, the way, or the end of the scan.
 
 nominal: the actuator follows at once, everything is measured at once and exactly.  real: an actuator of 10 ms, commands 2 ms late, 0.005 rad/s of
 noise on the speed and 2 N m on the torque, friction 20 % higher (and so its fall), three seeds of noise. PI and sliding mode without ease then have
@@ -16,19 +16,20 @@ lower gains (`SOFT_PI`, `SOFT_SLIDING`), because with those of the nominal case 
 These gains were chosen on the noise of `TUNING_SEEDS`; the table is judged on `VERDICT_SEEDS`, which were fixed before anything had been run on them,
 and was run once:
 
-                            highest [rad/s2]     real, at 2 rad/s2
-                            nominal    real      groans     way     jolt
-    constant force              2.2     2.0           1    -6 %     2.63
-    constant force, eased       1.2     2.5           0    +6 %     0.56
-    PI                          3.0     0.8          19    -3 %     2.24
-    PI, eased                   1.7     2.5           0    +7 %     0.56
-    sliding mode                5.0     0.8          22     0 %     2.03
-    sliding mode, eased         1.9     2.4           0    +9 %     0.55
-    MPC                         2.2     3.0           0    +6 %     0.50
-    constant, sine dither     < 0.5   < 0.5          45    -6 %     0.73
-    constant, phased dither     3.8     5.0           0    -6 %     2.66
+                            highest, ended by [rad/s2]     real, at 2 rad/s2
+                              nominal        real       groans     way     jolt
+    constant force          2.2 groan   2.0 groan            1    -6 %     2.63
+    constant force, eased     1.2 way     2.5 way            0    +6 %     0.56
+    PI                      3.0 groan   0.8 groan           19    -3 %     2.24
+    PI, eased                 1.7 way     2.5 way            0    +7 %     0.56
+    sliding mode             5.0 scan   0.8 groan           22     0 %     2.03
+    sliding mode, eased       1.9 way     2.4 way            0    +9 %     0.55
+    MPC                       2.2 way     3.0 way            0    +6 %     0.50
+    constant, sine dither < 0.5 groan < 0.5 groan           45    -6 %     0.73
+    constant, phased dither   3.8 way    5.0 scan            0    -6 %     2.66
 
-5.0 is the end of the scan.
+Laws that ease never groan here: what ends them is the way, which the ease makes longer; how long it has to be is asked by
+`studies.questions.brake_margins`. 5.0 is the end of the scan.
 
 At 2 rad/s2: times that the pad lets go, way beyond the planned one in parts of it (negative: shorter), rms of the speed error until the planned end,
 peak force of a pad, and the jolt: the largest acceleration of the wheel backwards once it stands, as it swings on its caliper. Step: 99th
@@ -127,9 +128,11 @@ class Stop:
         return self.way / self.planned - 1.0
 
     @property
-    def succeeds(self) -> bool:
-        """Whether the disc stands after about the planned way, without groan."""
-        return self.groans < 2 and math.isfinite(self.standstill) and abs(self.excess) <= FARTHEST
+    def fails(self) -> str:
+        """What keeps the stop from success: `groan`, `stand` where the disc never does, `way` where that is off by more than 15 %; empty for one."""
+        if self.groans >= 2:
+            return "groan"
+        return "stand" if not math.isfinite(self.standstill) else "way" if abs(self.excess) > FARTHEST else ""
 
 
 def plant_of(lag: float | None) -> HybridSystem:
@@ -188,19 +191,31 @@ def stops(contender: Contender, deceleration: float, real: bool) -> list[Stop]:
     return [stop_of(run_of(contender, deceleration, real, seed), deceleration) for seed in (VERDICT_SEEDS if real else (0,))]
 
 
-def highest(contender: Contender, real: bool, lag: float | None = None, step: float = STEP) -> float:
-    """The last deceleration [rad/s2] of the upward scan that succeeds; nan where the first one fails."""
+@dataclass(frozen=True)
+class Border:
+    """The last deceleration [rad/s2] that succeeds, nan where the first one fails, and what ends it at the next one: see `Stop.fails`, or `scan`, its end."""
+
+    deceleration: float
+    ended: str
+
+    def __str__(self) -> str:
+        return (f"{self.deceleration:.1f}" if self.deceleration == self.deceleration else f"< {LOWEST:g}") + f" {self.ended}"
+
+
+def highest(contender: Contender, real: bool, lag: float | None = None, step: float = STEP) -> Border:
+    """The border of the upward scan."""
     found = math.nan
     for k in range(round((HIGHEST - LOWEST) / step) + 1):
         deceleration = round(LOWEST + k * step, 2)
         try:
             for seed in VERDICT_SEEDS if real else (0,):
-                if not stop_of(run_of(contender, deceleration, real, seed, lag), deceleration).succeeds:
-                    return found
+                failed = stop_of(run_of(contender, deceleration, real, seed, lag), deceleration).fails
+                if failed:
+                    return Border(found, failed)
         except SimulationError:
-            return found
+            return Border(found, "failed run")
         found = deceleration
-    return found
+    return Border(found, "scan")
 
 
 # --- the table
@@ -208,11 +223,11 @@ def highest(contender: Contender, real: bool, lag: float | None = None, step: fl
 
 @dataclass(frozen=True)
 class Verdict:
-    """A line of the table: highest decelerations [rad/s2], then the worst of the real stops at 2 rad/s2, and the step time [s]."""
+    """A line of the table: highest decelerations and what ends them, then the worst of the real stops at 2 rad/s2, and the step time [s]."""
 
     label: str
-    nominal: float
-    real: float
+    nominal: Border
+    real: Border
     groans: int
     excess: float
     error: float
@@ -235,15 +250,23 @@ def step_time(contender: Contender) -> float:
     return min(run.laws[0].record.p99 if run.laws else float(np.percentile(update_times(run), 99)) for run in runs)  # the least disturbed
 
 
+def _flat(row: Verdict) -> dict[str, Any]:
+    """A line as one level of names."""
+    borders = {word: getattr(row, word) for word in ("nominal", "real")}
+    flat = {
+        name: number for word, each in borders.items() for name, number in ((word, each.deceleration), (f"{word}, ended by", each.ended))
+    }
+    return {"label": row.label} | flat | {name: getattr(row, name) for name in ("groans", "excess", "error", "peak", "jolt", "step")}
+
+
 def table(rows: Sequence[Verdict]) -> str:
     """The rows as text."""
-    head = f"{'':<24}{'highest [rad/s2]':>18}{'real, at 2 rad/s2':>50}"
-    names = f"{'law':<24}{'nominal':>9}{'real':>9}{'groans':>9}{'way':>9}{'rms error':>13}{'peak':>9}{'jolt':>13}{'step p99':>12}"
+    head = f"{'':<24}{'highest [rad/s2], ended by':>26}{'real, at 2 rad/s2':>50}"
+    names = f"{'law':<24}{'nominal':>13}{'real':>13}{'groans':>9}{'way':>9}{'rms error':>13}{'peak':>9}{'jolt':>13}{'step p99':>12}"
     lines = [head, names, "-" * len(names)]
     for row in rows:
-        cells = [f"{value:.1f}" if value == value else f"< {LOWEST:g}" for value in (row.nominal, row.real)]
         lines.append(
-            f"{row.label:<24}{cells[0]:>9}{cells[1]:>9}{row.groans:>9d}{100 * row.excess:>+7.0f} %{row.error:>7.3f} rad/s{row.peak:>7.0f} N"
+            f"{row.label:<24}{row.nominal!s:>13}{row.real!s:>13}{row.groans:>9d}{100 * row.excess:>+7.0f} %{row.error:>7.3f} rad/s{row.peak:>7.0f} N"
             f"{row.jolt:>7.2f} rad/s2{1e6 * row.step:>9.1f} us"
         )
     return "\n".join(lines)
@@ -253,7 +276,7 @@ def table(rows: Sequence[Verdict]) -> str:
 
 
 def picture(path: Path) -> None:
-    """Four stops, and how far each law brakes without groan behind a slower actuator."""
+    """Four stops, and how far each law keeps its way without groan behind a slower actuator."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -292,7 +315,7 @@ def picture(path: Path) -> None:
             "MPC": {"color": "black", "marker": "x", "markersize": 5},
         }
         for label, style in styles.items():
-            found = [np.nan_to_num(highest(every[label], False, lag, 0.25)) for lag in lags]
+            found = [np.nan_to_num(highest(every[label], False, lag, 0.25).deceleration) for lag in lags]
             right.semilogx(1e3 * np.array(lags), found, **{"linewidth": 1.0, "markersize": 4} | style, label=label)
         right.set(
             xlabel="time constant of the actuator [ms]",
@@ -322,7 +345,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
-        write_rows(rows, given.out / "brakes.csv")
+        write_rows([_flat(row) for row in rows], given.out / "brakes.csv")
         picture(given.out / "brakes.png")
         print(f"Table and picture are in {given.out}")
 

@@ -25,12 +25,15 @@ from typing import Any
 
 import numpy as np
 
-from controllers import StiffPI
 from models import wells
-from studies.protocol import GROUPS, JUDGED, LIMITS, PLANT, ROCK, SETTLING, WAYS, Group, Law, Rig, cycle, set_point, verdict
+from studies.protocol import DELAY, GROUPS, LIMITS, PLANT, ROCK, STIFF
 from studies.questions import drives
 from toolbox import closed_loop, export_c
+from toolbox.robustness.groups import Group, Machine
+from toolbox.robustness.set_points import SETTLING, WAYS, Trial, at_set_point, set_point, verdict
 
+NUMBERS = ("chain.inertia.0", "chain.inertia.1", "chain.stiffness.0", "bit.weight")
+DECLARED = closed_loop(PLANT)
 BEGUN = 200.0
 """Seconds under the stiff drive before the first takeover."""
 STEP = 2e-3
@@ -51,24 +54,26 @@ ABOVE = 0.1
 
 
 @dataclass(frozen=True)
-class Machine:
+class Compiled:
     """A law after the stiff drive, as machine code for one set-point [rad/s]."""
 
-    law: Law
+    law: Trial
     reference: float
     library: Any
 
-    def numbers(self, rig: Rig, way: str, phase: float, noise: np.ndarray, step: float = STEP) -> dict[str, float]:
+    def numbers(
+        self, rig: Machine, way: str, phase: float, noise: np.ndarray, step: float = STEP, judged: float = 80.0
+    ) -> dict[str, float]:
         """What the protocol judges by: seconds stuck, means of speed, torque and its square, share of time at a limit.
 
         noise: standard normal numbers times its size [rad/s], at least one per sample.
         """
-        period, every = cycle(self.reference)[1], self.law.period
+        period, every = self.law.cycle(self.reference).period, self.law.period
         given, last = set_point(self.reference, way, BEGUN + 2.0 * period + 1.0)
         times, values = given if isinstance(given, tuple) else ((0.0,), (given,))
-        first, samples = round((last + SETTLING) / every), round((last + SETTLING + JUDGED) / every)
+        first, samples = round((last + SETTLING) / every), round((last + SETTLING + judged) / every)
         chain, rock = wells.JANSEN_2, ROCK
-        numbers = rig.numbers
+        numbers = {name: dict(rig.factors).get(name, 1.0) * float(DECLARED.number(name).value) for name in NUMBERS}
         found = np.zeros(5)
         arrays = [
             np.array([
@@ -79,32 +84,32 @@ class Machine:
         ]  # fmt: skip
         p, x, noisy, nodes, heights, limits, out = (array.ctypes.data_as(ctypes.c_void_p) for array in arrays)
         taken = round((BEGUN + phase * period) / every)
-        late, parts = round(rig.delay / every), round(every / step)
+        late, parts = round((DELAY + rig.late) / every), round(every / step)
         failed = self.library.confirmed(p, x, noisy, samples, nodes, heights, len(times), taken, late, parts, limits, first, out)
         if failed:
             raise RuntimeError("A step of a law failed.")
         return dict(zip(("stuck", "speed", "torque", "square", "limited"), found.tolist(), strict=True))
 
 
-def machine(law: Law, reference: float, folder: Path) -> Machine:
+def machine(law: Trial, reference: float, folder: Path) -> Compiled:
     """Export the stiff drive and the law, and compile them with the string; raises RuntimeError where there is no compiler."""
     compiler = shutil.which("cc")
     if compiler is None:
         raise RuntimeError("A C compiler is needed, but there is no `cc`.")
-    for name, each in (("before", StiffPI(reference=reference, **LIMITS)), ("law", law.of(reference))):
+    for name, each in (("before", at_set_point(STIFF, reference)), ("law", law.of(reference))):
         export_c(closed_loop(PLANT, each, sample_time=law.period), folder / name)
     library = folder / "machine.so"
     sources = [str(Path(__file__).with_suffix(".c")), str(folder / "before.c"), str(folder / "law.c")]
     subprocess.run(
         [compiler, "-O2", "-ffp-contract=off", "-shared", "-fPIC", f"-I{folder}", *sources, "-lm", "-o", str(library)], check=True
     )
-    return Machine(law, reference, ctypes.CDLL(str(library)))
+    return Compiled(law, reference, ctypes.CDLL(str(library)))
 
 
-def failures(made: Machine, group: Group, way: str, step: float = STEP) -> Iterator[str]:
+def failures(made: Compiled, group: Group, way: str, step: float = STEP) -> Iterator[str]:
     """Which runs of a group fail, and why."""
     for seed in group.seeds:
-        for rig in group.rigs:
+        for rig in group.machines:
             for phase in group.phases:
                 noise = group.noise * np.random.default_rng([seed + SHIFTED, round(8 * phase)]).standard_normal(80_000)
                 why = verdict(made.numbers(rig, way, phase, noise, step), made.reference, group.noise)

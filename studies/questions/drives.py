@@ -23,10 +23,10 @@ import argparse
 import ctypes
 import math
 import os
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ from controllers import (
     HInfinity,
     ImpedanceSuperTwisting,
     ImplicitSlidingMode,
+    Lifting,
     LinearMPC,
     NonlinearMPC,
     OnEstimates,
@@ -51,35 +52,17 @@ from controllers import (
 )
 from controllers.observers import Kalman
 from studies import gains
-from studies.protocol import (
-    CORNERS,
-    DELAY,
-    GROUPS,
-    HIGHEST,
-    LIMITS,
-    LOWEST,
-    NOISE,
-    PLANT,
-    WAYS,
-    WEIGHT,
-    Cells,
-    Group,
-    Law,
-    Rig,
-    TakenOver,
-    cycle,
-    disk_margins,
-    lowest,
-    plant_with,
-    rock_torques,
-)
+from studies.protocol import CORNERS, DELAY, GROUPS, HIGHEST, LIMITS, LOWEST, NOISE, PLANT, WEIGHT, rock_torques, trial
 from toolbox import Controller, Sampled, Trajectory, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.files import tables
-from toolbox.modelling import Takeover
+from toolbox.modelling.laws import designed
+from toolbox.robustness.groups import Group, Machine
+from toolbox.robustness.lowest_set_point import Cells, Held, borders
+from toolbox.robustness.set_points import WAYS, Trial
 from toolbox.sweeps.executors import Workers
 
-__all__ = ["DELAY", "LIMITS", "NOISE", "PLANT", "WEIGHT", "Row", "laws", "row", "run_of", "step_time", "table"]
+__all__ = ["DELAY", "LIMITS", "NOISE", "PLANT", "WEIGHT", "Row", "laws", "row", "step_time", "table"]
 
 COMMON = 8.0
 """Set-point [rad/s] of settling, overshoot, ripple and time per sample."""
@@ -91,47 +74,41 @@ LATE = round(DELAY / 0.01)
 PREDICTIVE = ("linear MPC", "nonlinear MPC")
 
 
-def laws() -> dict[str, Law]:
+def laws() -> dict[str, Trial]:
     """All rows, in the order of the table, by label."""
 
-    def plain(kind: Callable[..., Any], **numbers: Any) -> Callable[[float], Any]:
-        return lambda reference: kind(reference=reference, **numbers, **LIMITS)
-
-    def on_estimates(kind: Callable[..., Any]) -> Callable[[float], Any]:
-        return lambda reference: OnEstimates(kind(reference=reference, **LIMITS), Kalman(speed_noise=NOISE), late=LATE)
+    def on_estimates(kind: Callable[..., Any]) -> OnEstimates:
+        return OnEstimates(kind(**LIMITS), Kalman(speed_noise=NOISE), late=LATE)
 
     rows = {
-        "stiff PI": plain(StiffPI),
-        "PI": plain(PI),
-        "active damping": plain(ActiveDamping),
-        "soft torque": plain(SoftTorque),
+        "stiff PI": StiffPI(**LIMITS),
+        "PI": PI(**LIMITS),
+        "active damping": ActiveDamping(**LIMITS),
+        "soft torque": SoftTorque(**LIMITS),
         "impedance, tuned": gains.tuned("impedance"),
-        "Z-torque": plain(ZTorque, filter_time=0.02),
+        "Z-torque": ZTorque(filter_time=0.02, **LIMITS),
         "Z-torque, tuned": gains.tuned("Z-torque"),
         "sliding mode": on_estimates(SlidingMode),
         "implicit sliding mode": on_estimates(ImplicitSlidingMode),
         "super-twisting": on_estimates(SuperTwisting),
         "impedance super-twisting": on_estimates(ImpedanceSuperTwisting),
         "LQR on a Kalman filter": on_estimates(LQR),
-        "H-infinity": plain(HInfinity),
+        "H-infinity": HInfinity(**LIMITS),
         "H-infinity, tuned": gains.tuned("H-infinity"),
-        "LQG": plain(LQG, late=LATE, speed_noise=NOISE),
+        "LQG": LQG(late=LATE, speed_noise=NOISE, **LIMITS),
         "LQG, tuned": gains.tuned("LQG"),
         "impedance, tuned, lifting": gains.tuned("impedance, lifting"),
         "Z-torque, tuned, lifting": gains.tuned("Z-torque, lifting"),
         "LQG, tuned, lifting": gains.tuned("LQG, lifting"),
+        "soft torque, lifting": Lifting(SoftTorque(**LIMITS)),
     }
-    found = {label: Law(label, of) for label, of in rows.items()}
+    found = {label: trial(label, law) for label, law in rows.items()}
     for label, kind in zip(PREDICTIVE, (LinearMPC, NonlinearMPC), strict=True):
-        found[label] = Law(label, _designed(kind), 0.1)
+        found[label] = trial(label, kind(delay=DELAY, **LIMITS), 0.1)
     return found
 
 
-def _designed(kind: Callable[..., Any]) -> Callable[[float], Any]:
-    return lambda reference: kind(reference=reference, delay=DELAY, **LIMITS).design(PLANT)
-
-
-def groups_of(law: Law) -> dict[str, Group]:
+def groups_of(law: Trial) -> dict[str, Group]:
     """The groups of rigs for a law: fewer phases and seeds for laws that are Python."""
     if law.label not in PREDICTIVE:
         return GROUPS
@@ -140,8 +117,11 @@ def groups_of(law: Law) -> dict[str, Group]:
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the table: set-points [rad/s] by group and way (nan for none), settling [s] (inf for never), overshoot and ripple as parts, step [s],
-    disk margin of the declared rig and of the worst (nan for none)."""
+    """A line of the table: set-points [rad/s] by group and way (nan for none), settling [s] (inf for never), overshoot and ripple as parts, step [s].
+
+    margins: disk margins of the declared machine and of the worst of the robust ones, each at the set-point of its group (nan for none).
+    recovery, fastest: what the direct takeover costs on the declared machine at its set-point: seconds above it, and highest bit speed over it.
+    """
 
     label: str
     lowest: Mapping[str, tuple[float, float]]
@@ -150,29 +130,27 @@ class Row:
     ripple: float
     step: float
     margins: tuple[float, float]
+    recovery: float = np.nan
+    fastest: float = np.nan
 
 
-def row(law: Law, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = None) -> Row:
+def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = None) -> Row:
     """The line of a law with some of the groups."""
-    found: dict[str, tuple[float, ...]] = {}
-    step = 0.1 if law.label not in PREDICTIVE else 0.5
-    for name in names:
-        pair = []
-        for i, way in enumerate(WAYS):  # noise and errors are not expected to help by more than 0.5 rad/s
-            known = found.get("declared", (np.nan, np.nan))[i]
-            lower = LOWEST if np.isnan(known) else max(known - 0.5, LOWEST)
-            pair.append(lowest(law, groups_of(law)[name], way, cells, lower=lower, step=step).speed)
-        found[name] = tuple(pair)
-    quiet = run_of(law, COMMON, Rig("declared"), noise=0.0)
-    after = quiet.at(np.arange(_takeover(law, COMMON), quiet.end, 0.02))
-    speed = after["bit.speed"]
+    predictive = law.label in PREDICTIVE
+    groups = [groups_of(law)[name] for name in names]
+    found = borders(law, groups, cells=cells, lower=LOWEST, higher=HIGHEST, step=0.5 if predictive else 0.1, lasts=not predictive)
+    quiet = law.run(Machine("declared"), COMMON, noise=0.0)
+    speed = quiet.at(np.arange(law.takeover(COMMON), quiet.end, 0.02))["bit.speed"]
     outside = np.flatnonzero(np.abs(speed / COMMON - 1.0) > 0.05)
     settling = 0.0 if not outside.size else np.inf if outside[-1] == speed.size - 1 else 0.02 * float(outside[-1] + 1)
-    noisy = run_of(law, COMMON, Rig("declared"))
+    noisy = law.run(Machine("declared"), COMMON)
     torque = noisy.at(np.arange(noisy.end - 60.0, noisy.end, law.period) + law.period / 2)["top.torque"]
     ripple = float(torque.std() / torque.mean())
-    declared, worst, _ = disk_margins(law.of, gains.LOW, law.period)
-    return Row(law.label, found, settling, float(speed.max() / COMMON - 1.0), ripple, step_time(law, COMMON), (declared, worst))  # type: ignore[arg-type]
+    declared, robust = (found.get((name, "direct"), Held(np.nan, "")) for name in ("declared", "robust"))
+    speeds = {name: (found[name, "direct"].speed, found[name, "raised"].speed) for name in names}
+    overshoot = float(speed.max() / COMMON - 1.0)
+    held, price = (declared.margin, robust.margin), (declared.recovery, declared.fastest / declared.speed)
+    return Row(law.label, speeds, settling, overshoot, ripple, step_time(law, COMMON), held, *price)
 
 
 def judged_rows(labels: Sequence[str], names: Sequence[str], path: Path | None, jobs: int) -> list[Row]:
@@ -184,43 +162,14 @@ def judged_rows(labels: Sequence[str], names: Sequence[str], path: Path | None, 
 
 
 def _row_of(label: str, names: Sequence[str], path: Path | None) -> Row:
-    return row(laws()[label], names, Cells(path, progress=True))
+    return row(laws()[label], names, Cells(path, lambda line: print(line, file=sys.stderr, flush=True)))
 
 
-def _takeover(law: Law, reference: float, phase: float = 0.0) -> float:
-    """When the law takes over [s]: at a sample of its own."""
-    period = cycle(reference)[1]
-    return float(np.ceil(period * (1.0 + phase) / law.period) * law.period)
-
-
-@cache
-def _rows_of_start(reference: float) -> tuple[dict[str, Any], float]:
-    start, _ = cycle(reference)
-    return {name: value for name, value in start.items() if not name.startswith("before.")}, float(start["before.pi.angle"])
-
-
-def run_of(law: Law, reference: float, rig: Rig, noise: float = NOISE, seed: int = 0, phase: float = 0.0, made: Any = None) -> Trajectory:
-    """180 s of a law that takes over at a phase of the cycle, directly. Raises SimulationError where the run cannot be finished."""
-    made = law.of(reference) if made is None else made
-    states, angle = _rows_of_start(reference)
-    at = _takeover(law, reference, phase)
-    both: Any
-    if isinstance(made, Controller):
-        both, states = Takeover(StiffPI(reference=reference, **LIMITS), made.design(PLANT), at=at), cycle(reference)[0]
-    else:
-        both = TakenOver(made, law.period, at, reference, angle)
-    return simulate(
-        plant_with(rig.rock), 180.0, start=states, parameters=rig.parameters, inputs={"bit.weight": rig.numbers["bit.weight"], "top.reference": reference},
-        controller=Sampled(both, law.period, delay=rig.delay, noise={"top.speed": noise} if noise else {}, seed=seed),
-    )  # fmt: skip
-
-
-def step_time(law: Law, reference: float) -> float:
+def step_time(law: Trial, reference: float) -> float:
     """99th percentile [s] of the time of one sample of a law: of its record where it is predictive, else of its compiled update."""
-    made = law.of(reference)
+    made, noise = designed(law.of(reference), PLANT), {"top.speed": NOISE}
     if isinstance(made, Controller):
-        run = simulate(PLANT, 20.0, controller=Sampled(made, law.period, noise={"top.speed": NOISE}))
-        return float(np.percentile(update_times(run), 99))
+        return float(np.percentile(update_times(simulate(PLANT, 20.0, controller=Sampled(made, law.period, noise=noise))), 99))
     times: list[int] = []
 
     class Timed:
@@ -234,7 +183,7 @@ def step_time(law: Law, reference: float) -> float:
             times.append(time.thread_time_ns() - began)
             return answer
 
-    run_of(law, reference, Rig("declared"), made=Timed())
+    simulate(PLANT, 180.0, controller=Sampled(Timed(), law.period, law.late, noise))
     return float(np.percentile(times, 99)) * 1e-9
 
 
@@ -258,8 +207,8 @@ def table(rows: Sequence[Row]) -> str:
     """The rows as text."""
     names = list(rows[0].lowest)
     head = f"{'controller':<26}" + "".join(f"{name:>14}" for name in names) + f"{'settling':>11}{'overshoot':>11}{'ripple':>9}"
-    head += f"{'disk margin':>18}{'step p99':>11}"
-    under = f"{'':<26}" + f"{'direct/raised':>14}" * len(names) + f"{'at 8 rad/s':>31}{'declared / worst':>18}"
+    head += f"{'disk margin':>18}{'recovery':>11}{'fastest':>9}{'step p99':>11}"
+    under = f"{'':<26}" + f"{'direct/raised':>14}" * len(names) + f"{'at 8 rad/s':>31}{'declared / robust':>18}{'at the lowest':>20}"
     lines = [head, under, "-" * len(head)]
     for each in rows:
         speeds = [" / ".join(f"{value:.1f}" if value == value else "none" for value in each.lowest[name]) for name in names]
@@ -267,7 +216,8 @@ def table(rows: Sequence[Row]) -> str:
         settling = f"{each.settling:.1f} s" if np.isfinite(each.settling) else "never"
         lines.append(
             f"{each.label:<26}" + "".join(f"{text:>14}" for text in speeds)
-            + f"{settling:>11}{100 * each.overshoot:>9.0f} %{100 * each.ripple:>7.1f} %{margins:>18}{1e6 * each.step:>8.1f} us"
+            + f"{settling:>11}{100 * each.overshoot:>9.0f} %{100 * each.ripple:>7.1f} %{margins:>18}{each.recovery:>9.0f} s{each.fastest:>7.1f} x"
+            + f"{1e6 * each.step:>8.1f} us"
         )  # fmt: skip
     return "\n".join(lines)
 
@@ -325,8 +275,8 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
         left.invert_yaxis()
         left.legend(loc="lower right", frameon=False, fontsize=8.0)
         for label, style in zip(shown, plot.LINES, strict=False):
-            run = run_of(laws()[label], EXAMPLE, CORNERS[1], seed=101)
-            at = _takeover(laws()[label], EXAMPLE)
+            run = laws()[label].run(CORNERS[1], EXAMPLE, seed=101)
+            at = laws()[label].takeover(EXAMPLE)
             times = np.linspace(0.0, min(run.end, at + 110.0), 3000)
             right.plot(times - at, run.at(times)["bit.speed"], label=label, **style)
         right.axvline(0.0, color="0.5", linewidth=0.8, linestyle=":")
@@ -344,7 +294,7 @@ def flat(each: Row) -> dict[str, Any]:
     """A row as one level of names."""
     speeds = {f"{name} {way}": value for name, pair in each.lowest.items() for way, value in zip(WAYS, pair, strict=True)}
     return {"label": each.label, **speeds, "settling": each.settling, "overshoot": each.overshoot, "ripple": each.ripple, "step": each.step,
-            "disk margin": each.margins[0], "worst disk margin": each.margins[1]}  # fmt: skip
+            "disk margin": each.margins[0], "disk margin, robust": each.margins[1], "recovery": each.recovery, "fastest": each.fastest}  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -36,12 +36,13 @@ import numpy as np
 from controllers import LQG, PI, ActiveDamping, HInfinity, ImplicitSlidingMode, SlidingMode, SoftTorque, StiffPI, SuperTwisting, ZTorque
 from controllers.observers import Kalman
 from studies import gains
-from studies.protocol import DELAY, PLANT, disk_margins
+from studies.protocol import DELAY, PLANT, SINGLES, trial
 from toolbox import Sampled, closed_loop, margins, units
 from toolbox.figures.style import name_axis
 from toolbox.files import tables
 from toolbox.modelling import Observed
 from toolbox.robustness import Margins, absorber_limit, performance_limit
+from toolbox.robustness.set_points import at_set_point
 
 PERIOD = 0.01
 LATE = round(DELAY / PERIOD)
@@ -50,19 +51,19 @@ WORKING = 6.5
 """Set-point at which all margins are shown [rad/s]."""
 
 
-def on_estimates(law: Callable[..., Any]) -> Callable[[float], Any]:
+def on_estimates(law: Callable[..., Any]) -> Any:
     """A law that asks for more than the top speed, on a Kalman filter."""
-    return lambda speed: Observed(law(reference=speed), Kalman(speed_noise=0.01), late=LATE)
+    return Observed(law(), Kalman(speed_noise=0.01), late=LATE)
 
 
-LAWS: dict[str, Callable[[float], Any]] = {
-    "stiff PI": lambda speed: StiffPI(reference=speed),
-    "PI": lambda speed: PI(reference=speed),
-    "active damping": lambda speed: ActiveDamping(reference=speed),
-    "soft torque": lambda speed: SoftTorque(reference=speed),
-    "Z-torque": lambda speed: ZTorque(reference=speed, filter_time=0.02),
-    "H-infinity": lambda speed: HInfinity(reference=speed),
-    "LQG": lambda speed: LQG(reference=speed, late=LATE, speed_noise=0.01),
+LAWS: dict[str, Any] = {
+    "stiff PI": StiffPI(),
+    "PI": PI(),
+    "active damping": ActiveDamping(),
+    "soft torque": SoftTorque(),
+    "Z-torque": ZTorque(filter_time=0.02),
+    "H-infinity": HInfinity(),
+    "LQG": LQG(late=LATE, speed_noise=0.01),
     **{gains.label_of(family): gains.tuned(family) for family in gains.FAMILIES},
     "sliding mode, filter": on_estimates(SlidingMode),
     "implicit sliding mode, filter": on_estimates(ImplicitSlidingMode),
@@ -72,12 +73,12 @@ LAWS: dict[str, Callable[[float], Any]] = {
 
 def found_at(label: str, speed: float, **arguments: Any) -> Margins:
     """The margins of a law at a set-point [rad/s]; arguments as of `margins`."""
-    return margins(closed_loop(PLANT, Sampled(LAWS[label](speed), PERIOD, DELAY)), **arguments)
+    return margins(closed_loop(PLANT, Sampled(at_set_point(LAWS[label], speed), PERIOD, DELAY)), **arguments)
 
 
 def worst_at(label: str, speed: float) -> tuple[float, str]:
     """The smallest disk margin of a law at a set-point [rad/s] over one error of the rig at a time, and which: the robust rigs of `studies.protocol`."""
-    return disk_margins(LAWS[label], speed)[1:]
+    return trial(label, LAWS[label], PERIOD).disk_margins(SINGLES, speed)[1:]
 
 
 def worst_table(speeds: Sequence[float] = SPEEDS) -> str:

@@ -10,13 +10,26 @@ import pytest
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, wells
-from toolbox import Sampled, SceneError, closed_loop, compose, fit, margins, onset, simulate, tune, work_precision, worst_case
+from toolbox import (
+    Sampled,
+    SceneError,
+    closed_loop,
+    compose,
+    fit,
+    lowest_set_point,
+    margins,
+    onset,
+    simulate,
+    tune,
+    work_precision,
+    worst_case,
+)
 from toolbox.calibration.results import Fit
 from toolbox.contacts import ContactProblem, ContactRun, step_contacts
 from toolbox.files.results import Result
 from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.report import Onset
-from toolbox.robustness import Margins, WorstCase
+from toolbox.robustness import Group, LowestSetPoints, Machine, Margins, WorstCase
 from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.tuning.results import Tuned
 
@@ -41,6 +54,12 @@ def of_worst_case():
     return worst_case(closed_loop(RIG, SoftTorque(reference=9.0)), 20.0, errors={"bit.weight": (0.9, 1.1)}, measures=("peak",))
 
 
+def of_lowest_set_point():
+    loop = closed_loop(RIG, Sampled(SoftTorque(), 0.01, 0.03))
+    quiet = Group("declared", (Machine("declared"),), noise=0.0, phases=(0.0,))
+    return lowest_set_point(loop, StiffPI(), [quiet], ways=["direct"], between=("80 rpm", "110 rpm"), step="10 rpm", lasts=False)
+
+
 def of_work_precision():
     return work_precision(BELT, 2.0, methods=("explicit",), accuracies=(1e-3, 1e-6), repeats=1)
 
@@ -56,8 +75,8 @@ def of_fit():
 
 
 MADE = {
-    Onset: of_onset, Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, WorkPrecision: of_work_precision,
-    Tuned: of_tuning, Fit: of_fit,
+    Onset: of_onset, Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, LowestSetPoints: of_lowest_set_point,
+    WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit,
 }  # fmt: skip
 
 

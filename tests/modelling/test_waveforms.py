@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from models import DiscBrake, TorsionalChain
-from toolbox import SceneError, compose, simulate
-from toolbox.inputs import square, triangle
+from toolbox import SceneError, closed_loop, compose, simulate, sweep
+from toolbox.inputs import noise, square, triangle
+from toolbox.measuring import measures
 
 
 @pytest.mark.parametrize(("shape", "peak"), [(square, 0.25 * 0.4), (triangle, 0.125 * 0.4)])
@@ -27,3 +28,48 @@ def test_waveforms_refuse_what_is_no_wave():
     for given in ((1.0, 1.0, 0.0, 1.0), (1.0, 1.0, 1.0, -1.0), (1.0, np.nan, 1.0, 1.0), (0.0, 1.0, 1e9, 1.0)):
         with pytest.raises(SceneError):
             square(*given)
+
+
+def force(seed, corner=0.1, duration=2000.0):
+    """A noisy torque on a free inertia, sampled every 0.1 s."""
+    plant = compose(TorsionalChain(inertia=(1.0, 1.0), stiffness=(0.0,), damping=(0.0,)))
+    run = simulate(plant, duration, inputs={"top.torque": noise(3.0, 0.5, corner, seed=seed)})
+    return run.at(np.arange(0.0, duration, 0.1))["top.torque"]
+
+
+def test_a_noise_has_its_mean_its_deviation_and_the_spectrum_of_a_first_order_filter():
+    values = force(1)
+    assert values.mean() == pytest.approx(3.0, abs=0.02)
+    assert values.std() == pytest.approx(0.5, rel=0.03)
+    assert np.abs(values - 3.0).max() < 0.5 * np.sqrt(48.0)
+    power = np.abs(np.fft.rfft((values - 3.0) * np.hanning(values.size))) ** 2
+    frequencies = np.fft.rfftfreq(values.size, 0.1)
+    assert power[frequencies > 0.505].sum() < 1e-6 * power.sum()
+    for below in (0.05, 0.1, 0.2):
+        assert power[frequencies < below].sum() / power.sum() == pytest.approx(np.arctan(below / 0.1) / np.arctan(5.0), abs=0.05)
+
+
+def test_another_seed_is_another_realisation_and_the_same_seed_is_the_same():
+    drawn = np.array([force(seed, duration=600.0) for seed in range(6)])
+    apart = np.corrcoef(drawn) - np.eye(6)
+    assert np.abs(apart).max() < 0.3
+    np.testing.assert_array_equal(drawn[2], force(2, duration=600.0))
+
+
+def test_the_seed_and_the_deviation_of_a_noise_are_swept_like_any_number():
+    plant = compose(TorsionalChain(inertia=(1.0, 1.0), stiffness=(0.0,), damping=(0.0,)))
+    loop = closed_loop(plant, inputs={"top.torque": noise(0.0, 0.5, 0.5, seed=3)})
+    points = [{"top.torque.seed": seed, "top.torque.deviation": size} for seed in (1, 2) for size in (0.5, 1.0)]
+    found = sweep(loop, points, 30.0, measures={"peak": measures.maximum("top.speed")})["peak"]
+    np.testing.assert_allclose(found[[1, 3]], 2.0 * found[[0, 2]], rtol=1e-4)
+    for k, seed in ((0, 1), (2, 2)):
+        run = simulate(closed_loop(plant, inputs={"top.torque": noise(0.0, 0.5, 0.5, seed=seed)}), 30.0)
+        assert found[k] == pytest.approx(run.at(np.linspace(0.0, 30.0, 30_001))["top.speed"].max(), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("given", "named"), [((1.0, 1.0, 0.0), "corner"), ((1.0, np.nan, 1.0), "of a noise"), ((1.0, 1.0, 1.0, 0.5), "seed"), ((1.0, 1.0, 1.0, -1), "seed")]
+)  # fmt: skip
+def test_a_noise_refuses_what_it_cannot_be(given, named):
+    with pytest.raises(SceneError, match=named):
+        noise(*given)

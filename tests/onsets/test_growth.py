@@ -13,7 +13,7 @@ from models import BitRock, TorsionalChain, wells
 from toolbox import Sampled, closed_loop, compose, hopf_points
 from toolbox.onsets.growth import SmoothBranch
 from toolbox.onsets.sampled_map import section
-from toolbox.onsets.twins import twin_growth
+from toolbox.onsets.twins import SAMPLES, _exponent, twin_growth
 from toolbox.robustness.steady_loop import steady_loop
 from toolbox.simulation.request import Request
 from toolbox.steady_states.equilibria import EquilibriumBranch
@@ -104,6 +104,15 @@ def test_twin_runs_agree_with_differences(law, value):
     assert twins.way == "twin runs"
     assert twins.rate == pytest.approx(found.rate(value), abs=1e-6, rel=5e-3)
     assert twins.period == pytest.approx(found(value).growth.period, rel=5e-3)
+
+
+def test_twin_runs_that_come_together_to_the_last_digit_tell_no_growth():
+    """As two runs do under a law that decides by steps: what is between them is then exactly 0, at some of the instants or at all."""
+    times = np.arange(2 * SAMPLES + 1) / SAMPLES
+    apart = np.exp(-times)[:, None] * np.column_stack([np.cos(6.0 * times), np.sin(6.0 * times)])
+    assert _exponent(apart, 1.0 / SAMPLES) == pytest.approx(-1.0 + 6.0j)
+    for left in (1, 5, 0):
+        assert np.isnan(_exponent(np.where(np.arange(times.size)[:, None] < left, apart, 0.0), 1.0 / SAMPLES))
 
 
 def test_super_twisting_has_no_slope_at_its_surface_and_twin_runs_tell():

@@ -173,6 +173,7 @@ def test_shapes_of_inputs_become_the_inputs_of_the_same_name(written):
         "ramp": "{ start = 0, end = 1, begin = 0, finish = 9 }",
         "sine": '{ mean = 0, amplitude = "0.1 N", frequency = "2 Hz", phase = "90 deg" }',
         "sweep": '{ mean = 0, amplitude = 0.1, start = "1 Hz", end = "2 Hz", duration = "1 min" }',
+        "noise": '{ mean = 0, deviation = "0.1 N", corner = "1 Hz", seed = 4 }',
         "table": "{ times = [0, 1], values = [0, 1] }",
     }
     for shape, numbers in shapes.items():

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from controllers import PI, StiffPI
-from studies.protocol import DELAY, GROUPS, JUDGED, LIMITS, PLANT, SETTLING, Law, Rig, cycle
+from studies.protocol import DELAY, GROUPS, LIMITS, PLANT, trial
 from studies.questions import confirmation as study
 from toolbox import Sampled, simulate
 from toolbox.modelling import Takeover
+from toolbox.robustness.groups import Machine
+from toolbox.robustness.set_points import SETTLING
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="the C of a law is compiled with `cc`, which is not here")
 QUIET = np.zeros(80_000)
@@ -23,12 +25,12 @@ def of(reference):
 
 @pytest.mark.parametrize(("reference", "stuck"), [(13.0, False), (3.0, True)])
 def test_numbers_of_a_run_are_those_of_the_event_loop_and_do_not_depend_on_the_step(tmp_path, reference, stuck):
-    made = study.machine(Law("PI", of), reference, tmp_path)
-    found = made.numbers(Rig("declared"), "direct", 0.0, QUIET)
-    finer = made.numbers(Rig("declared"), "direct", 0.0, QUIET, step=5e-4)
-    begin = study.BEGUN + 2.0 * cycle(reference)[1] + 1.0 + SETTLING
+    made = study.machine(trial("PI", of(8.0)), reference, tmp_path)
+    found = made.numbers(Machine("declared"), "direct", 0.0, QUIET)
+    finer = made.numbers(Machine("declared"), "direct", 0.0, QUIET, step=5e-4)
+    begin = study.BEGUN + 2.0 * made.law.cycle(reference).period + 1.0 + SETTLING
     both = Takeover(StiffPI(reference=reference, **LIMITS), of(reference), at=study.BEGUN)
-    run = simulate(PLANT, begin + JUDGED, controller=Sampled(both, 0.01, delay=DELAY))
+    run = simulate(PLANT, begin + 80.0, controller=Sampled(both, 0.01, delay=DELAY))
     assert (found["stuck"] > 0.0) == stuck
     assert found["stuck"] == pytest.approx(run.time_in("bit", "stick", after=begin), abs=0.05)
     speed = run.at(np.arange(begin, run.end, 0.01))["bit.speed"].mean()
@@ -38,7 +40,7 @@ def test_numbers_of_a_run_are_those_of_the_event_loop_and_do_not_depend_on_the_s
 
 
 def test_a_machine_below_its_set_point_fails_and_says_which_run(tmp_path):
-    made = study.machine(Law("PI", of), 3.0, tmp_path)
+    made = study.machine(trial("PI", of(8.0)), 3.0, tmp_path)
     assert "stuck" in next(study.failures(made, GROUPS["declared"], "direct"))
 
 

@@ -10,24 +10,11 @@ import pytest
 
 from controllers import PI, LinearMPC
 from studies import gains
-from studies.protocol import (
-    CORNERS,
-    GROUPS,
-    LIMITS,
-    SINGLES,
-    Cells,
-    Group,
-    Law,
-    Outcome,
-    Rig,
-    cycle,
-    judged,
-    lowest,
-    rock_torques,
-    set_point,
-    verdict,
-)
-from studies.questions.drives import Row, judged_rows, laws, picture, row, run_of, step_time, table
+from studies.protocol import CORNERS, GROUPS, LIMITS, PLANT, SINGLES, rock_torques, trial
+from studies.questions.drives import Row, judged_rows, laws, picture, row, step_time, table
+from toolbox.robustness.groups import Group, Machine
+from toolbox.robustness.lowest_set_point import Cells, lowest
+from toolbox.robustness.set_points import Outcome, Trial, set_point, verdict
 
 EVERY = laws()
 BRIEF = {name: replace(group, phases=(0.0, 0.5), seeds=group.seeds[:1]) for name, group in GROUPS.items()}
@@ -37,11 +24,11 @@ BRIEF = {name: replace(group, phases=(0.0, 0.5), seeds=group.seeds[:1]) for name
 def test_the_tuned_lqg_ends_stick_slip_on_every_rig_where_the_stiff_drive_and_soft_torque_do_not():
     tuned = EVERY["LQG, tuned"]
     for group, direct, raised in (("declared", 3.2, 3.2), ("robust", 7.2, 3.8), ("corners", 9.0, 4.2)):
-        assert judged(tuned, BRIEF[group], direct).passed
-        assert judged(tuned, BRIEF[group], raised, "raised").passed
+        assert tuned.outcome(BRIEF[group], direct).passed
+        assert tuned.outcome(BRIEF[group], raised, "raised").passed
     for label in ("stiff PI", "soft torque"):
-        assert not judged(EVERY[label], BRIEF["robust"], 7.2).passed
-        assert not judged(EVERY[label], BRIEF["robust"], 3.8, "raised").passed
+        assert not EVERY[label].outcome(BRIEF["robust"], 7.2).passed
+        assert not EVERY[label].outcome(BRIEF["robust"], 3.8, "raised").passed
 
 
 @pytest.mark.parametrize(
@@ -52,24 +39,24 @@ def test_a_tuned_law_that_lifts_ends_stick_slip_on_every_rig_and_keeps_a_margin(
     law = EVERY[gains.label_of(family)]
     for group in ("declared", "robust", "corners"):
         for way in ("direct", "raised"):
-            assert judged(law, BRIEF[group], 4.2, way).passed
-    assert not judged(EVERY[gains.label_of(family.partition(",")[0])], BRIEF["corners"], 4.2).passed  # the same law without the lift
+            assert law.outcome(BRIEF[group], 4.2, way).passed
+    assert not EVERY[gains.label_of(family.partition(",")[0])].outcome(BRIEF["corners"], 4.2).passed  # the same law without the lift
     # at 8.5 rad/s the top swings least while the bit sticks
-    assert judged(law, BRIEF["corners"], 8.5).passed
+    assert law.outcome(BRIEF["corners"], 8.5).passed
     assert gains.margin(gains.FAMILIES[family], gains.stored(family)) > 0.35
 
 
 def test_the_filter_of_the_delivered_lqg_trusts_its_drive_and_leaves_a_light_one_off_its_set_point():
-    light = Group("light", (Rig("drive -20 %", drive=0.8),), (101,), phases=(0.0,))
-    assert not judged(EVERY["LQG"], light, 8.0).passed
-    assert judged(EVERY["LQG, tuned"], light, 8.0).passed
+    light = Group("light", (Machine("drive -20 %", (("chain.inertia.0", 0.8),)),), (101,), phases=(0.0,))
+    assert not EVERY["LQG"].outcome(light, 8.0).passed
+    assert EVERY["LQG, tuned"].outcome(light, 8.0).passed
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("label", ["linear MPC", "nonlinear MPC"])
 @pytest.mark.parametrize("group", ["robust", "corners"])
 def test_predictive_laws_hold_8_rad_s_on_every_rig(label, group):
-    found = judged(EVERY[label], replace(GROUPS[group], phases=(0.0, 0.5), seeds=(101,)), 8.0)
+    found = EVERY[label].outcome(replace(GROUPS[group], phases=(0.0, 0.5), seeds=(101,)), 8.0)
     assert found.passed, found.why
 
 
@@ -85,11 +72,10 @@ def test_a_run_that_sticks_is_off_swings_or_is_at_its_limits_is_no_success():
 
 
 def test_the_groups_are_those_of_the_protocol():
-    assert {name: group.runs for name, group in GROUPS.items()} == {"declared": 8, "real": 160, "robust": 264, "corners": 72, "rocks": 48}
-    assert all(
-        sum(getattr(rig, name) != 1.0 for name in ("drive", "bit", "stiffness", "weight")) + (rig.delay != 0.03) == 1 for rig in SINGLES
-    )
-    assert {(rig.drive, rig.bit, rig.stiffness) for rig in CORNERS} == {(0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8)}
+    runs = {name: group.runs for name, group in GROUPS.items()}
+    assert runs == {"declared": 8, "real": 160, "robust": 264, "corners": 72, "rocks": 48, "weight": 24}
+    assert all(len(each.factors) + (each.late > 0.0) == 1 for each in SINGLES)
+    assert {tuple(factor for _, factor in each.factors) for each in CORNERS} == {(0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8)}
     # what laws are tuned on is not what they are judged on
     assert not set(gains.TUNING.seeds) & {seed for group in GROUPS.values() for seed in group.seeds if group.noise}
     assert not set(gains.TUNING.phases) & set(GROUPS["robust"].phases)
@@ -102,11 +88,12 @@ def test_rocks_agree_at_rest_and_differ_at_the_set_point():
 
 
 def test_every_run_starts_in_the_cycle_of_the_stiff_drive():
-    start, period = cycle(4.0)
+    cycle = EVERY["LQG, tuned"].cycle(4.0)
+    start, period = cycle.start, cycle.period
     assert 5.0 < period < 15.0
     twist, (top, bit) = start["chain.twist"][0], start["chain.speed"]
     assert bit == 0.0 and 473.0 * twist + 23.2 * top == pytest.approx(97_347.0 * 0.155575 * 0.8, rel=1e-6)
-    run = run_of(EVERY["LQG, tuned"], 4.0, Rig("declared"), noise=0.0)
+    run = EVERY["LQG, tuned"].run(Machine("declared"), 4.0, noise=0.0)
     assert run.time_in("bit", "stick", until=period) > 1.0
     assert run.time_in("bit", "stick", after=100.0) == 0.0
 
@@ -141,22 +128,23 @@ def test_the_search_bisects_confirms_three_set_points_above_and_goes_on_above_a_
 
 def test_what_is_known_of_a_law_is_kept_in_a_file_and_a_law_with_other_numbers_is_judged_anew(tmp_path, monkeypatch):
     calls = []
-    monkeypatch.setattr("studies.protocol.judged", lambda *given: (calls.append(given), Outcome(True, "", 8))[1])
+    monkeypatch.setattr(Trial, "outcome", lambda *given: (calls.append(given), Outcome(True, "", 8))[1])
     path = tmp_path / "cells.jsonl"
-    law = Law("PI", lambda reference: PI(reference=reference, **LIMITS))
+    law = trial("PI", PI(**LIMITS))
     first = Cells(path)
     first.outcome(law, GROUPS["declared"], 5.0, "direct")
     first.outcome(law, GROUPS["declared"], 5.0, "direct")
     with path.open("a") as file:
-        file.write('{"key": "cut')  # a write that was interrupted
+        file.write('\n{"key": "cut')  # a write that was interrupted
     again = Cells(path)
     assert again.outcome(law, GROUPS["declared"], 5.0, "direct").passed and len(calls) == 1
-    again.outcome(Law("PI", lambda reference: PI(reference=reference, proportional=900.0, **LIMITS)), GROUPS["declared"], 5.0, "direct")
+    again.outcome(trial("PI", PI(proportional=900.0, **LIMITS)), GROUPS["declared"], 5.0, "direct")
     assert len(calls) == 2
+    assert len(Cells(path).known) == 2  # what was written after the cut is read
 
 
 def test_a_group_stops_at_its_first_failure():
-    found = judged(EVERY["stiff PI"], GROUPS["real"], 5.0)
+    found = EVERY["stiff PI"].outcome(GROUPS["real"], 5.0)
     assert not found.passed and found.runs == 8 and found.why.startswith("weight +10 %, seed 101, phase 0")
 
 
@@ -165,17 +153,7 @@ def test_a_row_and_the_time_of_a_python_law():
     found = row(EVERY["LQG"], (), None)
     assert found.settling < 60.0 and found.ripple < 0.05 and 0.0 < found.step < 1e-3
     assert "LQG" in table([found])
-    assert (
-        0.0
-        < step_time(Law("linear MPC", lambda reference: LinearMPC(reference=reference, delay=0.03, **LIMITS).design(run_plant()), 0.1), 8.0)
-        < 1.0
-    )
-
-
-def run_plant():
-    from studies.protocol import PLANT
-
-    return PLANT
+    assert 0.0 < step_time(trial("linear MPC", LinearMPC(delay=0.03, **LIMITS).design(PLANT), 0.1), 8.0) < 1.0
 
 
 def test_the_picture_shows_every_law_and_where_none_of_its_set_points_holds(tmp_path):

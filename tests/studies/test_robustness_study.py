@@ -54,7 +54,7 @@ def test_a_sliding_mode_on_a_late_filter_swings_for_ever_and_lqg_does_not(found,
     assert set(found[label]) == {0.0}
     swings = []
     for law in (label, "LQG"):
-        sampled = study.Sampled(study.LAWS[law](study.WORKING), study.PERIOD, study.DELAY)
+        sampled = study.Sampled(study.at_set_point(study.LAWS[law], study.WORKING), study.PERIOD, study.DELAY)
         run = simulate(study.PLANT, 100.0, controller=sampled, start=steady_loop(closed_loop(study.PLANT, sampled)).start)
         extent = measure.extent(run, "top.torque", 80.0)
         swings.append((extent.maximum - extent.minimum) / 2)

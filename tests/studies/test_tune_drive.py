@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from controllers import LQG, SlidingMode, SoftTorque
-from studies.protocol import Law, Rig
+from studies.protocol import trial
 from studies.questions import whirl
 from studies.questions.drives import DELAY, LIMITS, NOISE
-from studies.questions.drives import run_of as taken_over
 from studies.questions.tune_drive import (
     HELD,
     LEVELS,
@@ -25,6 +24,7 @@ from studies.questions.tune_drive import (
     settling,
     tuned_pi,
 )
+from toolbox.robustness.groups import Machine
 from toolbox.scenes.cases import Case
 
 
@@ -50,8 +50,8 @@ def test_one_run_tells_the_settling_time_and_the_lowest_set_point_that_is_kept()
 
 def test_a_law_that_takes_over_inside_stick_slip_at_a_constant_set_point_keeps_what_the_steps_tell():
     kept = lowest_set_point(run_of(drill_strings()["97 kN"], measured(SoftTorque(reference=SET_POINT, **LIMITS))))
-    law = Law("soft torque", lambda reference: SoftTorque(reference=reference, **LIMITS))
-    late = {speed: taken_over(law, speed, Rig("declared"), seed=1).time_in("bit", "stick", after=120.0) for speed in (kept, kept - 1.5)}
+    law = trial("soft torque", SoftTorque(**LIMITS))
+    late = {speed: law.run(Machine("declared"), speed, seed=1).time_in("bit", "stick", after=120.0) for speed in (kept, kept - 1.5)}
     assert late[kept] == 0.0
     assert late[kept - 1.5] > 5.0
 

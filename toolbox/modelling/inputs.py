@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import finite_array, number
+from toolbox.arguments import finite_array, number, whole
 from toolbox.errors import SceneError
 from toolbox.files.units import TypedNumber, parse
 
@@ -25,6 +26,7 @@ UNITS: dict[str, dict[str, str]] = {
     "square": {"mean": "", "amplitude": "", "frequency": "Hz", "until": "s"},
     "triangle": {"mean": "", "amplitude": "", "frequency": "Hz", "until": "s"},
     "sweep": {"mean": "", "amplitude": "", "start": "Hz", "end": "Hz", "duration": "s"},
+    "noise": {"mean": "", "deviation": "", "corner": "Hz", "seed": "1"},
 }
 """Units of the numbers of each shape; empty for the unit of the signal."""
 
@@ -89,7 +91,8 @@ class Shape:
 
     def range(self) -> tuple[float, float]:
         """Smallest and largest value."""
-        return self.coefficients[0] - abs(self.coefficients[1]), self.coefficients[0] + abs(self.coefficients[1])
+        most = abs(self.coefficients[1]) * (math.sqrt(2.0 * WAVES) if self.kind == "noise" else 1.0)
+        return self.coefficients[0] - most, self.coefficients[0] + most
 
 
 @dataclass(frozen=True)
@@ -127,8 +130,21 @@ def _typed(shape: Callable[..., Any]) -> Callable[..., Any]:
     return made
 
 
+WAVES, HIGHEST = 24, 5.0
+"""Sines of a noise, and its highest frequency by its corner."""
+
+
+def _waves(t: ca.SX, c: ca.SX) -> ca.SX:
+    """The noise; what is drawn by lot are sines of multiples of irrational numbers, so that the seed is a number like the others, and nothing jumps."""
+    k, draw = ca.SX(np.arange(WAVES)), 2.0 * math.pi * (c[3] + 1.0)
+    band, phase = 0.5 + 0.25 * ca.sin(math.sqrt(2.0) * (k + 1) * draw), math.sqrt(3.0) * (k + 1) ** 2 * draw
+    frequency = c[2] * ca.tan(math.atan(HIGHEST) * (k + band) / WAVES)
+    return c[0] + c[1] * math.sqrt(2.0 / WAVES) * ca.sum1(ca.sin(2.0 * math.pi * frequency * t + phase))
+
+
 _FORMULAS: dict[str, Callable[[ca.SX, ca.SX], ca.SX]] = {
     "sine": lambda t, c: c[0] + c[1] * ca.sin(2 * ca.pi * c[2] * t + c[3]),
+    "noise": _waves,
     "sweep": lambda t, c: c[0] + c[1] * ca.sin(2 * ca.pi * (c[2] + (c[3] - c[2]) * t / (2 * c[4])) * t),
 }
 
@@ -166,6 +182,28 @@ def sweep(mean: float, amplitude: float, start: float, end: float, duration: flo
     """
     number("duration", duration, "s", above=0)
     return Shape("sweep", _checked("sweep", mean, amplitude, start, end, duration))
+
+
+@_typed
+def noise(mean: float, deviation: float, corner: float, seed: float = 0) -> Shape:
+    """Coloured noise: that of a first-order filter with this corner frequency, without what it leaves above five times of that, as a smooth sum of sines.
+
+        mean + deviation sqrt(2 / n) sum over k of sin(2 pi f_k t + phase_k),   n = 24,   f_k somewhere in the k-th of n bands of equal power
+
+    Source: the sum of S. O. Rice, Bell System Tech. J. 23 (1944) 282-332.
+
+    Parameters
+    ----------
+    mean, deviation
+        Mean and standard deviation, in the unit of the input. No value is further from the mean than 7 deviations.
+    corner
+        Frequency [Hz], > 0, from which on the spectrum falls; 57 % of the power lies below it, and none above five times of it.
+    seed
+        Whole number from 0 to a million; another one gives another realisation.
+    """
+    number("corner", corner, "Hz", above=0)
+    whole("seed", int(seed) if seed == round(seed) else seed, 0, 10**6)
+    return Shape("noise", _checked("noise", mean, deviation, corner, seed))
 
 
 @_typed

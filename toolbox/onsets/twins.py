@@ -42,8 +42,8 @@ def twin_growth(run: Run, state: RunState, away: FloatArray, swing: float) -> Gr
             for _ in range(LONGEST_TWIN):
                 exponents, sizes = zip(*[each.on(swing) for each in twins], strict=True)
                 near = max(AGREES * 2 * math.pi / swing, 0.05 * abs(exponents[0].real))
-                linear = abs(sizes[1] * kicks[0] / (sizes[0] * kicks[1]) - 1.0) < 0.1
-                if not linear or sizes[1] > 0.1 or abs(exponents[0].real - exponents[1].real) > near:
+                linear = abs(sizes[1] * kicks[0] - sizes[0] * kicks[1]) < 0.1 * sizes[0] * kicks[1]
+                if not linear or sizes[1] > 0.1 or not abs(exponents[0].real - exponents[1].real) <= near:
                     break
                 found.append(exponents[0])
                 if len(found) > 2 and np.ptp([each.real for each in found[-3:]]) < max(
@@ -80,20 +80,24 @@ class Twins:
 def _exponent(rows: FloatArray, step: float) -> complex:
     """The exponent of the two slowest motions in samples of signals (rows), by the linear map of rank two from each to a later one that fits best.
 
-    The map over a quarter of a swing tells it best, but for whole turns of a fast swing, which the map over a sixteenth counts.
+    The map over a quarter of a swing tells it best, but for whole turns of a fast swing, which the map over a sixteenth counts. Not a number where the two runs
+    came together to the last digit: what was between them is lost.
     """
     late = SAMPLES // 4
     columns = np.hstack([rows[k : len(rows) - 2 * late + k] for k in (0, late, 2 * late)])
-    best, rough = (_slowest(columns, lag) / (lag * step) for lag in (late, late // 4))
+    multipliers = [_slowest(columns, lag) for lag in (late, late // 4)]
+    if 0.0 in multipliers:
+        return complex(math.nan, math.nan)
+    best, rough = (complex(np.log(each)) / (lag * step) for each, lag in zip(multipliers, (late, late // 4), strict=True))
     turns = 2 * math.pi / (late * step)
     same = (sign * best.imag + turns * round((rough.imag - sign * best.imag) / turns) for sign in (1, -1))
     return complex(best.real, min(same, key=lambda each: abs(each - rough.imag)))
 
 
 def _slowest(columns: FloatArray, lag: int) -> complex:
-    """The logarithm of the largest multiplier of the map from each row to a later one."""
+    """The largest multiplier of the map from each row to a later one; 0 where nothing is left in either."""
     now, following = columns[:-lag].T, columns[lag:].T
     u, s, v = np.linalg.svd(now, full_matrices=False)
-    kept = max(1, min(2, int((s > 1e-10 * s[0]).sum())))
+    kept = min(2, int((s > 1e-10 * s[0]).sum()))
     multipliers = np.linalg.eigvals(u[:, :kept].T @ following @ v[:kept].T / s[:kept])
-    return complex(np.log(max(multipliers.astype(complex), key=lambda each: (abs(each), each.imag))))
+    return complex(max([0.0, *multipliers.astype(complex)], key=lambda each: (abs(each), each.imag)))

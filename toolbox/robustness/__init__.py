@@ -6,7 +6,13 @@ from toolbox.faces import face
 
 if TYPE_CHECKING:
     from toolbox.robustness.absorber import absorber_limit as absorber_limit
+    from toolbox.robustness.groups import Group as Group
+    from toolbox.robustness.groups import Machine as Machine
+    from toolbox.robustness.groups import Varying as Varying
+    from toolbox.robustness.groups import machine_groups as machine_groups
     from toolbox.robustness.limits import performance_limit as performance_limit
+    from toolbox.robustness.lowest_set_point import Held as Held
+    from toolbox.robustness.lowest_set_point import LowestSetPoints as LowestSetPoints
     from toolbox.robustness.margins import Margins as Margins
     from toolbox.robustness.worst_case import WorstCase as WorstCase
     from toolbox.robustness.worst_case import cycle_phases as cycle_phases

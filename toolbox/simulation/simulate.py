@@ -52,7 +52,7 @@ def simulate(
         what is on its way to the plant, so that the pieces are one run; inputs are those of that time, and `run.time` begins there.
     inputs
         Inputs {signal, or parameter of the plant that changes in time: value}. A value is a number, a table (times, values), a shape of `toolbox.inputs`
-        (`step`, `ramp`, `sine`, `square`, `triangle`, `inputs.sweep`), or a casadi expression of `toolbox.time`.
+        (`step`, `ramp`, `sine`, `noise`, `square`, `triangle`, `inputs.sweep`), or a casadi expression of `toolbox.time`.
     parameters
         Parameters {name: value} for this run only, of the plant or of a law; the controller keeps the design on the declared values of the plant.
     controller

@@ -1,0 +1,154 @@
+"""The lowest set-point of a law: found where runs of its own show it, kept, resumed, told, and refused where the question makes no sense."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from controllers import PI, Lifting, SoftTorque, StiffPI
+from models import BitRock, BlockOnBelt, Coulomb, wells
+from toolbox import Sampled, SceneError, closed_loop, compose, lowest_set_point, onset, simulate
+from toolbox.commands.command_line import main
+from toolbox.modelling import Takeover
+from toolbox.robustness import Group, LowestSetPoints, Machine, Varying, machine_groups
+from toolbox.robustness.lowest_set_point import borders
+from toolbox.robustness.set_points import Trial
+
+PLANT = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+LOOP = closed_loop(PLANT, Sampled(SoftTorque(), "10 ms", delay="30 ms"))
+BRIEF = Group("declared", (Machine("declared"),), noise=0.0, phases=(0.0, 0.5))
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    path = tmp_path_factory.mktemp("known") / "cells.jsonl"
+    said: list[str] = []
+    return lowest_set_point(
+        LOOP, StiffPI(), [BRIEF], ways=["direct"], between=("62 rpm", "110 rpm"), step="4 rpm", known=path, say=said.append
+    ), path, said  # fmt: skip
+
+
+def test_the_border_is_that_of_runs_of_ones_own(found):
+    held = found[0]["SoftTorque", "declared"]
+    trial = Trial(LOOP, StiffPI())
+    for speed, ends in ((held.speed, True), (held.speed - 4 * np.pi / 30, False)):
+        stuck = []
+        for phase in BRIEF.phases:
+            at = trial.takeover(speed, phase)
+            both = Takeover(StiffPI(reference=speed), SoftTorque(reference=speed), at=at)
+            run = simulate(closed_loop(PLANT, Sampled(both, 0.01, 0.03), start=trial.cycle(speed).start), 180.0)
+            assert run.time_in("bit", "stick", until=at) > 1.0  # there is something to be ended
+            stuck.append(run.time_in("bit", "stick", after=120.0))
+        assert (max(stuck) == 0.0) == ends
+    assert held.margin == held.margin_declared > 0.0 and held.recovery > 0.0 and held.fastest > held.speed and np.isnan(held.lifts)
+
+
+def test_the_table_tells_what_was_asked_in_the_units_typed_and_survives_a_file(found, tmp_path):
+    result, _, _ = found
+    text = str(result)
+    assert text.startswith("Lowest set-points at which a law ends the stick-slip under StiffPI (62 to 110 rpm, steps of 4 rpm)")
+    assert "lowest [rpm]" in text and f"{result['SoftTorque', 'declared'].speed * 30 / np.pi:.3g}" in text
+    assert repr(LowestSetPoints.load(result.save(tmp_path / "found.npz"))) == repr(result)
+    lines = result.save(tmp_path / "found.csv").read_text().splitlines()
+    assert lines[0].startswith("law,group,way,speed,why") and lines[1].startswith("SoftTorque,declared,direct,")
+    with pytest.raises(SceneError, match="declared"):
+        result["SoftTorque", "declard"]
+    assert result.plot().get_xlabel().startswith("lowest set-point [rpm]")
+
+
+def test_what_is_known_is_not_asked_again_and_another_machine_is(found, monkeypatch):
+    result, path, said = found
+    monkeypatch.setattr(Trial, "outcome", lambda *given: pytest.fail("it is known"))
+    again = lowest_set_point(LOOP, StiffPI(), [BRIEF], ways=["direct"], between=("62 rpm", "110 rpm"), step="4 rpm", known=path)
+    assert repr(again) == repr(result) and len([json.loads(line) for line in path.read_text().split("\n") if line]) == len(said)
+    later = LOOP.with_laws([Sampled(SoftTorque(), "10 ms", delay="20 ms")])
+    keys = {
+        json.dumps(Trial(loop, before).key(5.0))
+        for loop, before in (
+            (LOOP, StiffPI()), (LOOP.at("bit.weight", 9e4), StiffPI()), (LOOP, PI()), (later, StiffPI()),
+            (closed_loop(PLANT, Sampled(SoftTorque(detuning=0.9), 0.01, 0.03)), StiffPI()),
+        )
+    }  # fmt: skip
+    assert len(keys) == 5
+
+
+@pytest.mark.parametrize("speed", [3.6, 4.4])
+def test_smooth_running_that_grows_is_no_success_however_calm_the_window(speed):
+    """The same border as that of `onset`, which follows smooth running to where it is lost."""
+    loop = closed_loop(PLANT, PI(), sample_time=0.01)
+    lost = onset(loop, "top.reference", (3.5, 4.5), values=3, tolerance=0.1).loss
+    assert 3.6 < lost < 4.4
+    grows = Trial(loop, StiffPI()).growing([Machine("declared")], speed)
+    assert bool(grows) == (speed < lost)
+    assert "grows" in grows or not grows
+
+
+def test_a_machine_of_a_group_has_its_numbers_its_delay_and_its_weight_in_time():
+    groups = machine_groups(LOOP)
+    assert list(groups) == ["declared", "real", "robust", "corners", "rocks", "weight"]
+    trial = Trial(LOOP, StiffPI())
+    heavy = next(each for each in groups["robust"].machines if each.name == "weight +20 %")
+    assert trial.steady(heavy, 6.0).number("bit.weight").value == pytest.approx(1.2 * 97_347.0)
+    late = next(each for each in groups["robust"].machines if each.late)
+    assert trial.steady(late, 6.0).laws[0].delay == pytest.approx(0.06)
+    loop, _ = trial.takes_over(Machine("noise", weight=Varying(0.05, 0.2, noise=True)), groups["weight"], 6.0, "direct", 101, 20.0)
+    weight = simulate(loop, 300.0).at(np.arange(0.0, 300.0, 0.5))["bit.weight"]
+    assert weight.mean() == pytest.approx(97_347.0, rel=0.01) and weight.std() == pytest.approx(0.05 * 97_347.0, rel=0.1)
+    assert "rocks" not in machine_groups(compose(wells.JANSEN_2, BitRock(friction=Coulomb(0.8, 0.5))))
+
+
+def test_a_group_stops_where_nothing_holds_and_says_why(monkeypatch):
+    trial = Trial(LOOP, StiffPI())
+    found = borders(trial, [BRIEF], ["direct"], higher=3.0, lower=2.0, step=0.5)
+    held = found["declared", "direct"]
+    assert np.isnan(held.speed) and held.why.startswith("declared, seed 0, phase 0: stuck")
+
+
+def test_lifts_are_counted_and_their_price_is_told():
+    group = dataclasses.replace(BRIEF, phases=(0.0,))
+    outcome = Trial(closed_loop(PLANT, Sampled(Lifting(SoftTorque()), 0.01, 0.03)), StiffPI()).outcome(group, 5.0)
+    assert outcome.passed and outcome.lifts >= 1.0 and 10.0 < outcome.recovery < 80.0 and outcome.above == 0.0
+    assert outcome.fastest > 10.0 and outcome.torque > 1e4
+
+
+@pytest.mark.parametrize(
+    ("loop", "arguments", "words"),
+    [
+        (closed_loop(PLANT, SoftTorque()), {}, "one sampled law that drives `top.torque`"),
+        (closed_loop(PLANT), {}, "one sampled law"),
+        (LOOP, {"groups": ["robus"]}, "There is no group `robus`: did you mean `robust`"),
+        (LOOP, {"ways": ["straight"]}, "There is no way `straight`"),
+        (LOOP, {"step": -1.0}, "step"),
+        (LOOP, {"between": (5.0, 4.0)}, "between"),
+        (LOOP.with_parameters({"pi.proportional": 400.0}), {}, "must be given to the law itself"),
+        (closed_loop(compose(BlockOnBelt())), {}, "one sampled law that drives `top.torque`"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_by_name(loop, arguments, words):
+    with pytest.raises(SceneError, match=words):
+        lowest_set_point(loop, StiffPI(), **arguments)
+
+
+def test_the_command_writes_the_table_and_goes_on_where_it_was(tmp_path, capsys):
+    call = [
+        "drives",
+        "studies/scenes/jansen_2.toml",
+        "--controller",
+        "softer PI, 100 Hz",
+        "--controller",
+        "constant torque",
+        "--group",
+        "declared",
+    ]
+    call += ["--way", "direct", "--from", "80 rpm", "--to", "120 rpm", "--step", "20 rpm", "--out", str(tmp_path / "drives")]
+    assert main(call) == 0
+    out, progress = capsys.readouterr()
+    assert "under stiff PI" in out and "lowest [rpm]" in out and "`constant torque` must be one law" in out
+    assert "softer PI, 100 Hz, declared, direct, 100 rpm: holds" in progress
+    assert {each.name for each in (tmp_path / "drives").iterdir()} == {"drives.txt", "drives.csv", "drives.png", "cells.jsonl"}
+    assert main(call) == 0
+    again, progress = capsys.readouterr()
+    assert again == out and progress == ""

@@ -1,0 +1,109 @@
+"""stickslip drives: the lowest set-point at which every law of a scene ends stick-slip, on the declared machine and on others."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from typing import Any
+
+from toolbox.arguments import number
+from toolbox.commands import figures
+from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain
+from toolbox.errors import SceneError, SimulationError
+from toolbox.files.atomic import whole_folder
+
+FILES = ("drives.txt", "drives.csv", "drives.png")
+
+GOES_ON = "interrupted; the same call goes on from here."
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip drives`."""
+    from toolbox.robustness.groups import NAMES
+    from toolbox.robustness.set_points import WAYS
+
+    table = commands.add_parser(
+        "drives",
+        parents=[common("folder for table, figure and what is known of single set-points; that of an interrupted search is continued")],
+        help="lowest set-point at which every controller of a drill string ends stick-slip, on this machine and on others",
+        description="One controller of a scene has the string in stick-slip; every other one takes over from it, on the declared machine, with noise, with "
+        "errors of the model, with other rocks and under a weight that varies. Printed is the lowest set-point at which it ends the stick-slip and keeps it "
+        "ended for half an hour, with the disk margin there, what the recovery costs, and what fails below.",
+        epilog="example: stickslip drives studies/scenes/jansen_2.toml --before 'stiff PI' --controller 'soft torque' --group declared --group robust "
+        "--from '15 rpm' --to '120 rpm' --step '1 rpm' --out drives",
+    )
+    table.add_argument(
+        "--before", metavar="LABEL", help="the controller whose stick-slip is taken over; the first law of the scene without"
+    )
+    table.add_argument(
+        "--group", action="append", choices=NAMES, metavar="NAME", help=f"only this one of: {', '.join(NAMES)}; may be repeated"
+    )
+    table.add_argument("--way", action="append", choices=WAYS, metavar="WAY", help=f"only this one of: {', '.join(WAYS)}; may be repeated")
+    table.add_argument(
+        "--from", dest="low", default="1.5", metavar="LOW", help="begin of the range of set-points: rad/s, or such as '15 rpm' (1.5)"
+    )
+    table.add_argument("--to", dest="high", default="14", metavar="HIGH", help="end of the range (14)")
+    table.add_argument("--step", default="0.1", metavar="X", help="distance of the set-points that are tried (0.1)")
+    table.add_argument("--sample-time", default="10 ms", metavar="T", help="of controllers for which the scene says none ('10 ms')")
+    table.add_argument("--delay", default="30 ms", metavar="T", help="of these ('30 ms')")
+    table.set_defaults(action=run, spelled={"between": "--from` and `--to"}, words=lambda given: GOES_ON if given.out else "interrupted.")
+
+
+def run(given: argparse.Namespace) -> int:
+    """Find the lowest set-points. Returns the exit code."""
+    from toolbox.modelling.laws import Sampled
+    from toolbox.robustness.groups import NAMES
+    from toolbox.robustness.lowest_set_point import LowestSetPoints, lowest_set_point
+    from toolbox.robustness.set_points import WAYS
+    from toolbox.scenes.scene import Scene
+    from toolbox.sweeps.store import folder_of
+
+    scene = Scene.load(given.scene)
+    first = scene.case(given.before or next((each for each in scene.labels if len(scene[each].laws) == 1), scene.labels[0])).label
+    labels = [scene.case(label).label for label in given.controller or [each for each in scene.labels if each != first]]
+    period, delay = number("--sample-time", plain(given.sample_time), "s", above=0), number("--delay", plain(given.delay), "s", at_least=0)
+
+    def law_of(label: str) -> Any:
+        laws = scene[label].laws
+        if len(laws) != 1:
+            raise SceneError(f"Controller `{label}` must be one law of `top.torque` to take part, but it has {len(laws)}.")
+        return laws[0]
+
+    drive = law_of(first)
+    before: Any = drive.law if isinstance(drive, Sampled) else drive
+    found: LowestSetPoints | None = None
+    failures: dict[str, Exception] = {}
+    if given.out:
+        folder_of(given.out)
+    for label in labels:
+        try:
+            law = law_of(label)
+            loop = scene[label].with_laws([law if isinstance(law, Sampled) else Sampled(law, period, delay)])
+            one = lowest_set_point(
+                replace(loop, label=label),
+                before,
+                given.group or NAMES,
+                ways=given.way or WAYS,
+                between=(plain(given.low), plain(given.high)),
+                step=plain(given.step),
+                known=given.out / "cells.jsonl" if given.out else None,
+                say=lambda line: print(line, file=sys.stderr, flush=True),
+            )
+        except (SceneError, SimulationError) as error:
+            failures[label] = error
+            continue
+        found = replace(one, before=first) if found is None else found.joined(one)
+    check_some(failures, labels)
+    text = "\n".join([scene.title, *([str(found)] if found else []), *(f"{label}: {error}" for label, error in failures.items())]) + "\n"
+    if given.out and found is not None:
+        with whole_folder(
+            given.out, drawn_as(FILES, given.format), earlier("drives.txt", "Lowest set-points at which", FILES), last=False
+        ) as made:
+            (made / "drives.txt").write_text(text, encoding="utf-8")
+            found.save(made / "drives.csv")
+            figures.draw_found(found, scene.title, made / f"drives.{given.format}")
+    print(text, end="")
+    if given.out:
+        print(f"\nTable, figure and what is known of single set-points are in {given.out}")
+    return 0 if found is not None else 1

@@ -1,0 +1,134 @@
+"""Groups of machines that a law of a drill string has to do well on, beside the declared one: other numbers, later commands, a weight that varies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from toolbox.errors import SceneError
+from toolbox.modelling import inputs as shapes
+from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
+from toolbox.modelling.hybrid_system import HybridSystem
+
+NAMES = ("declared", "real", "robust", "corners", "rocks", "weight")
+"""Names of the groups of a drill string."""
+LASTING, FEW, SEEN = 1800.0, 2, 3
+"""Judged window [s] of the runs that confirm a set-point, and the most phases and seeds of them."""
+
+
+@dataclass(frozen=True)
+class Varying:
+    """A weight that varies about its mean: a sine of that size (in parts of the mean) and frequency [Hz], or noise of that deviation with a corner there."""
+
+    size: float
+    frequency: float
+    noise: bool = False
+
+    def input(self, mean: float, seed: int) -> Any:
+        """The weight over time."""
+        varied = (mean, self.size * mean, self.frequency)
+        return shapes.noise(*varied, seed=seed) if self.noise else shapes.sine(*varied)
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A machine beside the declared one.
+
+    factors: ((number of the loop, factor of its declared value), ...).  late: by how much commands come later than declared [s].
+    plant: another plant, with the same names, in place of the declared one.  weight: how the weight varies.
+    """
+
+    name: str
+    factors: tuple[tuple[str, float], ...] = ()
+    late: float = 0.0
+    plant: HybridSystem | None = field(default=None, repr=False)
+    weight: Varying | None = None
+
+
+@dataclass(frozen=True)
+class Group:
+    """Machines that a law must do well on, with seeds of the noise and phases of the cycle (in parts of its period) at which it takes over.
+
+    noise: standard deviation of the measured top speed [rad/s], 0 for none.  judged: length of the judged window [s].
+    """
+
+    name: str
+    machines: tuple[Machine, ...]
+    seeds: tuple[int, ...] = (0,)
+    noise: float = 0.01
+    phases: tuple[float, ...] = tuple(k / 8 for k in range(8))
+    judged: float = 80.0
+
+    @property
+    def runs(self) -> int:
+        """Number of runs at one set-point."""
+        return len(self.machines) * len(self.seeds) * len(self.phases)
+
+    @property
+    def lasting(self) -> Group:
+        """The same machines with few phases and seeds for half an hour."""
+        chosen = self.phases[:: max(1, len(self.phases) // FEW)][:FEW]
+        return replace(self, seeds=self.seeds[:SEEN], phases=chosen, judged=LASTING)
+
+
+WEIGHTS = (
+    Varying(0.02, 0.2, noise=True),
+    Varying(0.05, 0.2, noise=True),
+    Varying(0.05, 0.17),
+    Varying(0.1, 0.1),
+)
+"""Weights that vary: 2 and 5 % rms with a corner at 0.2 Hz, 5 % at the frequency of a string of 2 km, a heave of 10 % every ten seconds."""
+
+
+def machine_groups(
+    machine: ClosedLoop | HybridSystem, noise: float = 0.01, late: float = 0.03, seeds: Sequence[int] = tuple(range(101, 121))
+) -> dict[str, Group]:
+    """Groups of machines for a drill string with a chain of inertias and a rock, by name.
+
+        declared   as declared, no noise
+        real       weight + 10 %, noise, all seeds
+        robust     one error at a time: inertia of the drive +-10 and +-20 %, inertia below it, stiffness and weight +-20 %, commands later; 3 seeds
+        corners    (drive, below, stiffness) = (.8, 1.2, .8), (1.2, .8, 1.2), (.8, .8, .8); 3 seeds
+        rocks      half the decay of the friction with speed; 3 seeds; only for a rock with an exponential law
+        weight     a weight that varies in time: `WEIGHTS`, 3 seeds, 2 phases, judged for 600 s
+
+    noise: of the measured top speed [rad/s].  late: by how much commands come later than declared [s] on one of the robust machines.
+    """
+    names = list((machine if isinstance(machine, ClosedLoop) else closed_loop(machine)).bare.numbers())
+
+    def entries(name: str) -> list[str]:
+        return [each for each in names if each.rpartition(".")[0] == name]
+
+    places = {"drive": entries("chain.inertia")[:1], "bit": entries("chain.inertia")[1:], "stiffness": entries("chain.stiffness")}
+    places["weight"] = ["bit.weight"] if "bit.weight" in names else []
+    for word, found in places.items():
+        if not found:
+            raise SceneError(
+                f"The machines beside a declared one are those of a drill string with a chain of inertias and a rock, but its {word} is not known."
+            )
+
+    def other(name: str, late: float = 0.0, **factors: float) -> Machine:
+        return Machine(name, tuple((place, factor) for word, factor in factors.items() for place in places[word]), late)
+
+    singles = [other(f"drive {100 * (each - 1):+.0f} %", drive=each) for each in (0.8, 0.9, 1.1, 1.2)]
+    singles += [
+        other(f"{word} {100 * (each - 1):+.0f} %", **{word: each}) for word in ("bit", "stiffness", "weight") for each in (0.8, 1.2)
+    ]
+    corners = [
+        other(f"drive {a:g}, bit {b:g}, stiffness {c:g}", drive=a, bit=b, stiffness=c)
+        for a, b, c in ((0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8))
+    ]
+    groups = [
+        Group("declared", (Machine("declared"),), noise=0.0),
+        Group("real", (other("weight +10 %", weight=1.1),), tuple(seeds), noise),
+        Group("robust", (*singles, other(f"commands {1e3 * late:.0f} ms later", late)), tuple(seeds[:3]), noise),
+        Group("corners", tuple(corners), tuple(seeds[:3]), noise),
+    ]
+    if "bit.friction.decay" in names:
+        groups.append(Group("rocks", (Machine("half the decay", (("bit.friction.decay", 0.5),)),), tuple(seeds[:3]), noise))
+    varying = tuple(
+        Machine(f"weight {'noise' if each.noise else 'sine'} {100 * each.size:g} %, {each.frequency:g} Hz", weight=each) for each in WEIGHTS
+    )
+    groups.append(Group("weight", varying, tuple(seeds[:3]), noise, (0.0, 0.5), 600.0))
+    return {group.name: group for group in groups}

@@ -1,0 +1,338 @@
+"""The lowest set-point that a law of a drill string holds: on the declared machine, on others, under a weight that varies, for half an hour.
+
+How a law is tried at a set-point is told in `toolbox.robustness.set_points`, on which machines in `toolbox.robustness.groups`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from toolbox.arguments import checked_range, number, numbers
+from toolbox.errors import SceneError, suggest
+from toolbox.files import tables
+from toolbox.files.printing import columns
+from toolbox.files.results import Result
+from toolbox.files.unit_systems import asked_in, reading
+from toolbox.files.units import NumberOrText
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.laws import Controller
+from toolbox.robustness.groups import LASTING, NAMES, Group, machine_groups
+from toolbox.robustness.set_points import WAYS, Outcome, Trial
+
+ABOVE = (0.3, 0.8, 2.0)
+"""How far above a border [rad/s] it is confirmed."""
+HELP = 0.5
+"""How far below the border of the declared machine [rad/s] those of others are looked for."""
+
+
+class Cells:
+    """Outcomes that are known, kept in a file of JSON lines, so that a search that was stopped goes on where it was.
+
+    path: of the file, or None for none.  A line that was not finished is left out. The machine and the numbers of the laws are part of the key: another law of
+    the same label is judged anew.  say: called with a line of text for each new outcome;  asked: {unit: unit in which it tells}.
+    """
+
+    def __init__(self, path: Path | None = None, say: Callable[[str], None] | None = None, asked: Mapping[str, str] | None = None):
+        self.path, self.say, self.asked = path, say, asked
+        self.known: dict[str, Outcome] = {}
+        if path is not None and path.exists():
+            for line in path.read_text(encoding="utf-8").splitlines():
+                try:
+                    row = json.loads(line)
+                    key = row.pop("key")
+                    self.known[key] = Outcome(**row)
+                except (json.JSONDecodeError, KeyError, TypeError, AttributeError):
+                    continue
+
+    def outcome(self, trial: Trial, group: Group, reference: float, way: str) -> Outcome:
+        """The outcome at a set-point, known or new."""
+        key = json.dumps([trial.key(reference), repr(group), way, reference])
+        if key not in self.known:
+            found = trial.outcome(group, reference, way)
+            self.known[key] = found
+            if self.path is not None:
+                with self.path.open("a", encoding="utf-8") as file:
+                    file.write("\n" + json.dumps({"key": key, **dataclasses.asdict(found)}))
+            if self.say is not None:
+                lasts = f" for {group.judged:g} s" if group.judged >= LASTING else ""
+                said = f"holds{lasts}" if found.passed else f"fails: {found.why}"
+                factor, unit = reading("rad/s", self.asked)
+                self.say(f"{trial.label}, {group.name}, {way}, {reference * factor:.4g} {unit}: {said}")
+        return self.known[key]
+
+
+@dataclass(frozen=True)
+class Held:
+    """The lowest set-point that a law holds on a group of machines, and what it costs there.
+
+    Attributes
+    ----------
+    speed
+        Lowest set-point [rad/s]; nan where none is held.
+    why
+        Which run fails one step below it.
+    above
+        Largest share of half an hour after the recovery with the top 10 % above what is asked [1].
+    recovery
+        Longest time before that with the top so far above [s]; of a raised set-point that includes the raising.
+    fastest, torque
+        Highest speed of the bit [rad/s] and highest torque of the drive [N m] after the takeover.
+    lifts
+        Most lifts in half an hour, for a law that lifts its set-point.
+    margin, margin_declared
+        Smallest disk margin over the machines of the group, and that of the declared one, at that set-point [1]; nan for a law without a slope.
+    weakest
+        The machine with the smallest.
+    """
+
+    speed: float
+    why: str
+    above: float = math.nan
+    recovery: float = math.nan
+    fastest: float = math.nan
+    torque: float = math.nan
+    lifts: float = math.nan
+    margin: float = math.nan
+    margin_declared: float = math.nan
+    weakest: str = ""
+
+
+def lowest(
+    trial: Trial,
+    group: Group,
+    way: str = "direct",
+    cells: Cells | None = None,
+    lower: float = 1.5,
+    higher: float = 14.0,
+    step: float = 0.1,
+    lasts: bool = True,
+) -> Held:
+    """The lowest set-point by bisection between `lower` (taken to fail) and `higher`, confirmed at three above it and, with `lasts`, for half an hour.
+
+    Where one of these fails, the search goes on above it: what is given is the lowest from which on nothing that was tried failed. All in rad/s.
+    """
+    cells = cells or Cells()
+
+    def fails(k: int, chosen: Group = group) -> str:
+        found = cells.outcome(trial, chosen, round(k * step, 6), way)
+        return "" if found.passed else found.why
+
+    low, high = round(lower / step), round(higher / step)
+    top = high
+    why = fails(high)
+    if why:
+        return Held(math.nan, why)
+    below = "not tried below"
+    while True:
+        while high - low > 1:
+            middle = (low + high) // 2
+            said = fails(middle)
+            low, high, below = (middle, high, said) if said else (low, middle, below)
+        above = sorted({min(high + round(each / step), top) for each in ABOVE})
+        broken = [(k, said) for k in above if (said := fails(k))]
+        if broken:
+            low, below = broken[-1]
+            high = top
+        elif lasts and (said := fails(high, group.lasting)):
+            low, below = high, f"{said} within half an hour"
+            if high == top:
+                return Held(math.nan, below)
+            high += 1
+            while high < top and (said := fails(high)):
+                low, below, high = high, said, high + 1
+        else:
+            speed = round(high * step, 6)
+            found = cells.outcome(trial, group.lasting if lasts else group, speed, way)
+            declared, margin, weakest = trial.disk_margins(group.machines, speed)
+            return Held(speed, below, found.above, found.recovery, found.fastest, found.torque, found.lifts, margin, declared, weakest)
+
+
+def borders(
+    trial: Trial, groups: Sequence[Group], ways: Sequence[str] = WAYS, cells: Cells | None = None, lower: float = 1.5, **searched: Any
+) -> dict[tuple[str, str], Held]:
+    """{(group, way): the lowest set-point}; noise and errors are not expected to help by more than `HELP`. searched: further arguments of `lowest`."""
+    found: dict[tuple[str, str], Held] = {}
+    for group in groups:
+        for way in ways:
+            known = found["declared", way].speed if ("declared", way) in found else math.nan
+            low = lower if math.isnan(known) else max(known - HELP, lower)
+            found[group.name, way] = lowest(trial, group, way, cells, low, **searched)
+    return found
+
+
+@dataclass(frozen=True)
+class LowestSetPoints(Result):
+    """Lowest set-points of laws on groups of machines: `print(found)` shows the table, `found["soft torque", "robust"].speed` is one of it.
+
+    Attributes
+    ----------
+    before
+        The drive that the laws take over from.
+    entries
+        {(label of the law, name of the group, way): `Held`}.
+    between, step
+        Set-points that were searched [rad/s].
+    asked
+        {unit: unit in which it was typed}.
+    """
+
+    before: str
+    entries: dict[tuple[str, ...], Held]
+    between: tuple[float, float]
+    step: float
+    asked: Mapping[str, str] = field(default_factory=dict)
+
+    def __getitem__(self, key: tuple[str, ...]) -> Held:
+        """The entry of (label, group) or (label, group, way); the way is direct where none is given."""
+        key = key if len(key) == 3 else (*key, WAYS[0])
+        for word, each, place in zip(("law", "group", "way"), key, range(3), strict=True):
+            known = list(dict.fromkeys(name[place] for name in self.entries))
+            if each not in known:
+                raise SceneError(f"There is no {word} `{each}` in this result: {suggest(each, known)}")
+        return self.entries[key]
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """The table as text."""
+        speed, torque = reading("rad/s", self.asked), reading("N m", self.asked)
+        heads = ("law", "group", "way", f"lowest [{speed.unit}]", "disk margin", "declared", "above", "recovery", f"bit [{speed.unit}]")
+        lines: list[tuple[str, ...]] = [(*heads, f"torque [{torque.unit}]", "lifts", "what fails below")]
+        for key, each in self.entries.items():
+            said = [
+                _told(each.speed * speed.factor, ".3g"), _told(each.margin, ".2f"), _told(each.margin_declared, ".2f"),
+                _told(100.0 * each.above, ".1f", " %"), _told(each.recovery, ".0f", " s"), _told(each.fastest * speed.factor, ".3g"),
+                _told(each.torque * torque.factor, ".3g"), _told(each.lifts, ".0f"),
+            ]  # fmt: skip
+            lines.append((*key, *said, each.why))
+        return lines
+
+    def __str__(self) -> str:
+        factor, unit = reading("rad/s", self.asked)
+        low, high, step = (f"{value * factor:.3g}" for value in (*self.between, self.step))
+        title = f"Lowest set-points at which a law ends the stick-slip under {self.before} ({low} to {high} {unit}, steps of {step} {unit})"
+        return "\n".join([title, *columns(self.rows, left=(0, 1, 2, 11))])
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the table as CSV in SI units, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Returns
+        -------
+        Path
+            The same path.
+        """
+        names = [each.name for each in dataclasses.fields(Held)]
+        return tables.write(
+            path, ["law", "group", "way", *names], [[*key, *map(vars(each).get, names)] for key, each in self.entries.items()]
+        )
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the lowest set-points of every law on every group, direct takeovers filled and raised ones open; returns the axes.
+
+        Parameters
+        ----------
+        axes
+            Axes to draw into; a figure of its own by default.
+        """
+        from toolbox.robustness.figures import set_point_diagram
+
+        factor, unit = reading("rad/s", self.asked)
+        rows = [(label, group, way, each.speed * factor) for (label, group, way), each in self.entries.items()]
+        return set_point_diagram(rows, self.between[1] * factor, unit, axes)
+
+    def joined(self, other: LowestSetPoints) -> LowestSetPoints:
+        """The entries of both, in this order."""
+        return dataclasses.replace(self, entries={**self.entries, **other.entries})
+
+
+def _told(value: float, form: str, unit: str = "") -> str:
+    return "-" if math.isnan(value) else f"{value:{form}}{unit}"
+
+
+@takes_loop
+def lowest_set_point(
+    loop: ClosedLoop,
+    before: Controller,
+    groups: Sequence[str | Group] = NAMES,
+    *,
+    ways: Sequence[str] = WAYS,
+    between: tuple[NumberOrText, NumberOrText] = (1.5, 14.0),
+    step: NumberOrText = 0.1,
+    later: NumberOrText = 0.03,
+    lasts: bool = True,
+    known: str | Path | None = None,
+    say: Callable[[str], None] | None = None,
+) -> LowestSetPoints:
+    """Find the lowest set-point at which a law ends a stick-slip that exists, and keeps it ended, on the declared drill string and on others.
+
+    A drive before it has the string in stick-slip at the set-point; the law takes over at 8 phases of that cycle, with the set-point as it is (direct) or
+    while it is lifted to 12 rad/s and lowered again (raised). It succeeds where, 80 s later, the bit does not stick, turns as fast as asked within 2 %,
+    and the torque neither swings nor stays at a limit. The border is found by bisection, confirmed at three set-points above it, and at it for half an
+    hour, where smooth running moreover must be stable on every machine of the group.
+
+    Parameters
+    ----------
+    loop
+        A drill string with a chain of inertias and a rock, and one sampled law of `top.torque`. The law is designed on it at every set-point anew.
+    before
+        The law whose stick-slip is taken over, such as `StiffPI()`; its `reference` follows the set-point.
+    groups
+        Names of groups, or groups of your own: `declared` (without noise), `real` (weight + 10 %, 20 seeds of noise), `robust` (one error of 10 and 20 % at a
+        time, and late commands), `corners` (three errors at once), `rocks` (half the decay of the friction with speed), `weight` (noise of 2 and 5 %, a sine of
+        5 % at 0.17 Hz, a heave of 10 % at 0.1 Hz). The noise is that of the loop on `top.speed`, or 0.01 rad/s. `rocks` is left out for another friction law.
+    ways
+        `direct`, `raised` or both.
+    between, step
+        Range of set-points that is searched [rad/s], and the distance of its grid.
+    later
+        By how much commands come later on one of the robust machines [s].
+    lasts
+        Whether a border is confirmed for half an hour.
+    known
+        Path of a file (JSON lines) in which the outcomes of single set-points are kept, so that a search that was stopped goes on.
+    say
+        Called with a line of text for every new outcome.
+
+    Returns
+    -------
+    LowestSetPoints
+        The border of each group and way, what fails below it, the disk margins at it and what the recovery costs.
+
+    Raises
+    ------
+    SceneError
+        If the loop is no drill string with one sampled law, a group or a way is unknown, or a number is none.
+
+    Notes
+    -----
+    The figures hold for the machine, the noise and the seeds that are declared. A law in Python begins at rest, and costs hundreds of times as much.
+    """
+    trial = Trial(loop, before)
+    typed = numbers("between", between, "rad/s")
+    low, high = checked_range(typed, "between", "rad/s")
+    asked = {"rad/s": asked_in(typed, "rad/s")}
+    grid = number("step", step, "rad/s", above=0)
+    noise = dict(trial.clock.noise).get("top.speed", 0.01)
+    every = machine_groups(loop, noise, number("later", later, "s", at_least=0))
+    chosen = []
+    for each in groups:
+        if isinstance(each, str) and each not in NAMES:
+            raise SceneError(f"There is no group `{each}`: {suggest(each, NAMES)}")
+        chosen += [each] if isinstance(each, Group) else [every[each]] if each in every else []
+    for way in ways:
+        if way not in WAYS:
+            raise SceneError(f"There is no way `{way}` of taking over: {suggest(way, WAYS)}")
+    cells = Cells(None if known is None else Path(known), say, asked)
+    found = borders(trial, chosen, ways, cells, low, higher=high, step=grid, lasts=lasts)
+    entries: dict[tuple[str, ...], Held] = {(trial.label, *key): each for key, each in found.items()}
+    return LowestSetPoints(type(before).__name__, entries, (low, high), grid, asked)

@@ -1,0 +1,382 @@
+"""How a law of a drill string is tried at a set-point: another drive has the string in stick-slip, and the law takes over at some phases of that cycle.
+
+Two ways of starting:
+
+    direct   the set-point stays
+    raised   the set-point is lifted to 12 rad/s, held for 40 s and lowered again within 60 s, as drillers do
+
+Success: from 80 s after the last change of the set-point on the bit does not stick; over the window that follows its mean speed is within 2 % of the
+set-point; the standard deviation of the torque is at most 2 % of its mean without noise, 5 % with noise, and free where the weight varies; the torque is at a
+limit at most 1 % of the time. Where that has to last, smooth running moreover is stable
+on every machine.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError, SimulationError
+from toolbox.measuring.judge import told_growth
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.components import Component, Equations
+from toolbox.modelling.composition import compose
+from toolbox.modelling.elements import Quantity, quantity
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import Controller, Sampled, Takeover, designed
+from toolbox.robustness.groups import LASTING, Group, Machine
+
+if TYPE_CHECKING:
+    from toolbox.simulation.trajectory import Trajectory
+
+LIFTED, LIFT, HELD, LOWERED = 12.0, 5.0, 40.0, 60.0
+"""A raised set-point [rad/s]; seconds in which it is lifted, held and lowered."""
+SETTLING = 80.0
+"""Seconds after the last change of the set-point until the judged window."""
+WAYS = ("direct", "raised")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a group of machines at a set-point.
+
+    Attributes
+    ----------
+    passed
+        Whether every run succeeded.
+    why
+        Machine, seed and phase that failed first, and why.
+    runs
+        How many were run.
+    above
+        Largest share of the judged window in which the top was more than 10 % above what is asked [1].
+    recovery
+        Longest time that it was so before that window [s]; of a raised set-point that includes the raising.
+    fastest, torque
+        Highest speed of the bit [rad/s] and highest torque of the drive [N m] after the takeover.
+    lifts
+        Most lifts of a run, for a law that lifts its set-point.
+    """
+
+    passed: bool
+    why: str = ""
+    runs: int = 0
+    above: float = math.nan
+    recovery: float = math.nan
+    fastest: float = math.nan
+    torque: float = math.nan
+    lifts: float = math.nan
+
+
+@dataclass(frozen=True)
+class Watch(Component):
+    """What is read of a drive beside means: the square of its torque, 1 where that is at a limit, and 1 where the top is 10 % above the set-point."""
+
+    lowest: Quantity = quantity(-1e30, "N m", "lowest torque")
+    highest: Quantity = quantity(1e30, "N m", "highest torque")
+    reference: Quantity = quantity(8.0, "rad/s", "set-point", above=0)
+
+    def equations(self, signal):
+        torque = signal("top.torque", "N m", default=0.0)
+        limited = ca.if_else(torque < self.lowest + 1.0, 1.0, ca.if_else(torque > self.highest - 1.0, 1.0, 0.0))
+        above = ca.if_else(signal("top.speed", "rad/s") > 1.1 * self.reference, 1.0, 0.0)
+        return Equations(gives={"watch.square": (torque * torque, "1"), "watch.limited": (limited, "1"), "watch.above": (above, "1")})
+
+
+def at_set_point(law: Any, reference: float) -> Any:
+    """A law, and the laws inside of it, with that set-point [rad/s]; what is no dataclass is returned as it is."""
+    if not dataclasses.is_dataclass(law):
+        return law
+    changed = {each.name: at_set_point(getattr(law, each.name), reference) for each in dataclasses.fields(law) if each.init}
+    changed = {name: value for name, value in changed.items() if isinstance(value, Controller) and value is not getattr(law, name)}
+    if isinstance(law, Controller) and hasattr(law, "reference"):
+        changed["reference"] = reference
+    return replace(law, **changed) if changed else law
+
+
+def limits_of(law: Any) -> dict[str, float]:
+    """The limits [N m] of the torque that a law knows, its own or those of the law inside of it."""
+    own = {name: getattr(law, f"{name}_torque", None) for name in ("lowest", "highest")}
+    if any(own.values()):
+        return {name: value for name, value in own.items() if value is not None}
+    inside = [value for value in vars(law).values() if isinstance(value, Controller)] if dataclasses.is_dataclass(law) else []
+    return next((found for each in inside if (found := limits_of(each))), {})
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """The stick-slip under a drive: start values at its last release before 200 s, its period, and the time of that release [s].
+
+    sticks: whether there is any; without, the period is 8 s and the release 200 s.
+    """
+
+    start: Mapping[str, Any]
+    period: float
+    release: float
+    sticks: bool = True
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How a law is tried: its loop, and the drive that it takes over from.
+
+    loop: of the declared plant with one sampled law of `top.torque`; at a set-point its law has that `reference`, is designed on that plant, and acts on the
+    machines of a group.  before: a law, at whose set-point likewise the string sticks and slips.
+    """
+
+    loop: ClosedLoop
+    before: Controller
+
+    @cached_property
+    def clock(self) -> Sampled:
+        """The sampled law of the loop. Raises SceneError where there is another law, or none."""
+        laws = self.loop.laws
+        if len(laws) != 1 or not isinstance(laws[0], Sampled) or "top.torque" not in self.loop.plant.inputs:
+            raise SceneError(
+                f"Argument `loop` must hold one sampled law that drives `top.torque` of a drill string, but it holds {len(laws)} "
+                "law(s): give `closed_loop(plant, Sampled(law, '10 ms', delay='30 ms'))`."
+            )
+        lost = next((name for name in self.loop.parameters if name not in self.loop.bare.parameters), None)
+        if lost is not None:
+            raise SceneError(f"Argument `{lost}` must be given to the law itself to be tried at other set-points, not in `parameters`.")
+        return laws[0]
+
+    @property
+    def plant(self) -> HybridSystem:
+        """The declared plant."""
+        return self.loop.plant
+
+    @property
+    def period(self) -> float:
+        """Sample time of both laws [s]."""
+        return float(self.clock.period)
+
+    @property
+    def label(self) -> str:
+        """What tables call the law."""
+        return self.loop.label or type(self.clock.law).__name__
+
+    def key(self, reference: float) -> list[Any]:
+        """What tells this trial at a set-point from others, as text and numbers."""
+        clock = replace(self.clock, law=None)  # type: ignore[arg-type]
+        laws = [repr(self.of(reference)), repr(at_set_point(self.before, reference))]
+        bare = _bare(self.loop)
+        return [self.label, repr(self.plant.parts), repr((dict(bare.inputs), dict(bare.parameters))), repr(clock), *laws]
+
+    def of(self, reference: float) -> Any:
+        """The law for a set-point [rad/s]."""
+        return at_set_point(self.clock.law, reference)
+
+    def cycle(self, reference: float) -> Cycle:
+        """The stick-slip under the drive before at a set-point."""
+        return _cycle(_bare(self.loop), at_set_point(self.before, reference), reference, self.period)
+
+    def in_python(self, reference: float) -> bool:
+        """Whether the law is designed as a callable: its memory cannot be told, and its runs begin at rest under the drive before."""
+        return not isinstance(designed(self.of(reference), self.plant), Controller)
+
+    def on(
+        self, machine: Machine, law: Any, noise: float = 0.0, seed: int = 0, plant: HybridSystem | None = None, **changes: Any
+    ) -> ClosedLoop:
+        """The loop of a law on a machine; plant: in place of that of the machine;  changes: of fields of the loop."""
+        late = float(self.clock.delay) + machine.late
+        noises = {name: value for name, value in self.clock.noise.items() if name != "top.speed"} | ({"top.speed": noise} if noise else {})
+        sampled = replace(self.clock, law=law, delay=late, noise=noises, seed=seed, measures=None, drives=None)
+        loop = replace(_bare(self.loop), plant=plant or machine.plant or self.plant, laws=(sampled,), **changes)
+        for name, factor in machine.factors:
+            loop = loop.at(name, factor * float(loop.number(name).value))
+        return loop
+
+    def takes_over(self, machine: Machine, group: Group, reference: float, way: str, seed: int, at: float) -> tuple[ClosedLoop, float]:
+        """(loop, last change of its set-point [s]) in which the law takes over at a time [s], on the declared numbers of a machine."""
+        cycle, asleep = self.cycle(reference), self.in_python(reference)
+        given, last = set_point(reference, way, (cycle.release if asleep else 0.0) + 2.0 * cycle.period + 1.0)
+        law, before = self.of(reference), at_set_point(self.before, reference)
+        plant = machine.plant or self.plant
+        if machine.plant is not None:  # the law is designed on the declared plant
+            law = designed(law, self.plant)
+        inputs = dict(_bare(self.loop).inputs) | {"top.reference": given}
+        if machine.weight is not None:
+            inputs["bit.weight"] = machine.weight.input(_bare(self.loop).number("bit.weight").value, seed)
+        watched = _watched(plant, Watch(reference=reference, **(limits_of(law) or limits_of(before)), name="watch"))
+        both = Takeover(before, law, at=at, name="takeover")
+        alike = replace(machine, factors=())
+        return self.on(alike, both, group.noise, seed, watched, inputs=inputs, start={} if asleep else cycle.start), last
+
+    def takeover(self, reference: float, phase: float = 0.0) -> float:
+        """When the law takes over [s], at a phase of the cycle and at a sample of its own."""
+        cycle = self.cycle(reference)
+        first = cycle.release if self.in_python(reference) else 0.0
+        return math.ceil(round((first + cycle.period * (1.0 + phase)) / self.period, 6)) * self.period
+
+    def run(
+        self, machine: Machine, reference: float, noise: float = 0.01, seed: int = 0, phase: float = 0.0, duration: float = 180.0
+    ) -> Trajectory:
+        """One run of the law that takes over at a set-point, so long [s] from the first release that a law may take over at on.
+
+        Raises SimulationError where it cannot be finished.
+        """
+        from toolbox.simulation.simulate import simulate
+
+        loop, _ = self.takes_over(machine, Group("", (machine,), noise=noise), reference, "direct", seed, self.takeover(reference, phase))
+        for name, factor in machine.factors:
+            loop = loop.at(name, factor * float(loop.number(name).value))
+        return simulate(loop, duration + (self.cycle(reference).release if self.in_python(reference) else 0.0))
+
+    def outcome(self, group: Group, reference: float, way: str = "direct") -> Outcome:
+        """What comes of the law on a group of machines; stops at the first sweep that holds a failure."""
+        if group.judged >= LASTING and (said := self.growing(group.machines, reference)):
+            return Outcome(False, said)
+        runs, most = 0, dict.fromkeys(("above", "recovery", "fastest", "torque_high", "lifts"), 0.0)
+        for failed, numbers in self.attempts(group, reference, way):
+            runs += len(numbers["stuck"])
+            if failed:
+                return Outcome(False, failed[0], runs)
+            most = {name: max(most[name], float(np.max(numbers[name]))) if name in numbers else math.nan for name in most}
+        return Outcome(True, "", runs, *most.values())
+
+    def attempts(self, group: Group, reference: float, way: str = "direct") -> Iterator[tuple[list[str], dict[str, np.ndarray]]]:
+        """(which runs failed and why, what was measured of each) of one sweep after the other."""
+        from toolbox.measuring import measures
+        from toolbox.sweeps.sweep import sweep
+
+        cycle, asleep = self.cycle(reference), self.in_python(reference)
+        times = [self.takeover(reference, phase) for phase in group.phases]
+        begun = (cycle.release if asleep else 0.0) + 2.0 * cycle.period + 1.0
+        for seed in group.seeds:
+            for apart in dict.fromkeys((each.late, each.plant, each.weight) for each in group.machines):
+                machines = [each for each in group.machines if (each.late, each.plant, each.weight) == apart]
+                loop, last = self.takes_over(machines[0], group, reference, way, seed, times[0])
+                after, end = last + SETTLING, last + SETTLING + group.judged
+                asked = {"stuck": measures.time_in("bit", after), "above": measures.mean("watch.above", after)}
+                asked |= {"recovery": measures.mean("watch.above", begun, after), "fastest": measures.maximum("bit.speed", begun)}
+                asked |= {"torque_high": measures.maximum("top.torque", begun)}
+                for name, of in {
+                    "speed": "bit.speed",
+                    "torque": "top.torque",
+                    "square": "watch.square",
+                    "limited": "watch.limited",
+                }.items():
+                    asked[name] = measures.mean(of, after)
+                if loop.system.has_signal("lifting.lifts"):
+                    asked["lifts"] = measures.maximum("lifting.lifts", begun)
+                declared = {name: float(loop.number(name).value) for each in machines for name, _ in each.factors}
+                numbers = [declared | {name: factor * declared[name] for name, factor in each.factors} for each in machines]
+                phases = list(zip(group.phases, times, strict=True))
+                names = [f"{each.name}, seed {seed}, phase {phase:g}" for each in machines for phase, _ in phases]
+                found: Iterable[Any]
+                if asleep:  # a law in Python: one run after the other, up to the first that fails
+                    found = (
+                        _measured(self.takes_over(machines[0], group, reference, way, seed, at)[0], each, end, asked)
+                        for each in numbers
+                        for _, at in phases
+                    )
+                    found = ({name: np.array([value]) for name, value in row.items()} for row in found)
+                else:
+                    found = [sweep(loop, [{"takeover.at": at, **each} for each in numbers for _, at in phases], end, measures=asked)]
+                for several in found:
+                    rows = {name: np.asarray(several[name]) for name in asked}
+                    count = len(rows["stuck"])
+                    failed = []
+                    for i, name in enumerate(names[:count]):
+                        row = {word: float(values[i]) for word, values in rows.items()}
+                        finite = np.isfinite(list(row.values())).all()
+                        why = verdict(row, reference, group.noise, varying=apart[2] is not None) if finite else "the run failed"
+                        failed += [f"{name}: {why}"] if why else []
+                    names = names[count:]
+                    rows["recovery"] = rows["recovery"] * (after - begun)
+                    yield failed, rows
+
+    def steady(self, machine: Machine, reference: float) -> ClosedLoop:
+        """The loop of the law alone on a machine at a set-point, without noise and with a constant weight."""
+        law = self.of(reference) if machine.plant is None else designed(self.of(reference), self.plant)
+        return self.on(machine, law, inputs=dict(_bare(self.loop).inputs) | {"top.reference": reference})
+
+    def growing(self, machines: Sequence[Machine], reference: float) -> str:
+        """The first machine on which a small disturbance of smooth running grows at a set-point, and how fast; empty where it does on none."""
+        from toolbox.onsets.coming_to import Settled
+
+        for machine in machines:
+            settled = Settled.of(self.steady(machine, reference), "bit", "bit.speed", 0.0)
+            if settled is not None and settled.rate > 0.0:
+                return f"{machine.name}: smooth running is not stable, a disturbance {told_growth(settled.rate)}"
+        return ""
+
+    def disk_margins(self, machines: Sequence[Machine], reference: float) -> tuple[float, float, str]:
+        """The disk margin on the declared machine at a set-point [rad/s], the smallest over others, and of which; nan where the law has no slope."""
+        from toolbox.robustness.margins import margins
+
+        found = []
+        for machine in (Machine(""), *machines):
+            found.append((margins(self.steady(machine, reference), measured=False).disk_margin, machine.name))
+            if np.isnan(found[0][0]):
+                return math.nan, math.nan, ""
+        return found[0][0], *min(found[1:], default=found[0])
+
+
+def _measured(loop: ClosedLoop, numbers: Mapping[str, float], end: float, asked: Mapping[str, Any]) -> dict[str, float]:
+    """What is measured of one run of a machine; nan where it cannot be finished."""
+    from toolbox.simulation.simulate import simulate
+
+    for name, value in numbers.items():
+        loop = loop.at(name, value)
+    try:
+        run = simulate(loop, end)
+    except SimulationError:
+        return dict.fromkeys(asked, math.nan)
+    return {name: each.read(run) for name, each in asked.items()}
+
+
+def verdict(numbers: Mapping[str, float], reference: float, noise: float, varying: bool = False) -> str:
+    """Why a run is no success, given seconds stuck and means of what was watched; empty where it is one."""
+    if numbers["stuck"] > 0.0:
+        return f"stuck {numbers['stuck']:.1f} s"
+    off = numbers["speed"] / reference - 1.0
+    if not abs(off) <= 0.02:
+        return f"speed {100 * off:+.1f} %"
+    ripple = math.sqrt(max(numbers["square"] - numbers["torque"] ** 2, 0.0)) / numbers["torque"]
+    if not varying and not ripple <= (0.05 if noise else 0.02):
+        return f"torque ripple {100 * ripple:.1f} %"
+    return f"at a limit {100 * numbers['limited']:.1f} % of the time" if numbers["limited"] > 0.01 else ""
+
+
+def set_point(reference: float, way: str, begin: float) -> tuple[Any, float]:
+    """(input, end) of the set-point [rad/s] over time where every law has taken over by `begin` [s]; `end` [s] is its last change."""
+    if way == "direct":
+        return reference, begin
+    top = max(LIFTED, reference)
+    times = np.cumsum([0.0, begin, LIFT, HELD, LOWERED])
+    return (tuple(times.tolist()), (reference, reference, top, top, reference)), float(times[-1])
+
+
+@cache
+def _watched(plant: HybridSystem, watch: Watch) -> HybridSystem:
+    return compose(*plant.parts, watch)
+
+
+@cache
+def _bare(loop: ClosedLoop) -> ClosedLoop:
+    """The loop without its law, set-point and start."""
+    return replace(loop.bare, start={})
+
+
+@cache
+def _cycle(bare: ClosedLoop, before: Controller, reference: float, period: float) -> Cycle:
+    from toolbox.simulation.simulate import simulate
+
+    loop = replace(bare, laws=(Sampled(before, period),), inputs=dict(bare.inputs) | {"top.reference": reference})
+    run = simulate(loop, 200.0)
+    releases = [event.time for event in run.events if event.element == "bit" and event.before == "stick" and event.time > 100.0]
+    release = releases[-1] if len(releases) > 1 else 200.0
+    point = run.at(release)
+    memory = [name for update in loop.system.updates for name in update.places]
+    start = {name: point[name] for name in bare.plant.states} | {f"before.{name}": point[name] for name in memory}
+    sticks = len(releases) > 1
+    return Cycle(start, float(releases[-1] - releases[-2]) if sticks else 8.0, float(release), sticks)

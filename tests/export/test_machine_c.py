@@ -1,7 +1,5 @@
 """Plants and loops as C: the same switches in the same order as `simulate`, from a loop that nobody wrote a second time."""
 
-import ctypes
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,86 +11,16 @@ import toolbox.stepping.modes as modes_of_the_loop
 from controllers import LinearMPC, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, wells
 from models.friction import Hyperbolic
+from studies.benchmarks.machines_in_c import COMPILER, DONE, OVERRUN, STRICT, CompiledMachine
 from toolbox import Sampled, Scene, SceneError, closed_loop, compose, export_c, simulate
+from toolbox.commands.command_line import main
 from toolbox.compilation import work_layout as layout
 from toolbox.export.machine_c import EVENTS, machine, machine_files
 from toolbox.stepping.modes import decide, two_directions
 
-COMPILER = shutil.which("gcc") or shutil.which("cc")
 compiled = pytest.mark.skipif(COMPILER is None or sys.platform != "linux", reason="a machine in C is compiled with `cc`, which is not here")
-STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 LOOP = closed_loop(RIG, SoftTorque(reference=8.0), sample_time=0.01)
-DONE, OVERRUN = 0, 3
-
-
-class CompiledMachine:
-    """An exported machine as a shared library, with the struct in a buffer."""
-
-    def __init__(self, source: Path):
-        self.name, library = source.stem, source.with_suffix(".so")
-        subprocess.run([COMPILER, *STRICT, "-shared", "-fPIC", str(source), "-lm", "-o", str(library)], check=True)
-        size = source.with_name("size.c")
-        size.write_text(
-            f'#include <stdio.h>\n#include "{self.name}.h"\nint main(void) {{ printf("%zu", sizeof({self.name})); return 0; }}\n'
-        )
-        subprocess.run([COMPILER, str(size), "-o", str(size.with_suffix(""))], check=True)
-        self.size = int(subprocess.run([str(size.with_suffix(""))], capture_output=True, check=True).stdout)
-        self.library = ctypes.CDLL(str(library))
-        self.memory = ctypes.create_string_buffer(self.size)
-        self.macros = dict(
-            line.split()[1:3]
-            for line in source.with_suffix(".h").read_text().splitlines()
-            if line.startswith("#define") and len(line.split()) > 2
-        )
-        self._function("start", None)(self.memory)
-
-    def _function(self, word, result, *arguments):
-        function = getattr(self.library, f"{self.name}_{word}")
-        function.restype, function.argtypes = result, [ctypes.c_void_p, *arguments]
-        return function
-
-    def number(self, group, name):
-        return int(self.macros[f"{self.name.upper()}_{group}_{name.replace('.', '_')}"])
-
-    def set(self, group, name, value):
-        return self._function("set", ctypes.c_int, ctypes.c_int, ctypes.c_double)(self.memory, self.number(group, name), value)
-
-    def step(self, until):
-        return self._function("step", ctypes.c_int, ctypes.c_double)(self.memory, until)
-
-    def outputs(self):
-        y = np.zeros(int(self.macros[f"{self.name.upper()}_OUTPUTS"]))
-        self._function("outputs", None, ctypes.c_void_p)(self.memory, y.ctypes.data)
-        return y
-
-    def output(self, name):
-        return self.outputs()[self.number("OUTPUT", name)]
-
-    def events(self):
-        """(time, element, before, after) of the last step."""
-        count = self._function("events", ctypes.c_int)(self.memory)
-        event = self._function("event", ctypes.c_double, ctypes.c_int, *[ctypes.c_void_p] * 3)
-        names = self.library[f"{self.name}_element_name"], self.library[f"{self.name}_mode_name"]
-        for each in names:
-            each.restype = ctypes.c_char_p
-        found = []
-        for k in range(count):
-            element, before, after = ctypes.c_int(), ctypes.c_int(), ctypes.c_int()
-            t = event(self.memory, k, *(ctypes.byref(each) for each in (element, before, after)))
-            found.append((t, names[0](element).decode(), *(names[1](element, mode).decode() for mode in (before, after))))
-        return found
-
-    def run(self, until, period=None):
-        """Every event up to a time, in communication steps of a period."""
-        found = []
-        for k in range(1, 2 if period is None else round(until / period) + 1):
-            status = OVERRUN
-            while status == OVERRUN:
-                status = self.step(until if period is None else min(k * period, until))
-                found += self.events()
-            assert status == DONE, status
-        return found
 
 
 def same_switches(found, run, tolerance):
@@ -190,8 +118,8 @@ def text_of(loop):
 
 def test_a_change_of_a_friction_law_or_of_the_modes_changes_the_c(monkeypatch):
     class Other(Hyperbolic):
-        def kinetic(self, speed):
-            return 2.0 * super().kinetic(speed)
+        def sliding(self, speed):
+            return 0.5 * super().sliding(speed)
 
     before = text_of(compose(BlockOnBelt()))
     assert text_of(compose(BlockOnBelt())) == before
@@ -241,6 +169,19 @@ def test_what_cannot_go_is_refused_by_name(tmp_path, loop, words):
     with pytest.raises(SceneError, match=words):
         export_c(loop, tmp_path / "rig", part="loop", duration=loop.duration or 5.0)
     assert not (tmp_path / "rig").exists()
+
+
+@compiled
+def test_the_command_writes_the_case_of_a_scene(tmp_path, capsys):
+    call = ["export", "studies/scenes/jansen_2.toml", "--controller", "softer PI, 100 Hz", "--out", str(tmp_path / "out")]
+    assert main([*call, "--duration", "20 s"]) == 0
+    assert "softer PI, 100 Hz: loop as c" in capsys.readouterr().out
+    scene = Scene.load("studies/scenes/jansen_2.toml")
+    found = CompiledMachine(tmp_path / "out" / "jansen_2" / "jansen_2.c")
+    same_switches(found.run(20.0), simulate(scene["softer PI, 100 Hz"], 20.0), 1e-7)
+    assert main([*call, "--part", "law", "--name", "drive"]) == 0 and (tmp_path / "out" / "drive.h").exists()
+    assert main([*call, "--to", "fmu", "--part", "loop"]) == 2 and main([*call, "--part", "law", "--duration", "3 s"]) == 2
+    assert main([*call, "--name", "my drive"]) == 2 and "name of C" in capsys.readouterr().err
 
 
 def test_wrong_arguments_are_told(tmp_path):

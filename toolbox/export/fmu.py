@@ -25,26 +25,26 @@ from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 def export_fmu(loop: ClosedLoop, path: str | Path) -> Path:
     """Write a sampled law as NAME.fmu, a co-simulation unit of FMI 2.0 for the machine that runs this.
 
-        Its inputs are what the law measures and its set-points, with their defaults as start values; its outputs are what the law drives, and its memory can be
+    Its inputs are what the law measures and its set-points, with their defaults as start values; its outputs are what the law drives, and its memory can be
     looked at. Names and units are those of the signals. The gains of the law are parameters, such as `law.proportional`, and may be changed at any time.
     The sources are in the file, too. What is not allowed, such as to write an output, is refused and told to the logger of the importer.
 
     Parameters
-        ----------
-        loop
-            As in `export_c`.
-        path
-            The file, whose name without suffix is that of the unit.
+    ----------
+    loop
+        As in `export_c`.
+    path
+        The file, whose name without suffix is that of the unit.
 
-        Returns
-        -------
-        Path
-            The path of the file.
+    Returns
+    -------
+    Path
+        The path of the file.
 
-        Raises
-        ------
-        SceneError
-            As `export_c` does, and if there is no C compiler (`CC`, or `cc`) or it fails.
+    Raises
+    ------
+    SceneError
+        As `export_c` does, and if there is no C compiler (`CC`, or `cc`) or it fails.
     """
     import platform
     import subprocess

@@ -1,0 +1,183 @@
+"""What does a machine in C cost beside the compiled loop of the toolbox, and does it switch the same?
+
+Every shipped scene of equations that explicit steps solve, its first case: switches in the same order, the largest distance of their times, steps of both
+loops, processor time of the least disturbed of some runs, C by the compiled loop with equal steps, and the time that the C compiler takes. The C is
+compiled with the flags of its CMakeLists.txt.
+
+    python -m studies machines_in_c [SCENE ...]        (needs a C compiler; two minutes)
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox import Scene, SceneError, export_c, simulate
+from toolbox.compilation import work_layout as layout
+from toolbox.export.machine_c import machine
+from toolbox.simulation.work_arrays import work_arrays
+from toolbox.stepping.event_stepper import run_on
+
+COMPILER = shutil.which("gcc") or shutil.which("cc")
+STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
+FAST = ["-O3", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math", "-freciprocal-math", "-fno-signed-zeros", "-march=native"]
+SCENES = Path("studies/scenes")
+DONE, OVERRUN = 0, 3
+
+
+class CompiledMachine:
+    """An exported machine as a shared library, with the struct in a buffer."""
+
+    def __init__(self, source: Path, flags: Sequence[str] = STRICT):
+        self.name, library = source.stem, source.with_suffix(".so")
+        subprocess.run([_compiler(), *flags, "-shared", "-fPIC", str(source), "-lm", "-o", str(library)], check=True)
+        size = source.with_name("size.c")
+        size.write_text(
+            f'#include <stdio.h>\n#include "{self.name}.h"\nint main(void) {{ printf("%zu", sizeof({self.name})); return 0; }}\n'
+        )
+        subprocess.run([_compiler(), str(size), "-o", str(size.with_suffix(""))], check=True)
+        self.size = int(subprocess.run([str(size.with_suffix(""))], capture_output=True, check=True).stdout)
+        self.library = ctypes.CDLL(str(library))
+        self.memory = ctypes.create_string_buffer(self.size)
+        self.macros = dict(
+            line.split()[1:3]
+            for line in source.with_suffix(".h").read_text().splitlines()
+            if line.startswith("#define") and len(line.split()) > 2
+        )
+        self.start()
+
+    def start(self) -> None:
+        """Begin anew."""
+        self._function("start", None)(self.memory)
+
+    def _function(self, word, result, *arguments):
+        function = getattr(self.library, f"{self.name}_{word}")
+        function.restype, function.argtypes = result, [ctypes.c_void_p, *arguments]
+        return function
+
+    def number(self, group, name):
+        return int(self.macros[f"{self.name.upper()}_{group}_{name.replace('.', '_')}"])
+
+    def set(self, group, name, value):
+        return self._function("set", ctypes.c_int, ctypes.c_int, ctypes.c_double)(self.memory, self.number(group, name), value)
+
+    def step(self, until):
+        return self._function("step", ctypes.c_int, ctypes.c_double)(self.memory, until)
+
+    def outputs(self):
+        y = np.zeros(int(self.macros[f"{self.name.upper()}_OUTPUTS"]))
+        self._function("outputs", None, ctypes.c_void_p)(self.memory, y.ctypes.data)
+        return y
+
+    def output(self, name):
+        return self.outputs()[self.number("OUTPUT", name)]
+
+    def events(self):
+        """(time, element, before, after) of the last step."""
+        count = self._function("events", ctypes.c_int)(self.memory)
+        event = self._function("event", ctypes.c_double, ctypes.c_int, *[ctypes.c_void_p] * 3)
+        names = self.library[f"{self.name}_element_name"], self.library[f"{self.name}_mode_name"]
+        for each in names:
+            each.restype = ctypes.c_char_p
+        found = []
+        for k in range(count):
+            element, before, after = ctypes.c_int(), ctypes.c_int(), ctypes.c_int()
+            t = event(self.memory, k, *(ctypes.byref(each) for each in (element, before, after)))
+            found.append((t, names[0](element).decode(), *(names[1](element, mode).decode() for mode in (before, after))))
+        return found
+
+    def run(self, until, period=None):
+        """Every event up to a time, in communication steps of a period."""
+        found = []
+        for k in range(1, 2 if period is None else round(until / period) + 1):
+            status = OVERRUN
+            while status == OVERRUN:
+                status = self.step(until if period is None else min(k * period, until))
+                found += self.events()
+            assert status == DONE, status
+        return found
+
+
+def _compiler() -> str:
+    if COMPILER is None:
+        raise RuntimeError("A C compiler is needed, but there is neither `gcc` nor `cc`.")
+    return COMPILER
+
+
+def least(run: Callable[[], float]) -> float:
+    """The least of some times that a function returns, for about a second."""
+    first = run()
+    return min([first, *(run() for _ in range(max(2, min(50, int(1.0 / max(first, 1e-5))))))])
+
+
+def row(name: str, folder: Path) -> tuple[str, float]:
+    """(the line of a scene, time of C by that of the compiled loop)."""
+    scene = Scene.load(SCENES / f"{name}.toml")
+    loop = scene[scene.cases[0].label]
+    reference = simulate(loop, method="explicit")
+    source, _ = export_c(loop, folder / name, part="loop")
+    began = time.perf_counter()
+    found = CompiledMachine(source, FAST)
+    compiling = time.perf_counter() - began
+    made = machine(loop, name)
+    duration = made.run.duration
+    events = found.run(duration)
+    same = [event[1:] for event in events] == [tuple(event)[1:] for event in reference.events]
+    apart = max((abs(mine[0] - theirs.time) for mine, theirs in zip(events, reference.events, strict=False)), default=0.0)
+
+    def in_c() -> float:
+        found.start()
+        first = time.process_time()
+        while found.step(duration) == OVERRUN:
+            pass
+        return time.process_time() - first
+
+    def in_python() -> float:
+        work: Any = work_arrays(made.run, made.program)._replace(out_t=np.array([duration]))
+        work.ints[layout.NODES], work.ints[layout.BUDGET] = 0, 10**9
+        room = len(reference.events) + 1000 + 4 * made.program.kernel.elements
+        work = work._replace(
+            **{word: np.zeros((room, *getattr(work, word).shape[1:]), getattr(work, word).dtype) for word in ("ev_t", "ev_i", "ev_m")}
+        )
+        first = time.process_time()
+        run_on(work)
+        return time.process_time() - first
+
+    times = least(in_c), least(in_python)
+    words = f"{len(events)} same" if same else f"{len(events)} of {len(reference.events)}"
+    line = f"{name:<24}{words:>14}{apart:>11.1e}{1e3 * times[0]:>11.3f} ms{times[0] / times[1]:>8.2f}{compiling:>8.1f} s{found.size / 1024:>9.0f} KiB"
+    return line, times[0] / times[1]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    every = sorted(path.stem for path in SCENES.glob("*.toml"))
+    parser.add_argument("scenes", nargs="*", default=every, metavar="SCENE", help="some of the shipped scenes; all without")
+    given = parser.parse_args(arguments)
+    print(f"{'scene':<24}{'switches':>14}{'apart [s]':>11}{'C':>14}{'by loop':>8}{'cc':>10}{'memory':>13}")
+    ratios = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name in given.scenes:
+            try:
+                line, ratio = row(name, Path(folder))
+            except SceneError as error:
+                print(f"{name:<24}  {str(error)[:110]}", flush=True)
+                continue
+            ratios.append(ratio)
+            print(line, flush=True)
+    if ratios:
+        print(f"C by the compiled loop: median {np.median(ratios):.2f}, largest {max(ratios):.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.compilation.formulas import ClosedEquations, Formulas
+from toolbox.errors import SceneError
 from toolbox.modelling.elements import Element
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -64,10 +65,17 @@ class Program:
         return f"{self.formulas.name}: {self.system.cache['lacking', ('program', kinds, formulas.name)]}"
 
     def place(self, number: Number, inputs: Mapping[str, Any]) -> int:
-        """Where a parameter, an input that is given as a number, or a number of a shape stands in the vector of parameters."""
+        """Where a parameter, an input that is given as a number, or a number of a shape stands in the vector of parameters.
+
+        Raises SceneError for the seed of a noise, which is in all of its numbers.
+        """
         if number.kind == "parameter":
             return self.system._parameter(number.name).offset
         name, key = (number.name, "") if number.is_input else number.in_input(inputs)
+        if key == "seed":
+            raise SceneError(
+                f"Argument `{number.name}` must stay within a sweep, because another seed is another realisation: give one to each loop."
+            )
         return self.coefficient_slot[name] + (list(inputs[name].numbers).index(key) if key else 0)
 
     @cached_property

@@ -135,11 +135,9 @@ WAVES, HIGHEST = 24, 5.0
 
 
 def _waves(t: ca.SX, c: ca.SX) -> ca.SX:
-    """The noise; what is drawn by lot are sines of multiples of irrational numbers, so that the seed is a number like the others, and nothing jumps."""
-    k, draw = ca.SX(np.arange(WAVES)), 2.0 * math.pi * (c[3] + 1.0)
-    band, phase = 0.5 + 0.25 * ca.sin(math.sqrt(2.0) * (k + 1) * draw), math.sqrt(3.0) * (k + 1) ** 2 * draw
-    frequency = c[2] * ca.tan(math.atan(HIGHEST) * (k + band) / WAVES)
-    return c[0] + c[1] * math.sqrt(2.0 / WAVES) * ca.sum1(ca.sin(2.0 * math.pi * frequency * t + phase))
+    """The noise of (mean, deviation, corner, seed, frequencies by the corner, phases); the seed is in the last two."""
+    frequencies, phases = c[2] * c[4 : 4 + WAVES], c[4 + WAVES : 4 + 2 * WAVES]
+    return c[0] + c[1] * math.sqrt(2.0 / WAVES) * ca.sum1(ca.sin(2.0 * math.pi * (frequencies * t + phases)))
 
 
 _FORMULAS: dict[str, Callable[[ca.SX, ca.SX], ca.SX]] = {
@@ -203,7 +201,9 @@ def noise(mean: float, deviation: float, corner: float, seed: float = 0) -> Shap
     """
     number("corner", corner, "Hz", above=0)
     whole("seed", int(seed) if seed == round(seed) else seed, 0, 10**6)
-    return Shape("noise", _checked("noise", mean, deviation, corner, seed))
+    drawn = np.random.default_rng(int(seed)).random((2, WAVES))
+    frequencies = np.tan(math.atan(HIGHEST) * (np.arange(WAVES) + 0.25 + 0.5 * drawn[0]) / WAVES)
+    return Shape("noise", (*_checked("noise", mean, deviation, corner, seed), *frequencies.tolist(), *drawn[1].tolist()))
 
 
 @_typed

@@ -235,7 +235,7 @@ def single(task: Task, i: int) -> Run:
         elif isinstance(inputs[name], Shape):
             values = numbers[slot : slot + len(inputs[name].coefficients)].tolist()
             inputs[name] = dataclasses.replace(
-                inputs[name], coefficients=tuple(values), numbers=dict(zip(inputs[name].numbers, values, strict=True))
+                inputs[name], coefficients=tuple(values), numbers=dict(zip(inputs[name].numbers, values, strict=False))
             )
     given = {"states": task.starts, "memory": task.memories, "held": task.held}
     start = dataclasses.replace(base.start, **{name: array[i].copy() for name, array in given.items() if array is not None})

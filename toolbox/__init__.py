@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from toolbox.export.c_code import to_control as to_control
     from toolbox.export.fmu import export_fmu as export_fmu
     from toolbox.export.from_control import from_control as from_control
+    from toolbox.export.stepper import stepper as stepper
     from toolbox.files.unit_systems import units as units
     from toolbox.measuring import measure as measure
     from toolbox.measuring.energy import energy_audit as energy_audit

@@ -214,6 +214,13 @@ def _function(program: Any, key: str | tuple[str, ...] | ExpressionKey, expressi
 
 def read_signals(program: Any, names: tuple[str, ...], t: float, work: Any) -> np.ndarray:
     """Scalar signals of a run under way, by machine code: a law in Python asks for them at every sample."""
+    values = np.empty(len(names))
+    signal_reader(program, names)(t, 0.0, *(array.ctypes.data for array in (work.x, work.k, work.p, work.m, values)))
+    return values
+
+
+def signal_reader(program: Any, names: tuple[str, ...]) -> Any:
+    """Machine code (t, 0, x, k, p, m, values), the last five as addresses, that writes scalar signals."""
     key = f"reader of {names}"
     reader = program.outputs.get(key)
     if reader is None:
@@ -229,9 +236,7 @@ def read_signals(program: Any, names: tuple[str, ...], t: float, work: Any) -> n
         made = compiled("\n".join([function_text("signals", body), *sorted(body.declarations)]), ["signals"], body.count)
         kind = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[ctypes.c_void_p] * 5)
         reader = program.outputs[key] = kind(made["signals"])
-    values = np.empty(len(names))
-    reader(t, 0.0, *(array.ctypes.data for array in (work.x, work.k, work.p, work.m, values)))
-    return values
+    return reader
 
 
 # ------------------------------------------------------------------------------------------------------------------- sampling inside the steps

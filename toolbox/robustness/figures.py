@@ -96,34 +96,34 @@ def worst_case_diagram(rows: Sequence[tuple[str, float, float, bool]], axes: Any
 MARKS = ("o", "D", "^", "s", "v", "P", "X", "*")
 
 
-def set_point_diagram(rows: Sequence[tuple[str, str, str, float]], highest: float, unit: str, axes: Any = None) -> Any:
-    """Lowest set-points as marks, one line per law, one kind of mark per group, filled for a direct takeover. Returns the axes.
+def set_point_diagram(rows: Sequence[tuple[str, str, str, float]], highest: float, unit: str, ax: Any = None) -> Any:
+    """Lowest set-points as marks, one line per law, one kind of mark per group, filled for a direct takeover. Returns the ax.
 
     rows: (law, group, way, set-point or nan for none);  highest: set-point up to which it was searched.
     """
     laws, groups = list(dict.fromkeys(row[0] for row in rows)), list(dict.fromkeys(row[1] for row in rows))
     with plt.rc_context(PAPER):
-        if axes is None:
-            _, axes = plt.subplots(figsize=(WIDTH, 1.1 + 0.34 * len(laws)), layout="constrained")
+        if ax is None:
+            _, ax = plt.subplots(figsize=(WIDTH, 1.1 + 0.34 * len(laws)), layout="constrained")
         for law, group, way, speed in rows:
             k = groups.index(group)
             place = laws.index(law) + 0.5 * ((k + 0.5) / len(groups) - 0.5)
             color = LINES[k % len(LINES)]["color"]
             filled: Any = {"markerfacecolor": color if way == "direct" else "white", "markeredgecolor": color}
             if math.isnan(speed):
-                axes.text(1.03 * highest, place, "none", color=color, fontsize=6.5, va="center")
+                ax.text(1.03 * highest, place, "none", color=color, fontsize=6.5, va="center")
             else:
-                axes.plot(speed, place, marker=MARKS[k % len(MARKS)], markersize=5.0, linestyle="none", **filled)
+                ax.plot(speed, place, marker=MARKS[k % len(MARKS)], markersize=5.0, linestyle="none", **filled)
         for k, group in enumerate(groups):
-            axes.plot(
+            ax.plot(
                 [], [], marker=MARKS[k % len(MARKS)], markersize=5.0, linestyle="none", color=LINES[k % len(LINES)]["color"], label=group
             )
-        axes.set_yticks(range(len(laws)), laws)
-        axes.set_ylim(len(laws) - 0.5, -0.5)
-        axes.set_xlim(0.0, 1.02 * highest)
-        axes.set_xlabel(f"lowest set-point [{unit}]: direct takeover filled, raised set-point open")
-        axes.grid(axis="x", color="0.9", linewidth=0.6)
-        axes.legend(
+        ax.set_yticks(range(len(laws)), laws)
+        ax.set_ylim(len(laws) - 0.5, -0.5)
+        ax.set_xlim(0.0, 1.02 * highest)
+        ax.set_xlabel(f"lowest set-point [{unit}]: direct takeover filled, raised set-point open")
+        ax.grid(axis="x", color="0.9", linewidth=0.6)
+        ax.legend(
             frameon=False,
             fontsize=8.0,
             ncols=len(groups),
@@ -132,4 +132,4 @@ def set_point_diagram(rows: Sequence[tuple[str, str, str, float]], highest: floa
             borderaxespad=0.2,
             handletextpad=0.1,
         )
-    return axes
+    return ax

@@ -236,19 +236,19 @@ class LowestSetPoints(Result):
             path, ["law", "group", "way", *names], [[*key, *map(vars(each).get, names)] for key, each in self.entries.items()]
         )
 
-    def plot(self, axes: Any = None) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw the lowest set-points of every law on every group, direct takeovers filled and raised ones open; returns the axes.
 
         Parameters
         ----------
-        axes
+        ax
             Axes to draw into; a figure of its own by default.
         """
         from toolbox.robustness.figures import set_point_diagram
 
         factor, unit = reading("rad/s", self.asked)
         rows = [(label, group, way, each.speed * factor) for (label, group, way), each in self.entries.items()]
-        return set_point_diagram(rows, self.between[1] * factor, unit, axes)
+        return set_point_diagram(rows, self.between[1] * factor, unit, ax)
 
     def joined(self, other: LowestSetPoints) -> LowestSetPoints:
         """The entries of both, in this order."""

@@ -40,6 +40,8 @@ LIFTED, LIFT, HELD, LOWERED = 12.0, 5.0, 40.0, 60.0
 """A raised set-point [rad/s]; seconds in which it is lifted, held and lowered."""
 SETTLING = 80.0
 """Seconds after the last change of the set-point until the judged window."""
+FINE = 0.01
+"""Sample time [s] of the drive before, alone."""
 WAYS = ("direct", "raised")
 
 
@@ -176,7 +178,7 @@ class Trial:
 
     def cycle(self, reference: float) -> Cycle:
         """The stick-slip under the drive before at a set-point."""
-        return _cycle(_bare(self.loop), at_set_point(self.before, reference), reference, self.period)
+        return _cycle(_bare(self.loop), at_set_point(self.before, reference), reference)
 
     def in_python(self, reference: float) -> bool:
         """Whether the law is designed as a callable: its memory cannot be told, and its runs begin at rest under the drive before."""
@@ -368,10 +370,10 @@ def _bare(loop: ClosedLoop) -> ClosedLoop:
 
 
 @cache
-def _cycle(bare: ClosedLoop, before: Controller, reference: float, period: float) -> Cycle:
+def _cycle(bare: ClosedLoop, before: Controller, reference: float) -> Cycle:
     from toolbox.simulation.simulate import simulate
 
-    loop = replace(bare, laws=(Sampled(before, period),), inputs=dict(bare.inputs) | {"top.reference": reference})
+    loop = replace(bare, laws=(Sampled(before, FINE),), inputs=dict(bare.inputs) | {"top.reference": reference})
     run = simulate(loop, 200.0)
     releases = [event.time for event in run.events if event.element == "bit" and event.before == "stick" and event.time > 100.0]
     release = releases[-1] if len(releases) > 1 else 200.0

@@ -41,10 +41,9 @@ STEP = 2e-3
 SHIFTED = 1000
 """What is added to the seeds of the protocol: noise that the table has not seen."""
 CONFIRMED = {
-    "impedance, tuned, lifting": {"declared": (3.5, 3.5), "robust": (3.7, 3.7), "corners": (3.8, 3.9)},
-    "Z-torque, tuned, lifting": {"declared": (3.4, 3.4), "robust": (3.6, 3.6), "corners": (3.8, 3.8)},
-    "LQG, tuned, lifting": {"declared": (2.9, 2.9), "robust": (3.5, 3.5), "corners": (3.8, 3.9)},
-    "impedance, tuned": {"declared": (4.8, 3.6), "robust": (7.4, 3.8), "corners": (9.1, 4.0)},
+    "impedance, tuned, lifting": {"declared": (3.6, 3.5), "robust": (3.8, 3.8), "corners": (4.0, 4.0)},
+    "Z-torque, tuned, lifting": {"declared": (3.5, 3.5), "robust": (3.7, 3.7), "corners": (3.9, 3.9)},
+    "LQG, tuned": {"declared": (2.9, 2.9), "robust": (6.8, 3.6), "corners": (8.6, 3.9)},
 }
 """Set-points [rad/s] of the drive table, direct and raised, by label and group."""
 BELOW = (0.1, 0.2, 0.3)

@@ -185,7 +185,7 @@ def step_time(law: Trial, reference: float) -> float:
             times.append(time.thread_time_ns() - began)
             return answer
 
-    simulate(PLANT, 180.0, controller=Sampled(Timed(), law.period, law.late, noise))
+    simulate(PLANT, 180.0, controller=Sampled(Timed(), law.period, law.clock.delay, noise))
     return float(np.percentile(times, 99)) * 1e-9
 
 

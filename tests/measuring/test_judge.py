@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,6 +56,15 @@ def test_a_swing_that_grows_with_four_minutes_is_not_smooth_and_is_carried_on_un
     window = simulate(RIG, 80.0, controller=law, start=start, inputs={"top.reference": reference})
     assert measure.stick_intervals(window, "bit") == [] and measure.severity(window, "bit.speed", 40.0) < 0.01
     assert at(reference, 0.0042594).of_run(window, 40.0).regime == NOT_DECIDED
+
+
+def test_a_swing_that_grows_until_the_budget_is_spent_is_not_decided():
+    """Chaos rises and falls until then, and swings: `tests/onsets/test_verdicts.py` has a pad whose squeal never repeats."""
+    reference, rate = 3.96, 0.0042594
+    start = {"chain.speed": (reference, 0.99 * reference)}
+    judge = replace(at(reference, rate), budget=40)
+    judged, time = carried(RIG, Sampled(PI(), 0.01), judge, start, inputs={"top.reference": reference})
+    assert judged.regime == NOT_DECIDED and time > 40 * SWING
 
 
 def test_stick_slip_beyond_its_end_is_smooth_and_before_it_lasts():

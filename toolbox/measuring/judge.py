@@ -6,7 +6,8 @@ looks calm for one. So a verdict rests on what comes back, and on how a small di
 - it *stands* if it sticks and the force of the contact is at rest, or comes and goes by the same without a release;
 - it *sticks and slips* if the same stick comes back: with the lengths and intervals of one round like those of the round before, or drawing near to such a
   round faster than they would lose the stick, or anew after a lull;
-- it *swings* if the same extremum comes back without a stick;
+- it *swings* if the same extremum comes back without a stick, or, where nothing decides until the budget is spent, if its extrema have risen and fallen
+  without a stick and without growing, as they do where the motion is chaotic;
 - it is *smooth* if the deviation from smooth running falls at the rate at which a small one does;
 - else it is *not decided*, and the judge carries the run on until it can tell or its budget is spent.
 """
@@ -215,7 +216,8 @@ class Judge:
             judged = self.decided(record)
             if judged is not None or record.now - record.first >= self.budget * self.swing:
                 late = max(record.first, record.now - 2 * piece)
-                return judged or self._verdict(NOT_DECIDED, record, late, [each for each in record.resolved if each[0] > late]), state
+                regime = SWINGS if self._wanders(record) else NOT_DECIDED
+                return judged or self._verdict(regime, record, late, [each for each in record.resolved if each[0] > late]), state
 
     def of_run(self, run: Trajectory, after: float) -> Judged:
         """The verdict on a run as it is, from a time on [s]; not decided where it is too short to tell."""
@@ -342,6 +344,17 @@ class Judge:
         if still and not as_small and away[-1] > max(self.noise, FLOOR * size):
             return self._verdict(SWINGS, record, late, interval=length)
         return None
+
+    def _wanders(self, record: Record) -> bool:
+        """Whether extrema far from an unstable smooth running have risen and fallen for two thirds of what was seen, without a stick and without growing."""
+        if not self.rate > 0:
+            return False
+        _, middle, last = np.array_split(record.deviations(self.target, record.first), 3)
+        away = np.concatenate([middle, last])
+        calm_since = record.now - away.size * record.length
+        sticks = record.resolved and record.resolved[-1][1] > calm_since
+        falls = bool((np.diff(away) < -0.1 * away[:-1]).any() and (np.diff(away) > 0.1 * away[:-1]).any())
+        return falls and not sticks and away.min() > CALM * abs(self.target) and last.max() < 2.0 * middle.max()
 
 
 def _steady(values: FloatArray, margin: float) -> bool:

@@ -8,6 +8,7 @@ import pytest
 
 from models import oscillators
 from toolbox.commands.command_line import main
+from toolbox.onsets.report import Onset
 
 RIG = """
 title = "Two inertias"
@@ -46,8 +47,8 @@ def test_a_scene_gives_both_borders_of_every_controller_that_has_the_parameter(r
     printed = capsys.readouterr().out
     for word in ("Hopf point", "existing stick-slip ends", "Margin", "Checked", "bistable", "constant torque failed", "from stick-slip"):
         assert word in printed
-    tables = {f"{stem}_{table}.csv" for stem in ("02_stiff_pi", "03_soft_torque") for table in ("onset", "borders")}
-    assert {path.name for path in out.iterdir()} == {"onset.png", "onset.txt", *tables}
+    tables = {f"{stem}_{table}" for stem in ("02_stiff_pi", "03_soft_torque") for table in ("onset.csv", "borders.csv", "onset.npz")}
+    assert {path.name for path in out.iterdir()} == {"onset.png", "onset.txt", "scene.toml", "origin.json", *tables}
     assert (out / "onset.txt").read_text() in printed
     assert (out / "onset.png").read_bytes().startswith(b"\x89PNG")
     with (out / "02_stiff_pi_onset.csv").open(newline="") as file:
@@ -60,6 +61,8 @@ def test_a_scene_gives_both_borders_of_every_controller_that_has_the_parameter(r
     assert set(borders) == {"Hopf point", "smooth running is lost", "existing stick-slip ends"}
     assert borders["existing stick-slip ends"]["safe"] == "above" and borders["existing stick-slip ends"]["beyond"] == "smooth"
     assert float(borders["Hopf point"]["top.reference [rad/s]"]) == pytest.approx(4.3458, abs=1e-3)
+    kept = Onset.load(out / "02_stiff_pi_onset.npz")
+    assert kept.end == float(borders["existing stick-slip ends"]["top.reference [rad/s]"])
     # a second search takes the place of the first, and files of the user stay
     (out / "mine.txt").write_text("keep")
     assert main(["onset", rig, *RANGE, "--controller", "soft torque", "--out", str(out)]) == 0
@@ -68,6 +71,9 @@ def test_a_scene_gives_both_borders_of_every_controller_that_has_the_parameter(r
         "onset.txt",
         "01_soft_torque_onset.csv",
         "01_soft_torque_borders.csv",
+        "01_soft_torque_onset.npz",
+        "scene.toml",
+        "origin.json",
         "mine.txt",
     }
 

@@ -43,7 +43,14 @@ def test_two_scenes_become_a_report_a_figure_the_points_and_scenes_with_the_tune
     printed = capsys.readouterr().out
     for word in ("StiffPI `stiff PI`", "worst of 2 scenes", "pi.integral [kN m/rad]", "0.05 .. 20", "severity", "Two inertias, 90 kN"):
         assert word in printed
-    assert {path.name for path in out.iterdir()} == {"tune.txt", "tune.png", "trials.csv", "tuned_rig_90.toml", "tuned_rig_100.toml"}
+    assert {path.name for path in out.iterdir()} == {
+        "tune.txt",
+        "origin.json",
+        "tune.png",
+        "trials.csv",
+        "tuned_rig_90.toml",
+        "tuned_rig_100.toml",
+    }
     assert (out / "tune.txt").read_text() in printed and (out / "tune.png").read_bytes().startswith(b"\x89PNG")
     with (out / "trials.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -59,7 +66,7 @@ def test_two_scenes_become_a_report_a_figure_the_points_and_scenes_with_the_tune
     (out / "mine.txt").write_text("keep")
     assert main(["tune", rigs[0], *FREE, "--objective", "settling", "--runs", "20", "--out", str(out)]) == 0
     assert "Front of" in capsys.readouterr().out
-    assert {path.name for path in out.iterdir()} == {"tune.txt", "tune.png", "trials.csv", "tuned_rig_90.toml", "mine.txt"}
+    assert {path.name for path in out.iterdir()} == {"tune.txt", "origin.json", "tune.png", "trials.csv", "tuned_rig_90.toml", "mine.txt"}
 
 
 def test_an_interrupted_tuning_says_how_to_go_on_and_does(rigs, tmp_path, capsys, monkeypatch):
@@ -120,7 +127,7 @@ def test_where_no_point_has_an_objective_the_exit_code_is_1(rigs, tmp_path, caps
     assert main(["tune", rigs[0], *arguments]) == 1  # no gain there lets it settle
     printed = capsys.readouterr()
     assert "Nothing was found" in printed.out and "found nothing" in printed.err
-    assert {path.name for path in out.iterdir()} == {"tune.txt", "trials.csv"}
+    assert {path.name for path in out.iterdir()} == {"tune.txt", "origin.json", "trials.csv"}
 
 
 def test_the_help_shows_an_example(capsys):

@@ -23,6 +23,7 @@ import pytest
 from toolbox.commands import figures
 from toolbox.commands.command_line import main
 from toolbox.files.atomic import _exchanged, clear_left
+from toolbox.files.origin import ORIGIN
 from toolbox.onsets import verdicts
 from toolbox.sweeps import Sweep
 
@@ -96,7 +97,9 @@ def attempt(folder, monkeypatch, arguments, at=-1, kind="refused"):
 
 
 def content(folder):
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()} if folder.exists() else None
+    """{name: bytes} of what is the same for the same call: all but its date and the time that it took; None where there is no folder."""
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name != ORIGIN]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files} if folder.exists() else None
 
 
 @pytest.fixture

@@ -129,7 +129,7 @@ def test_an_interrupt_while_the_result_takes_its_place_comes_too_late(tmp_path):
     out = tmp_path / "out"
     for _ in range(2):  # in a new folder, and in one with results
         assert ended(started(tmp_path, "study", "belt.toml", "--out", out, patch=WHILE_PLACING))[:2] == (0, [])
-        assert len(list(out.iterdir())) == 9 and all(not path.name.startswith(".") for path in out.iterdir())
+        assert len(list(out.iterdir())) == 11 and all(not path.name.startswith(".") for path in out.iterdir())
 
 
 TUNE = (
@@ -249,7 +249,7 @@ def interrupted_at(tmp_path, patch, latest, times, seed):
         took = time.monotonic() - began
         left = sorted(path.name for path in tmp_path.iterdir() if path.name != "begun")
         if code == 0:  # it came when the result was in place
-            assert errors == [] and left == ["belt.toml", "out"] and len(list(out.iterdir())) == 9
+            assert errors == [] and left == ["belt.toml", "out"] and len(list(out.iterdir())) == 11
         else:
             assert (code, errors) == (128 + number, [NOTHING]) and left == ["belt.toml"]
             longest = max(longest, took)

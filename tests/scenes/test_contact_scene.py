@@ -231,7 +231,11 @@ def test_the_command_writes_report_figure_and_data_that_agree_with_the_run(writt
     path, out = written(), tmp_path / "out"
     assert main(["simulate", str(path), "--out", str(out)]) == 0
     stems = ("01_light", "02_heavy")
-    assert {file.name for file in out.iterdir()} == {"simulate.txt", *(stem + tail for stem in stems for tail in (".npz", ".csv", ".png"))}
+    assert {file.name for file in out.iterdir()} == {
+        "simulate.txt",
+        "origin.json",
+        *(stem + tail for stem in stems for tail in (".npz", ".csv", ".png")),
+    }
     run = ContactScene.load(path).run("heavy")
     run.error  # noqa: B018  as the command measures it
     lines = str(run).splitlines()
@@ -250,7 +254,7 @@ def test_the_command_writes_report_figure_and_data_that_agree_with_the_run(writt
     assert np.array_equal(table["top [N]"], run.inputs["top"]) and np.array_equal(table["top [m]"], run["top"])
     assert np.array_equal(table["back.speed [m/s]"], run["back.speed"]) and np.array_equal(table["x.0 [m]"], run["x.0"])
     assert main(["simulate", str(path), "--controller", "light", "--duration", "0.5 s", "--format", "svg", "--out", str(out)]) == 0
-    assert {file.name for file in out.iterdir()} == {"simulate.txt", "01_light.npz", "01_light.csv", "01_light.svg"}
+    assert {file.name for file in out.iterdir()} == {"simulate.txt", "origin.json", "01_light.npz", "01_light.csv", "01_light.svg"}
     assert "50 steps to 0.5 s" in capsys.readouterr().out
 
 

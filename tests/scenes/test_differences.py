@@ -101,7 +101,7 @@ def test_the_command_compares_saved_runs_and_scenes(runs, tmp_path, capsys):
     assert main(["compare", *paths, "--after", "10 s", "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
     assert str(compare(*runs.values(), after=10.0, labels=("slow", "fast"))).splitlines()[0] in printed
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["compare.png", "compare.txt"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["compare.png", "compare.txt", "origin.json"]
     assert main(["compare", *paths, "--out", str(tmp_path / "out")]) == 0  # replaces its own
     first, second = tmp_path / "first.toml", tmp_path / "second.toml"
     SCENE.save(first)

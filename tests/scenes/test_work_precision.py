@@ -113,7 +113,7 @@ def test_a_setting_that_fails_is_a_line_of_the_table():
 def test_the_command_writes_table_and_figure_of_a_scene(root, tmp_path, capsys):
     scene = root / "studies/scenes/block_on_belt.toml"
     assert main(["tradeoff", str(scene), "--duration", "5", "--out", str(tmp_path / "out")]) == 0
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["tradeoff.csv", "tradeoff.png"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["origin.json", "tradeoff.csv", "tradeoff.png"]
     printed = capsys.readouterr().out
     assert "time-stepping" in printed
     assert Scene.load(scene).title in printed

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import shlex
 import sys
 import warnings
 from collections.abc import Sequence
@@ -32,6 +33,7 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
     words, given = NOTHING, argparse.Namespace()
     try:
         given = _parser().parse_args(arguments)
+        given.line = shlex.join(["stickslip", *(sys.argv[1:] if arguments is None else arguments)])
         words = given.words(given)
         environment.check()
         if watch is not None:

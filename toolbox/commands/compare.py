@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
+from toolbox.commands.recording import results
 from toolbox.commands.terminal import drawn_as, earlier, figure_format, plain
 from toolbox.errors import SceneError
-from toolbox.files.atomic import whole_folder
 from toolbox.files.units import parse
 
 COMPARE_FILES = ("compare.txt", "compare.png")
@@ -67,7 +66,7 @@ def run(given: argparse.Namespace) -> int:
     first, second = (Scene.load(path) if scenes else SavedRun.read(path) for path in paths)
     found = compare(first, second, signals=given.signal, measures=given.measure, after=after, until=until, labels=labels)  # type: ignore[arg-type]
     files = COMPARE_FILES[:1] if scenes else drawn_as(COMPARE_FILES, given.format)
-    with whole_folder(given.out, files, earlier("compare.txt", f"^{BEGINNING}", COMPARE_FILES)) if given.out else nullcontext() as folder:
+    with results(given, files, earlier("compare.txt", f"^{BEGINNING}", COMPARE_FILES)) as folder:
         if folder is not None:
             (folder / "compare.txt").write_text(f"{BEGINNING}{paths[0]} and {paths[1]}\n\n{found}\n", encoding="utf-8")
             if not scenes:

@@ -9,9 +9,9 @@ from typing import Any
 
 from toolbox.arguments import number
 from toolbox.commands import figures
+from toolbox.commands.recording import results
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.atomic import whole_folder
 
 FILES = ("drives.txt", "drives.csv", "drives.png")
 
@@ -97,9 +97,7 @@ def run(given: argparse.Namespace) -> int:
     check_some(failures, labels)
     text = "\n".join([scene.title, *([str(found)] if found else []), *(f"{label}: {error}" for label, error in failures.items())]) + "\n"
     if given.out and found is not None:
-        with whole_folder(
-            given.out, drawn_as(FILES, given.format), earlier("drives.txt", "Lowest set-points at which", FILES), last=False
-        ) as made:
+        with results(given, drawn_as(FILES, given.format), earlier("drives.txt", "Lowest set-points at which", FILES), last=False) as made:
             (made / "drives.txt").write_text(text, encoding="utf-8")
             found.save(made / "drives.csv")
             figures.draw_found(found, scene.title, made / f"drives.{given.format}")

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import numbers
 from toolbox.commands import figures
+from toolbox.commands.recording import results
 from toolbox.commands.terminal import common, complaint, drawn_as, earlier, ranges
 from toolbox.errors import SceneError
-from toolbox.files.atomic import whole_folder
 
 FIT_FILES = ("fit.txt", "fit.csv", "fit.png", "scene.toml")
 
@@ -67,11 +66,7 @@ def run(given: argparse.Namespace) -> int:
         if not equals:
             raise SceneError(f"Argument `--column` must be SIGNAL=HEADING, but it is `{text}`.")
         columns[signal_name] = heading
-    with (
-        whole_folder(given.out, drawn_as(FIT_FILES, given.format), earlier("fit.txt", "\nFit of ", FIT_FILES))
-        if given.out
-        else nullcontext() as folder
-    ):
+    with results(given, drawn_as(FIT_FILES, given.format), earlier("fit.txt", "\nFit of ", FIT_FILES)) as folder:
         try:
             found = fit(
                 loop,

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import nullcontext
 from typing import Any
 
 from toolbox.arguments import number, whole
 from toolbox.commands import figures
+from toolbox.commands.recording import results
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, plain, progress
 from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.files.atomic import whole_folder
 
-ONSET_FILES = ("onset.png", "onset.txt")
+ONSET_FILES = ("onset.png", "onset.txt", "scene.toml")
+TABLES = ("onset.csv", "borders.csv", "onset.npz")
 
 
 def add(commands: Any) -> None:
@@ -22,8 +22,8 @@ def add(commands: Any) -> None:
         parents=[common("folder for figure, report and tables; those of an earlier search are replaced")],
         help="where stick-slip begins and where it ends over one parameter, for every controller of a scene",
         description="Simulate every controller of a scene from smooth running and from inside stick-slip over one parameter or input, find both borders, "
-        "and print them with the Hopf point and the margin at the working point. With --out, the folder gets a figure, the report and two tables (csv) "
-        "per controller, runs and borders: all of it, or nothing.",
+        "and print them with the Hopf point and the margin at the working point. With --out, the folder gets a figure, the report, the scene, and "
+        "per controller two tables (csv), runs and borders, and all arrays (npz): all of it, or nothing.",
         epilog="example: stickslip onset studies/scenes/jansen_2.toml --parameter top.reference --from '10 rpm' --to '150 rpm' --out borders",
     )
     border.add_argument("--parameter", required=True, metavar="NAME", help="what varies: an input, or a parameter of the plant or of a law")
@@ -66,16 +66,9 @@ def run(given: argparse.Namespace) -> int:
     whole("--values", given.values, 3)
     onsets = {}
     stems = file_stems(labels)
-    names = [*drawn_as(ONSET_FILES, given.format), *(f"{stem}_{table}.csv" for stem in stems for table in ("onset", "borders"))]
-    with (
-        whole_folder(
-            given.out,
-            names,
-            earlier("onset.txt", "Onset of stick-slip", [*ONSET_FILES, "[0-9][0-9]_*_onset.csv", "[0-9][0-9]_*_borders.csv"]),
-        )
-        if given.out
-        else nullcontext() as folder
-    ):
+    names = [*drawn_as(ONSET_FILES, given.format), *(f"{stem}_{table}" for stem in stems for table in TABLES)]
+    left = [*ONSET_FILES, *(f"[0-9][0-9]_*_{table}" for table in TABLES)]
+    with results(given, names, earlier("onset.txt", "Onset of stick-slip", left)) as folder:
         with progress(len(labels)) as reached:
             for i, label in enumerate(labels):
                 reached(i, label)
@@ -93,8 +86,10 @@ def run(given: argparse.Namespace) -> int:
             (folder / "onset.txt").write_text(text, encoding="utf-8")
             for label, stem in zip(labels, stems, strict=True):
                 if label in onsets:
+                    onsets[label].save(folder / f"{stem}_onset.npz")
                     onsets[label].save(folder / f"{stem}_onset.csv")
                     onsets[label].save_borders(folder / f"{stem}_borders.csv")
+            scene.save(folder / "scene.toml")
             if onsets:
                 figures.draw_onsets(scene, onsets, folder / f"onset.{given.format}")
     print(text, end="")

@@ -6,15 +6,14 @@ import argparse
 import dataclasses
 import glob
 import re
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
+from toolbox.commands.recording import results, untimed
 from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, plain, progress
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.atomic import whole_folder
 from toolbox.files.units import parse
 from toolbox.simulation.methods import METHODS
 
@@ -48,43 +47,41 @@ def run(given: argparse.Namespace) -> int:
     scene, simulated = _asked(given)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     stems = file_stems(labels)
-    texts, failed = [scene.title], 0
+    printed, texts, failed = [scene.title], [scene.title], 0
     with (
-        whole_folder(
-            given.out,
+        results(
+            given,
             [REPORT, *(stem + tail for stem in stems for tail in drawn_as(RUN_FILES, given.format))],
             earlier(REPORT, "^Simulation of ", _left),
-        )
-        if given.out
-        else nullcontext() as folder
+        ) as folder,
+        progress(len(labels)) as reached,
     ):
-        with progress(len(labels)) as reached:
-            for i, (label, stem) in enumerate(zip(labels, stems, strict=True)):
-                reached(i, label)
-                complaint = ""
+        for i, (label, stem) in enumerate(zip(labels, stems, strict=True)):
+            reached(i, label)
+            complaint = ""
+            try:
+                found = simulated(label)
+            except SimulationError as failure:
+                found, complaint = failure.run, f"failed: {failure}"
+                failed += 1
+            else:
                 try:
-                    found = simulated(label)
-                except SimulationError as failure:
-                    found, complaint = failure.run, f"failed: {failure}"
-                    failed += 1
-                else:
-                    try:
-                        found.error  # noqa: B018  measured here, so that the report has it
-                    except SimulationError as failure:  # the run to compare with may fail alone
-                        complaint = f"its error could not be measured: {failure}"
-                parts = [label, *([complaint] if complaint else []), *([] if found is None else [str(found)])]
-                if folder is not None and found is not None and found.time.size > 1:
-                    reached(i + 0.5, f"{label}: figure")
-                    found.save(folder / f"{stem}.npz")
-                    found.to_csv(folder / f"{stem}.csv")
-                    title = scene.title if len(scene.labels) == 1 else f"{scene.title}: {label}"
-                    figures.draw_found(found, title, folder / f"{stem}.{given.format}")
-                    parts.append(f"  files {stem}: npz, csv, {given.format}")
-                texts.append("\n".join(parts))
-        text = "\n\n".join(texts) + "\n"
+                    found.error  # noqa: B018  measured here, so that the report has it
+                except SimulationError as failure:  # the run to compare with may fail alone
+                    complaint = f"its error could not be measured: {failure}"
+            before, after = [label, *([complaint] if complaint else [])], []
+            if folder is not None and found is not None and found.time.size > 1:
+                reached(i + 0.5, f"{label}: figure")
+                untimed(found).save(folder / f"{stem}.npz")
+                found.to_csv(folder / f"{stem}.csv")
+                title = scene.title if len(scene.labels) == 1 else f"{scene.title}: {label}"
+                figures.draw_found(found, title, folder / f"{stem}.{given.format}")
+                after.append(f"  files {stem}: npz, csv, {given.format}")
+            printed.append("\n".join([*before, *([] if found is None else [str(found)]), *after]))
+            texts.append("\n".join([*before, *([] if found is None else [str(untimed(found))]), *after]))
         if folder is not None:
-            (folder / REPORT).write_text(f"Simulation of {text}", encoding="utf-8")
-    print(text, end="")
+            (folder / REPORT).write_text(f"Simulation of {_joined(texts)}\n", encoding="utf-8")
+    print(_joined(printed))
     if given.out:
         print(f"\nReport, figures and data are in {given.out}")
     return 1 if failed == len(labels) else 0
@@ -114,3 +111,7 @@ def _left(report: str) -> list[str]:
     """Names of the files of a simulation, as its report tells."""
     stems = re.findall(r"^  files (\d\d\S*): npz, csv, \w{3}$", report, re.MULTILINE)
     return [REPORT, *(glob.escape(stem) + tail for stem in stems if stem == Path(stem).name for tail in RUN_FILES)]
+
+
+def _joined(texts: Sequence[str]) -> str:
+    return "\n\n".join(texts)

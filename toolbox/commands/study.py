@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
+from toolbox.commands.recording import results, untimed
 from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, progress
-from toolbox.files.atomic import whole_folder
 
-COMMON_FILES = ("scene.toml", "table.csv", "comparison.png")
+COMMON_FILES = ("scene.toml", "study.txt", "table.csv", "comparison.png")
 CASE_FILES = (".npz", ".png", "_phase.png")
 
 
@@ -52,7 +52,7 @@ def run(given: argparse.Namespace) -> int:
     scene = Scene.load(given.scene)
     stems = file_stems(scene.labels)
     names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], given.format)
-    with whole_folder(given.out, names, earlier("table.csv", f"^{','.join(verdicts.HEADINGS)}[,\n]", _left)) as folder:
+    with results(given, names, earlier("table.csv", f"^{','.join(verdicts.HEADINGS)}[,\n]", _left)) as folder:
         rows, runs = [], {}
         with progress(len(scene.cases)) as reached:
             for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
@@ -61,7 +61,7 @@ def run(given: argparse.Namespace) -> int:
                 rows.append(row)
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")
-                    run.save(folder / f"{stem}.npz")
+                    untimed(run).save(folder / f"{stem}.npz")
                     figures.draw(scene, label, run, folder / f"{stem}.{given.format}", folder / f"{stem}_phase.{given.format}")
                     runs[label] = run
             if runs:
@@ -69,9 +69,10 @@ def run(given: argparse.Namespace) -> int:
                 figures.draw_comparison(scene, runs, folder / f"comparison.{given.format}")
         verdicts.write_table(rows, folder / "table.csv")
         scene.save(folder / "scene.toml")
-    print(verdicts.table(scene, rows))
-    if warning := scene.needs().warning:
-        print(f"\n{warning}")
+        warning = scene.needs().warning
+        notes = [warning] if warning else []
+        (folder / "study.txt").write_text("\n\n".join([verdicts.table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
+    print("\n\n".join([verdicts.table(scene, rows), *notes]))
     print(f"\nFigures, trajectories, table and scene are in {given.out}")
     return 1 if all(row.failed for row in rows) else 0
 

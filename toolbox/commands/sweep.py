@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import numbers
 from toolbox.commands import figures
+from toolbox.commands.recording import results
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, ranges
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.atomic import whole_folder
 from toolbox.files.unit_systems import asked_in
 from toolbox.messages import LOG
 
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 SAMPLINGS = ("grid", "random", "latin-hypercube", "sobol")
 
-MAP_FILES = ("map.txt", "map.png")
+SWEEP_FILES = ("sweep.csv", "scene.toml")
+MAP_FILES = ("map.txt", "map.png", "scene.toml")
 
 GOES_ON = "interrupted; the same call goes on from here."
 
@@ -80,7 +81,6 @@ def add(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Sweep a scene over a grid, a design or a table. Returns the exit code."""
     from toolbox.scenes.scene import Scene
-    from toolbox.sweeps.store import folder_of
     from toolbox.sweeps.sweep import sweep
 
     scene = Scene.load(given.scene)
@@ -91,14 +91,22 @@ def run(given: argparse.Namespace) -> int:
         variations, folder = _variations(given, scene, label), given.out / stem
         store = folder / "sweep.zarr" if goes_on else None
         found = sweep(scene[label], variations, measures=given.measure or ("severity", "stuck_ratio"), out=store)
-        if store is None:
-            folder_of(folder)
-            found.save(folder / "sweep.npz")
-        found.save(folder / "sweep.csv")
+        with results(given, [*SWEEP_FILES, *(["sweep.npz"] if store is None else [])], _left, folder, last=False) as made:
+            if store is None:
+                found.save(made / "sweep.npz")
+            found.save(made / "sweep.csv")
+            scene.save(made / "scene.toml")
         failed += len(found.errors) == found.runs
         print(f"{found}\n")
     print(f"Results are in {given.out}")
     return 1 if failed == len(labels) else 0
+
+
+def _left(folder: Path) -> set[str]:
+    """Names of the files that an earlier sweep left in a folder, beside what holds its runs."""
+    if not any((folder / name).exists() for name in ("sweep.zarr", "sweep.npz")):
+        return set()
+    return {name for name in (*SWEEP_FILES, "sweep.npz") if (folder / name).is_file()}
 
 
 def _goes_on() -> bool:
@@ -173,8 +181,9 @@ def run_map(given: argparse.Namespace) -> int:
             failures[label] = error
             continue
         names = drawn_as(MAP_FILES, given.format)
-        with whole_folder(folder, names, earlier("map.txt", "^Severity map of ", MAP_FILES), last=False) as made:
+        with results(given, names, earlier("map.txt", "^Severity map of ", MAP_FILES), folder, last=False) as made:
             (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
+            scene.save(made / "scene.toml")
             figures.draw_found(found, found.title, made / f"map.{given.format}")
         print(f"{found}\n")
     check_some(failures, labels)

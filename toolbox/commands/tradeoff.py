@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from contextlib import nullcontext
 from typing import Any
 
 from toolbox.commands import figures
+from toolbox.commands.recording import results
 from toolbox.commands.terminal import common, complaint, drawn_as, earlier, heading, plain
-from toolbox.files.atomic import whole_folder
 from toolbox.files.units import parse
 
 TRADE_FILES = ("tradeoff.png", "tradeoff.csv")
@@ -42,7 +41,7 @@ def run(given: argparse.Namespace) -> int:
     scene = Scene.load(given.scene)
     loop = scene[given.controller or scene.labels[0]]
     left_by = earlier("tradeoff.csv", heading(Point), TRADE_FILES)
-    with whole_folder(given.out, drawn_as(TRADE_FILES, given.format), left_by) if given.out else nullcontext() as folder:
+    with results(given, drawn_as(TRADE_FILES, given.format), left_by) as folder:
         try:
             duration = None if given.duration is None else parse(given.duration, "s", "--duration")
             found = dataclasses.replace(work_precision(loop, duration), title=f"{scene.title}: {loop.label}")

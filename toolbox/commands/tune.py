@@ -11,9 +11,9 @@ from typing import Any
 from toolbox.arguments import whole
 from toolbox.commands import figures
 from toolbox.commands.interrupt import NOTHING
+from toolbox.commands.recording import results
 from toolbox.commands.terminal import complaint, drawn_as, earlier, figure_format, ranges
 from toolbox.errors import SceneError
-from toolbox.files.atomic import whole_folder
 
 TUNE_FILES = ("tune.txt", "tune.png", "trials.csv")
 
@@ -78,8 +78,8 @@ def run(given: argparse.Namespace) -> int:
     }
     whole("--processes", given.processes, 1)
     with (
-        whole_folder(
-            given.out,
+        results(
+            given,
             [*drawn_as(TUNE_FILES, given.format), *names.values()],
             earlier("tune.txt", "^Tuning of ", [*TUNE_FILES, "tuned_*.toml"]),
         ) as folder,

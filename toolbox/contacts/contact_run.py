@@ -355,9 +355,10 @@ class ContactRun:
 
     def __str__(self) -> str:
         now = ", ".join(f"{self.share(word)[-1]:.0%} {word}" for word in ("stick", "slip", "open"))
+        took = "" if np.isnan(self.wall_time) else f", {self.wall_time:.2g} s"
         steps = (
             f"{len(self.time) - 1} steps to {self.end:g} s, {self.problem.contacts} contacts ({now} at the end), "
-            f"{self.passes.sum() / max(len(self.time) - 1, 1):.1f} passes a step, {self.wall_time:.2g} s"
+            f"{self.passes.sum() / max(len(self.time) - 1, 1):.1f} passes a step{took}"
         )
         share, audit, last = self.share(), self.audit(), self.last()
         still = (

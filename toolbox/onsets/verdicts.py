@@ -147,8 +147,8 @@ def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> 
 
 # --- the table
 
-HEADINGS = tuple(each.name for each in dataclasses.fields(Row) if each.name != "more")
-"""Headings of the table on disk, before further measures."""
+HEADINGS = tuple(each.name for each in dataclasses.fields(Row) if each.name not in ("wall_time", "more"))
+"""Headings of the table on disk, before further measures: all but the time, which is never the same again."""
 
 
 def _others(rows: Sequence[Row]) -> list[str]:
@@ -158,17 +158,27 @@ def _others(rows: Sequence[Row]) -> list[str]:
 def write_table(rows: Sequence[Row], path: Path) -> None:
     """The rows as csv in SI units, whole or not at all; a number that does not exist is left empty, what never settles is inf."""
     others = _others(rows)
-    cells = [[*dataclasses.astuple(row)[: len(HEADINGS)], *(row.more.get(name, math.nan) for name in others)] for row in rows]
+    cells = [[*(getattr(row, name) for name in HEADINGS), *(row.more.get(name, math.nan) for name in others)] for row in rows]
     tables.write(path, [*HEADINGS, *others], cells)
 
 
-def table(scene: Scene, rows: Sequence[Row]) -> str:
-    """The rows as text, under what was judged and above the reasons of failures."""
+def table(scene: Scene, rows: Sequence[Row], times: bool = True) -> str:
+    """The rows as text, under what was judged and above the reasons of failures; times: whether with the time that each took."""
     plant = scene.plant()
     effort, speed = (reading(plant.unit(name), scene.asked) for name in (scene.effort, scene.signal))
     until = f"{scene.duration:g} s" if scene.standstill is None else f"standstill at {scene.standstill * speed.factor:g} {speed.unit}"
     set_point = f"; set-point {scene.reference * speed.factor:.4g} {speed.unit}" if scene.reference else ""
-    head = ["controller", "verdict", "stuck", "severity", "settling", "overshoot", f"peak {scene.effort}", "error", "wall time"]
+    head = [
+        "controller",
+        "verdict",
+        "stuck",
+        "severity",
+        "settling",
+        "overshoot",
+        f"peak {scene.effort}",
+        "error",
+        *(["wall time"] if times else []),
+    ]
     if scene.standstill is not None:
         head[head.index("settling")] = "stands at"
     others = _others(rows)
@@ -184,7 +194,7 @@ def table(scene: Scene, rows: Sequence[Row]) -> str:
                 "-" if row.settling == math.inf else _number(100 * row.overshoot, "{:.1f} %"),  # without settling it is only a peak
                 _number(row.peak * effort.factor, ("{:.0f} " if row.peak * effort.factor >= 1000 else "{:.4g} ") + effort.unit),
                 _number(row.error, "{:.0e}"),
-                _number(1e3 * row.wall_time, "{:.2g} ms" if row.wall_time < 0.1 else "{:.0f} ms"),
+                *([_number(1e3 * row.wall_time, "{:.2g} ms" if row.wall_time < 0.1 else "{:.0f} ms")] if times else []),
                 *(_number(row.more.get(name, math.nan), "{:.4g}") for name in others),
             ]
         )

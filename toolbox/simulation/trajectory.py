@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -358,9 +359,10 @@ class Trajectory(Recorded, Samples[FloatArray]):
     @property
     def _headlines(self) -> list[str]:
         names = [*(kind_of(law_of(part)) for part in self.run.plant.parts), *(kind_of(law) for law in self.run.loop.laws)]
+        took = "" if math.isnan(self.wall_time) else f" in {1e3 * self.wall_time:.3g} ms"
         lines = [
             f"{type(self).__name__} of {', '.join(names)}",
-            f"{self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
+            f"{self.duration:g} s{took}: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
             self._setting + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
         ]
         if self.why:

@@ -1,0 +1,58 @@
+"""Folders of results: written whole, with the origin of what is in them."""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, TypeVar
+
+from toolbox.files.atomic import whole_folder
+from toolbox.files.origin import ORIGIN, Origin, hashes, versions
+
+Timed = TypeVar("Timed")
+
+WRITTEN = ("out", "journal")
+"""Arguments whose files a command writes, not reads."""
+
+
+@contextmanager
+def results(
+    given: argparse.Namespace, names: Sequence[str], left_by: Callable[[Path], set[str]], out: Path | None = None, last: bool = True
+) -> Iterator[Any]:
+    """The folder of `--out` for the results of a command, with their origin, as `toolbox.files.atomic.whole_folder`; None where there is no `--out`.
+
+    names: files that will be written;  left_by: function of a folder that names those of an earlier call;  out: another folder than that of `--out`;
+    last: whether the command has nothing to do after it.
+    """
+    place = given.out if out is None else out
+    if place is None:
+        yield None
+        return
+
+    def left(path: Path) -> set[str]:
+        found = left_by(path)
+        return found | {ORIGIN} if found else found
+
+    began, clock = datetime.now(UTC), time.perf_counter()
+    read = hashes(path for name, value in sorted(vars(given).items()) if name not in WRITTEN for path in _paths(value))
+    with whole_folder(place, [*names, ORIGIN], left, last) as folder:
+        yield folder
+        files = {Path(path).name: told for path, told in hashes(sorted(folder.iterdir())).items()}
+        seconds = round(time.perf_counter() - clock, 3)
+        Origin(given.line, began.isoformat(timespec="seconds"), seconds, versions(), read, files).write(folder)
+
+
+def untimed(run: Timed) -> Timed:
+    """A run without the time that it took, so that its file is the same each time."""
+    found = copy.copy(run)
+    found.wall_time = float("nan")  # type: ignore[attr-defined]
+    return found
+
+
+def _paths(value: Any) -> list[Path]:
+    return [each for each in (value if isinstance(value, list) else [value]) if isinstance(each, Path)]

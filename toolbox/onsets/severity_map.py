@@ -15,7 +15,6 @@ import contextlib
 import dataclasses
 import json
 import math
-import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -94,8 +93,8 @@ class SeverityMap:
         Resolution of borders by runs, in parts of a cell; where the growth is known, smooth running is lost where that changes its sign.
     errors
         Why a run failed: {(branch, i, j): message}.
-    runs, seconds
-        Number of runs and time that they took [s].
+    runs
+        Number of runs.
     notes
         What the reader of the map should know.
     asked
@@ -116,7 +115,6 @@ class SeverityMap:
     accuracy: float
     resolution: float
     runs: int
-    seconds: float = 0.0
     errors: dict[tuple[str, int, int], str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     asked: Mapping[str, str] = field(default_factory=dict)
@@ -146,7 +144,7 @@ class SeverityMap:
                 f"  {name} from {axis[0] * each.factor:.6g} to {axis[-1] * each.factor:.6g}{each.tail}, {axis.size} values"
                 for name, each, axis in zip(self.names, read, self.axes, strict=True)
             ),
-            f"  {self.runs} runs, each until it is decided, of {self.duration:.4g} s at most, at accuracy {self.accuracy:g}, in {self.seconds:.3g} s",
+            f"  {self.runs} runs, each until it is decided, of {self.duration:.4g} s at most, at accuracy {self.accuracy:g}",
             "",
             "  share of the map",
         ]
@@ -234,7 +232,6 @@ class SeverityMap:
                 "accuracy",
                 "resolution",
                 "runs",
-                "seconds",
                 "notes",
                 "asked",
             )
@@ -258,6 +255,7 @@ class SeverityMap:
             if "smooth.ratio" in data:
                 raise SceneError(f"`{path}` is a map of an earlier version, which judged its runs in a window of time: map it again.")
             notes = json.loads(str(data["map"]))
+            notes.pop("seconds", None)  # of earlier versions
             branches = {
                 branch: MapSide(**{each.name: data[f"{branch}.{each.name}"] for each in dataclasses.fields(MapSide)})
                 for branch in ("smooth", "sticking")
@@ -283,7 +281,7 @@ class SeverityMap:
             "notes": "texts",
             "asked": "by name",
         }
-        check_notes(self, texts | dict.fromkeys(("duration", "accuracy", "resolution", "runs", "seconds"), "number"))
+        check_notes(self, texts | dict.fromkeys(("duration", "accuracy", "resolution", "runs"), "number"))
         shapes: dict[str, Shape] = {"axis.0": ("f", "rows"), "axis.1": ("f", "columns"), "growth": ("f", "rows", "columns")}
         for branch in ("smooth", "sticking"):
             shapes |= {f"{branch}.{name}": ("i" if name == "verdict" else "f", "rows", "columns") for name in vars(self.smooth)}
@@ -347,7 +345,6 @@ def severity_map(
     SceneError
         If a name is unknown, a range is none, or there is no steady running in the middle of the map.
     """
-    began = clock.perf_counter()
     if not isinstance(shape, Sequence) or len(shape) != 2 or not all(isinstance(n, int) and n >= 2 for n in shape):
         raise SceneError(f"Argument `shape` must be two integers >= 2, but it is {shape!r}.")
     whole("halvings", halvings, 0, 20)
@@ -400,7 +397,6 @@ def severity_map(
         accuracy=search.base.accuracy,
         resolution=0.5**halvings,
         runs=search.runs,
-        seconds=clock.perf_counter() - began,
         notes=tuple(_notes(search, (smooth, inside))),
         asked={
             number.unit: asked_in(number.in_si(number.name, ends), number.unit)

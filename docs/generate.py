@@ -30,6 +30,7 @@ THEMES = {
     "measure": ("Measure", "Numbers of a run, energy, and parameters from measurements.", "measuring calibration"),
     "analyse": ("Analyse", "Steady states, borders of stick-slip, cycles, maps and sweeps.", "steady_states onsets orbits sweeps"),
     "design": ("Design", "Laws that are tuned and judged: margins, limits, worst cases.", "tuning robustness"),
+    "report": ("Report", "Results on one page.", "reports"),
     "export": ("Export", "Laws as C, FMU and python-control systems, and the way back.", "export"),
 }
 """{page: (title, what it holds, rooms whose public names stand on it)}; a test says when a name has no page."""

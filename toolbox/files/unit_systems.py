@@ -64,6 +64,11 @@ class units:
         _SYSTEM.reset(self._before)
 
 
+def chosen() -> str | None:
+    """The system that was chosen; None where answers are in the units of their questions."""
+    return _SYSTEM.get()
+
+
 class Reading(NamedTuple):
     """The unit in which numbers are read, and the factor that takes them there."""
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files import tables
+from toolbox.files.archives import understood
 from toolbox.files.printing import columns
+from toolbox.files.reading import TEXT, text_of
 from toolbox.files.unit_systems import reading
 from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judged, told_growth
 from toolbox.measuring.measure import stick_intervals
@@ -162,12 +166,37 @@ def write_table(rows: Sequence[Row], path: Path) -> None:
     tables.write(path, [*HEADINGS, *others], cells)
 
 
+def read_table(path: Path) -> list[Row]:
+    """The rows that `write_table` wrote. Raises SceneError where the file is none of a study."""
+    rows = []
+    with understood(path, "the table of a study"):
+        for told in csv.DictReader(io.StringIO(text_of(path, TEXT, "table"))):
+            texts: dict[str, Any] = {name: told.pop(name) for name in ("controller", "verdict", "files")}
+            values = {name: float(text) if text else math.nan for name, text in told.items()}
+            own: dict[str, Any] = {name: values.pop(name) for name in HEADINGS if name not in texts}
+            rows.append(Row(**texts, **own, more=values))
+    return rows
+
+
 def table(scene: Scene, rows: Sequence[Row], times: bool = True) -> str:
     """The rows as text, under what was judged and above the reasons of failures; times: whether with the time that each took."""
-    plant = scene.plant()
-    effort, speed = (reading(plant.unit(name), scene.asked) for name in (scene.effort, scene.signal))
+    lines = columns(in_cells(scene, rows, times), (0, 1), "")
+    lines.insert(1, "-" * max(map(len, lines)))
+    reasons = [f"{row.controller} {row.verdict}" for row in rows if row.failed]
+    return "\n".join([scene.title, judged_by(scene), "", *lines, *reasons])
+
+
+def judged_by(scene: Scene) -> str:
+    """A sentence about what is judged in which time."""
+    speed = reading(scene.plant().unit(scene.signal), scene.asked)
     until = f"{scene.duration:g} s" if scene.standstill is None else f"standstill at {scene.standstill * speed.factor:g} {speed.unit}"
     set_point = f"; set-point {scene.reference * speed.factor:.4g} {speed.unit}" if scene.reference else ""
+    return f"{scene.judges}, judged from {scene.after:g} s to {until}{set_point}."
+
+
+def in_cells(scene: Scene, rows: Sequence[Row], times: bool = True) -> list[list[str]]:
+    """Headings and rows as texts, in the units of the scene; times: whether with the time that each took."""
+    effort = reading(scene.plant().unit(scene.effort), scene.asked)
     head = [
         "controller",
         "verdict",
@@ -198,11 +227,7 @@ def table(scene: Scene, rows: Sequence[Row], times: bool = True) -> str:
                 *(_number(row.more.get(name, math.nan), "{:.4g}") for name in others),
             ]
         )
-    lines = columns(cells, (0, 1), "")
-    lines.insert(1, "-" * max(map(len, lines)))
-    judged_by = f"{scene.judges}, judged from {scene.after:g} s to {until}{set_point}."
-    reasons = [f"{row.controller} {row.verdict}" for row in rows if row.failed]
-    return "\n".join([scene.title, judged_by, "", *lines, *reasons])
+    return cells
 
 
 def _number(value: float, form: str) -> str:

@@ -1,0 +1,195 @@
+"""A report: every number in it is that of the arrays it came from, and the page needs nothing else."""
+
+import csv
+import html.parser
+import math
+import re
+import shutil
+
+import pytest
+
+from controllers import PI
+from models import BitRock, wells
+from toolbox import closed_loop, compose, simulate
+from toolbox.commands.command_line import main
+from toolbox.errors import SceneError
+from toolbox.onsets.report import Onset
+from toolbox.reports import report, to_pdf
+
+SCENE = """
+title = "Two inertias <95 rpm>"
+duration = "40 s"
+reference = "95 rpm"
+[[plant]]
+part = "wells.JANSEN_2"
+[[plant]]
+part = "BitRock"
+[[controllers]]
+label = "stiff PI"
+law = "StiffPI"
+[[controllers]]
+label = "soft torque"
+law = "SoftTorque"
+"""
+
+
+class Cells(html.parser.HTMLParser):
+    """Tables of a page: a list of rows, each a list of texts, per table; and everything that a browser would fetch."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tables, self.fetched, self.inside = [], [], False
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.fetched += [value for name, value in attributes if name in ("src", "href", "srcset")]
+        if tag == "table":
+            self.tables.append([])
+        elif tag == "tr":
+            self.tables[-1].append([])
+        elif tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+        self.inside = tag in ("td", "th")
+        assert tag not in ("script", "link", "iframe", "object")
+
+    def handle_data(self, data):
+        if self.inside:
+            self.tables[-1][-1][-1] += data
+
+    def handle_endtag(self, tag):
+        self.inside = False
+
+    def found(self, first):
+        return next(rows for rows in self.tables if rows[0][0] == first)
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("results")
+    (folder / "rig.toml").write_text(SCENE)
+    assert main(["study", str(folder / "rig.toml"), "--out", str(folder / "study")]) == 0
+    asked = ["--parameter", "top.reference", "--from", "80 rpm", "--to", "150 rpm", "--values", "3", "--controller", "stiff PI"]
+    assert main(["onset", str(folder / "rig.toml"), *asked, "--out", str(folder / "onset")]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(folders):
+    return report(folders / "study", folders / "onset", path=folders / "report.html").read_text()
+
+
+def test_the_verdict_table_is_that_of_the_study(folders, page):
+    head, *rows = Cells(page).found("controller")
+    with (folders / "study" / "table.csv").open(newline="") as file:
+        told = list(csv.DictReader(file))
+    assert [row[0] for row in rows] == [row["controller"] for row in told] and len(rows) == 2
+    for row, own in zip(rows, told, strict=True):
+        cell = dict(zip(head, row, strict=True))
+        assert cell["verdict"] == own["verdict"]
+        assert float(cell["stuck"].removesuffix(" s")) == pytest.approx(float(own["stuck"]), abs=0.005)
+        assert float(cell["severity"]) == pytest.approx(float(own["severity"]), abs=5e-4)
+        value, unit = cell["peak top.torque"].split(" ", 1)
+        assert unit == "kN m" and 1e3 * float(value) == pytest.approx(float(own["peak"]), rel=1e-3)
+        assert (cell["settling"] == "never") == (own["settling"] == "inf")
+
+
+def test_the_borders_are_those_of_the_onset(folders, page):
+    onset = Onset.load(next((folders / "onset").glob("*.npz")))
+    assert "Hopf point" in page and onset.ends
+    assert f"{onset.end * 30 / math.pi:.6g} rpm" in page  # as printed
+    assert onset.title in page
+
+
+def test_the_machine_and_the_gains_stand_in_it(page):
+    numbers = {row[0]: row[1:3] for row in Cells(page).found("number")[1:]}
+    assert numbers["chain.inertia"] == ["2122, 374", "kg m2"] and numbers["bit.weight"] == ["97.347", "kN"]
+    laws = {row[0]: row[1] for rows in Cells(page).tables for row in rows if rows[0] == ["controller", "law"]}
+    assert "proportional 0.4206 kN m s/rad" in laws["soft torque"]
+    assert page.count("kg m&#178;") == 2  # the sketch
+
+
+def test_the_page_needs_nothing_else(page):
+    fetched = Cells(page).fetched
+    assert len(fetched) >= 6 and all(each.startswith("data:image/png;base64,") for each in fetched)
+    assert "default-src 'none'" in page and "url(" not in page and "@import" not in page
+    assert "<95 rpm>" not in page and "&lt;95 rpm&gt;" in page
+    assert len(page) < 2e6
+
+
+def test_it_says_how_to_get_the_same_again(folders, page):
+    assert f"stickslip study {folders / 'rig.toml'} --out {folders / 'study'}" in page
+    assert "casadi " in page and "SHA-256" in page
+    assert report(folders / "study", folders / "onset", path=folders / "again.html").read_text() == page
+
+
+def test_a_file_that_was_changed_since_is_named(folders, tmp_path):
+    shutil.copytree(folders / "study", tmp_path / "study")
+    (tmp_path / "study" / "comparison.png").write_bytes(b"other")
+    assert "or gone: comparison.png" in report(tmp_path / "study", path=tmp_path / "r.html").read_text()
+
+
+def test_results_of_python_have_their_answer_figure_and_machine(tmp_path):
+    rig = compose(wells.JANSEN_2, BitRock())
+    run = simulate(closed_loop(rig, PI(proportional=4000.0, integral=1500.0, reference=9.0), label="PI & I"), "10 s")
+    text = report(run, path=tmp_path / "run.html", title="Mine").read_text()
+    assert "<h1>Mine</h1>" in text and text.count("data:image/png") == 1
+    assert "chain.inertia" in text and "PI &amp; I" in text
+    assert f"{len(run.events)} events" in text
+
+
+def test_a_folder_of_folders_stands_for_all_in_it(folders, tmp_path):
+    for name in ("one", "two"):
+        shutil.copytree(folders / "study", tmp_path / "all" / name)
+    assert report(tmp_path / "all", path=tmp_path / "r.html").read_text().count("<h2>Study</h2>") == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "path", "words"),
+    [
+        ((), "r.html", "there are none"),
+        (("none",), "r.html", "there is no folder `none`"),
+        ((".",), "r.txt", "must end with .html"),
+        ((5,), "r.html", "one is 5"),
+    ],
+)
+def test_what_is_no_result_is_refused(tmp_path, monkeypatch, given, path, words):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SceneError, match=re.escape(words)):
+        report(*given, path=path)
+    assert not (tmp_path / path).exists()
+
+
+def test_a_folder_of_something_else_and_a_damaged_one_are_refused(folders, tmp_path, capsys):
+    (tmp_path / "mine").mkdir()
+    page = str(tmp_path / "r.html")
+    assert main(["report", str(tmp_path / "mine"), "--page", page]) == 2
+    assert "is none" in capsys.readouterr().err
+    shutil.copytree(folders / "study", tmp_path / "study")
+    (tmp_path / "study" / "table.csv").write_text("controller,verdict\none,free\n")
+    assert main(["report", str(tmp_path / "study"), "--page", page]) == 2
+    assert "the table of a study" in capsys.readouterr().err
+
+
+def test_the_command_writes_the_page_and_hides_no_file_of_the_user(folders, tmp_path, capsys):
+    page = tmp_path / "r.html"
+    for _ in range(2):  # an earlier report is replaced
+        assert main(["report", str(folders / "study"), "--page", str(page)]) == 0
+    assert "1 folder is in" in capsys.readouterr().out
+    page.write_text("<html>mine</html>")
+    assert main(["report", str(folders / "study"), "--page", str(page)]) == 2
+    assert page.read_text() == "<html>mine</html>"
+
+
+def test_without_a_program_that_prints_a_pdf_is_refused_and_nothing_is_written(folders, tmp_path, monkeypatch):
+    monkeypatch.setattr(to_pdf, "BROWSERS", ())
+    monkeypatch.setitem(__import__("sys").modules, "weasyprint", None)
+    with pytest.raises(SceneError, match="needs Chromium"):
+        report(folders / "study", path=tmp_path / "r.html", pdf=True)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not any(map(shutil.which, to_pdf.BROWSERS)), reason="no browser that prints is installed")
+def test_a_browser_prints_the_page(folders, tmp_path):
+    report(folders / "study", path=tmp_path / "r.html", pdf=True)
+    assert (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")

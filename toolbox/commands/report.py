@@ -1,0 +1,48 @@
+"""stickslip report: folders of results on one page."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from toolbox.errors import SceneError
+
+MARK = 'content="stickslip report"'
+"""What a page of an earlier call holds."""
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip report`."""
+    page = commands.add_parser(
+        "report",
+        help="one page about folders of results: answers, machine, gains, figures, how to get the same again",
+        description="Write one page (HTML, one file, for screen and paper) about folders that other commands wrote with --out: the answers first, then the "
+        "machine, the laws with the gains to type into the drive, all figures, what was printed, and how to get the same again. Without --units it reads in "
+        "rpm, kN and kN m.",
+        epilog="example: stickslip report results borders --page report.html",
+    )
+    page.add_argument("folders", type=Path, nargs="+", metavar="DIR", help="folder that a command wrote with --out; may be repeated")
+    page.add_argument(
+        "--page",
+        type=Path,
+        default=Path("report.html"),
+        metavar="FILE.html",
+        help="the file to write (report.html); that of an earlier report is replaced",
+    )
+    page.add_argument("--title", metavar="TEXT", help="what stands on top; the title of the first scene without")
+    page.add_argument("--pdf", action="store_true", help="write a PDF beside it, by Chromium or by WeasyPrint")
+    page.set_defaults(action=run, spelled={"results": "DIR", "path": "--page"})
+
+
+def run(given: argparse.Namespace) -> int:
+    """Write the page. Returns the exit code."""
+    from toolbox.reports.report import report
+
+    if given.page.exists() and not (given.page.is_file() and MARK in given.page.read_text(encoding="utf-8", errors="replace")[:2000]):
+        raise SceneError(f"Argument `--page` must not hide your own files, but `{given.page}` is not an earlier report.")
+    path = report(*given.folders, path=given.page, title=given.title, pdf=given.pdf)
+    beside = f" and {path.with_suffix('.pdf')}" if given.pdf else ""
+    count = f"{len(given.folders)} folder{'s' * (len(given.folders) > 1)}"
+    print(f"Report of {count} is in {path}{beside} ({path.stat().st_size / 1e6:.1f} MB)")
+    return 0

@@ -1,0 +1,125 @@
+"""Sections of the folders that commands write."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from toolbox.errors import SceneError
+from toolbox.files.origin import ORIGIN, Origin
+from toolbox.files.printing import table
+from toolbox.files.reading import text_of
+from toolbox.onsets import verdicts
+from toolbox.onsets.comparison import Comparison
+from toolbox.onsets.report import Onset
+from toolbox.reports.sections import KINDS, Section, picture, preformatted
+from toolbox.scenes.contact_scene import load_scene
+from toolbox.scenes.scene import Scene
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What one command writes: the file that tells of it, what it is called, its figure, and how its answer is read from the folder."""
+
+    mark: str
+    name: str
+    figure: str
+    answer: Callable[[Path, Scene | None], tuple[str, tuple[str, ...]]] | None = None
+
+
+def of_folder(folder: Path) -> list[Section]:
+    """The sections of a folder of results, or of all folders of results in it.
+
+    Raises SceneError where there are none, and where one is damaged.
+    """
+    if not folder.is_dir():
+        raise SceneError(f"Argument `results` must be folders of results, but there is no folder `{folder}`.")
+    kind = next((each for each in ALL if (folder / each.mark).is_file()), None)
+    if kind is not None:
+        return [_section(folder, kind)]
+    found = [section for inner in sorted(folder.iterdir()) if inner.is_dir() and (inner / ORIGIN).is_file() for section in of_folder(inner)]
+    if not found:
+        raise SceneError(f"Argument `results` must be folders that a command of `stickslip` wrote, but `{folder}` is none.")
+    return found
+
+
+def _section(folder: Path, kind: Kind) -> Section:
+    scene = load_scene(folder / "scene.toml") if (folder / "scene.toml").is_file() else None
+    text = text_of(folder / kind.mark) if kind.mark.endswith(".txt") else ""
+    origin = Origin.read(folder) if (folder / ORIGIN).is_file() else None
+    remarks: tuple[str, ...] = ()
+    if origin is not None and (changed := origin.changed(folder)):
+        remarks = (f"Changed since they were written, or gone: {', '.join(changed)}.",)
+    declared = scene if isinstance(scene, Scene) else None
+    answer, more = kind.answer(folder, declared) if kind.answer else (preformatted(_below_title(text)), ())
+    first = text.strip().partition("\n")[0]
+    title = getattr(scene, "title", "") or first or kind.name
+    own = [picture(folder / f"{kind.figure}{suffix}", f"{kind.name}: {title}") for suffix in KINDS]
+    shown = {f"{kind.figure}{suffix}" for suffix in KINDS}
+    others = [picture(path, _caption(path, declared)) for path in sorted(folder.iterdir()) if path.name not in shown]
+    return Section(
+        title,
+        kind.name,
+        answer,
+        tuple(each for each in own if each),
+        tuple(each for each in others if each),
+        text,
+        tuple((label, declared[label]) for label in declared.labels) if declared else (),
+        origin,
+        folder,
+        more + remarks,
+    )
+
+
+def _below_title(text: str) -> str:
+    return text.strip().partition("\n")[2].strip("\n") or text
+
+
+def _caption(path: Path, scene: Scene | None) -> str:
+    """What a figure of one controller shows, by the number that its name begins with."""
+    number = path.stem[:2]
+    if scene is None or not number.isdigit() or not 0 < int(number) <= len(scene.labels):
+        return path.stem.replace("_", " ")
+    return scene.labels[int(number) - 1] + (", phase plane" if path.stem.endswith("_phase") else "")
+
+
+# ---------------------------------------------------------------------------------------------------------------------------------------- answers
+def _study(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
+    if scene is None:
+        raise SceneError(f"Folder `{folder}` must hold the scene of its study, but there is no `scene.toml` with equations.")
+    rows = verdicts.read_table(folder / "table.csv")
+    head, *cells = verdicts.in_cells(scene, rows, times=False)
+    return table(verdicts.judged_by(scene), head, cells), tuple(f"{row.controller} {row.verdict}" for row in rows if row.failed)
+
+
+def _onset(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
+    found = {}
+    for path in sorted(folder.glob("[0-9][0-9]_*_onset.npz")):
+        onset = Onset.load(path)
+        found[onset.title or path.stem] = onset
+    parts = [Comparison(found, {})._repr_html_()] if len(found) > 1 else []
+    parts += [_short(onset, label) for label, onset in found.items()]
+    text = text_of(folder / "onset.txt")
+    failed = tuple(line for line in text.splitlines() if " failed: " in line)
+    return "\n".join(parts), failed
+
+
+def _short(onset: Onset, label: str) -> str:
+    """The borders of one controller and what they mean; the values that were simulated stand in the appendix."""
+    return table(label, (), (), [onset.advice, *onset.notes])
+
+
+ALL: Sequence[Kind] = (
+    Kind("study.txt", "Study", "comparison", _study),
+    Kind("onset.txt", "Onset of stick-slip", "onset", _onset),
+    Kind("map.txt", "Severity map", "map"),
+    Kind("drives.txt", "Lowest set-points", "drives"),
+    Kind("tune.txt", "Tuning", "tune"),
+    Kind("fit.txt", "Calibration", "fit"),
+    Kind("simulate.txt", "Simulation", "01"),
+    Kind("compare.txt", "Comparison", "compare"),
+    Kind("tradeoff.csv", "Error against time", "tradeoff"),
+    Kind("sweep.csv", "Sweep", "sweep"),
+)
+"""What the commands write."""

@@ -1,0 +1,100 @@
+"""The machine of a report: a sketch of its string, its numbers with units and sources, and the laws with the gains that one types into the drive."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from toolbox.files.printing import table
+from toolbox.files.unit_systems import reading
+from toolbox.modelling.closed_loop import ClosedLoop
+
+LABELLED = 8
+"""Inertias that a sketch names; of more it names the first, the last and the count."""
+
+
+def machine(loop: ClosedLoop) -> str:
+    """Sketch and table of the machine of a loop."""
+    rows = [row for row in _rows(loop) if row is not None]
+    sources = sorted({source for number in loop.numbers().values() if (source := number.bounds.get("source"))})
+    notes = [f"Sources: {'; '.join(map(str, sources))}."] if sources else []
+    drawn = sketch(loop)
+    numbers = table("Numbers of the machine", ("number", "value", "unit", "meaning"), rows, notes)
+    return f'<div class="machine">{drawn}{numbers}</div>' if drawn else numbers
+
+
+def laws(loops: Iterable[tuple[str, ClosedLoop]]) -> str:
+    """Table of the laws and the numbers that they took on this machine."""
+    rows = []
+    for label, loop in loops:
+        told = [line.strip() for line in str(loop).splitlines()[1:]] if loop.laws else ["no law"]
+        rows += [(label if first else "", line) for first, line in zip([True] + [False] * len(told), told, strict=False)]
+    return table("Laws, with the numbers to type into the drive", ("controller", "law"), rows)
+
+
+def _rows(loop: ClosedLoop) -> list[tuple[str, str, str, str]]:
+    """One row a number of the plant; entries of one vector share theirs."""
+    names = set(loop.plant.inputs) | {name for name, number in loop.numbers().items() if number.kind in ("input", "parameter")}
+    own = {name: number for name, number in loop.numbers().items() if name in names and _of_plant(loop, name)}
+    groups: dict[str, list[str]] = {}
+    for name in own:
+        groups.setdefault(re.sub(r"\.\d+$", "", name), []).append(name)
+    rows = []
+    for name, members in groups.items():
+        number = own[members[0]]
+        read = reading(number.unit, loop.asked)
+        values = [own[member].value * read.factor for member in members]
+        meaning = number.meaning if number.overridden is None else f"{number.meaning} (without effect: the input {number.overridden} acts)"
+        rows.append((name, _joined(values), "" if read.unit == "1" else read.unit, meaning))
+    return rows
+
+
+def _of_plant(loop: ClosedLoop, name: str) -> bool:
+    return name in loop.plant.inputs or loop.plant.has_parameter(name)
+
+
+def _joined(values: Sequence[float]) -> str:
+    texts = ["in time" if np.isnan(value) else f"{value:.6g}" for value in values]
+    if len(texts) > 1 and len(set(texts)) == 1:
+        return f"{len(texts)} times {texts[0]}"
+    return ", ".join(texts)
+
+
+# ----------------------------------------------------------------------------------------------------------------------------------------- sketch
+def sketch(loop: ClosedLoop) -> str:
+    """The string as an SVG: its inertias from the top to the bit, as wide as they are heavy; empty where the plant has no string."""
+    heavy = _inertias(loop)
+    if len(heavy) < 2:
+        return ""
+    step = 190.0 / (len(heavy) - 1)
+    widest, height = max(heavy), min(22.0, 0.6 * step)
+    parts = [f'<line x1="60" y1="25" x2="60" y2="{25 + step * (len(heavy) - 1):.1f}" class="shaft"/>']
+    for i, value in enumerate(heavy):
+        half = 6.0 + 34.0 * np.sqrt(value / widest)
+        y = 25 + i * step
+        parts.append(f'<rect x="{60 - half:.1f}" y="{y - height / 2:.1f}" width="{2 * half:.1f}" height="{height:.1f}" class="mass"/>')
+        if i in (0, len(heavy) - 1) or len(heavy) <= LABELLED:
+            parts.append(f'<text x="108" y="{y + 4:.1f}">{value:.4g} kg m&#178;{_end(i, len(heavy))}</text>')
+    if len(heavy) > LABELLED:
+        parts.append(f'<text x="108" y="125">{len(heavy)} inertias</text>')
+    contacts = ", ".join(each.name for each in loop.plant.elements)
+    bottom = 25 + 190 + height / 2
+    parts.append(f'<path d="M48 {bottom:.1f} L60 {bottom + 14:.1f} L72 {bottom:.1f} Z" class="mass"/>')
+    parts.append(f'<text x="108" y="{bottom + 14:.1f}">friction: {html.escape(contacts) or "none"}</text>')
+    return f'<svg class="sketch" viewBox="0 0 260 262" role="img" aria-label="The string from the top to the bit">{"".join(parts)}</svg>'
+
+
+def _end(index: int, count: int) -> str:
+    return {0: ", top", count - 1: ", bit"}.get(index, "")
+
+
+def _inertias(loop: ClosedLoop) -> list[float]:
+    """Inertias of the first string of the plant [kg m2]."""
+    found: Mapping[str, float] = {
+        name: number.value for name, number in loop.numbers().items() if re.fullmatch(r"\w+\.inertia\.\d+", name) and number.unit == "kg m2"
+    }
+    first = next((name.partition(".")[0] for name in found), "")
+    return [value for name, value in found.items() if name.startswith(f"{first}.")]

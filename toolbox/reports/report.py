@@ -1,0 +1,62 @@
+"""`report`: what was found, on one page: the answers first, then the machine, the laws and everything else that was written."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from toolbox.errors import SceneError
+from toolbox.files.atomic import replaced
+from toolbox.files.unit_systems import chosen, units
+from toolbox.reports.folders import of_folder
+from toolbox.reports.page import page
+from toolbox.reports.sections import Section, of_result
+from toolbox.reports.to_pdf import printed
+
+
+def report(*results: Any, path: str | os.PathLike[str], title: str | None = None, pdf: bool = False) -> Path:
+    """Write one page (HTML) about results: the answers on top, then the machine, the laws with their gains, further figures and how to get the same again.
+
+    The page is one file with all of its figures. It asks the network for nothing, runs no script, and prints well. Where no system of units was chosen by
+    `toolbox.units`, it reads in metric ones (rpm, kN, kN m).
+
+    Parameters
+    ----------
+    results
+        Folders that a command wrote (`stickslip study ... --out results`), and results in Python: runs, onsets, maps, margins, tunings, fits, and whatever
+        else prints and plots itself. A folder of folders, as `stickslip map` writes it, stands for all in it.
+    path
+        The file to write; it ends with .html.
+    title
+        What stands on top; without it, the title of the first result.
+    pdf
+        Whether a PDF is written beside the page, by Chromium or by WeasyPrint, one of which must be installed.
+
+    Returns
+    -------
+    Path
+        The path of the page.
+
+    Raises
+    ------
+    SceneError
+        If there are no results, a folder is none of a command or is damaged, the file cannot be written, or there is nothing that prints it to PDF.
+    """
+    path = Path(path)
+    if path.suffix != ".html":
+        raise SceneError(f"Argument `path` must end with .html, but it is `{path}`.")
+    if not results:
+        raise SceneError("Argument `results` must be folders of results or results, but there are none.")
+    with units(chosen() or "metric"):
+        sections: list[Section] = []
+        for each in results:
+            sections += of_folder(Path(each)) if isinstance(each, str | os.PathLike) else [of_result(each)]
+        text = page(title or sections[0].title, sections)
+    made = printed(text) if pdf else None
+    with replaced(path) as file:
+        file.write(text.encode())
+    if made is not None:
+        with replaced(path.with_suffix(".pdf")) as file:
+            file.write(made)
+    return path

@@ -1,0 +1,114 @@
+"""Sections of a report: what one result answers, with its figures, its machine and where it comes from."""
+
+from __future__ import annotations
+
+import html
+import io
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from toolbox.errors import SceneError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from toolbox.files.origin import Origin
+    from toolbox.modelling.closed_loop import ClosedLoop
+
+KINDS = {".png": "image/png", ".svg": "image/svg+xml"}
+"""Figures that a page can hold."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of a page: its bytes, their kind, and what it shows."""
+
+    content: bytes
+    kind: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """What one result says on a page.
+
+    Attributes
+    ----------
+    title
+        What it is about.
+    kind
+        What was asked, in a word or two; empty where the title says it.
+    answer
+        Its answer in HTML.
+    pictures
+        Figures that belong to the answer.
+    more
+        Figures for the appendix.
+    text
+        What the command printed.
+    loops
+        {label: closed loop} of its machine.
+    origin, folder
+        Where it comes from, and the folder that it was read from.
+    remarks
+        What the reader should know: what failed, or is not known.
+    """
+
+    title: str
+    kind: str
+    answer: str
+    pictures: tuple[Picture, ...] = ()
+    more: tuple[Picture, ...] = ()
+    text: str = ""
+    loops: tuple[tuple[str, ClosedLoop], ...] = ()
+    origin: Origin | None = None
+    folder: Path | None = None
+    remarks: tuple[str, ...] = ()
+
+
+def of_result(result: Any) -> Section:
+    """The section of a result that prints itself, and plots itself where it can.
+
+    Raises SceneError for what is no result.
+    """
+    if not hasattr(result, "plot") and not hasattr(result, "_repr_html_"):
+        raise SceneError(
+            f"Argument `results` must be folders of results, or results that print and plot themselves, but one is {result!r}."
+        )
+    text = str(result)
+    first, _, rest = text.strip().partition("\n")
+    loop = getattr(result, "loop", None) or getattr(getattr(result, "run", None), "loop", None)
+    label = getattr(loop, "label", None) or "closed loop"
+    return Section(
+        getattr(result, "title", None) or first,
+        type(result).__name__,
+        result._repr_html_() if hasattr(result, "_repr_html_") else preformatted(rest or first),
+        _plotted(result, first),
+        text=text,
+        loops=((label, loop),) if loop is not None else (),
+    )
+
+
+def preformatted(text: str) -> str:
+    """Text with its columns, in HTML."""
+    return f"<pre>{html.escape(text.strip(chr(10)))}</pre>"
+
+
+def picture(path: Path, caption: str) -> Picture | None:
+    """The figure of a file; None where there is none that a page can hold."""
+    if path.suffix not in KINDS or not path.is_file():
+        return None
+    return Picture(path.read_bytes(), KINDS[path.suffix], caption)
+
+
+def _plotted(result: Any, caption: str) -> tuple[Picture, ...]:
+    if not hasattr(result, "plot"):
+        return ()
+    import matplotlib.pyplot as plt
+    import numpy as np
+
+    figure = np.ravel(np.asarray(result.plot(), dtype=object))[0].figure
+    file = io.BytesIO()
+    figure.savefig(file, dpi=150, format="png", metadata={"Software": None})
+    plt.close(figure)
+    return (Picture(file.getvalue(), "image/png", caption),)

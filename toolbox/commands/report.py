@@ -37,7 +37,7 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Write the page. Returns the exit code."""
-    from toolbox.reports.report import report
+    from toolbox.reports.writing import report
 
     if given.page.exists() and not (given.page.is_file() and MARK in given.page.read_text(encoding="utf-8", errors="replace")[:2000]):
         raise SceneError(f"Argument `--page` must not hide your own files, but `{given.page}` is not an earlier report.")

@@ -5,6 +5,6 @@ from typing import TYPE_CHECKING
 from toolbox.faces import face
 
 if TYPE_CHECKING:
-    from toolbox.reports.report import report as report
+    from toolbox.reports.writing import report as report
 
 __getattr__, __dir__ = face()

@@ -184,7 +184,7 @@ def run_map(given: argparse.Namespace) -> int:
         with results(given, names, earlier("map.txt", "^Severity map of ", MAP_FILES), folder, last=False) as made:
             (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
             scene.save(made / "scene.toml")
-            figures.draw_found(found, found.title, made / f"map.{given.format}")
+            figures.draw_found(found, f"{scene.title}: {label}", made / f"map.{given.format}")
         print(f"{found}\n")
     check_some(failures, labels)
     for label, failure in failures.items():

@@ -85,6 +85,8 @@ class Judged:
         Time after which it comes back [s]; nan where nothing does.
     rate
         Rate at which a small disturbance of smooth running grows [1/s]; nan where it is not known.
+    lowest, highest
+        Range of the judged signal over what comes back; nan where it was not looked at.
     """
 
     regime: str
@@ -93,6 +95,8 @@ class Judged:
     longest: float = 0.0
     interval: float = math.nan
     rate: float = math.nan
+    lowest: float = math.nan
+    highest: float = math.nan
 
 
 @dataclass
@@ -156,14 +160,14 @@ class Record:
         table = np.concatenate(columns, axis=1) if columns else np.empty((5, 0))
         return table[:, table[1] > begin]
 
-    def severity(self, begin: float, end: float) -> float:
-        """Half of the range of the signal between two times, in parts of its mean."""
+    def swing(self, begin: float, end: float) -> tuple[float, float, float]:
+        """(severity, lowest, highest) of the signal between two times: half of its range in parts of its mean, and the range."""
         table = self.table(begin)
         table = table[:, table[0] < end]
         if not table.size:
-            return math.nan
-        swing, mean = float(table[3].max() - table[2].min()), float(table[4].sum() / (table[1, -1] - table[0, 0]))
-        return swing / (2.0 * abs(mean)) if mean else math.inf if swing else math.nan
+            return math.nan, math.nan, math.nan
+        low, high, mean = float(table[2].min()), float(table[3].max()), float(table[4].sum() / (table[1, -1] - table[0, 0]))
+        return (high - low) / (2.0 * abs(mean)) if mean else math.inf if high > low else math.nan, low, high
 
     def deviations(self, target: float, begin: float) -> FloatArray:
         """Largest deviation of the signal from a value in each window that begins after a time, the last one last."""
@@ -248,7 +252,8 @@ class Judge:
         own = sticks or []
         end = begin + interval if math.isfinite(interval) else record.now
         longest = max((b - a for a, b in own), default=0.0)
-        return Judged(regime, record.severity(begin, end), len(own), longest, interval, self.rate)
+        severity, low, high = record.swing(begin, end)
+        return Judged(regime, severity, len(own), longest, interval, self.rate, low, high)
 
     # ------------------------------------------------------------------------------------------------------------------------------ sticks come back
     def _stick_slip(self, record: Record, sticks: list[tuple[float, float]]) -> Judged | None:

@@ -18,6 +18,7 @@ from matplotlib.path import Path
 
 from toolbox.errors import SceneError
 from toolbox.figures.style import LINES, PAPER, WIDTH, in_words, name_axis, reading_of
+from toolbox.measuring.judge import SMOOTH, STICKS, SWINGS
 from toolbox.onsets.regions import MEANINGS, outlines
 
 
@@ -28,6 +29,10 @@ class DrawnVerdict(Protocol):
     def regime(self) -> str: ...
     @property
     def severity(self) -> float: ...
+    @property
+    def lowest(self) -> float: ...
+    @property
+    def highest(self) -> float: ...
 
 
 class DrawnValue(Protocol):
@@ -49,7 +54,15 @@ class DrawnOnset(Protocol):
     @property
     def signal(self) -> str: ...
     @property
+    def signal_unit(self) -> str: ...
+    @property
     def values(self) -> np.ndarray: ...
+    @property
+    def steady(self) -> np.ndarray: ...
+    @property
+    def losses(self) -> Sequence[DrawnValue]: ...
+    @property
+    def between(self) -> Sequence[tuple[float, DrawnVerdict]]: ...
     @property
     def smooth(self) -> Sequence[DrawnVerdict]: ...
     @property
@@ -99,10 +112,17 @@ class DrawnMap(Protocol):
     def borders(self) -> dict[str, np.ndarray]: ...
     @property
     def regions(self) -> dict[str, np.ndarray]: ...
+    @property
+    def at(self) -> tuple[float, float]: ...
 
 
 def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
-    """Severity over the parameter: from smooth running and from inside stick-slip, the Hopf points, both borders, the bistable band, the working point."""
+    """The bifurcation diagram: the judged speed in smooth running, its highest and lowest value in stick-slip, the borders, the working point.
+
+    Raises SceneError for an onset that an earlier version saved, which kept no speeds.
+    """
+    if not len(found.steady):
+        raise SceneError("This onset was saved by an earlier version, which kept no speeds: find it again for its picture.")
     with plt.rc_context(PAPER):
         if ax is None:
             _, ax = plt.subplots(figsize=(WIDTH, 3.0), layout="constrained")
@@ -122,24 +142,58 @@ def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
         if found.values[0] <= found.at <= found.values[-1]:
             ax.plot([found.at], [0.0], marker="^", color="black", markersize=7, linestyle="none", clip_on=False, zorder=4, label="working point",
                     transform=ax.get_xaxis_transform())  # fmt: skip
-        branches = ((found.sticking, LINES[1], "s", "from stick-slip"), (found.smooth, LINES[0], "o", "from smooth running"))
-        for branch, style, marker, label in branches:
-            # a line across a border would show severities that nothing has
-            x, y = [float(found.values[0])], [branch[0].severity]
-            for value, before, after in zip(found.values[1:], branch, branch[1:], strict=False):
-                jump = before.regime != after.regime
-                x += [np.nan, float(value)] if jump else [float(value)]
-                y += [np.nan, after.severity] if jump else [after.severity]
-            look = {"marker": marker, "markersize": 4.0 if marker == "o" else 6.0}
-            ax.plot(x, y, label=label, markerfacecolor="white" if marker == "s" else style["color"], zorder=3, **look, **style)
+        _motions(found, ax)
         name_axis(ax.xaxis, in_words(found.parameter), found.unit, found.asked)
-        ax.set_ylabel(f"severity of {in_words(found.signal)} [1]")
+        name_axis(ax.yaxis, in_words(found.signal), found.signal_unit, found.asked)
         ax.set_xlim(found.values[0], found.values[-1])
-        ax.set_ylim(bottom=0.0)
+        ax.margins(y=0.08)
         handles, labels = ax.get_legend_handles_labels()
         once = dict(zip(labels, handles, strict=True))
         ax.legend(once.values(), once.keys(), loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, borderaxespad=0.2)
     return ax
+
+
+def _motions(found: DrawnOnset, ax: Any) -> None:
+    """What runs come to: a line of smooth running, and a band from the lowest to the highest speed of what swings or sticks."""
+    inside = sorted([*zip(map(float, found.values), found.sticking, strict=True), *found.between], key=lambda each: each[0])
+    moving = [(value, judged) for value, judged in inside if judged.regime in (STICKS, SWINGS)]
+    edges = [float(found.values[0]), *sorted(border.value for border in (*found.ends, *found.stalls)), float(found.values[-1])]
+    for low, high in itertools.pairwise(edges):
+        rows = [(value, judged.lowest, judged.highest) for value, judged in moving if low <= value <= high]
+        if rows:
+            x, lowest, highest = np.array(rows).T
+            ax.fill_between(x, lowest, highest, color=LINES[1]["color"], alpha=0.16, linewidth=0, zorder=1.5)
+            ax.plot(x, highest, label="stick-slip, highest and lowest", zorder=3, **LINES[1])
+            ax.plot(x, lowest, zorder=3, **LINES[1])
+    measured = [(value, edge) for value, judged in moving if value in found.values for edge in (judged.lowest, judged.highest)]
+    if measured:
+        ax.plot(
+            *np.array(measured).T,
+            "s",
+            markersize=4.0,
+            markerfacecolor="white",
+            markeredgecolor=LINES[1]["color"],
+            zorder=3.5,
+            clip_on=False,
+        )
+    _smooth(found, ax)
+
+
+def _smooth(found: DrawnOnset, ax: Any) -> None:
+    """The line of smooth running, dashed where the least disturbance grows."""
+    known = np.isfinite(found.steady)
+    if not known.any():
+        return
+    borders = [border.value for border in found.losses if found.values[known][0] < border.value < found.values[known][-1]]
+    x = np.sort(np.concatenate([found.values[known], borders]))
+    y = np.interp(x, found.values[known], found.steady[known])
+    edges = [x[0], *sorted(borders), x[-1]]
+    for low, high in itertools.pairwise(edges):
+        there = (x >= low) & (x <= high)
+        inner = [each.regime == SMOOTH for value, each in zip(found.values, found.smooth, strict=True) if low < value < high]
+        stable = sum(inner) > 0.5 * len(inner) if inner else False
+        look = LINES[0] if stable else LINES[0] | {"linestyle": (0, (3, 2)), "linewidth": 1.0}
+        ax.plot(x[there], y[there], label="smooth running" if stable else "smooth running, lost when disturbed", zorder=3, **look)
 
 
 def _standstill(found: DrawnOnset, ax: Any) -> None:
@@ -151,7 +205,7 @@ def _standstill(found: DrawnOnset, ax: Any) -> None:
 
 
 def onset_panels(onsets: Mapping[str, DrawnOnset]) -> Any:
-    """One onset diagram per controller, on common axes. Returns the axes; raises SceneError for none."""
+    """One bifurcation diagram per controller, on common axes. Returns the axes; raises SceneError for none."""
     if not onsets:
         raise SceneError("Argument `onsets` must hold at least one onset, but it is empty.")
     with plt.rc_context(PAPER):
@@ -165,16 +219,15 @@ def onset_panels(onsets: Mapping[str, DrawnOnset]) -> Any:
             if i:
                 legend.remove()
             ax.text(0.99, 0.94, label, transform=ax.transAxes, ha="right", va="top", fontsize=9.0)
-            ax.set_ylabel("severity [1]")
             if i < len(onsets) - 1:
                 ax.set_xlabel("")
     return panels
 
 
 TINTS = {
-    "free": "#d5ead3", "bistable": "#fbe3b5", "smooth or stuck": "#cfd8e6", "stick-slip": "0.55", "swing": "#d9c7e8", "stuck": "#8d9db8", "none": "#f3e3d3",
+    "free": "#eef6ee", "bistable": "#f0c27b", "smooth or stuck": "#cfd8e6", "stick-slip": "0.55", "swing": "#c3a8dc", "stuck": "#7489ad", "none": "#f3e3d3",
 }  # fmt: skip
-"""Colours of the regions; stick-slip is grey by its severity."""
+"""Colours of the regions, apart by their lightness as well; stick-slip is grey by its severity."""
 
 BORDERS: dict[str, tuple[str, dict[str, Any]]] = {
     "smooth": ("smooth running is lost", {"colors": "#3f78b5", "linestyles": "-", "linewidths": 2.6}),
@@ -214,9 +267,13 @@ def severity_panels(found: DrawnMap, axes: Any = None) -> Any:
             shade.set_clip_path(_path(outlines(grid, lasting[name], borders[name])), ax.transData)
             for border, (label, look) in BORDERS.items():
                 ax.add_collection(LineCollection(lines_of(borders[border]), label=label, zorder=3, **look))
+            if all(axis[0] <= value <= axis[-1] for axis, value in zip(found.axes, found.at, strict=True)):
+                ax.plot(*(np.array(found.at) / divisors), marker="^", color="black", markeredgecolor="white", markersize=8, linestyle="none",
+                        clip_on=False, zorder=4, label="working point")  # fmt: skip
             ax.set_title(titles[name], loc="left", fontsize=9.0)
             ax.set(xlim=grid[0][[0, -1]], ylim=grid[1][[0, -1]])
             ax.set_xlabel(f"{in_words(found.names[0])} [{scales[0][1]}]")
+        _words(axes[0], grid, regions, found.at / divisors)
         axes[0].set_ylabel(f"{in_words(found.names[1])} [{scales[1][1]}]")
         figure = axes[0].figure
         bar = figure.colorbar(
@@ -228,6 +285,36 @@ def severity_panels(found: DrawnMap, axes: Any = None) -> Any:
         lines = axes[0].get_legend_handles_labels()[0]
         figure.legend(handles=[*patches, *lines], loc="outside lower center", ncols=2, frameon=False)
     return axes
+
+
+WRITTEN = 0.03
+"""Smallest share of a map that a region needs for its name to be written into it."""
+
+
+CLEAR = 0.12
+"""Distance from the working point, in parts of the map, within which no name is written."""
+
+
+def _words(ax: Any, grid: tuple[np.ndarray, np.ndarray], regions: Mapping[str, np.ndarray], avoided: np.ndarray) -> None:
+    """The names of the regions where these are widest, so that nobody needs their colours; avoided: a point that stays free of letters."""
+    from scipy.ndimage import distance_transform_edt
+
+    for name, where in regions.items():
+        if where.mean() < WRITTEN:
+            continue
+        depth = distance_transform_edt(np.pad(where, 1, mode="edge"), sampling=(1.0 / len(grid[0]), 1.0 / len(grid[1])))[1:-1, 1:-1]
+        places = [(values - values[0]) / (values[-1] - values[0]) for values in grid]
+        across, up = (np.minimum(place, 1.0 - place) for place in places)  # letters need room to both sides
+        depth = np.minimum(depth, np.minimum.outer(across, up))
+        if np.isfinite(avoided).all():
+            away = [
+                place - (value - values[0]) / (values[-1] - values[0]) for place, value, values in zip(places, avoided, grid, strict=True)
+            ]
+            depth = np.where(np.hypot(away[0][:, None], away[1][None, :]) > CLEAR, depth, 0.0)
+        i, j = np.unravel_index(np.argmax(depth), where.shape)
+        word = "smooth" if name == "free" else name
+        ax.text(grid[0][i], grid[1][j], word, ha="center", va="center", fontsize=8.5, zorder=5,
+                bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.5})  # fmt: skip
 
 
 def _path(polygons: Sequence[np.ndarray]) -> Path:

@@ -16,6 +16,7 @@ cycles that are followed make them exact in `cycles`.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -26,7 +27,7 @@ from toolbox.arguments import number, whole
 from toolbox.errors import NoSteadyState, SceneError
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.measuring.judge import BUDGET, NOT_DECIDED, STANDS
+from toolbox.measuring.judge import BUDGET, NOT_DECIDED, STANDS, STICKS
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.elements import check_one_direction
@@ -139,7 +140,13 @@ def onset(
     tolerance = (high - low) / 5000 if tolerance is None else float(tolerance)
     with progress_bar(None, "onset") as search.bar:
         found = _both_branches(search, loop, [float(value) for value in grid], at, hopf, tolerance)
-    return replace(found, asked={free.unit: asked_unit})
+    return replace(found, asked={**loop.asked, free.unit: asked_unit})
+
+
+def _level(search: OnsetSearch, value: float) -> float:
+    """The judged speed in smooth running at a value, stable or not; nan where there is none."""
+    smooth = search.branch(value)
+    return math.nan if smooth is None else search.steady(value, smooth)[0]
 
 
 def _continuous_form(loop: ClosedLoop) -> ClosedLoop | None:
@@ -201,6 +208,11 @@ def _both_branches(
         search.notes.append(form if hopf else "The borders are of the law as it runs, sampled.")
     if search.branch.run is not search.base:
         search.notes.append("Smooth running is judged without measurement noise and steps of encoders, stick-slip with them.")
+    others = {
+        value: judged
+        for value, judged in inside.found.items()
+        if judged.regime == STICKS and value not in numbers and numbers[0] < value < numbers[-1]
+    }
     return Onset(
         title=loop.title,
         parameter=search.free.name,
@@ -216,6 +228,9 @@ def _both_branches(
         stalls=tuple(border for border in cycles if border.beyond == STANDS),
         breakaways=tuple(breakaways),
         coexisting=several,
+        between=tuple(sorted(others.items())),
+        steady=np.array([_level(search, value) for value in numbers]),
+        signal_unit=loop.system.signal_unit(search.signal),
         cycling=np.array([value in inside.cycling for value in numbers]),
         standing=np.array([value in inside.standing for value in numbers]),
         at=at,

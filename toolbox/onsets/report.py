@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from toolbox.arguments import BoolArray, FloatArray, is_finite_number
 from toolbox.errors import SceneError
 from toolbox.files.printing import columns, table
@@ -87,12 +89,16 @@ class Onset(Result):
         What was looked at.
     parameter, unit
         Name and unit of the parameter.
-    element, signal
-        The contact and the speed that were judged.
+    element, signal, signal_unit
+        The contact and the speed that were judged, and its unit.
     values
         Values of the parameter, shape (n,).
     smooth, sticking
         What runs come to at each value (`toolbox.measuring.judge.Judged`), from disturbed smooth running, and from inside stick-slip or standstill.
+    steady
+        The judged speed in smooth running at each value, shape (n,), stable or not; nan where there is none.
+    between
+        ((value, what a run comes to), ...) of the other runs inside stick-slip that the search for its end made, in order.
     hopf
         Hopf points of the linear system, exact; of the continuous form of a sampled law that has one.
     losses
@@ -142,6 +148,9 @@ class Onset(Result):
     accuracy: float
     perturbation: float
     runs: int
+    between: tuple[tuple[float, Judged], ...] = ()
+    signal_unit: str = "1"
+    steady: FloatArray = field(default_factory=lambda: np.empty(0))
     coexisting: tuple[Coexisting, ...] = ()
     undecided: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
@@ -397,7 +406,7 @@ class Onset(Result):
         return "nowhere in the range: stick-slip lasts in all of it" if self.cycling.all() else "no stick-slip was found in the range"
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the severity over the parameter, both branches and the borders; see `toolbox.onsets.figures.onset_diagram`."""
+        """Draw the bifurcation diagram, speeds of smooth running and of stick-slip, with the borders; see `toolbox.onsets.figures.onset_diagram`."""
         from toolbox.onsets.figures import onset_diagram
 
         return onset_diagram(self, ax=ax)
@@ -408,17 +417,19 @@ class Onset(Result):
             raise ValueError("its branches do not have as many values")
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write one row per value as csv: regime, severity, sticks and growth rate of both branches, and whether standstill lasts; whole or not at all."""
+        """Write one row per value as csv, whole or not at all: what both branches come to, whether standstill lasts, and the speed of smooth running."""
         from toolbox.files import tables
 
         rows = []
-        for value, stands, *branches in zip(self.values, self.standing, self.smooth, self.sticking, strict=True):
+        steady = self.steady if self.steady.size else np.full(len(self.values), np.nan)
+        for value, level, stands, *branches in zip(self.values, steady, self.standing, self.smooth, self.sticking, strict=True):
             cells = [getattr(judged, name) for judged in branches for name in COLUMNS]
-            rows.append([float(value), *cells, "lasts" if stands else ""])
+            rows.append([float(value), *cells, "lasts" if stands else "", float(level)])
         headings = [
             f"{self.parameter} [{self.unit}]",
             *(f"{branch} {name}" for branch in ("smooth", "sticking") for name in COLUMNS),
             "standstill",
+            f"smooth running [{self.signal_unit}]",
         ]
         return tables.write(path, headings, rows)
 
@@ -435,7 +446,7 @@ class Onset(Result):
         return tables.write(path, headings, rows)
 
 
-COLUMNS = ("regime", "severity", "sticks", "longest", "rate")
+COLUMNS = ("regime", "severity", "sticks", "longest", "rate", "lowest", "highest")
 
 GROWTHS = ("poles", "differences", "twin runs")
 """Ways in which the growth of smooth running is known."""

@@ -95,6 +95,8 @@ class SeverityMap:
         Why a run failed: {(branch, i, j): message}.
     runs
         Number of runs.
+    at
+        Values of both numbers in the loop that was mapped, in SI: the working point, where it lies in the map.
     notes
         What the reader of the map should know.
     asked
@@ -117,6 +119,7 @@ class SeverityMap:
     runs: int
     errors: dict[tuple[str, int, int], str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    at: tuple[float, float] = (math.nan, math.nan)
     asked: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -232,6 +235,7 @@ class SeverityMap:
                 "accuracy",
                 "resolution",
                 "runs",
+                "at",
                 "notes",
                 "asked",
             )
@@ -262,8 +266,8 @@ class SeverityMap:
             }
             borders = {name: data[f"border.{name}"] for name in ("smooth", "sticking")}
             errors = {(branch, i, j): text for branch, i, j, text in notes.pop("errors")}
-            for name in ("names", "units", "notes"):
-                notes[name] = tuple(notes[name])
+            for name in ("names", "units", "notes", "at"):
+                notes[name] = tuple(notes.get(name, (math.nan, math.nan)))
             found = SeverityMap(
                 axes=(data["axis.0"], data["axis.1"]), growth=data["growth"], borders=borders, errors=errors, **{**branches, **notes}
             )
@@ -398,6 +402,7 @@ def severity_map(
         resolution=0.5**halvings,
         runs=search.runs,
         notes=tuple(_notes(search, (smooth, inside))),
+        at=(plane.numbers[0].value, plane.numbers[1].value),
         asked={
             number.unit: asked_in(number.in_si(number.name, ends), number.unit)
             for number, ends in reversed([*zip(plane.numbers, over.values(), strict=True)])

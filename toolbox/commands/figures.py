@@ -21,18 +21,37 @@ DPI = 150
 """Dots per inch of a figure in a file."""
 
 
-def draw(scene: Scene, label: str, run: Trajectory, traces: Path, phase: Path) -> None:
-    """Write the figures of one controller: time traces with the modes, and the phase plane of the judged speed."""
+def draw(scene: Scene, title: str, run: Trajectory, traces: Path, phase: Path) -> None:
+    """Write the figures of one controller: time traces with the modes, and the phase plane of the judged speed, with what came before in grey."""
     plot = _plot()
-    _write(plot.traces(run), label, traces)
+    _write(plot.traces(run), title, traces)
     position = _position(scene.plant(), scene.signal)
     if position is not None:
-        _write(plot.phase_plane(run, position, scene.signal, scene.contact), label, phase)
+        after = scene.after if scene.standstill is None and scene.after < run.end else run.begin
+        ax = plot.phase_plane(run, position, scene.signal, scene.contact, after=after)
+        if after > run.begin:
+            plot.draw_before(ax, run, position, scene.signal, after)
+        _set_point(scene, [ax])
+        _write(ax, title, phase)
 
 
 def draw_comparison(scene: Scene, runs: Mapping[str, Trajectory], path: Path) -> None:
-    """Write the figure of the judged signal under every controller."""
-    _write(_plot().comparison(runs, scene.signal, scene.contact), scene.title, path)
+    """Write the figure of the judged signal under every controller; runs: {title of its panel: run}."""
+    panels = _plot().comparison(runs, scene.signal, scene.contact)
+    _set_point(scene, panels)
+    _write(panels, scene.title, path)
+
+
+def _set_point(scene: Scene, panels: Any) -> None:
+    """A dashed line at the set-point of the judged speed, and its name in the legend of the first panel."""
+    if not scene.reference:
+        return
+    for ax in panels:
+        line = ax.axhline(scene.reference, color="0.35", linewidth=0.8, linestyle=(0, (5, 3)), zorder=1, label="set-point")
+        if ax is panels[0]:
+            from toolbox.simulation.plot import legend_with
+
+            legend_with(ax, line)
 
 
 def draw_overlay(runs: Mapping[str, Any], signals: Sequence[str], after: float, until: float | None, path: Path) -> None:
@@ -80,7 +99,9 @@ def _write(axes: Any, title: str | None, path: Path) -> None:
 
     figure = np.ravel(axes)[0].figure
     if title is not None:
-        figure.suptitle(textwrap.fill(title, int(13 * figure.get_figwidth())), fontsize=10.0)  # letters of this size that fit into an inch
+        figure.suptitle(
+            textwrap.fill(title.replace("`", ""), int(13 * figure.get_figwidth())), fontsize=10.0
+        )  # letters of this size that fit into an inch
     figure.set_dpi(DPI)
     if (layout := figure.get_layout_engine()) is not None:  # `savefig` would draw everything once for the layout and once for the file
         layout.execute(figure)

@@ -62,8 +62,9 @@ def run(given: argparse.Namespace) -> int:
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")
                     untimed(run).save(folder / f"{stem}.npz")
-                    figures.draw(scene, label, run, folder / f"{stem}.{given.format}", folder / f"{stem}_phase.{given.format}")
-                    runs[label] = run
+                    title = f"{label}: {row.verdict.partition(':')[0]}"
+                    figures.draw(scene, title, run, folder / f"{stem}.{given.format}", folder / f"{stem}_phase.{given.format}")
+                    runs[title] = run
             if runs:
                 reached(len(scene.cases) - 0.1, "comparison")
                 figures.draw_comparison(scene, runs, folder / f"comparison.{given.format}")

@@ -70,6 +70,16 @@ def in_words(name: str) -> str:
     return name.replace(".", " ").replace("_", " ")
 
 
+def place_words(name: str) -> str:
+    """The name of a signal as a reader says it, with an entry of a vector by its place: `chain twist, 3rd from the top`."""
+    words, _, last = name.rpartition(".")
+    if not last.isdigit():
+        return in_words(name)
+    count = int(last) + 1
+    ending = {1: "st", 2: "nd", 3: "rd"}.get(count % 10 if count % 100 not in (11, 12, 13) else 0, "th")
+    return f"{in_words(words)}, {count}{ending} from the top"
+
+
 def axis_words(names: Sequence[str], unit: str) -> str:
     """What an axis is called: `bit speed` for one signal, the word they share for several: `speed`."""
     if len(names) == 1:

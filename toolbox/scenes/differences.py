@@ -19,6 +19,9 @@ from toolbox.simulation.recorded import Recorded
 
 SPEEDS = ("rad/s", "m/s")
 
+ROUNDING = 1e-12
+"""Part of a number below which a difference is one of its last digits."""
+
 
 class Difference(NamedTuple):
     """A measure of two runs, or a key of two scenes, with the value that each of them has; None where it has none."""
@@ -32,6 +35,11 @@ class Difference(NamedTuple):
     def change(self) -> float | None:
         """The second number less the first; None where one of them is no number."""
         return float(self.second - self.first) if all(isinstance(value, (int, float)) for value in (self.first, self.second)) else None
+
+    @property
+    def differs(self) -> bool:
+        """Whether the numbers differ by more than their last digits."""
+        return self.change is None or not abs(self.change) <= ROUNDING * max(abs(self.first), abs(self.second))
 
 
 @dataclass(frozen=True)
@@ -71,7 +79,7 @@ class Differences:
         for row in self.rows:
             factor, unit = reading(row.unit, self.asked)
             first, second = (value * factor if isinstance(value, float) else value for value in row[2:])
-            change = "" if row.change is None else f"{row.change * factor:+.4g}"
+            change = "" if row.change is None else f"{row.change * factor:+.4g}" if row.differs else "0"
             cells.append((row.name, word(first), word(second), change, "" if unit == "1" else unit))
         return cells
 
@@ -152,7 +160,11 @@ def compare(
         unit = first.unit(name)
         if second.unit(name) != unit:
             raise SceneError(f"Argument `signals` must name signals of one unit, but `{name}` is in {unit} and in {second.unit(name)}.")
-        for each in (listed.minimum, listed.maximum, listed.mean, *([listed.severity] if unit in SPEEDS else [])):
+        ranges = [(listed.minimum(name, after, last).read(run), listed.maximum(name, after, last).read(run)) for run in (first, second)]
+        constant = all(high - low <= ROUNDING * max(abs(low), abs(high)) for low, high in ranges)
+        for each in (
+            (listed.mean,) if constant else (listed.minimum, listed.maximum, listed.mean, *([listed.severity] if unit in SPEEDS else []))
+        ):
             compared((asked := each(name, after, last)).heading, asked, asked)
     if measures:
         one, other = (judged_in(measures, run, after, last) for run in (first, second))

@@ -7,7 +7,7 @@ the panel and as grey bands behind the curve. Tones and line styles differ enoug
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 import matplotlib.pyplot as plt
@@ -32,6 +32,7 @@ from toolbox.figures.style import (
     legend_above,
     line_styles,
     name_axis,
+    place_words,
 )
 from toolbox.files.units import NumberOrText
 from toolbox.simulation.samples import Event, scalar, window
@@ -196,9 +197,33 @@ def phase_plane(
         ax.plot(x[0], y[0], marker="o", markersize=5, markerfacecolor="white", markeredgecolor=color, zorder=4)
         ax.autoscale_view()
         ax.margins(0.06)
-        name_axis(ax.xaxis, in_words(x_signal), run.unit(x_signal), run.asked)
-        name_axis(ax.yaxis, in_words(y_signal), run.unit(y_signal), run.asked)
+        name_axis(ax.xaxis, place_words(x_signal), run.unit(x_signal), run.asked)
+        name_axis(ax.yaxis, place_words(y_signal), run.unit(y_signal), run.asked)
     return ax
+
+
+def draw_before(ax: Any, run: Pictured, x_signal: str, y_signal: str, until: float) -> None:
+    """Draw what led into the window of a phase plane, thin and grey behind it."""
+    samples = curves.sampled(run, float(run.nodes.time[0]), until)
+    points = np.stack([scalar(samples, x_signal), scalar(samples, y_signal)], axis=1)
+    before = LineCollection(
+        _stretches(points, np.ones(len(points) - 1, bool)), colors="0.75", linewidths=0.7, zorder=1, label=f"before {until:g} s"
+    )
+    ax.add_collection(before)
+    ax.autoscale_view()
+    legend_with(ax, before)
+
+
+def legend_with(ax: Any, *more: Any) -> None:
+    """The legend above a panel, with further entries behind those that it has."""
+    legend = ax.get_legend()
+    handles = [*(legend.legend_handles if legend else []), *more]
+    words = [*(text.get_text() for text in (legend.get_texts() if legend else [])), *(str(each.get_label()) for each in more)]
+    ax.legend(
+        handles,
+        words, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(handles), frameon=False, borderaxespad=0.1, handlelength=1.6,
+        columnspacing=1.2, fontsize=8.0,
+    )  # fmt: skip
 
 
 def _stretches(points: np.ndarray, chosen: np.ndarray) -> list[np.ndarray]:
@@ -283,7 +308,7 @@ def overlay(
     runs
         {label: run}; fresh runs and runs that were read from a file.
     signals
-        Names of scalar signals; by default those that a plot of the first run shows and that all runs have.
+        Names of scalar signals; by default those that a plot of the first run shows, that all runs have, and that are not the same constant in all.
     element
         The contact whose modes are shown; by default the first, where there is one.
     ax
@@ -303,13 +328,17 @@ def overlay(
         run.
     """
     longest, begin, end, shown = _together(runs, element, after, until)
-    names = list(signals) or [name for name in next(iter(runs.values())).main_signals if all(name in run.names for run in runs.values())]
+    names = list(signals)
+    if not names:
+        known = [name for name in next(iter(runs.values())).main_signals if all(name in run.names for run in runs.values())]
+        names = [name for name in known if not _constant(runs.values(), name)] or known
     if not names or (ax is not None and len(names) > 1):
         raise SceneError(
             f"Argument `signals` must name {'one signal for one `ax`' if names else 'a signal that all runs have'}, but it is {signals}."
         )
     with plt.rc_context(PAPER):
-        panels = [ax] if ax is not None else stacked_panels(len(names), 1.75 if len(names) > 1 else 2.3, 0.15 * len(runs))
+        height = 2.3 if len(names) == 1 else 1.75 if len(names) < 4 else 1.3
+        panels = [ax] if ax is not None else stacked_panels(len(names), height, 0.15 * len(runs))
         lasting = {
             label: curves.sampled(run, begin, last) for label, run in runs.items() if (last := min(end, float(run.nodes.time[-1]))) > begin
         }
@@ -324,6 +353,12 @@ def overlay(
         rows = {label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None}
         legend_above(panels[0], _ribbon(panels[0], rows, begin, end))
         return _over_time(panels, ax)
+
+
+def _constant(runs: Iterable[Pictured], name: str) -> bool:
+    """Whether a signal is the same number in all runs all the time, but for its last digits."""
+    values = np.concatenate([np.ravel(run[name]) for run in runs])
+    return bool(np.ptp(values) <= 1e-9 * np.abs(values).max())
 
 
 def _shown_elements(run: Pictured) -> list[str]:

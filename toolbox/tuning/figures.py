@@ -36,11 +36,24 @@ def tuning_diagram(
             count = np.arange(1, len(values) + 1)
             ax.plot(count, values[:, 0], marker=".", markersize=3.5, color="0.7", linestyle="none", label="tried")
             ax.step(count, np.fmin.accumulate(values[:, 0]), where="post", label="best so far", **LINES[0])
-            ax.set_xlabel("points tried [1]")
+            failed = count[np.isnan(values[:, 0])]
+            if failed.size:
+                ax.plot(
+                    failed,
+                    np.full(failed.size, 0.97),
+                    "x",
+                    transform=ax.get_xaxis_transform(),
+                    markersize=3.5,
+                    color="0.45",
+                    label="no success",
+                )
+            ax.set_xlabel("points tried")
             ax.set_ylabel(names[0])
             ax.set_xlim(0, len(values) + 1)
         else:
-            ax.plot(values[:, 0], values[:, 1], marker=".", markersize=3.5, color="0.7", linestyle="none", label="tried", zorder=1)
+            lost = int(np.isnan(values).any(axis=1).sum())
+            told = f"tried; {lost} more without success" if lost else "tried"
+            ax.plot(values[:, 0], values[:, 1], marker=".", markersize=3.5, color="0.7", linestyle="none", label=told, zorder=1)
             if len(names) == 2:
                 ax.step(front[:, 0], front[:, 1], where="post", zorder=2, **LINES[0])
             ax.plot(

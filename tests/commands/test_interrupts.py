@@ -234,7 +234,7 @@ Dispatcher.compile = compile
 
 
 def interrupted_at(tmp_path, patch, latest, times, seed, cache=None):
-    """Interrupt or terminate a study at random instants after a mark until so many were ended by that. Returns how many were done before, and the longest end [s].
+    """Interrupt a study at random instants after a mark until so many were ended. Returns how many were done before, and the longest end [s].
 
     latest: of the first instant [s]; a study that was done before its interrupt came shortens it, so that fast and slow machines are interrupted alike;
     cache: folder of machine code that is emptied before each study, and holds nothing unfinished after.

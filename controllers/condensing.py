@@ -130,6 +130,45 @@ def cost(plan, aim, bounds, priority):  # pragma: no cover - compiled
 
 
 @cached(error_model="python")
+def _advance_slopes(k, A, B, unit, S, W):  # pragma: no cover - compiled
+    """Derivatives S (n, N) of the state by the torques (in units) from stage k to k + 1; W: room for them."""
+    n = S.shape[0]
+    for a in range(n):
+        for j in range(k):
+            part = 0.0
+            for b in range(n):
+                part += A[a, b] * S[b, j]
+            W[a, j] = part
+        W[a, k] = B[a, 0] * unit
+    S[:, : k + 1] = W[:, : k + 1]
+
+
+@cached(error_model="python")
+def _limit_states(k, plan, bounds, S, program):  # pragma: no cover - compiled
+    """Fill the rows and bounds of the limited states behind stage k, whose derivatives by the torques are S; a limit that does not hold yet is infinite."""
+    X, U, free = plan
+    limits, lowest, highest, first = bounds
+    H, _, rows, low, high = program
+    N, n, width = U.shape[0], X.shape[1], H.shape[0]
+    for i in range(limits.shape[0]):
+        value = 0.0
+        for a in range(n):
+            value += limits[i, a] * X[k + 1, a]
+        for side in range(2):
+            r = N + (2 * i + side) * N + k
+            for j in range(k + 1):
+                part = 0.0
+                for a in range(n):
+                    part += limits[i, a] * S[a, j]
+                rows[r, j] = part
+            holds = k >= first[i] and (i > 0 or free[k] != 2)
+            if side == 0:
+                high[width + r] = highest[i] - value if holds else np.inf
+            else:
+                low[width + r] = lowest[i] - value if holds else -np.inf
+
+
+@cached(error_model="python")
 def condense(plan, A, B, aim, bounds, rate, program):  # pragma: no cover - compiled
     """Fill a program with the change of the plan (in units) as unknown: rows for the moves first, then two sides of every limit.
 
@@ -137,8 +176,7 @@ def condense(plan, A, B, aim, bounds, rate, program):  # pragma: no cover - comp
     """
     X, U, free = plan
     x_s, u_s, last, Q_rows, P_rows, unit, move = aim
-    limits, lowest, highest, first = bounds
-    H, g, rows, low, high = program
+    H, g, _, low, high = program
     N, n = U.shape[0], X.shape[1]
     width = H.shape[0]
     S, W = np.zeros((n, N)), np.zeros((n, N))
@@ -157,14 +195,7 @@ def condense(plan, A, B, aim, bounds, rate, program):  # pragma: no cover - comp
             H[k - 1, k - 1] += weight
             H[k, k - 1] -= weight
             g[k - 1] -= weight * jump
-        for a in range(n):
-            for j in range(k):
-                part = 0.0
-                for b in range(n):
-                    part += A[k, a, b] * S[b, j]
-                W[a, j] = part
-            W[a, k] = B[k, a, 0] * unit
-        S[:, : k + 1] = W[:, : k + 1]
+        _advance_slopes(k, A[k], B[k], unit, S, W)
         final = k == N - 1 and free[k] > 0
         R = P_rows if final else Q_rows
         for i in range(R.shape[0] if free[k] >= 0 else 0):
@@ -183,22 +214,7 @@ def condense(plan, A, B, aim, bounds, rate, program):  # pragma: no cover - comp
                 g[j] += line[j] * off
                 for c in range(j + 1):
                     H[j, c] += line[j] * line[c]
-        for i in range(limits.shape[0]):
-            value = 0.0
-            for a in range(n):
-                value += limits[i, a] * X[k + 1, a]
-            for side in range(2):
-                r = N + (2 * i + side) * N + k
-                for j in range(k + 1):
-                    part = 0.0
-                    for a in range(n):
-                        part += limits[i, a] * S[a, j]
-                    rows[r, j] = part
-                holds = k >= first[i] and (i > 0 or free[k] != 2)
-                if side == 0:
-                    high[width + r] = highest[i] - value if holds else np.inf
-                else:
-                    low[width + r] = lowest[i] - value if holds else -np.inf
+        _limit_states(k, plan, bounds, S, program)
         low[width + k] = -rate / unit - jump
         high[width + k] = rate / unit - jump
     for j in range(N):

@@ -23,7 +23,8 @@ import casadi as ca
 import numpy as np
 
 from models.friction import Coulomb
-from toolbox import Component, DryFriction, Equations, Quantity, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, Quantity, quantity, state
+from toolbox.authoring import whole
 
 
 def radau(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -78,9 +79,7 @@ class DragBit(Component):
 
     def check(self):
         for name in ("blades", "nodes"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise SceneError(f"Argument `bit.{name}` must be a whole number >= 1, but it is {value!r}.")
+            whole(f"bit.{name}", getattr(self, name), 1)
 
     def equations(self, signal):
         speed = signal("bit.speed", "rad/s", default=10.0) if self.prescribed else signal("bit.speed", "rad/s")

@@ -20,7 +20,7 @@ nothing to hold them against a torque that grows from 0, so the parts ask for it
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -126,24 +126,10 @@ def steady_gears(
     Raises SceneError where the imposed speeds are too few, too many or contradict each other, where trains repeat each other, and where no
     direction of power, or more than one, agrees with the torques (a network that locks itself).
     """
-    torques = dict(torques or {})
-    speeds = dict(speeds)
     if not trains:
         raise SceneError("Argument `trains` must hold at least one train, but it is empty.")
     names = list(dict.fromkeys(name for group in (*((t.a, t.b, t.carrier) for t in trains), *joined) for name in group))
-    for word, given in (("speeds", speeds), ("torques", torques)):
-        for name, value in given.items():
-            _known(name, names)
-            if not np.isfinite(value):
-                raise SceneError(f"Argument `{word}` must hold finite numbers, but `{name}` is {value!r}.")
-    if GROUND in names:
-        if speeds.get(GROUND, 0.0) != 0.0 or GROUND in torques:
-            raise SceneError(f"The shaft `{GROUND}` must stand still and takes any torque: leave it out of `speeds` and `torques`.")
-        speeds[GROUND] = 0.0
-    both = sorted(set(speeds) & set(torques))
-    if both:
-        raise SceneError(f"The shaft `{both[0]}` must have its speed or its torque imposed, but it has both.")
-
+    speeds, torques = _imposed(names, speeds, torques)
     relations = _relations(trains, joined, names, (0,) * len(trains))
     freedom = len(names) - np.linalg.matrix_rank(relations)
     if freedom > len(names) - len(relations):
@@ -173,11 +159,56 @@ def steady_gears(
     slip[np.abs(slip) <= 1e-12 * np.abs(speed).max()] = 0.0
     load = np.array([torques.get(name, 0.0) for name in free], float)
     noise = 1e-12 * np.abs(load).max(initial=0.0)
+    carried, torque_gain = _balance(trains, lambda signs: _relations(trains, joined, names, signs), inner, slip, load, noise)
+    return SteadyGears(
+        speed=dict(zip(names, speed.tolist(), strict=True)),
+        torque=dict(zip(names, (torque_gain @ load).tolist(), strict=True)),
+        imposed_speeds=tuple(speeds),
+        imposed_torques=free,
+        speed_gain=speed_gain,
+        torque_gain=torque_gain,
+        direction=tuple(int(s) for s in np.sign(np.where(np.abs(carried) > noise, carried, 0.0) * slip)),
+    )
+
+
+def _imposed(
+    names: Sequence[str], speeds: Mapping[str, float], torques: Mapping[str, float] | None
+) -> tuple[dict[str, float], dict[str, float]]:
+    """(speeds, torques) that are imposed on shafts, the ground at rest among them; raises SceneError where they contradict each other."""
+    speeds, torques = dict(speeds), dict(torques or {})
+    for word, given in (("speeds", speeds), ("torques", torques)):
+        for name, value in given.items():
+            _known(name, names)
+            if not np.isfinite(value):
+                raise SceneError(f"Argument `{word}` must hold finite numbers, but `{name}` is {value!r}.")
+    if GROUND in names:
+        if speeds.get(GROUND, 0.0) != 0.0 or GROUND in torques:
+            raise SceneError(f"The shaft `{GROUND}` must stand still and takes any torque: leave it out of `speeds` and `torques`.")
+        speeds[GROUND] = 0.0
+    both = sorted(set(speeds) & set(torques))
+    if both:
+        raise SceneError(f"The shaft `{both[0]}` must have its speed or its torque imposed, but it has both.")
+    return speeds, torques
+
+
+def _balance(
+    trains: Sequence[Train],
+    relations: Callable[[Sequence[int]], np.ndarray],
+    inner: Sequence[int],
+    slip: np.ndarray,
+    load: np.ndarray,
+    noise: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(torque of every train, torque on every shaft by torque put in) with the only directions of power that agree with the torques.
+
+    relations: of the directions;  inner: numbers of the shafts whose speed follows;  slip: of every train against its carrier;  load: torques put in;
+    noise: what counts as no torque. Raises SceneError where no direction agrees, or more than one.
+    """
     found: list[tuple[np.ndarray, np.ndarray]] = []
     for guess in itertools.product(
         *[(1, -1) if v != 0.0 and train.efficiency < 1.0 else (0,) for v, train in zip(slip, trains, strict=True)]
     ):
-        balance = _relations(trains, joined, names, guess)
+        balance = relations(guess)
         if np.linalg.matrix_rank(balance[:, inner]) < len(inner):
             continue  # on the edge of locking itself
         share = np.linalg.solve(balance[:, inner].T, np.eye(len(inner)))  # torque of every train by torque put in
@@ -190,16 +221,7 @@ def steady_gears(
         raise SceneError(
             f"The network must be able to run as asked, but {why} with its torques, because it locks itself: drive it from another shaft."
         )
-    carried, torque_gain = found[0]
-    return SteadyGears(
-        speed=dict(zip(names, speed.tolist(), strict=True)),
-        torque=dict(zip(names, (torque_gain @ load).tolist(), strict=True)),
-        imposed_speeds=tuple(speeds),
-        imposed_torques=free,
-        speed_gain=speed_gain,
-        torque_gain=torque_gain,
-        direction=tuple(int(s) for s in np.sign(np.where(np.abs(carried) > noise, carried, 0.0) * slip)),
-    )
+    return found[0]
 
 
 @dataclass(frozen=True)
@@ -250,6 +272,18 @@ class GearNetwork(Component):
             raise SceneError("Argument `gears.trains` must hold at least one train, but it is empty.")
         if self.driven is not None and self.driven not in self.nodes:
             raise SceneError(f"Argument `gears.driven` must be one of {', '.join(self.nodes)}, but it is {self.driven!r}.")
+        self._check_sizes()
+        for train, ratio in zip(self.trains, self.ratio, strict=True):
+            _check_train(train, ratio)
+        for shaft in self.shafts:
+            if len(shaft) != 2 or shaft[0] == shaft[1] or not all(isinstance(name, str) for name in shaft):
+                raise SceneError(f"Argument `gears.shafts` must hold pairs of different nodes, but one is {shaft!r}.")
+        loose = sorted({*self.nodes}.difference(*self.trains, *self.shafts), key=self.nodes.index)
+        if loose:
+            raise SceneError(f"Argument `gears.nodes` must hold only what a train or a shaft touches, but nothing touches `{loose[0]}`.")
+
+    def _check_sizes(self) -> None:
+        """Raise SceneError where numbers are not given once for each node, train or shaft."""
         for field, size, of in (
             ("inertia", len(self.nodes), "nodes"),
             ("ratio", len(self.trains), "trains"),
@@ -266,15 +300,6 @@ class GearNetwork(Component):
             ):
                 continue
             entries(f"gears.{field}", given or (), size, f", one for each of `gears.{of}`")
-        for train, ratio in zip(self.trains, self.ratio, strict=True):
-            _check_train(train, ratio)
-        for shaft in self.shafts:
-            if len(shaft) != 2 or shaft[0] == shaft[1] or not all(isinstance(name, str) for name in shaft):
-                raise SceneError(f"Argument `gears.shafts` must hold pairs of different nodes, but one is {shaft!r}.")
-        touched = {name for group in (*self.trains, *self.shafts) for name in group}
-        loose = [node for node in self.nodes if node not in touched]
-        if loose:
-            raise SceneError(f"Argument `gears.nodes` must hold only what a train or a shaft touches, but nothing touches `{loose[0]}`.")
 
     @property
     def routes(self) -> Mapping[str, str]:

@@ -63,14 +63,8 @@ def _market(held: bytes) -> Any:
 
     head, _, rest = held.partition(b"\n")
     sizes, _, entries = rest[len(_COMMENTS.match(rest)[0]) :].partition(b"\n")  # type: ignore[index]
-    mark, matrix, form, field, symmetry = (head.decode("ascii").lower().split() + [""] * 5)[:5]
-    sign = {"general": 0, "symmetric": 1, "skew-symmetric": -1}.get(symmetry)
-    if (mark, matrix) != ("%%matrixmarket", "matrix") or form not in ("coordinate", "array") or field not in ("real", "double", "integer"):
-        raise ValueError("its first line names no real matrix")
-    sparse = form == "coordinate"
-    rows, columns, *count = (int(number) for number in sizes.split())
-    if sign is None or len(count) != sparse or not 0 < rows <= MOST_ROWS or not 0 < columns <= MOST_ROWS or (sign and rows != columns):
-        raise ValueError("its sizes are no whole numbers > 0, or too large")
+    sparse, sign = _form(head)
+    rows, columns, *count = _sizes(sizes, sparse, sign)
     below = np.triu_indices(rows, 1 if sign < 0 else 0)[::-1] if sign and not sparse and rows**2 <= 4 * len(entries) + 4 else ()
     wanted = count[0] if sparse else len(below[0]) if below else rows * columns
     if wanted < 0 or wanted > len(entries) or (entries.translate(None, _TEXT)):
@@ -90,6 +84,24 @@ def _market(held: bytes) -> Any:
         places, values = np.concatenate([places, places[::-1, off]], axis=1), np.concatenate([values, sign * values[off]])
     found = coo_array((values, tuple(places)), shape=(rows, columns))
     return found if sparse else found.toarray()
+
+
+def _form(head: bytes) -> tuple[bool, int]:
+    """Whether a matrix is sparse, and whether what is above its diagonal is what is below (1), minus that (-1) or given (0), from the first line."""
+    mark, matrix, form, field, symmetry = (head.decode("ascii").lower().split() + [""] * 5)[:5]
+    sign = {"general": 0, "symmetric": 1, "skew-symmetric": -1}.get(symmetry)
+    known = form in ("coordinate", "array") and field in ("real", "double", "integer") and sign is not None
+    if (mark, matrix) != ("%%matrixmarket", "matrix") or not known:
+        raise ValueError("its first line names no real matrix")
+    return form == "coordinate", sign or 0
+
+
+def _sizes(line: bytes, sparse: bool, sign: int) -> list[int]:
+    """Rows, columns and, of a sparse matrix, the number of its entries."""
+    found = [int(number) for number in line.split()]
+    if len(found) != 2 + sparse or not all(0 < size <= MOST_ROWS for size in found[:2]) or (sign and found[0] != found[1]):
+        raise ValueError("its sizes are no whole numbers > 0, or too large")
+    return found
 
 
 def _mat(path: Path, name: str | None) -> Any:

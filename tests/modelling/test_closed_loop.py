@@ -32,6 +32,22 @@ def test_a_loop_prints_the_gains_that_one_types_into_the_drive():
     assert "proportional 900 N m s/rad" in str(LOOP.at("pi.proportional", 900.0))
 
 
+def test_numbers_of_numpy_are_those_of_python_everywhere():
+    own, same = (
+        closed_loop(
+            compose(wells.JANSEN_2, BitRock(weight=of(97_347))),
+            PI(reference=of(8), proportional=of(500)),
+            inputs={"bit.weight": of(90_000)},
+            parameters={"chain.inertia.1": of(400)},
+            start={"bit.speed": of(2)},
+        )
+        for of in (int, np.int64)
+    )
+    assert own == same and str(own) == str(same) and "bit.weight 90000 N" in str(same)
+    runs = simulate(own, 2), simulate(same, np.int64(2))
+    assert runs[0].end == runs[1].end and runs[0]["bit.speed"].tolist() == runs[1]["bit.speed"].tolist()
+
+
 def test_loops_are_equal_where_plant_laws_and_numbers_are():
     assert (
         closed_loop(

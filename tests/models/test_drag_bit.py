@@ -395,6 +395,13 @@ def test_a_bit_that_cannot_be_built_is_refused_by_name(change, word):
         rig(bit=dataclasses.replace(BIT, **change))
 
 
+def test_blades_and_nodes_may_be_integers_of_numpy():
+    assert (
+        rig(bit=dataclasses.replace(BIT, blades=np.int64(2), nodes=np.int32(3))).x.numel()
+        == rig(bit=dataclasses.replace(BIT, blades=2, nodes=3)).x.numel()
+    )
+
+
 def test_a_bit_at_a_prescribed_speed_is_that_on_an_inertia_that_nothing_slows_down():
     def axial(bit, *others):
         return compose(AxialChain(mass=(MASS,), stiffness=(), damping=(), hook_load=MASS * 9.81 - 40_000.0), bit, *others)

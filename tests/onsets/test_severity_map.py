@@ -101,7 +101,7 @@ def test_a_function_in_python_is_mapped_and_its_borders_are_those_of_onset():
     drive.defaults = {"top.reference": (6.0, "rad/s")}
     loop = closed_loop(RIG, Sampled(drive, 0.02, measures="top.speed", drives="top.torque"))
     over = {"bit.weight": (40e3, 120e3), "chain.bit_drag": (30.0, 50.0)}
-    mapped = severity_map(loop, over, shape=(3, 2), halvings=2)
+    mapped = severity_map(loop, over, shape=(np.int64(3), np.int32(2)), halvings=np.int64(2))
     both = onset(loop.at("chain.bit_drag", 50.0), "bit.weight", over["bit.weight"], values=3, tolerance=2e3)
     cell = float(np.diff(mapped.axes[0])[0])
     assert mapped.border("smooth", 50.0) == pytest.approx([border.value for border in both.losses], abs=cell * mapped.resolution)
@@ -238,7 +238,8 @@ def test_the_command_maps_a_scene(tmp_path, capsys):
             {"over": {"bit.wait": (1e3, 2e3), "top.reference": (3.0, 4.0)}},
             "There is no number `bit.wait` in this loop: did you mean `bit.weight`",
         ),
-        ({"shape": (1, 3)}, "Argument `shape` must be two integers >= 2"),
+        ({"shape": (np.int64(1), 3)}, "Argument `shape.0` must be an integer >= 2"),
+        ({"shape": (3,)}, "Argument `shape` must be two integers >= 2"),
         ({"halvings": -1}, "Argument `halvings` must be an integer >= 0 and <= 20"),
         ({"duration": 0.0}, "Argument `duration` must be > 0 s"),
         ({"over": {"bit.weight": (-1e3, 2e3), "top.reference": (3.0, 4.0)}}, "Argument `bit.weight` must be >= 0 N"),

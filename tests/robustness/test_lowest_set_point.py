@@ -148,7 +148,13 @@ def test_the_command_writes_the_table_and_goes_on_where_it_was(tmp_path, capsys)
     out, progress = capsys.readouterr()
     assert "under stiff PI" in out and "lowest [rpm]" in out and "`constant torque` must be one law" in out
     assert "softer PI, 100 Hz, declared, direct, 100 rpm: holds" in progress
-    assert {each.name for each in (tmp_path / "drives").iterdir()} == {"drives.txt", "drives.csv", "drives.png", "cells.jsonl"}
+    assert {each.name for each in (tmp_path / "drives").iterdir()} == {
+        "drives.txt",
+        "drives.csv",
+        "drives.png",
+        "cells.jsonl",
+        "origin.json",
+    }
     assert main(call) == 0
     again, progress = capsys.readouterr()
     assert again == out and progress == ""

@@ -7,7 +7,7 @@ import dataclasses
 import inspect
 import types
 import typing
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,24 +36,10 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Print what there is. Returns the exit code."""
-    from toolbox.scenes import catalogue, keys
+    from toolbox.scenes import catalogue
 
-    if given.name == "scene":
-        print("Keys of a scene file; numbers are SI or text with a unit")
-        for table, entries_of in keys.KEYS.items():
-            print("At its head" if table == "scene" else table)
-            rows = [(f"{key.name} [{key.unit}]" if key.unit else key.name, key.default, key.meaning) for key in entries_of]
-            _print(rows, "  ")
-        return 0
-    if given.name == "measures":
-        from toolbox.measuring.measures import MEASURES
-
-        print("Measures, of what a scene judges")
-        rows = [
-            (name, each.looks_at, each.heading + (f" [{each.unit}]" if each.unit not in ("", "1") else ""))
-            for name, each in MEASURES.items()
-        ]
-        _print(rows, "  ")
+    if given.name in OTHERS:
+        OTHERS[given.name]()
         return 0
     entries = [entry for entry in catalogue.parts() if given.name is None or given.name.lower() in entry.name.lower()]
     if not entries:
@@ -76,6 +62,30 @@ def run(given: argparse.Namespace) -> int:
     return 0
 
 
+def _print_keys() -> None:
+    from toolbox.scenes import keys
+
+    print("Keys of a scene file; numbers are SI or text with a unit")
+    for table, entries_of in keys.KEYS.items():
+        print("At its head" if table == "scene" else table)
+        _print([(f"{key.name} [{key.unit}]" if key.unit else key.name, key.default, key.meaning) for key in entries_of], "  ")
+
+
+def _print_measures() -> None:
+    from toolbox.measuring.measures import MEASURES
+
+    print("Measures, of what a scene judges")
+    _print(
+        [
+            (name, each.looks_at, each.heading + (f" [{each.unit}]" if each.unit not in ("", "1") else ""))
+            for name, each in MEASURES.items()
+        ],
+        "  ",
+    )
+
+
+OTHERS: dict[str, Callable[[], None]] = {"scene": _print_keys, "measures": _print_measures}
+"""What is listed besides parts, by its name."""
 HEADINGS = ("Models", "Bodies with many contacts", "Control laws", "Observers", "Friction laws")
 """Headings of what is a class; ready-made parts stand before them, under the name of their module."""
 

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import number, whole
 from toolbox.commands import figures
 from toolbox.commands.recording import results
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, plain, progress
 from toolbox.errors import SceneError, SimulationError, suggest
+
+if TYPE_CHECKING:
+    from toolbox.onsets.onset import Onset
+    from toolbox.scenes.scene import Scene
 
 ONSET_FILES = ("onset.png", "onset.txt", "scene.toml")
 TABLES = ("onset.csv", "borders.csv", "onset.npz")
@@ -43,20 +49,7 @@ def run(given: argparse.Namespace) -> int:
 
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
-    units: dict[str, str] = {}
-    failures: dict[str, Exception] = {}
-    known: set[str] = set()
-    for label in labels:
-        try:
-            loop = scene[label]
-            known |= loop.numbers().keys()
-            units[label] = loop.acting(given.parameter, "onset").unit
-        except SceneError as error:
-            failures[label] = error
-    if not units:
-        if known and given.parameter not in known:  # the law that has the nearest name need not be the first
-            raise SceneError(f"There is no number `{given.parameter}`: {suggest(given.parameter, known)}")
-        raise failures[labels[0]]
+    units, failures = _units(scene, labels, given.parameter)
     unit = next(iter(units.values()))
     low, high = number("--from", plain(given.low), unit), number("--to", plain(given.high), unit)
     at = None if given.at is None else number("--at", plain(given.at), unit)
@@ -84,15 +77,38 @@ def run(given: argparse.Namespace) -> int:
         text = "\n\n".join([scene.title, *(str(each) for each in onsets.values()), str(found)]) + "\n"
         if folder is not None:
             (folder / "onset.txt").write_text(text, encoding="utf-8")
-            for label, stem in zip(labels, stems, strict=True):
-                if label in onsets:
-                    onsets[label].save(folder / f"{stem}_onset.npz")
-                    onsets[label].save(folder / f"{stem}_onset.csv")
-                    onsets[label].save_borders(folder / f"{stem}_borders.csv")
-            scene.save(folder / "scene.toml")
-            if onsets:
-                figures.draw_onsets(scene, onsets, folder / f"onset.{given.format}")
+            _save(scene, onsets, dict(zip(labels, stems, strict=True)), folder, given.format)
     print(text, end="")
     if given.out:
         print(f"\nFigure, report and tables are in {given.out}")
     return 0 if onsets else 1
+
+
+def _units(scene: Scene, labels: Sequence[str], parameter: str) -> tuple[dict[str, str], dict[str, Exception]]:
+    """Unit of the parameter by label, and why the other labels do not have it; raises SceneError where none has it."""
+    units: dict[str, str] = {}
+    failures: dict[str, Exception] = {}
+    known: set[str] = set()
+    for label in labels:
+        try:
+            loop = scene[label]
+            known |= loop.numbers().keys()
+            units[label] = loop.acting(parameter, "onset").unit
+        except SceneError as error:
+            failures[label] = error
+    if not units:
+        if known and parameter not in known:  # the law that has the nearest name need not be the first
+            raise SceneError(f"There is no number `{parameter}`: {suggest(parameter, known)}")
+        raise failures[labels[0]]
+    return units, failures
+
+
+def _save(scene: Scene, onsets: Mapping[str, Onset], stems: Mapping[str, str], folder: Path, picture: str) -> None:
+    """Write the results of every label, the scene, and the figure in the format `picture`."""
+    for label, found in onsets.items():
+        found.save(folder / f"{stems[label]}_onset.npz")
+        found.save(folder / f"{stems[label]}_onset.csv")
+        found.save_borders(folder / f"{stems[label]}_borders.csv")
+    scene.save(folder / "scene.toml")
+    if onsets:
+        figures.draw_onsets(scene, onsets, folder / f"onset.{picture}")

@@ -168,20 +168,9 @@ def to_control(law: Controller | Sampled | ClosedLoop, *, outputs: str | Sequenc
         only_law(law) if isinstance(law, ClosedLoop) else (law.law, float(law.period)) if isinstance(law, Sampled) else (law, None)
     )
     made = settled(opened(given, period))
+    wanted = _linear_outputs(made, given, outputs)
     known = ca.vertcat(made.z, made.y)
-    wanted = names(outputs) if outputs is not None else made.drives
-    for name in wanted:
-        if name not in made.gives:
-            raise SceneError(
-                f"Argument `outputs` must name signals that {made.title} gives, but `{name}` is none: {suggest(name, made.gives)}"
-            )
-    if outputs is None and isinstance(given, Observer):
-        wanted = tuple(name for name in wanted if _linear(made.gives[name][0], known))
     labels = [label for label, _ in made.labels]
-    for label, expression in [*zip(labels, ca.vertsplit(made.following), strict=True), *((name, made.gives[name][0]) for name in wanted)]:
-        if not _linear(expression, known):
-            limited = ", which its torque limits make it: leave them out" if getattr(given, "limits_known", False) else ""
-            raise SceneError(f"{made.title} must be a linear law, but `{label}` is not linear in what it reads{limited}.")
     given_out = ca.vertcat(*[made.gives[name][0] for name in wanted]) if wanted else ca.SX(0, 1)
     slopes = [ca.jacobian(each, by) for each in (made.following, given_out) for by in (made.z, made.y)]
     constants = [ca.substitute(each, known, ca.DM.zeros(known.numel())) for each in (made.following, given_out)]
@@ -192,6 +181,25 @@ def to_control(law: Controller | Sampled | ClosedLoop, *, outputs: str | Sequenc
     )  # fmt: skip
     found.law = _about(made, wanted, B, D, moved.ravel(), driven.ravel())
     return found
+
+
+def _linear_outputs(made: OpenLaw, law: Any, outputs: str | Sequence[str] | None) -> tuple[str, ...]:
+    """The signals that the system of a law gives; raises SceneError where one is unknown or the law is not linear."""
+    known = ca.vertcat(made.z, made.y)
+    wanted = names(outputs) if outputs is not None else made.drives
+    for name in wanted:
+        if name not in made.gives:
+            raise SceneError(
+                f"Argument `outputs` must name signals that {made.title} gives, but `{name}` is none: {suggest(name, made.gives)}"
+            )
+    if outputs is None and isinstance(law, Observer):
+        wanted = tuple(name for name in wanted if _linear(made.gives[name][0], known))
+    labels = [label for label, _ in made.labels]
+    for label, expression in [*zip(labels, ca.vertsplit(made.following), strict=True), *((name, made.gives[name][0]) for name in wanted)]:
+        if not _linear(expression, known):
+            limited = ", which its torque limits make it: leave them out" if getattr(law, "limits_known", False) else ""
+            raise SceneError(f"{made.title} must be a linear law, but `{label}` is not linear in what it reads{limited}.")
+    return wanted
 
 
 def _about(law: OpenLaw, outputs: Sequence[str], B: np.ndarray, D: np.ndarray, moved: np.ndarray, driven: np.ndarray) -> LinearLaw | None:

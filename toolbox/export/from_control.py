@@ -169,27 +169,12 @@ def from_control(
         For a system that is improper or no linear system, signals that are not given or do not fit its inputs and outputs, and a reference for several of
         them.
     """
-    import control
-
     law: LinearLaw | None = getattr(system, "law", None)
-    for word, given in (("measures", measures), ("drives", drives)):
-        if given is None and law is None:
-            raise SceneError(
-                f"Argument `{word}` must name signals, because the system was not made by `to_control` from a law with a working point."
-            )
-    defaults: Mapping[str, float] = {}
-    if law is not None:
-        if measures is None and drives is None and reference is None:
-            at = law.at if at is None else at
-        defaults = law.defaults if measures is None else {}
-        measures, drives = measures or law.measures, drives or law.drives
-    inputs, outputs = names(measures or ()), names(drives or ())
-    if not isinstance(system, (control.StateSpace, control.TransferFunction)):
-        raise SceneError(f"Argument `system` must be a control.StateSpace or a control.TransferFunction, but it is {system!r}.")
-    try:
-        found = control.ss(system)
-    except (ValueError, control.ControlMIMONotImplemented) as error:
-        raise SceneError(f"Argument `system` must be proper, with at least as many poles as zeros, but: {error}.") from None
+    if law is not None and at is None and measures is None and drives is None and reference is None:
+        at = law.at
+    defaults = law.defaults if law is not None and measures is None else {}
+    inputs, outputs = _names("measures", measures, law), _names("drives", drives, law)
+    found, matrices = _state_space(system)
     for word, named, count in (("measures", inputs, found.ninputs), ("drives", outputs, found.noutputs)):
         if len(named) != count:
             raise SceneError(f"Argument `{word}` must name {count} signals, as many as the system has, but it names {len(named)}.")
@@ -207,9 +192,6 @@ def from_control(
             return 0.0
         return number(word, value)
 
-    matrices = [np.atleast_2d(np.asarray(matrix, float)) for matrix in (found.A, found.B, found.C, found.D)]
-    if not all(np.isfinite(matrix).all() for matrix in matrices):
-        raise SceneError("Argument `system` must have finite numbers, but one is none.")
     timing = found.dt
     discrete = timing is not None and (timing is True or timing > 0)
     return StateSpaceLaw(
@@ -219,3 +201,28 @@ def from_control(
         driven_at=tuple(plain(f"at.{name}", point.get(name, 0.0)) for name in outputs),
         reference=None if reference is None else plain("reference", reference), typed=tuple(typed), defaults=tuple(defaults.items()),
     )  # fmt: skip
+
+
+def _names(word: str, given: str | Sequence[str] | None, law: LinearLaw | None) -> tuple[str, ...]:
+    """The signals that an argument names, by default those of the law that a system was made from; raises SceneError where there is none."""
+    if given is None and law is None:
+        raise SceneError(
+            f"Argument `{word}` must name signals, because the system was not made by `to_control` from a law with a working point."
+        )
+    return names(given or (getattr(law, word) if law is not None else ()))
+
+
+def _state_space(system: Any) -> tuple[Any, list[np.ndarray]]:
+    """A system as `control.StateSpace` with its matrices A, B, C and D; raises SceneError where it is none, improper or not finite."""
+    import control
+
+    if not isinstance(system, (control.StateSpace, control.TransferFunction)):
+        raise SceneError(f"Argument `system` must be a control.StateSpace or a control.TransferFunction, but it is {system!r}.")
+    try:
+        found = control.ss(system)
+    except (ValueError, control.ControlMIMONotImplemented) as error:
+        raise SceneError(f"Argument `system` must be proper, with at least as many poles as zeros, but: {error}.") from None
+    matrices = [np.atleast_2d(np.asarray(matrix, float)) for matrix in (found.A, found.B, found.C, found.D)]
+    if not all(np.isfinite(matrix).all() for matrix in matrices):
+        raise SceneError("Argument `system` must have finite numbers, but one is none.")
+    return found, matrices

@@ -111,10 +111,7 @@ class Expressions:
     def entry(self, node: ast.Subscript, store: bool) -> Value:
         """An entry or a row of an array, the rest of one, an entry of a tuple, or a size."""
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
-            kind, place = self.value(node.value.value).kind, self.value(node.slice).known
-            if isinstance(kind, Array) and kind.shape[place] is not None:
-                return known(kind.shape[place])
-            self.refuse(node)
+            return self.size_of(node, node.value.value)
         whole = self.value(node.value)
         if whole.kind is None:
             return Value("0", None)
@@ -125,6 +122,17 @@ class Expressions:
             return Value(f"{whole.text}.f{index.known}", whole.kind[index.known])
         if not isinstance(whole.kind, Array):
             self.refuse(node)
+        return self.entry_of(node, whole, store)
+
+    def size_of(self, node: ast.Subscript, of: ast.expr) -> Value:
+        """A size of an array."""
+        kind, place = self.value(of).kind, self.value(node.slice).known
+        if not isinstance(kind, Array) or kind.shape[place] is None:
+            self.refuse(node)
+        return known(kind.shape[place])
+
+    def entry_of(self, node: ast.Subscript, whole: Value, store: bool) -> Value:
+        """An entry or a row of an array, or the rest of one."""
         shape = whole.kind.shape
         if isinstance(node.slice, ast.Slice):
             if len(shape) != 1 or node.slice.lower is None or node.slice.upper is not None or node.slice.step is not None:
@@ -251,13 +259,7 @@ class Expressions:
         if node.keywords:
             self.refuse(node)
         if isinstance(node.func, ast.Attribute) and node.func.attr == "view":
-            value = self.value(node.func.value)
-            wanted = CASTS.get(self.outside(node.args[0]))
-            if (value.kind, wanted) == ("f", "i"):
-                return self.helped("bits_of", "i", value)
-            if (value.kind, wanted) == ("i", "f"):
-                return self.helped("number_of", "f", value)
-            self.refuse(node)
+            return self.viewed(node, node.func.value)
         function = self.outside(node.func)
         if function is None:
             self.refuse(node)
@@ -284,6 +286,16 @@ class Expressions:
         values = [Value(value.text, Array(value.kind.dtype, (None,))) if isinstance(value.kind, Array) else value for value in values]
         made = self.t.written(function, values) if self.final else self.t.function(function, values)
         return Value(f"{made.name}({', '.join(value.text for value in values if value.kind != 'none')})", made.returns)
+
+    def viewed(self, node: ast.Call, of: ast.expr) -> Value:
+        """The bits of a number as a whole number, or the other way."""
+        value = self.value(of)
+        wanted = CASTS.get(self.outside(node.args[0]))
+        if (value.kind, wanted) == ("f", "i"):
+            return self.helped("bits_of", "i", value)
+        if (value.kind, wanted) != ("i", "f"):
+            self.refuse(node)
+        return self.helped("number_of", "f", value)
 
     def model_call(self, values: list[Value]) -> Value:
         """A call of model code, whose address is a number of the model or stands in an array."""

@@ -11,6 +11,12 @@ from toolbox.export.c_values import C_TYPES, STORED, Array, Kind, NotTranslatabl
 from toolbox.export.translated_expressions import Expressions
 
 
+def _stores(body: list[ast.stmt], name: str) -> bool:
+    """Whether statements give a name another value."""
+    each = (part for statement in body for part in ast.walk(statement))
+    return any(isinstance(part, ast.Name) and part.id == name and isinstance(part.ctx, ast.Store) for part in each)
+
+
 class Writer(Expressions):
     """Writes one function, or, before its types are known, finds them."""
 
@@ -122,29 +128,10 @@ class Writer(Expressions):
             self.refuse(node)
         self.count += 1
         name = f"unused_{self.count}" if node.target.id == "_" else node.target.id
-        if name in self.names or any(
-            isinstance(each, ast.Name) and each.id == name and isinstance(each.ctx, ast.Store)
-            for part in node.body
-            for each in ast.walk(part)
-        ):
+        if name in self.names or _stores(node.body, name):
             self.refuse(node, f"`{name}` is changed inside its loop")
         if isinstance(node.iter, ast.Tuple):
-            values = [self.value(each) for each in node.iter.elts]
-            kind = values[0].kind
-            place = f"place_{self.count}"
-            self.emit("{")
-            self.depth += 1
-            self.emit(f"static const {C_TYPES[kind]} each_{self.count}[{len(values)}] = {{{', '.join(value.text for value in values)}}};")
-            self.emit(f"int {place};")
-            self.enter(name, kind)
-            self.emit(f"for ({place} = 0; {place} < {len(values)}; ++{place}) {{")
-            self.depth += 1
-            self.emit(f"const {C_TYPES[kind]} {c_word(name)} = each_{self.count}[{place}];")
-            self.block(node.body)
-            for _ in range(2):
-                self.depth -= 1
-                self.emit("}")
-            self.leave(name)
+            self.for_each(node, name, [self.value(each) for each in node.iter.elts])
             return
         if not (isinstance(node.iter, ast.Call) and self.outside(node.iter.func) is range):
             self.refuse(node.iter)
@@ -162,6 +149,24 @@ class Writer(Expressions):
             f"for (int64_t {word} = {first.text}{more}; {word} {'<' if step.known == 1 else '>'} {bound}; {'++' if step.known == 1 else '--'}{word}) {{",
             node.body,
         )
+        self.leave(name)
+
+    def for_each(self, node: ast.For, name: str, values: list[Value]) -> None:
+        """A loop over a few numbers that are known."""
+        kind = values[0].kind
+        place = f"place_{self.count}"
+        self.emit("{")
+        self.depth += 1
+        self.emit(f"static const {C_TYPES[kind]} each_{self.count}[{len(values)}] = {{{', '.join(value.text for value in values)}}};")
+        self.emit(f"int {place};")
+        self.enter(name, kind)
+        self.emit(f"for ({place} = 0; {place} < {len(values)}; ++{place}) {{")
+        self.depth += 1
+        self.emit(f"const {C_TYPES[kind]} {c_word(name)} = each_{self.count}[{place}];")
+        self.block(node.body)
+        for _ in range(2):
+            self.depth -= 1
+            self.emit("}")
         self.leave(name)
 
     def enter(self, name: str, kind: Kind) -> None:

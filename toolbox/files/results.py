@@ -119,13 +119,9 @@ def read(kind: Any, given: Any, arrays: Mapping[str, np.ndarray], word: str) -> 
             return None
         kind = next(each for each in inner if each is not type(None))
         origin, inner = get_origin(kind), get_args(kind)
-    whole = dataclasses.is_dataclass(kind)
-    held: type = dict if whole else list if kind is complex or origin in (tuple, dict, Mapping) else object
-    number = kind is float and type(given) is int
-    fits = isinstance(given, held) and (kind not in (bool, int, float, str) or type(given) is kind or number)
-    if not fits:
+    if not _fits(kind, origin, given):
         raise ValueError(f"its `{word}` is {given!r}")
-    if whole:
+    if dataclasses.is_dataclass(kind):
         return _read_fields(kind, given, arrays)
     if kind is np.ndarray or origin is np.ndarray:
         return arrays[given]
@@ -141,6 +137,13 @@ def read(kind: Any, given: Any, arrays: Mapping[str, np.ndarray], word: str) -> 
     if kind is Any:
         return arrays[given] if isinstance(given, str) and given.startswith("array.") else given
     return kind(given)
+
+
+def _fits(kind: Any, origin: Any, given: Any) -> bool:
+    """Whether what a file holds can be a value of a kind; a whole number may stand for a float."""
+    held: type = dict if dataclasses.is_dataclass(kind) else list if kind is complex or origin in (tuple, dict, Mapping) else object
+    number = kind is float and type(given) is int
+    return isinstance(given, held) and (kind not in (bool, int, float, str) or type(given) is kind or number)
 
 
 def _read_fields(kind: Any, given: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Any:

@@ -134,9 +134,16 @@ def is_finite_number(value: Any) -> bool:
 
 
 def in_si(value: Any, unit: str, name: str, instead: str | None = None) -> Any:
-    """What is given, one value or a row of them, with every text in it as its number in a unit; all else is left to whoever checks it."""
+    """What is given, one value or a row of them, with every text in it as its number in a unit, and numbers of numpy as those of Python.
+
+    All else is left to whoever checks it.
+    """
     if isinstance(value, str):
         return parse(value, unit, name, instead)
+    if isinstance(value, np.number):
+        return value.item()
+    if isinstance(value, (tuple, list)) and any(isinstance(entry, np.number) for entry in value):
+        value = type(value)(in_si(entry, unit, name) if isinstance(entry, np.number) else entry for entry in value)
     if isinstance(value, (tuple, list)) and any(isinstance(entry, str) for entry in value):
         return type(value)(parse(entry, unit, f"{name}.{i}", instead) for i, entry in enumerate(value))
     return value

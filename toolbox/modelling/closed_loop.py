@@ -21,7 +21,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import mapping
+from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units, reading
 from toolbox.files.units import NumberOrText, in_si
@@ -353,7 +353,7 @@ class ClosedLoop:
 
     def _read(self, name: str, value: Any) -> str:
         factor, unit = reading(self.system.unit(name), self.asked)
-        if isinstance(value, (int, float)):
+        if is_finite_number(value):
             return f"{value * factor:.6g}" + ("" if unit == "1" else f" {unit}")
         return (
             getattr(value, "shape", "")

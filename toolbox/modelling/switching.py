@@ -145,14 +145,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     matrix, right, solved = balanced(sticks, side, speeds)
     terms, open_field, balance = ca.fabs(solved), ca.SX(0, 1), ca.SX(0, 1)
     if not matrix.sparsity().is_diag():
-        pivot = ca.diag(
-            matrix
-        )  # a force can be the small rest of large ones that hold each other, and its round-off is theirs, and that of what holds these
-        own = ca.fabs(solved) + ca.fabs(right) / ca.fabs(pivot)
-        others = ca.sparsify(ca.fabs(matrix - ca.diag(pivot)) / ca.repmat(ca.fabs(pivot), 1, len(elements)))
-        terms = own
-        for _ in range(min(max(map(len, coupled_groups(matrix.sparsity()))) - 1, NEIGHBOURS)):
-            terms = own + others @ terms
+        terms = _sizes(matrix, right, solved)
         open_field = _held_exactly(free + gain_of_force @ force, slip, slip_of_state, x, t, sticks)
         balance = matrix @ force - right
     bound = ca.substitute(static, force, solved)
@@ -162,11 +155,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     limit = sticks * bound
     stuck = sticks * solved
     cones.moving_at(slip_rate)
-    guards = ca.SX(0, 1)
-    for i, element in enumerate(elements):
-        of_cone = cones.guards(i, stuck, limit)
-        guards = ca.vertcat(guards, *(element.guards(stuck[i], limit[i]) if of_cone is None else of_cone))
-    guards = cones.at_speed(guards, speeds)
+    guards = cones.at_speed(_guards(elements, cones, stuck, limit), speeds)
     watched = [cones.at_speed(getattr(e, e.watched), speeds) for e in elements if e.watched]
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
@@ -192,6 +181,29 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,
         probed,
     )  # fmt: skip
+
+
+def _sizes(matrix: ca.SX, right: ca.SX, solved: ca.SX) -> ca.SX:
+    """How large the terms are of which a force is the rest.
+
+    A force can be the small rest of large ones that hold each other, and its round-off is theirs, and that of what holds these.
+    """
+    pivot = ca.diag(matrix)
+    own = ca.fabs(solved) + ca.fabs(right) / ca.fabs(pivot)
+    others = ca.sparsify(ca.fabs(matrix - ca.diag(pivot)) / ca.repmat(ca.fabs(pivot), 1, solved.numel()))
+    terms = own
+    for _ in range(min(max(map(len, coupled_groups(matrix.sparsity()))) - 1, NEIGHBOURS)):
+        terms = own + others @ terms
+    return terms
+
+
+def _guards(elements: Sequence[Element], cones: Cones, stuck: ca.SX, limit: ca.SX) -> ca.SX:
+    """The guards of all elements, of which those of a cone share theirs."""
+    found = ca.SX(0, 1)
+    for i, element in enumerate(elements):
+        of_cone = cones.guards(i, stuck, limit)
+        found = ca.vertcat(found, *(element.guards(stuck[i], limit[i]) if of_cone is None else of_cone))
+    return found
 
 
 def _check_forces(elements: Sequence[Element], force: ca.SX, static: ca.SX, gain_of_force: ca.SX, coupling: ca.SX, gain: ca.SX) -> None:

@@ -349,8 +349,10 @@ def severity_map(
     SceneError
         If a name is unknown, a range is none, or there is no steady running in the middle of the map.
     """
-    if not isinstance(shape, Sequence) or len(shape) != 2 or not all(isinstance(n, int) and n >= 2 for n in shape):
+    if not isinstance(shape, Sequence) or len(shape) != 2:
         raise SceneError(f"Argument `shape` must be two integers >= 2, but it is {shape!r}.")
+    rows, columns = (whole(f"shape.{i}", count, 2) for i, count in enumerate(shape))
+    shape = (rows, columns)
     whole("halvings", halvings, 0, 20)
     check_executor(executor)
     plane = Plane.of(loop, over)

@@ -106,45 +106,51 @@ def follow(
             size /= 2
             if size > 1e-5 * step:
                 continue
-            rest = _at_rest(branch, walk.kept)
-            if rest is not None:
-                branch.bifurcations.append(Bifurcation("Hopf", _solved(branch, rest), branch.cycles[-1]))
-                branch.ended = "the cycle shrinks to a steady state"
+            if _shrunk(branch, _at_rest(branch, walk.kept)):
                 break
             here = branch.cycles[-1].signature
             if first:
                 next(walk.look_beyond(left), None)
             point = walk.around(left) if turned < 2 and not first else None
             touched = walk.touched()
+            if point is None and touched is None:
+                branch.ended = "no further cycle is found"
+                break
+            branch.bifurcations.append(Bifurcation(walk.corner(), branch.values[-1] if touched is None else touched, branch.cycles[-1]))
             if point is None:
-                branch.ended = (
-                    "no further cycle is found" if touched is None else "the switches of the cycle touch zero, and none is found beyond"
-                )
-                if touched is not None:
-                    branch.bifurcations.append(Bifurcation(walk.corner(), touched, branch.cycles[-1]))
+                branch.ended = "the switches of the cycle touch zero, and none is found beyond"
                 break
             turned, left = turned + 1, here
-            branch.bifurcations.append(Bifurcation(walk.corner(), branch.values[-1] if touched is None else touched, branch.cycles[-1]))
             size = min(step / 16, 10 * float(np.linalg.norm(point.u - walk.here.u)))
         else:
             turned, left = 0, None
-            rest = walk.vanishing(point, size)
-            if rest is not None:
-                branch.bifurcations.append(Bifurcation("Hopf", _solved(branch, rest), branch.cycles[-1]))
-                branch.ended = "the cycle shrinks to a steady state"
+            if _shrunk(branch, walk.vanishing(point, size)):
                 break
             branch.bifurcations += walk.changes(walk.here, point, size)
-        if not span[0] <= point.value <= span[1]:
-            branch.ended = f"the end of the span at {span[0] if point.value < span[0] else span[1]:g}"
-            break
-        if first and branch.bifurcations:
-            branch.ended = "the first bifurcation"
+        if not span[0] <= point.value <= span[1] or (first and branch.bifurcations):
+            branch.ended = _reached(span, point.value)
             break
         walk.move_to(point)
         branch.values.append(point.value)
         branch.cycles.append(walk.cycle(point))
         size = min(step, size * (1.5 if point.iterations <= 4 else 0.7 if point.iterations > 6 else 1.0))
     return branch
+
+
+def _reached(span: tuple[float, float], value: float) -> str:
+    """Why a branch ends at a value: the end of the span, else its first bifurcation."""
+    if span[0] <= value <= span[1]:
+        return "the first bifurcation"
+    return f"the end of the span at {span[0] if value < span[0] else span[1]:g}"
+
+
+def _shrunk(branch: Branch, rest: float | None) -> bool:
+    """Whether the branch ends in the steady state that was found near `rest`: it then says so."""
+    if rest is None:
+        return False
+    branch.bifurcations.append(Bifurcation("Hopf", _solved(branch, rest), branch.cycles[-1]))
+    branch.ended = "the cycle shrinks to a steady state"
+    return True
 
 
 def _at_rest(branch: Branch, kept: np.ndarray) -> float | None:

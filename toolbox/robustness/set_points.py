@@ -246,7 +246,6 @@ class Trial:
 
     def attempts(self, group: Group, reference: float, way: str = "direct") -> Iterator[tuple[list[str], dict[str, np.ndarray]]]:
         """(which runs failed and why, what was measured of each) of one sweep after the other."""
-        from toolbox.measuring import measures
         from toolbox.sweeps.sweep import sweep
 
         cycle, asleep = self.cycle(reference), self.in_python(reference)
@@ -257,18 +256,7 @@ class Trial:
                 machines = [each for each in group.machines if (each.late, each.plant, each.weight) == apart]
                 loop, last = self.takes_over(machines[0], group, reference, way, seed, times[0])
                 after, end = last + SETTLING, last + SETTLING + group.judged
-                asked = {"stuck": measures.time_in("bit", after), "above": measures.mean("watch.above", after)}
-                asked |= {"recovery": measures.mean("watch.above", begun, after), "fastest": measures.maximum("bit.speed", begun)}
-                asked |= {"torque_high": measures.maximum("top.torque", begun)}
-                for name, of in {
-                    "speed": "bit.speed",
-                    "torque": "top.torque",
-                    "square": "watch.square",
-                    "limited": "watch.limited",
-                }.items():
-                    asked[name] = measures.mean(of, after)
-                if loop.system.has_signal("lifting.lifts"):
-                    asked["lifts"] = measures.maximum("lifting.lifts", begun)
+                asked = _measures(loop, begun, after)
                 declared = {name: float(loop.number(name).value) for each in machines for name, _ in each.factors}
                 numbers = [declared | {name: factor * declared[name] for name, factor in each.factors} for each in machines]
                 phases = list(zip(group.phases, times, strict=True))
@@ -286,12 +274,7 @@ class Trial:
                 for several in found:
                     rows = {name: np.asarray(several[name]) for name in asked}
                     count = len(rows["stuck"])
-                    failed = []
-                    for i, name in enumerate(names[:count]):
-                        row = {word: float(values[i]) for word, values in rows.items()}
-                        finite = np.isfinite(list(row.values())).all()
-                        why = verdict(row, reference, group.noise, varying=apart[2] is not None) if finite else "the run failed"
-                        failed += [f"{name}: {why}"] if why else []
+                    failed = _failed(names[:count], rows, reference, group.noise, varying=apart[2] is not None)
                     names = names[count:]
                     rows["recovery"] = rows["recovery"] * (after - begun)
                     yield failed, rows
@@ -334,6 +317,32 @@ def _measured(loop: ClosedLoop, numbers: Mapping[str, float], end: float, asked:
     except SimulationError:
         return dict.fromkeys(asked, math.nan)
     return {name: each.read(run) for name, each in asked.items()}
+
+
+def _measures(loop: ClosedLoop, begun: float, after: float) -> dict[str, Any]:
+    """{name: measure} of what a run is judged by: from the takeover at `begun` on, or from `after` on."""
+    from toolbox.measuring import measures
+
+    last = {"speed": "bit.speed", "torque": "top.torque", "square": "watch.square", "limited": "watch.limited"}
+    return {
+        "stuck": measures.time_in("bit", after),
+        "above": measures.mean("watch.above", after),
+        "recovery": measures.mean("watch.above", begun, after),
+        "fastest": measures.maximum("bit.speed", begun),
+        "torque_high": measures.maximum("top.torque", begun),
+        **{name: measures.mean(of, after) for name, of in last.items()},
+        **({"lifts": measures.maximum("lifting.lifts", begun)} if loop.system.has_signal("lifting.lifts") else {}),
+    }
+
+
+def _failed(names: Sequence[str], measured: Mapping[str, np.ndarray], reference: float, noise: float, varying: bool) -> list[str]:
+    """Which runs failed, and why."""
+    failed = []
+    for i, name in enumerate(names):
+        row = {word: float(values[i]) for word, values in measured.items()}
+        why = verdict(row, reference, noise, varying=varying) if np.isfinite(list(row.values())).all() else "the run failed"
+        failed += [f"{name}: {why}"] if why else []
+    return failed
 
 
 def verdict(numbers: Mapping[str, float], reference: float, noise: float, varying: bool = False) -> str:

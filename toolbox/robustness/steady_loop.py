@@ -29,6 +29,7 @@ from toolbox.modelling.start import place_starts
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
 from toolbox.robustness.loop import LinearLoop, NoDerivative, acts, checked_smooth, zero_order_hold
 from toolbox.simulation.run import Budget
+from toolbox.simulation.samples import Samples
 from toolbox.simulation.simulate import simulate
 from toolbox.steady_states.linear import equilibrium, input_values, linearise
 from toolbox.steady_states.running import at_set_points
@@ -339,16 +340,20 @@ def _guesses(point: SampledPoint, loop: ClosedLoop, guess: Mapping[str, Any]) ->
         run = simulate(loop, duration, start=states, budget=Budget(steps=1_000_000))
     except SimulationError:
         return
-    recorded = run.at(np.linspace(0.5, 1.0, 501) * duration)
+    yield from _settled(point, plant, run.at(np.linspace(0.5, 1.0, 501) * duration))
+    for known in candidates:
+        states = {name: known[name] for name in plant.states}
+        if point.placed(states, {}, {}):
+            yield point.begun(states, {point.names[j]: known[point.names[j]] for j in point.driven})
+
+
+def _settled(point: SampledPoint, plant: HybridSystem, recorded: Samples[np.ndarray]) -> Iterator[np.ndarray]:
+    """Where a run ends, and its mean."""
     for reading in (lambda name: recorded[name][-1], lambda name: recorded[name].mean(axis=0)):
         states = {name: reading(name) for name in plant.states}
         memory = {name: reading(name) for update in point.system.updates for name in update.places}
         if point.placed(states, memory, {}):
             yield point.with_outputs(states, memory)
-    for known in candidates:
-        states = {name: known[name] for name in plant.states}
-        if point.placed(states, {}, {}):
-            yield point.begun(states, {point.names[j]: known[point.names[j]] for j in point.driven})
 
 
 def smooth_points(loop: ClosedLoop, guess: Mapping[str, Any]) -> list[Equilibrium]:

@@ -247,8 +247,7 @@ def worst_case(
     contact = judged_contact(loop)
     speed = judged_speed(loop, contact)
     drives = [name for name in plant.inputs if name not in system.inputs]
-    aim = loop.reference or set_point(system, speed) if target is None else in_si(target, system.signal_unit(speed), "target")
-    wanted = math.nan if aim is None else loop.number(aim).value if isinstance(aim, str) else float(aim)
+    wanted = _target(loop, speed, target)
     cases = _cases(errors, corners)
     declared = _varied(loop, cases)
     more = judged_measures(measures, loop, 0.0, duration, after=window) if measures else {}
@@ -260,21 +259,26 @@ def worst_case(
     for late, seed, (k, begin) in itertools.product(delays, seeds if noisy else (0,), enumerate(begins)):
         own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late}
         rows = [{name: value * case.get(name, 1.0) for name, value in declared.items()} for case in own.values()]
-        running = loop.with_laws(_as_run(law, late, seed) for law in loop.laws)
-        done = sweep(running.but(start=states_of(begin, plant)), rows, duration, measures=asked)
+        varied = loop.with_laws(_as_run(law, late, seed) for law in loop.laws).but(start=states_of(begin, plant))
+        done = sweep(varied, rows, duration, measures=asked)
         seconds += done.seconds
         for i, label in enumerate(own):
             numbers = {name: float(done[name][i]) for name in asked}
             outcome = _outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, wanted, (mean_within, ripple_within))
             if outcome.excess <= 1.0:
-                swing = (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"])
-                outcome = machines.lasting(outcome, running.but(start=states_of(begin, plant)), rows[i], swing)
+                outcome = machines.lasting(outcome, varied, rows[i], (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"]))
             found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
     order = {label: i for i, label in enumerate(cases)}
     found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
     begun = "smooth running (a stick-slip that exists: `starts=cycle_phases(...)`)" if starts is None else f"{len(begins)} given start(s)"
     way = f"runs of {duration:g} s from {begun}; `{contact}` judged from {window:g} s on"
     return WorstCase("; ".join(map(described, loop.laws)), way, tuple(found), seconds)
+
+
+def _target(loop: ClosedLoop, speed: str, given: NumberOrText | None) -> float:
+    """The target of the mean speed: as given, or the set-point of the law; nan where there is none."""
+    aim = loop.reference or set_point(loop.system, speed) if given is None else in_si(given, loop.system.signal_unit(speed), "target")
+    return math.nan if aim is None else loop.number(aim).value if isinstance(aim, str) else float(aim)
 
 
 def _varied(loop: ClosedLoop, cases: Mapping[str, Mapping[str, float]]) -> dict[str, float]:

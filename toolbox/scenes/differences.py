@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -135,10 +135,7 @@ def compare(
         If one is a run and the other a scene, a signal is unknown, of another unit or a vector, or the window lies outside of a run.
     """
     if isinstance(first, Scene) and isinstance(second, Scene):
-        one, other = dict(first.keys()), dict(second.keys())
-        pairs = ((name, one.get(name), other.get(name)) for name in {**one, **other})
-        differing = tuple(Difference(name, _typed_unit(*pair), *pair) for name, *pair in pairs if pair[0] != pair[1])
-        return Differences("Keys that differ, in SI where no unit stands", labels, differing, {**second.asked, **first.asked})
+        return Differences("Keys that differ, in SI where no unit stands", labels, _keys(first, second), {**second.asked, **first.asked})
     for word, run in (("first", first), ("second", second)):
         if not isinstance(run, Recorded):
             raise SceneError(f"Argument `{word}` must be a run or a scene, and both of the same kind, but it is {short(run)}.")
@@ -147,32 +144,45 @@ def compare(
         shown = dict.fromkeys([*first.main_signals, *second.main_signals])
         signals = [name for name in shown if name in first and name in second and first.unit(name) == second.unit(name)]
     last = min(first.end, second.end) if until is None else until
-    rows: list[Difference] = []
+    pairs = [
+        (each.heading, each, each)
+        for each in (*_of_contacts(first, second, after, last), *_of_signals(first, second, signals, after, last))
+    ]
+    if measures:
+        one, other = (judged_in(measures, run, after, last) for run in (first, second))
+        pairs += [(name, one[name], other[name]) for name in one]
+    rows = [Difference(name, one.unit_in(first), one.read(first), other.read(second)) for name, one, other in pairs]
+    if not rows:
+        raise SceneError("Argument `second` must have an element or a signal that `first` has, too, but it has none.")
+    return Differences(f"Measures from {after:g} to {last:g} s", labels, tuple(rows), {**second.asked, **first.asked})
 
-    def compared(name: str, one: Measure, other: Measure) -> None:
-        rows.append(Difference(name, one.unit_in(first), one.read(first), other.read(second)))
 
+def _keys(first: Scene, second: Scene) -> tuple[Difference, ...]:
+    """The keys of two scenes that differ."""
+    one, other = dict(first.keys()), dict(second.keys())
+    pairs = ((name, one.get(name), other.get(name)) for name in {**one, **other})
+    return tuple(Difference(name, _typed_unit(*pair), *pair) for name, *pair in pairs if pair[0] != pair[1])
+
+
+def _of_contacts(first: Recorded, second: Recorded, after: float, last: float) -> Iterator[Measure]:
+    """How each element that sticks in both runs does so."""
     for element, words in first._legends.items():
         if "stick" in words.values() and "stick" in second._legends.get(element, {}).values():
-            for each in (listed.stuck_ratio, listed.stays, listed.longest_stay):
-                compared((asked := each(element, after, last)).heading, asked, asked)
+            yield from (each(element, after, last) for each in (listed.stuck_ratio, listed.stays, listed.longest_stay))
+
+
+def _of_signals(first: Recorded, second: Recorded, signals: Sequence[str], after: float, last: float) -> Iterator[Measure]:
+    """Extrema and mean of each signal, of a constant one its mean, and the severity of speeds; raises SceneError where the units differ."""
     for name in signals:
         unit = first.unit(name)
         if second.unit(name) != unit:
             raise SceneError(f"Argument `signals` must name signals of one unit, but `{name}` is in {unit} and in {second.unit(name)}.")
         ranges = [(listed.minimum(name, after, last).read(run), listed.maximum(name, after, last).read(run)) for run in (first, second)]
-        constant = all(high - low <= ROUNDING * max(abs(low), abs(high)) for low, high in ranges)
-        for each in (
-            (listed.mean,) if constant else (listed.minimum, listed.maximum, listed.mean, *([listed.severity] if unit in SPEEDS else []))
-        ):
-            compared((asked := each(name, after, last)).heading, asked, asked)
-    if measures:
-        one, other = (judged_in(measures, run, after, last) for run in (first, second))
-        for name in one:
-            compared(name, one[name], other[name])
-    if not rows:
-        raise SceneError("Argument `second` must have an element or a signal that `first` has, too, but it has none.")
-    return Differences(f"Measures from {after:g} to {last:g} s", labels, tuple(rows), {**second.asked, **first.asked})
+        if all(high - low <= ROUNDING * max(abs(low), abs(high)) for low, high in ranges):
+            yield listed.mean(name, after, last)
+            continue
+        for each in (listed.minimum, listed.maximum, listed.mean, *([listed.severity] if unit in SPEEDS else [])):
+            yield each(name, after, last)
 
 
 def _typed_unit(*values: Any) -> str:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -183,15 +183,28 @@ def _check_numbers(values: Any, **numbers: Any) -> None:
             number(word, given, above=None if word == "at" else 0)
 
 
+def _between(numbers: Sequence[float], hopf: Sequence[HopfPoint]) -> list[float]:
+    """A value between each two Hopf points, or a Hopf point and an edge, that have no value of the grid between them."""
+    cuts = sorted({numbers[0], numbers[-1], *(point.value for point in hopf)})
+    return [(a + b) / 2 for a, b in itertools.pairwise(cuts) if hopf and not any(a <= value <= b for value in numbers)]
+
+
+def _of_sampling(search: OnsetSearch, loop: ClosedLoop, hopf: Sequence[HopfPoint]) -> Iterator[str]:
+    """What a report says of a loop that is sampled or measures with noise."""
+    if loop.sampled:
+        form = "Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled."
+        yield form if hopf else "The borders are of the law as it runs, sampled."
+    if search.branch.run is not search.base:
+        yield "Smooth running is judged without measurement noise and steps of encoders, stick-slip with them."
+
+
 def _both_branches(
     search: OnsetSearch, loop: ClosedLoop, numbers: list[float], at: float, hopf: Sequence[HopfPoint], tolerance: float
 ) -> Onset:
     """Runs from smooth running and from inside stick-slip at all values, and the borders between what they come to."""
     width = numbers[-1] - numbers[0]
     smooth = [search.smooth(value) for value in numbers]
-    cuts = sorted({numbers[0], numbers[-1], *(point.value for point in hopf)})
-    between = [(a + b) / 2 for a, b in itertools.pairwise(cuts) if hopf and not any(a <= value <= b for value in numbers)]
-    losses = search.losses(sorted({*numbers, *between}), tolerance)
+    losses = search.losses(sorted({*numbers, *_between(numbers, hopf)}), tolerance)
     undecided = [value for value, judged in zip(numbers, smooth, strict=True) if judged.regime == NOT_DECIDED]
     inside = Inside.of(search)
     for edge, sign in ((numbers[0], -1.0), (numbers[-1], 1.0)):
@@ -203,11 +216,7 @@ def _both_branches(
     sticking = [inside.found[value] for value in numbers]
     undecided += [value for value, judged in inside.found.items() if judged.regime == NOT_DECIDED]
     breakaways = inside.breakaways(numbers, tolerance)
-    if loop.sampled:
-        form = "Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled."
-        search.notes.append(form if hopf else "The borders are of the law as it runs, sampled.")
-    if search.branch.run is not search.base:
-        search.notes.append("Smooth running is judged without measurement noise and steps of encoders, stick-slip with them.")
+    search.notes.extend(_of_sampling(search, loop, hopf))
     others = {
         value: judged
         for value, judged in inside.found.items()

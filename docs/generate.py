@@ -24,8 +24,8 @@ THEMES = {
     "plant": ("Plant", "Parts, contacts and control laws, what they become when they are composed, and inputs in time.", "modelling"),
     "simulate": (
         "Simulate",
-        "Runs of a plant: methods, results, scenes, what accuracy costs, errors.",
-        "simulation contacts scenes files errors",
+        "Runs of a plant: methods, results, scenes, the page that turns their numbers, what accuracy costs, errors.",
+        "simulation contacts scenes files errors page",
     ),
     "measure": ("Measure", "Numbers of a run, energy, and parameters from measurements.", "measuring calibration"),
     "analyse": ("Analyse", "Steady states, borders of stick-slip, cycles, maps and sweeps.", "steady_states onsets orbits sweeps"),

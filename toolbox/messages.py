@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import logging
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 LOG = logging.getLogger("stickslip")
@@ -23,6 +26,19 @@ class _Said(logging.Handler):
 
 LOG.addHandler(_Said())
 LOG.setLevel(logging.INFO)
+
+
+_STEP: ContextVar[Callable[[], None] | None] = ContextVar("step", default=None)
+
+
+@contextmanager
+def at_every_step(step: Callable[[], None]) -> Iterator[None]:
+    """Call `step` whenever a bar of progress moves in this thread, shown or not: work that nobody waits for any more ends with what it raises."""
+    before = _STEP.set(step)
+    try:
+        yield
+    finally:
+        _STEP.reset(before)
 
 
 def progress_bar(total: float | None, what: str, *, unit: str = "run", done: float = 0, wanted: bool = True, **looks: Any) -> Any:
@@ -48,7 +64,18 @@ def progress_bar(total: float | None, what: str, *, unit: str = "run", done: flo
     from tqdm import tqdm
 
     shown = wanted and (sys.stderr.isatty() or _in_notebook())
-    return tqdm(**{"total": total, "initial": done, "unit": unit, "desc": what, "delay": 1.0, "leave": False, "disable": not shown} | looks)
+    step = _STEP.get()
+
+    class Bar(tqdm):
+        """A bar that tells when it moves."""
+
+        def update(self, n: float | None = 1) -> bool | None:
+            assert step is not None
+            step()
+            return super().update(n)
+
+    kind = tqdm if step is None else Bar
+    return kind(**{"total": total, "initial": done, "unit": unit, "desc": what, "delay": 1.0, "leave": False, "disable": not shown} | looks)
 
 
 def _in_notebook() -> bool:

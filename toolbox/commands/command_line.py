@@ -18,14 +18,29 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from typing import Any, NoReturn
 
-from toolbox.commands import compare, drives, environment, export, fit, listing, onset, report, simulate, study, sweep, tradeoff, tune
+from toolbox.commands import (
+    compare,
+    drives,
+    environment,
+    explore,
+    export,
+    fit,
+    listing,
+    onset,
+    report,
+    simulate,
+    study,
+    sweep,
+    tradeoff,
+    tune,
+)
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.commands.terminal import complaint
 from toolbox.errors import SceneError, UnusualValue
 from toolbox.files.interrupts import GATE
 from toolbox.files.unit_systems import SYSTEMS, units
 
-COMMANDS = (study, simulate, compare, onset, sweep, drives, tune, fit, tradeoff, export, report, listing)
+COMMANDS = (study, simulate, explore, compare, onset, sweep, drives, tune, fit, tradeoff, export, report, listing)
 
 
 def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
-from toolbox.files.unit_systems import reading
+from toolbox.files.unit_systems import reading_of
 
 # loaded here, because loaded inside `rc_context` it would lose its interactive mode when that ends: a notebook would show the first figure only
 plt.switch_backend(matplotlib.get_backend())
@@ -87,17 +87,6 @@ def axis_words(names: Sequence[str], unit: str) -> str:
     tails = {name.rpartition(".")[2] for name in names}
     kind = {"N m": "torque", "N": "force", "rad/s": "speed", "m/s": "speed"}.get(unit, "")
     return tails.pop() if len(tails) == 1 and not next(iter(tails)).isdigit() else kind
-
-
-def reading_of(unit: str, size: float, asked: Mapping[str, str] | None = None) -> tuple[float, str]:
-    """(factor, unit) in which numbers of this size are read best: as `reading` says, and large ones in SI in thousands, such as kN m."""
-    factor, shown = reading(unit, asked)
-    large = (
-        (shown == unit or shown != (asked or {}).get(unit))
-        and size * factor >= 1e4
-        and shown.partition(" ")[0].partition("/")[0] in ("N", "Pa", "W", "J")
-    )
-    return (factor / 1e3, f"k{shown}") if large else (factor, shown)
 
 
 def name_axis(axis: Any, words: str, unit: str, asked: Mapping[str, str] | None = None) -> None:

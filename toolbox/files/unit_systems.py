@@ -88,6 +88,17 @@ def reading(unit: str, asked: Mapping[str, str] | None = None) -> Reading:
     return Reading(1.0, unit) if other in (None, unit) else Reading(1.0 / _size(other, unit), other)
 
 
+def reading_of(unit: str, size: float, asked: Mapping[str, str] | None = None) -> Reading:
+    """(factor, unit) in which numbers of this size are read best: as `reading` says, and large ones in SI in thousands, such as kN m."""
+    factor, shown = reading(unit, asked)
+    large = (
+        (shown == unit or shown != (asked or {}).get(unit))
+        and size * factor >= 1e4
+        and shown.partition(" ")[0].partition("/")[0] in ("N", "Pa", "W", "J")
+    )
+    return Reading(factor / 1e3, f"k{shown}") if large else Reading(factor, shown)
+
+
 def asked_units(*given: Any, fields: Iterable[Any] = ()) -> dict[str, str]:
     """{unit: unit that was typed} of the numbers in arguments of a question; of two that were typed in different units the first counts.
 

@@ -85,9 +85,9 @@ def verdict_row(scene: Scene, label: str, files: str = "", measures: Any = ()) -
         error = run.error
     except SimulationError:  # the run to compare with, at a hundredth of the accuracy, may fail alone
         error = math.nan
-    found = {name: _number_of(name, run) for name in (COLUMNS if scene.standstill is None else ("stuck", "settling", "peak"))}
+    words, found, _ = verdict_of(scene, run)
     more = {name: each.read(run) for name, each in further.items()}
-    return Row(label, _words(scene, run, found), **found, error=error, wall_time=run.wall_time, files=files, more=more), run
+    return Row(label, words, **found, error=error, wall_time=run.wall_time, files=files, more=more), run
 
 
 WORDS = {STICKS: "stick-slip", STANDS: "stuck", SWINGS: "swing"}
@@ -105,21 +105,25 @@ def _number_of(name: str, run: Trajectory) -> float:
         return math.nan
 
 
-def _words(scene: Scene, run: Trajectory, found: Mapping[str, float]) -> str:
-    """The verdict of a run; of a stop, until it stands."""
+def verdict_of(scene: Any, run: Trajectory) -> tuple[str, dict[str, float], Judged | None]:
+    """The verdict on a run in words, its measures by the names of their columns, and what the judge found; None where he says no more than the run shows.
+
+    scene: a scene, or a loop with all that a scene says of it.
+    """
+    found = {name: _number_of(name, run) for name in (COLUMNS if scene.standstill is None else ("stuck", "settling", "peak"))}
     if scene.standstill is None:
         if scene.element is None:
-            return "no modes"  # a contact without modes never sticks, whether it swings says the severity
+            return "no modes", found, None  # a contact without modes never sticks, whether it swings says the severity
         sticks = stick_intervals(run, scene.element, scene.after)
         judged = comes_to(run, scene.element, scene.signal, scene.after)
         if judged is None:  # the run shows no more than its own time
-            return verdict(sticks, scene.after, scene.duration) if sticks else "no stick"
-        return in_words(judged, len(sticks))
+            return verdict(sticks, scene.after, scene.duration) if sticks else "no stick", found, None
+        return in_words(judged, len(sticks)), found, judged
     stands = found["settling"]
     if not scene.after < stands < math.inf:
-        return "does not stand" if stands == math.inf else "stands at once"
+        return "does not stand" if stands == math.inf else "stands at once", found, None
     sticks = sticks_before_standstill(run, scene.element, scene.signal, scene.standstill, scene.after) if scene.element is not None else []
-    return verdict(sticks, scene.after, stands)
+    return verdict(sticks, scene.after, stands), found, None
 
 
 def in_words(judged: Judged, sticks: int) -> str:

@@ -71,8 +71,8 @@ def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], drives: str | Sequ
         slope = np.hstack([of_x, of_u[:, columns]])
         scale = np.abs(slope).max(axis=0)
         scale[scale == 0.0] = 1.0
-        rows = np.abs(slope / scale).max(axis=1)
         with np.errstate(all="ignore"):
+            rows = np.abs(slope / scale).max(axis=1)
             matrix, right = slope / scale / rows[:, None], -residual / rows
         if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
             break

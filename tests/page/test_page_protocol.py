@@ -1,0 +1,286 @@
+"""The page without a browser: who may ask, and that what it answers is what the toolbox says."""
+
+import base64
+import gc
+import http.client
+import json
+import random
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models import BlockOnBelt
+from toolbox import Scene, closed_loop, compose, simulate
+from toolbox.errors import SceneError
+from toolbox.onsets.verdicts import verdict_of
+from toolbox.page import explore
+from toolbox.page.server import FILES, LONGEST
+
+SCENES = Path(__file__).parents[2] / "studies" / "scenes"
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return Scene.load(SCENES / "jansen_2.toml")
+
+
+@pytest.fixture(scope="module")
+def page(scene):
+    served = explore(scene, port=0)
+    yield served
+    served.close()
+
+
+def request(page, question, body=None, path=None, **headers):
+    """(status, headers, bytes) of one request of a browser that has the address."""
+    host = f"127.0.0.1:{page.server.server_address[1]}"
+    own = {"Host": host, **({} if body is None else {"Origin": f"http://{host}"})} | {
+        name: value for name, value in headers.items() if value is not None
+    }
+    for name in headers:
+        if headers[name] is None:
+            own.pop(name, None)
+    connection = http.client.HTTPConnection(host, timeout=60)
+    connection.putrequest("GET" if body is None else "POST", f"/{page.server.token}/{question}" if path is None else path, skip_host=True)
+    for name, value in own.items():
+        connection.putheader(name, value)
+    if body is not None:
+        connection.putheader("Content-Length", str(len(body)))
+    connection.endheaders(body)
+    answer = connection.getresponse()
+    found = answer.status, answer.headers, answer.read()
+    connection.close()
+    return found
+
+
+def ask(page, question, **told):
+    status, headers, body = request(page, question, json.dumps(told).encode())
+    assert status == 200, body
+    if headers["Content-Type"] == "application/x-ndjson":
+        return [json.loads(line) for line in body.splitlines()]
+    return body if headers["Content-Type"] == "application/octet-stream" else json.loads(body)
+
+
+def run(page, label="soft torque", changes=None, disturbance=""):
+    return ask(page, "run", setting={"label": label, "changes": changes or {}, "disturbance": disturbance})
+
+
+def floats(text):
+    return np.frombuffer(base64.b64decode(text), "<f4")
+
+
+# ------------------------------------------------------------------------------------------------------------------------------- who may ask
+def test_every_file_of_the_page_is_given_to_who_has_the_token_and_runs_no_foreign_code(page):
+    for name in FILES:
+        status, headers, body = request(page, name)
+        assert status == 200 and body and "script-src 'self';" in headers["Content-Security-Policy"]
+    assert b"https://" not in request(page, "")[2] and b"http://" not in request(page, "")[2]
+
+
+@pytest.mark.parametrize("path", ["/", "/index.html", "/wrong/", "/wrong/run", "//", "/%2e%2e/"])
+def test_without_its_token_nothing_is_given(page, path):
+    assert request(page, "", path=path)[0] == 403
+    assert request(page, "", b"{}", path=path)[0] == 403
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:8790", "127.0.0.1", "127.0.0.1:1", None])
+def test_a_foreign_host_is_refused(page, host):
+    assert request(page, "", Host=host)[0] == 403
+    assert request(page, "scene", b"{}", Host=host)[0] == 403
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1", None])
+def test_a_foreign_origin_is_refused(page, origin):
+    assert request(page, "scene", b"{}", Origin=origin)[0] == 403
+
+
+def test_nothing_that_is_sent_becomes_a_path_or_more_than_data(page):
+    for name in ("../page.py", "web/../../server.py", "%2e%2e/server.py", "/etc/passwd", "server.py"):
+        assert request(page, name)[0] == 404
+    assert request(page, "__class__", b"{}")[0] == 404
+    assert request(page, "run", b"{")[0] == 400
+    assert request(page, "run", b"[" * 100_000)[0] == 400
+    assert request(page, "run", b" " * (LONGEST + 1))[0] == 413
+    for setting in (None, [], {"label": "x"}, {"label": ["soft torque"]}, {"label": "soft torque", "changes": {"bit.weight": [1]}},
+                    {"label": "soft torque", "changes": {"bit.weight": True}}, {"label": "soft torque", "disturbance": "__import__"}):  # fmt: skip
+        assert "error" in ask(page, "run", setting=setting), setting
+    assert "error" in ask(page, "map", setting={"label": "soft torque"}, axes=["bit.weight", "bit.weight"])
+
+
+def test_a_port_that_is_taken_is_no_error(scene):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        other = explore(scene, port=port)
+        assert other.server.server_address[1] != port and request(other, "")[0] == 200
+        other.close()
+
+
+# ------------------------------------------------------------------------------------------------------------------------------- what it answers
+def test_every_number_that_acts_is_a_control_once_with_its_value_in_range(page, scene):
+    told = ask(page, "scene")
+    assert list(told["laws"]) == scene.labels
+    for label in scene.labels:
+        controls = told["laws"][label]["controls"]
+        names = [each["name"] for each in controls]
+        hidden = scene[label].numbers().keys() - set(names)
+        assert len(names) == len(set(names)) and hidden <= {"chain.speed.0", "chain.speed.1"}
+        for each in controls:
+            number = scene[label].number(each["name"])
+            assert each["low"] < each["high"] and each["step"] > 0
+            assert each["low"] - each["step"] <= number.value * each["factor"] <= each["high"] + each["step"], each
+    weight = next(each for each in told["laws"]["soft torque"]["controls"] if each["name"] == "bit.weight")
+    assert weight["unit"] == "kN" and weight["first"]
+
+
+def settings(page, count, seed):
+    """Settings drawn at random, over laws, numbers and the ranges of their sliders."""
+    draw, laws = random.Random(seed), ask(page, "scene")["laws"]
+    for _ in range(count):
+        label = draw.choice([*laws])
+        controls = [each for each in laws[label]["controls"] if each["kind"] != "start" and each["name"] not in laws[label]["without"]]
+        some = draw.sample(controls, 3)
+        yield label, {each["name"]: draw.uniform(0.7 * each["low"] + 0.3 * each["high"], 0.4 * each["low"] + 0.6 * each["high"]) / each["factor"]
+                      for each in some}  # fmt: skip
+
+
+def agree(page, tmp_path, count, seed):
+    verdicts = set()
+    for label, changes in settings(page, count, seed):
+        found = run(page, label, changes)
+        text = ask(page, "save_scene", setting={"label": label, "changes": changes})
+        if "error" in found:  # numbers that do not go together
+            assert "error" in text, (label, changes)
+            continue
+        path = tmp_path / "scene.toml"
+        path.write_text(text["text"], encoding="utf-8")
+        again = Scene.load(path)
+        said = again.run(again.labels[0])
+        assert verdict_of(again, said)[0] == found["verdict"], (label, changes)
+        assert floats(found["signals"][0]["values"])[-1] == pytest.approx(
+            said["bit.speed"][-1] * found["signals"][0]["factor"], rel=1e-5, abs=1e-3
+        )
+        verdicts.add(found["verdict"])
+    return verdicts
+
+
+def test_the_verdict_is_that_of_the_scene_that_is_saved(page, tmp_path):
+    assert len(agree(page, tmp_path, 8, seed=1)) >= 2
+
+
+@pytest.mark.slow
+def test_the_verdict_is_that_of_the_scene_at_fifty_settings(page, tmp_path):
+    assert len(agree(page, tmp_path, 50, seed=2)) >= 3
+
+
+def test_undoing_gives_the_earlier_answer_again(page):
+    before = run(page, "stiff PI")
+    for k in range(20):  # more than the page keeps
+        assert run(page, "stiff PI", {"top.reference": 12.0 + 0.1 * k})["print"] != before["print"]
+    after = run(page, "stiff PI")
+    assert {**after, "milliseconds": 0} == {**before, "milliseconds": 0}
+
+
+def test_text_with_a_unit_is_understood_and_what_is_wrong_is_said(page):
+    assert run(page, changes={"top.reference": "120 rpm"})["print"] == run(page, changes={"top.reference": 4 * np.pi})["print"]
+    assert "`bit.weight` must be >= 0 N" in run(page, changes={"bit.weight": -1.0})["error"]
+    assert "`top.reference`" in run(page, changes={"top.reference": "12 bananas"})["error"]
+    assert run(page, "constant torque", {"pi.proportional": 100.0, "bit.weight": 9e4})["lacking"] == ["pi.proportional"]
+
+
+def test_a_number_that_an_input_takes_the_place_of_is_told_with_the_reason(page):
+    found = ask(page, "further", setting={"label": "stiff PI", "changes": {"top.reference": 12.0}})
+    assert "`top.reference` takes its place" in found["without"]["pi.reference"]
+    one, other = ({"top.reference": 12.0, "pi.reference": value} for value in (5.0, 9.0))
+    assert run(page, "stiff PI", one)["print"] == run(page, "stiff PI", other)["print"]
+    assert found["inexact"] < 1e-4 and len(found["poles"]) >= 4 and "stable" in found["poles_words"]
+
+
+def test_sticks_and_traces_are_those_of_the_run(page, scene):
+    found, made = run(page, "stiff PI"), scene.run("stiff PI")
+    assert found["sticks"] == [[a, b] for a, b, mode in made.intervals("bit") if mode == "stick"]
+    time = floats(found["time"])
+    assert time.size >= 900 and (np.diff(time) >= 0).all() and time[-1] == 120.0
+    for each in found["signals"]:
+        exact = made.at(np.minimum(time.astype(float), 120.0))[each["name"]] * each["factor"]
+        away = np.abs(floats(each["values"]) - exact)
+        assert np.median(away) < 1e-4 * np.abs(exact).max(), each["name"]
+    frequency, amplitude = (floats(found["spectrum"][each]) for each in ("frequency", "amplitude"))
+    assert frequency[amplitude.argmax()] == pytest.approx(1 / found["period"], rel=0.15)
+
+
+@pytest.mark.parametrize("kind", ["rock", "bump"])
+def test_a_disturbance_shakes_the_machine_after_its_moment_only(page, kind):
+    calm, shaken = run(page), run(page, disturbance=kind)
+    before = floats(calm["time"]) < calm["after"]
+    one, other = (
+        np.interp(np.linspace(0, 120, 500), floats(each["time"]), floats(each["signals"][0]["values"])) for each in (calm, shaken)
+    )
+    early = np.linspace(0, 120, 500) < calm["after"] - 1.0
+    assert before.any() and np.abs(one - other)[early].max() < 0.5 < np.abs(one - other)[~early].max()
+
+
+def test_maps_come_coarse_first_and_end_when_the_page_asks_for_another(page):
+    told = {"setting": {"label": "soft torque"}, "axes": ["top.reference", "bit.weight"], "page": "a"}
+    found = page._questions["map"](told)
+    first = next(found)
+    assert first["points"] == 5 and first["units"] == ["rpm", "kN"] and first["borders"]["smooth"] and first["borders"]["sticking"]
+    page._questions["map"]({**told, "setting": {"label": "stiff PI"}})
+    assert [*found] == []
+    other = page._questions["map"]({**told, "page": "b"})
+    assert next(other)["points"] == 5
+    page._questions["leave"]({"page": "b"})
+    assert [*other] == []
+
+
+def test_lines_of_python_and_the_saved_run_are_the_same_run(page, tmp_path, monkeypatch, scene):
+    changes = {"pi.period": 0.02, "bit.weight": 8e4, "pi.proportional": "3 kN m s/rad"}
+    setting = {"label": "softer PI, 100 Hz", "changes": changes, "disturbance": "rock"}
+    path = tmp_path / "run.npz"
+    path.write_bytes(ask(page, "save_run", setting=setting))
+    text = ask(page, "python", setting=setting)["text"]
+    names = {"loop": scene["softer PI, 100 Hz"]}
+    exec(text.replace("print(run)\nrun.plot()\n", ""), names)
+    with np.load(path) as data:
+        assert np.array_equal(names["run"].time, data["time"]) and np.array_equal(names["run"]["bit.speed"], data["bit.speed"])
+
+
+def test_a_notebook_gets_a_frame_and_a_sentence_for_a_remote_one():
+    belt = compose(BlockOnBelt())
+    with pytest.raises(SceneError, match="`duration` must be given"):
+        explore(closed_loop(belt))
+    with explore(belt, "20 s", port=0) as page:
+        assert f'<iframe src="{page.address}"' in page._repr_html_() and "ssh -L" in page._repr_html_() and page.address in str(page)
+        found = run(page, "loop")
+        assert found["verdict"] == "stick-slip" and found["element"] == "belt"
+        assert found["sticks"] == [[a, b] for a, b, mode in simulate(belt, 20.0).intervals("belt") if mode == "stick"]
+        assert "scene" not in ask(page, "python", setting={"label": "loop", "changes": {"block.mass": 2.0}})["text"].lower()
+        assert "BlockOnBelt" in ask(page, "save_scene", setting={"label": "loop"})["text"]
+
+
+def test_the_command_prints_its_address_and_ends_with_its_terminal():
+    line = [sys.executable, "-m", "toolbox", "explore", str(SCENES / "block_on_belt.toml"), "--no-browser", "--port", "0"]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline().startswith("http://127.0.0.1:")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 130 and process.stderr.read() == "stickslip: the page has ended.\n"
+
+
+@pytest.mark.slow
+def test_memory_stays_flat(page):
+    resident = lambda: int(Path("/proc/self/statm").read_text().split()[1]) * 4096  # noqa: E731
+    if not Path("/proc/self/statm").exists():
+        pytest.skip("the memory of a process is read from /proc")
+    draw = random.Random(3)
+    sizes = []
+    for k in range(600):
+        run(page, "softer PI, 100 Hz", {"top.reference": draw.uniform(5, 15), "bit.weight": draw.uniform(5e4, 1.5e5)})
+        if k in (200, 599):
+            gc.collect()
+            sizes.append(resident())
+    assert sizes[1] - sizes[0] < 25e6  # each run holds a megabyte

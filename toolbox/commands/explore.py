@@ -1,0 +1,41 @@
+"""stickslip explore: a local page on which the numbers of a scene are turned."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import webbrowser
+from pathlib import Path
+from typing import Any
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip explore`."""
+    page = commands.add_parser(
+        "explore",
+        help="a local page: turn a number of a scene and see traces, verdict and map at once",
+        description="Serve a page to the browser of this computer, on which every number of a scene is turned: traces, verdict with its reason, phase plane, "
+        "spectrum, poles, and the working point on the map with both borders. It is served to this computer alone, only to who has the address, and ends "
+        "with Ctrl-C or its terminal.",
+        epilog="example: stickslip explore studies/scenes/jansen_2.toml",
+    )
+    page.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
+    page.add_argument("--port", type=int, metavar="N", help="port that is tried first (8790); where it is taken, the next that is free")
+    page.add_argument("--no-browser", action="store_true", help="print the address, and open no browser")
+    page.set_defaults(action=run, words=lambda given: "the page has ended.")
+
+
+def run(given: argparse.Namespace) -> int:
+    """Serve the page of a scene until the process ends. Returns the exit code."""
+    from toolbox.arguments import whole
+    from toolbox.page.served import PORT, page_of
+    from toolbox.scenes.scene import Scene
+
+    port = PORT if given.port is None else whole("--port", given.port, 0, 65_535)
+    page = page_of(Scene.load(given.scene), str(given.scene), given.units, port)
+    print(f"{page.address}\nOpen this address in a browser on this computer; Ctrl-C ends it.", flush=True)
+    if not given.no_browser:
+        with contextlib.suppress(webbrowser.Error):
+            webbrowser.open(page.address)
+    page.server.serve_forever()
+    return 0

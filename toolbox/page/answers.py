@@ -1,0 +1,232 @@
+"""What the page shows of one run: traces thinned for a screen, phase plane, spectrum, verdict with its reason, and what follows when nobody turns a number."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray
+from toolbox.errors import SceneError, SimulationError
+from toolbox.files.unit_systems import reading_of
+from toolbox.measuring.judge import Judged, told_growth
+from toolbox.measuring.measure import stick_intervals
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.inputs import Table
+from toolbox.onsets.verdicts import verdict_of
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.steady_states.linear import equilibrium, linearise
+
+POINTS = 900
+"""Points of a trace."""
+
+MANY = 20_000
+"""Steps above which a trace shows the smallest and the largest value in each of many columns."""
+
+FREQUENCIES = 2048
+"""Samples of a spectrum."""
+
+TONES = {
+    "free": "good",
+    "no stick": "good",
+    "free at last": "good",
+    "sticks once": "fair",
+    "swing": "fair",
+    "stick-slip": "bad",
+    "stuck": "bad",
+}
+"""{verdict: how it is coloured}; the words say the same."""
+
+
+def packed(values: FloatArray) -> str:
+    """A row of numbers for the page: single precision in base64."""
+    return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
+
+
+def shown_signals(run: Trajectory, loop: ClosedLoop) -> list[str]:
+    """Names of the signals of the traces: the judged one and its effort first, then those that say most."""
+    return [name for name in dict.fromkeys([loop.signal, *run.main_signals, loop.effort]) if name is not None and name in run]
+
+
+def answer(run: Trajectory, loop: ClosedLoop, names: Sequence[str], plane: Sequence[str], asked: Mapping[str, str]) -> dict[str, Any]:
+    """What is shown at once.
+
+    names: signals of the traces;  plane: the two of the phase plane;  asked: {unit: unit in which it is read}.
+    """
+    words, found, judged = verdict_of(loop, run)
+    after = loop.after or 0.0
+    sticks = [] if loop.element is None or loop.element not in run.modes else stick_intervals(run, loop.element, run.begin)
+    time, rows = traces(run, names)
+    late, both = _late(run, after, judged)
+    at = run.at(late)
+    seen = {name: max(float(np.nanmax(np.abs(row))), 1e-300) for name, row in rows.items()}
+    read = {name: reading_of(run.unit(name), size, asked) for name, size in seen.items()}
+    corners = [np.asarray(at[name], float) for name in plane]
+    corner_units = [reading_of(run.unit(name), float(np.abs(values).max()), asked) for name, values in zip(plane, corners, strict=True)]
+    signals = []
+    for name, row in rows.items():
+        limits = run.limits.get(name, (None, None))
+        signals.append({"name": name, "unit": read[name].unit, "base": run.unit(name), "factor": read[name].factor, "values": packed(row * read[name].factor),
+                        "limits": [None if end is None else end * read[name].factor for end in limits]})  # fmt: skip
+    return {
+        "verdict": words, "tone": TONES.get(words, "bad" if "stick-slip" in words else "fair"), "reason": reason(loop, words, judged, found, run),
+        "measures": measures_in_words(loop, found, run, asked), "time": packed(time), "signals": signals, "end": run.end, "after": after,
+        "sticks": [[float(a), float(b)] for a, b in sticks], "element": loop.element,
+        "plane": [{"name": name, "unit": each.unit, "values": packed(values * each.factor)}
+                  for name, each, values in zip(plane, corner_units, corners, strict=True)],
+        "stuck": packed(_inside(late, sticks)), "spectrum": spectrum(run, loop.signal, after, asked),
+        "print": hashlib.sha256(np.ascontiguousarray(run.states).tobytes()).hexdigest()[:16], "milliseconds": 1e3 * run.wall_time,
+        "period": both if math.isfinite(both) else None,
+    }  # fmt: skip
+
+
+def traces(run: Trajectory, names: Sequence[str]) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Times and signals for a screen: even points and both sides of every event, or the extremes in columns where there is much to see."""
+    nodes = run.nodes
+    if nodes.time.size <= MANY:
+        events = nodes.time[:-1][np.diff(nodes.time) == 0.0]
+        times = np.unique(np.concatenate([np.linspace(run.begin, run.end, POINTS), events[:POINTS]]))
+        at = run.at(times)
+        return times, {name: np.asarray(at[name], float) for name in names}
+    edges = np.unique(np.searchsorted(nodes.time, np.linspace(run.begin, run.end, POINTS // 2 + 1)[:-1]))
+    times = np.repeat(nodes.time[edges], 2)
+    times[1::2] += 0.5 * (np.append(times[2::2], run.end) - times[::2])
+    rows = {}
+    for name, values in nodes.columns(list(names)).items():
+        rows[name] = np.column_stack([np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)]).ravel()
+    return times, rows
+
+
+def _late(run: Trajectory, after: float, judged: Judged | None) -> tuple[FloatArray, float]:
+    """Times of the last rounds for the phase plane, and the time after which the motion comes back [s], nan where none is known."""
+    period = judged.interval if judged is not None else math.nan
+    begin = max(after, run.end - 3 * period) if math.isfinite(period) else after
+    begin = min(begin, run.end)
+    return np.linspace(begin, run.end, POINTS), period
+
+
+def _inside(times: FloatArray, intervals: Sequence[tuple[float, float]]) -> FloatArray:
+    """1 at the times within intervals, else 0."""
+    found = np.zeros(times.size)
+    for begin, end in intervals:
+        found[(times >= begin) & (times <= end)] = 1.0
+    return found
+
+
+def spectrum(run: Trajectory, signal: str | None, after: float, asked: Mapping[str, str]) -> dict[str, Any] | None:
+    """Amplitude of the judged signal over frequency, from a time on, as far as it is not nothing."""
+    if signal is None or not run.end > after:
+        return None
+    times = np.linspace(after, run.end, FREQUENCIES, endpoint=False)
+    values = np.asarray(run.at(times)[signal], float)
+    window = np.hanning(FREQUENCIES)
+    amplitude = 2.0 * np.abs(np.fft.rfft((values - values.mean()) * window)) / window.sum()
+    frequency = np.fft.rfftfreq(FREQUENCIES, times[1] - times[0])
+    loud = np.flatnonzero(amplitude > 0.01 * amplitude.max(initial=0.0))
+    last = min(max(40, int(1.3 * loud[-1]) if loud.size else 0), frequency.size)
+    read = reading_of(run.unit(signal), float(np.abs(values).max()), asked)
+    return {
+        "frequency": packed(frequency[1:last]),
+        "amplitude": packed(amplitude[1:last] * read.factor),
+        "unit": read.unit,
+        "signal": signal,
+    }
+
+
+# ------------------------------------------------------------------------------------------------------------------------------------ in words
+def reason(loop: ClosedLoop, words: str, judged: Judged | None, found: Mapping[str, float], run: Trajectory) -> str:
+    """Why the verdict is what it is, in a sentence or two."""
+    who, after = f"`{loop.element}`" if loop.element else "The contact", loop.after or 0.0
+    sticks = stick_intervals(run, loop.element, after) if loop.element is not None and loop.element in run.modes else []
+    longest = max((b - a for a, b in sticks), default=0.0)
+    seen = (
+        f"{who} sticks {len(sticks)} times after {after:g} s, {longest:.3g} s at the longest"
+        if sticks
+        else f"{who} does not stick after {after:g} s"
+    )
+    parts = [f"{seen}."]
+    if loop.standstill is not None:
+        stands = found.get("settling", math.nan)
+        return f"{'It never stands.' if stands == math.inf else f'It stands at {stands:.3g} s.'} {parts[0]}"
+    if judged is not None:
+        if math.isfinite(judged.interval):
+            what = "The same stick comes back" if judged.sticks else "The same swing comes back"
+            parts.append(f"{what} every {judged.interval:.3g} s.")
+        if math.isfinite(judged.rate) and judged.rate != 0.0:
+            steady = "dies" if judged.rate < 0 else "grows"
+            parts.append(f"A small disturbance of smooth running {steady} (time constant {1 / abs(judged.rate):.3g} s).")
+        if words == "stick-slip" and judged.rate < 0:
+            parts.append("Smooth running would last, too, if the machine were led to it.")
+    elif words != "no modes":
+        parts.append("The judge sees no more than this run: it is too short, or its inputs go on changing.")
+    return " ".join(parts)
+
+
+def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Trajectory, asked: Mapping[str, str]) -> list[list[str]]:
+    """[what, number] of the measures of the verdict."""
+    rows = []
+    for name, value in found.items():
+        if math.isnan(value):
+            continue
+        if name == "peak":
+            assert loop.effort is not None
+            factor, unit = reading_of(run.unit(loop.effort), abs(value), asked)
+            rows.append([f"peak of {loop.effort}", f"{value * factor:.4g} {unit}"])
+        elif name in ("stuck", "settling"):
+            rows.append([{"stuck": "time stuck", "settling": "settling"}[name], "never" if value == math.inf else f"{value:.3g} s"])
+        elif not (name == "overshoot" and found.get("settling") == math.inf):
+            rows.append([name, f"{100 * value:.3g} %"])
+    return rows
+
+
+# ------------------------------------------------------------------------------------------------------------------------- what may follow
+def further(run: Trajectory, loop: ClosedLoop) -> dict[str, Any]:
+    """What follows when nobody turns a number: error of the run, poles of steady running, values of all numbers, and those without effect."""
+    told: dict[str, Any] = {"values": {name: number.value for name, number in loop.numbers().items() if math.isfinite(number.value)}}
+    told["without"] = {name: taken(loop, taking) for name, taking in loop.overridden.items()}
+    try:
+        told["inexact"] = run.error
+    except SimulationError as failure:
+        told["error_words"] = str(failure)
+    told["poles"], told["poles_words"] = [], ""
+    try:
+        steady = loop.but(inputs={name: at_last(value) for name, value in loop.values.items()})
+        point = equilibrium(steady.continuous)
+        poles = np.asarray(linearise(point.plant, point).poles(), complex)
+        told["poles"] = [[float(pole.real), float(pole.imag)] for pole in poles if np.isfinite(pole)]
+        worst = max((pole.real for pole in poles if abs(pole) > 1e-9), default=math.nan)
+        told["poles_words"] = f"Steady running is {'stable' if worst < 0 else 'unstable'}: its slowest motion {told_growth(worst)}."
+        if loop.sampled:
+            told["poles_words"] += " Of the continuous form of the law; the verdict counts its samples."
+    except (SceneError, SimulationError) as refusal:
+        told["poles_words"] = f"No poles: {refusal}"
+    return told
+
+
+def at_last(value: Any) -> Any:
+    """An input as it is at last, where it is a table."""
+    return float(value.values[-1]) if isinstance(value, Table) else value
+
+
+def taken(loop: ClosedLoop, taking: str) -> str:
+    """Why a number has no effect."""
+    if taking in loop.system.inputs:
+        return f"No effect: `{taking}` takes its place. Turn that one."
+    return f"No effect: a law drives `{taking}`."
+
+
+def plane_of(run: Trajectory, loop: ClosedLoop) -> tuple[str, str]:
+    """The two signals of the phase plane: a twist or a position, else the effort, and a speed."""
+    judged = loop.signal or run.main_signals[0]
+    moving = [name for name in dict.fromkeys([*run.main_signals, *run.names]) if np.ndim(run[name]) == 1 and np.ptp(run[name]) > 0]
+    part = judged.partition(".")[0]
+    if run.unit(judged) in ("m", "rad"):
+        return judged, next((name for name in moving if run.unit(name) == f"{run.unit(judged)}/s" and name != judged), judged)
+    wanted = (f"{part}.position", "twist", "twist.0", "position")
+    found = (name for tail in wanted for name in moving if name == tail or name.endswith(f".{tail}"))
+    others = (name for name in (loop.effort, f"{loop.element}.force", *moving) if name in moving and name != judged)
+    return next(found, None) or next(others, None) or judged, judged

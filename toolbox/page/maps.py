@@ -1,0 +1,74 @@
+"""The map around the working point: speed over load with both borders, coarse at first and then finer, until nobody looks any more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError, SimulationError
+from toolbox.messages import at_every_step
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.onsets.severity_map import SeverityMap, severity_map
+from toolbox.page.controls import Control
+
+STAGES = ((5, 1), (9, 1), (17, 2), (33, 2))
+"""(points along both axes, halvings of the edges across a border) of the maps, one after the other."""
+
+MARGIN = 0.08
+"""Lowest value of an axis that begins at zero, in parts of its highest one."""
+
+
+def axes_of(controls: Sequence[Control]) -> list[str]:
+    """Names of the numbers of a map: a set-point or a speed, and a load; the first of each kind, fewer than two where there are none."""
+    able = [control for control in controls if control.number.kind in ("input", "parameter") and control.number.overridden is None]
+    found: list[str] = []
+    for kinds in (("rad/s", "m/s"), ("N",), ("N m",), ("1",)):
+        some = [each.number.name for each in able if each.number.unit in kinds and each.number.value != 0.0 and not each.of_law]
+        found += some[:1]
+    return found[:2]
+
+
+def staged(
+    loop: ClosedLoop, over: Mapping[str, tuple[float, float]], readings: Mapping[str, tuple[float, str]], step: Callable[[], None]
+) -> Iterator[dict[str, Any]]:
+    """Yield the maps of a loop over two ranges, in SI, each finer than the one before.
+
+    readings: {name: (factor, unit)} of the answer;  step: called at every run; what it raises ends the work.
+    """
+    for points, halvings in STAGES:
+        try:
+            with at_every_step(step):
+                found = severity_map(loop, over, shape=(points, points), halvings=halvings)
+        except (SceneError, SimulationError) as refusal:
+            yield {"error": str(refusal)}
+            return
+        yield told(found, readings) | {"points": points, "last": points == STAGES[-1][0]}
+
+
+def told(found: SeverityMap, readings: Mapping[str, tuple[float, str]]) -> dict[str, Any]:
+    """A map for the page."""
+    factors = [readings[name][0] for name in found.names]
+    regions = found.regions
+    names = [*regions]
+    where = np.zeros(found.growth.shape, int)
+    for k, name in enumerate(names):
+        where[regions[name]] = k
+    return {
+        "names": [*found.names], "units": [readings[name][1] for name in found.names],
+        "axes": [[float(f"{value * factor:.6g}") for value in axis] for axis, factor in zip(found.axes, factors, strict=True)],
+        "regions": names, "where": where.tolist(),
+        "borders": {name: np.round(segments[np.isfinite(segments).all(axis=(1, 2))] * factors, 9).tolist() for name, segments in found.borders.items()},
+        "notes": [*found.notes], "runs": found.runs,
+    }  # fmt: skip
+
+
+def ranges(controls: Mapping[str, Control], names: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """The ranges of a map in SI: those of the sliders, without zero, where nothing runs smoothly."""
+    found = {}
+    for name in names:
+        control = controls[name]
+        low, high = control.low / control.read.factor, control.high / control.read.factor
+        found[name] = (max(low, MARGIN * high) if low >= 0.0 else low, high if high > 0.0 else min(high, MARGIN * low))
+    return found

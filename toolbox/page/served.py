@@ -1,0 +1,295 @@
+"""A page on which the numbers of a closed loop are turned, and what one sees is simulated at once."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+import tempfile
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from toolbox.arguments import number
+from toolbox.errors import SceneError, SimulationError
+from toolbox.files.unit_systems import units
+from toolbox.files.units import NumberOrText
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.page import answers, maps
+from toolbox.page.controls import Control, controls_of
+from toolbox.page.server import Server, in_background
+from toolbox.page.setting import Setting, disturbing, python_of, scene_of
+from toolbox.scenes.judged import judged_contact, judged_effort, judged_speed
+from toolbox.scenes.scene import Scene
+from toolbox.simulation.run import Budget
+from toolbox.simulation.simulate import simulate
+from toolbox.simulation.trajectory import Trajectory
+
+PORT = 8790
+"""The port that is tried first."""
+
+KEPT = 12
+"""Runs that the page keeps."""
+
+SOON = 0.3
+"""Seconds after which a run that is not finished is shown as far as it is."""
+
+PATIENCE = 120.0
+"""Seconds that a run may take."""
+
+
+class _Cancelled(Exception):
+    """Nobody waits for this map any more."""
+
+
+class Page:
+    """A page that is served while its process lives, or until `close`; in a notebook it shows itself in a frame.
+
+    Attributes
+    ----------
+    address
+        Where a browser of this computer finds it, with the token that lets it in.
+    """
+
+    def __init__(self, loops: Mapping[str, ClosedLoop], scene: Scene | None, path: str | None, system: str | None, port: int):
+        self.loops, self.scene, self.path, self.system = dict(loops), scene, path, system
+        self._lock, self._runs = threading.Lock(), OrderedDict[str, tuple[Trajectory, ClosedLoop, list[str]]]()
+        self._looks: dict[str, dict[str, Any]] = {}
+        self._maps: dict[str, object] = {}
+        self._questions = {
+            "scene": self._scene, "run": self._run, "further": self._further, "map": self._map, "leave": self._leave, "save_scene": self._save_scene,
+            "save_run": self._save_run, "python": self._python,
+        }  # fmt: skip
+        self.server = Server(self._answer, port)
+
+    @property
+    def address(self) -> str:
+        """Where a browser of this computer finds the page."""
+        return self.server.address
+
+    def close(self) -> None:
+        """End the page."""
+        self._maps.clear()
+        self.server.shutdown()
+        self.server.server_close()
+
+    def __enter__(self) -> Page:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+    def _repr_html_(self) -> str:
+        address = escape(self.address)
+        port = self.server.server_address[1]
+        remote = (
+            f"Where this frame stays empty, the notebook runs on another computer: forward the port (<code>ssh -L {port}:127.0.0.1:{port} HOST</code>) "
+            f'and open <a href="{address}">{address}</a>.'
+        )
+        frame = f'<iframe src="{address}" title="stickslip explore" width="100%" height="900" style="border:1px solid #8888"></iframe>'
+        elsewhere = "JUPYTERHUB_SERVICE_PREFIX" in os.environ or "SSH_CONNECTION" in os.environ
+        return f"<p>{remote}</p>{frame}" if elsewhere else f"{frame}<p><small>{remote}</small></p>"
+
+    def __str__(self) -> str:
+        return f"Page of {', '.join(self.loops)}: {self.address}"
+
+    __repr__ = __str__
+
+    # ------------------------------------------------------------------------------------------------------------------------------- questions
+    def _answer(self, question: str, told: Any) -> Any:
+        """What the page gets; raises KeyError for what is no question."""
+        asking = self._questions[question]
+        if not isinstance(told, dict):
+            raise SceneError("A question must be an object, but it is none.")
+        with contextlib.nullcontext() if self.system is None else units(self.system):
+            return asking(told)
+
+    def _look(self, label: str) -> dict[str, Any]:
+        """What stays while numbers of a loop are turned: its controls, its units, and the signals that are shown."""
+        with self._lock:
+            if label not in self._looks:
+                loop = self.loops[label]
+                asked = {"rad/s": "rpm", **(self.scene.asked if self.scene is not None else loop.asked)}
+                controls = {control.number.name: control for control in controls_of(loop, asked)}
+                self._looks[label] = {"asked": asked, "controls": controls, "axes": maps.axes_of([*controls.values()])}
+        return self._looks[label]
+
+    def _scene(self, told: dict[str, Any]) -> dict[str, Any]:
+        """What there is: laws, their controls, and what a map may be over."""
+        laws = {}
+        for label, loop in self.loops.items():
+            look = self._look(label)
+            able = [
+                name
+                for name, each in look["controls"].items()
+                if each.number.kind in ("input", "parameter") and each.number.overridden is None
+            ]
+            disturbances: dict[str, Any] = {}
+            for kind in ("rock", "bump"):
+                try:
+                    disturbances[kind] = {"names": disturbing(loop, kind)}
+                except SceneError as refusal:
+                    disturbances[kind] = {"names": [], "why": str(refusal)}
+            moving = {name: None for name, value in loop.values.items() if not isinstance(value, float)}
+            laws[label] = {
+                "controls": [control.told() for control in look["controls"].values()], "axes": look["axes"], "able": able,
+                "values": {name: control.number.value for name, control in look["controls"].items()}, "moving": [*moving],
+                "without": {name: answers.taken(loop, taking) for name, taking in loop.overridden.items()}, "disturbances": disturbances,
+            }  # fmt: skip
+        title = self.scene.title if self.scene is not None else next(iter(self.loops.values())).title
+        return {"title": title, "laws": laws, "saves": self.scene is not None}
+
+    def _simulated(self, told: dict[str, Any], soon: bool = False) -> tuple[Trajectory, ClosedLoop, list[str], bool]:
+        """The run of a setting, its loop, the numbers that its law lacks, and whether the run is whole; soon: as far as it comes in a moment."""
+        setting = Setting.of(told.get("setting"), self.loops)
+        with self._lock:
+            known = self._runs.get(setting.key)
+            if known is not None:
+                self._runs.move_to_end(setting.key)
+                return *known, True
+        loop, without = setting.loop(self.loops[setting.label])
+        try:
+            run = simulate(loop, budget=Budget(seconds=SOON if soon else PATIENCE))
+        except SimulationError as failure:
+            if not soon or failure.run is None or failure.run.time.size < 2 or failure.run.end <= (loop.after or 0.0):
+                raise
+            return failure.run, loop, without, False
+        with self._lock:
+            self._runs[setting.key] = run, loop, without
+            while len(self._runs) > KEPT:
+                self._runs.popitem(last=False)
+        return run, loop, without, True
+
+    def _run(self, told: dict[str, Any]) -> dict[str, Any]:
+        """Traces and verdict of a setting."""
+        run, loop, without, whole = self._simulated(told, bool(told.get("soon")))
+        label = told["setting"]["label"]
+        look = self._look(label)
+        if "signals" not in look:
+            look["signals"], look["plane"] = answers.shown_signals(run, loop), answers.plane_of(run, loop)
+        return answers.answer(run, loop, look["signals"], look["plane"], look["asked"]) | {"lacking": without, "whole": whole}
+
+    def _further(self, told: dict[str, Any]) -> dict[str, Any]:
+        """Error, poles, and what has no effect."""
+        run, loop, _, _ = self._simulated(told)
+        return answers.further(run, loop)
+
+    # ------------------------------------------------------------------------------------------------------------------------------------- maps
+    def _map(self, told: dict[str, Any]) -> Iterator[dict[str, Any]]:
+        """Maps around a setting, one finer than the other, until the same page asks for another one or leaves."""
+        setting = Setting.of(told.get("setting"), self.loops)
+        look, names = self._look(setting.label), told.get("axes")
+        if not isinstance(names, list) or len(names) != 2 or names[0] == names[1] or not all(name in look["controls"] for name in names):
+            raise SceneError("Argument `axes` must name two numbers of the loop.")
+        page, mine = str(told.get("page"))[:40], object()
+        with self._lock:
+            self._maps[page] = mine
+            while len(self._maps) > 100:
+                del self._maps[next(iter(self._maps))]
+        loop, _ = dataclasses.replace(setting, disturbance="").loop(self.loops[setting.label])
+        controls: dict[str, Control] = look["controls"]
+        over = maps.ranges(controls, names)
+        for name in names:  # the middle of the map takes the place of an input that varies in time
+            loop = loop.at(name, sum(over[name]) / 2)
+        loop = loop.but(inputs={name: answers.at_last(value) for name, value in loop.values.items()})
+
+        def step() -> None:
+            if self._maps.get(page) is not mine:
+                raise _Cancelled
+
+        def stages() -> Iterator[dict[str, Any]]:
+            with contextlib.suppress(_Cancelled):
+                yield from maps.staged(loop, over, {name: controls[name].read for name in names}, step)
+
+        return stages()
+
+    def _leave(self, told: dict[str, Any]) -> dict[str, Any]:
+        """Forget the map of a page."""
+        self._maps.pop(str(told.get("page"))[:40], None)
+        return {}
+
+    # ----------------------------------------------------------------------------------------------------------------------------------- saving
+    def _save_scene(self, told: dict[str, Any]) -> dict[str, str]:
+        """The setting as the text of a scene file."""
+        setting = Setting.of(told.get("setting"), self.loops)
+        loop, _ = setting.loop(self.loops[setting.label])
+        with tempfile.TemporaryDirectory(prefix="stickslip-page-") as folder:
+            return {"text": scene_of(setting, loop, self.scene).save(Path(folder) / "scene.toml").read_text(encoding="utf-8")}
+
+    def _save_run(self, told: dict[str, Any]) -> bytes:
+        """The run of a setting as npz."""
+        run, _, _, _ = self._simulated(told)
+        with tempfile.TemporaryDirectory(prefix="stickslip-page-") as folder:
+            run.save(Path(folder) / "run.npz")
+            return (Path(folder) / "run.npz").read_bytes()
+
+    def _python(self, told: dict[str, Any]) -> dict[str, str]:
+        """The setting as lines of Python."""
+        setting = Setting.of(told.get("setting"), self.loops)
+        return {"text": python_of(setting, self.loops[setting.label], self.path)}
+
+
+def explore(loop: ClosedLoop | HybridSystem | Scene, duration: NumberOrText | None = None, *, port: int | None = None) -> Page:
+    """Serve a page on which the numbers of a loop are turned; a notebook shows it in a frame, `print` tells its address.
+
+    The page shows traces, phase plane, spectrum, poles, the verdict with its reason, and the working point on a map of two numbers with both borders of
+    stick-slip. It is served to this computer alone, from a thread that ends with the process, or with `page.close()`.
+
+    Parameters
+    ----------
+    loop
+        A closed loop, a plant, or a scene, whose laws are to choose from.
+    duration
+        Length of the runs [s], or text with a unit; of a loop out of a scene, that of the scene by default.
+    port
+        The port to try first; by default 8790. Where it is taken, one that is free.
+
+    Returns
+    -------
+    Page
+        The page; `.address` is what a browser opens.
+
+    Raises
+    ------
+    SceneError
+        If nothing can stick and no signal is named, or there is no duration.
+    """
+    if isinstance(loop, Scene):
+        scene = (
+            loop
+            if duration is None
+            else dataclasses.replace(loop, duration=number("duration", duration, "s", above=0), after=_half(duration))
+        )
+        page = page_of(scene, None, None, PORT if port is None else port)
+    else:
+        judged = _judged(as_loop(loop), duration)
+        page = Page({judged.label or "loop": judged}, None, None, None, PORT if port is None else port)
+    in_background(page.server)
+    return page
+
+
+def page_of(scene: Scene, path: str | None, system: str | None, port: int) -> Page:
+    """The page of a scene, which is not served yet. path: its file;  system: the system of units, None for those that people read."""
+    return Page({label: scene[label] for label in scene.labels}, scene, path, system, port)
+
+
+def _half(duration: NumberOrText) -> float:
+    return number("duration", duration, "s", above=0) / 2
+
+
+def _judged(loop: ClosedLoop, duration: NumberOrText | None) -> ClosedLoop:
+    """The loop with all that a scene would say of it."""
+    given = loop.duration if duration is None else number("duration", duration, "s", above=0)
+    if given is None:
+        raise SceneError("Argument `duration` must be given: only a loop out of a scene has one of its own.")
+    contact = loop.element or (None if loop.signal is not None else judged_contact(loop, sticks=False))
+    element = None if contact in loop.system.modeless else contact
+    signal = loop.signal or judged_speed(loop, contact or "")
+    return loop.but(
+        duration=float(given), after=loop.after if duration is None and loop.after is not None else float(given) / 2, element=element, signal=signal,
+        effort=loop.effort or judged_effort(loop.plant, signal), accuracy=loop.accuracy or 1e-6,
+    )  # fmt: skip

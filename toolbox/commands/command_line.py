@@ -9,13 +9,15 @@ the folder cannot be written; 130 interrupted; 143 ended by SIGTERM.
 from __future__ import annotations
 
 import argparse
+import io
+import json
 import os
 import re
 import shlex
 import sys
 import warnings
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, redirect_stdout
 from typing import Any, NoReturn
 
 from toolbox.commands import (
@@ -58,7 +60,15 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
 
             load_parts(path)
         with nullcontext() if given.units is None else units(given.units):
-            return given.action(given)
+            if not (given.json or given.quiet):
+                return given.action(given)
+            with redirect_stdout(io.StringIO()):
+                code: int = given.action(given)
+            if given.json:
+                from toolbox.files.results import as_data
+
+                print(json.dumps(as_data(given.found), indent=1, allow_nan=False))
+            return code
     except SceneError as error:
         return complaint(_by_option(str(error), given), 2)
     except BrokenPipeError:  # whoever read the output has had enough
@@ -88,6 +98,10 @@ def _by_option(text: str, given: argparse.Namespace) -> str:
 
 def script() -> NoReturn:
     """Run the command line as a process."""
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks what could be typed next
+        import argcomplete
+
+        argcomplete.autocomplete(_parser())
     watch = Watch()
     elsewhere = warnings.showwarning
 
@@ -117,7 +131,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Simulate stick-slip of drill strings and brakes, and compare controllers that end it.",
         epilog="exit codes: 0 done; 1 nothing could be simulated, tuned or fitted; 2 a scene or an argument is wrong; 130 interrupted",
     )
-    parser.set_defaults(words=lambda given: NOTHING, spelled={})
+    parser.set_defaults(words=lambda given: NOTHING, spelled={}, found=None)
     parser.add_argument("--version", action="version", version=f"stickslip-toolbox {_version()}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS:
@@ -130,6 +144,9 @@ def _parser() -> argparse.ArgumentParser:
             metavar="FILE.py",
             help="a Python file with parts or laws of your own, which is run; may be repeated",
         )
+        said = each.add_mutually_exclusive_group()
+        said.add_argument("--json", action="store_true", help="print what was found as JSON, numbers in SI, in place of text")
+        said.add_argument("--quiet", action="store_true", help="print nothing but errors")
         each.set_defaults(parser=each)
         each.add_argument(
             "--units", choices=tuple(SYSTEMS), help="of what is printed and drawn; without, those that were typed, else SI; files stay SI"

@@ -8,7 +8,7 @@ from typing import Any
 
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import drawn_as, earlier, figure_format, plain
+from toolbox.commands.terminal import drawn_as, earlier, figure_format, plain, show
 from toolbox.errors import SceneError
 from toolbox.files.units import parse
 
@@ -65,6 +65,7 @@ def run(given: argparse.Namespace) -> int:
     until = None if given.until is None else parse(given.until, "s", "--until")
     first, second = (Scene.load(path) if scenes else SavedRun.read(path) for path in paths)
     found = compare(first, second, signals=given.signal, measures=given.measure, after=after, until=until, labels=labels)  # type: ignore[arg-type]
+    given.found = found
     files = COMPARE_FILES[:1] if scenes else drawn_as(COMPARE_FILES, given.format)
     with results(given, files, earlier("compare.txt", f"^{BEGINNING}", COMPARE_FILES)) as folder:
         if folder is not None:
@@ -73,7 +74,7 @@ def run(given: argparse.Namespace) -> int:
                 figures.draw_overlay(
                     dict(zip(labels, (first, second), strict=True)), given.signal or (), after, until, folder / f"compare.{given.format}"
                 )
-    print(found)
+    show(str(found))
     if given.out:
         print(f"\n{'The report is' if scenes else 'Report and figure are'} in {given.out}")
     return 0

@@ -10,7 +10,7 @@ from typing import Any
 from toolbox.arguments import number
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain
+from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain, show
 from toolbox.errors import SceneError, SimulationError
 
 FILES = ("drives.txt", "drives.csv", "drives.png")
@@ -95,13 +95,14 @@ def run(given: argparse.Namespace) -> int:
             continue
         found = replace(one, before=first) if found is None else found.joined(one)
     check_some(failures, labels)
+    given.found = {"table": found, "failed": {label: str(error) for label, error in failures.items()}}
     text = "\n".join([scene.title, *([str(found)] if found else []), *(f"{label}: {error}" for label, error in failures.items())]) + "\n"
     if given.out and found is not None:
         with results(given, drawn_as(FILES, given.format), earlier("drives.txt", "Lowest set-points at which", FILES), last=False) as made:
             (made / "drives.txt").write_text(text, encoding="utf-8")
             found.save(made / "drives.csv")
             figures.draw_found(found, scene.title, made / f"drives.{given.format}")
-    print(text, end="")
+    show(text.rstrip("\n"))
     if given.out:
         print(f"\nTable, figure and what is known of single set-points are in {given.out}")
     return 0 if found is not None else 1

@@ -59,6 +59,7 @@ def run(given: argparse.Namespace) -> int:
     else:
         source, _ = export_c(loop, path, part="loop", duration=given.duration)
         written = sorted(each for each in source.parent.iterdir() if each.is_file())
+    given.found = {"title": loop.title, "files": [str(each) for each in written]}
     print(f"{loop.title}: {part} as {given.to}")
     for each in written:
         print(f"  {each}")

@@ -10,7 +10,7 @@ from typing import Any
 from toolbox.arguments import numbers
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, ranges
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, ranges, show
 from toolbox.errors import SceneError
 
 FIT_FILES = ("fit.txt", "fit.csv", "fit.png", "scene.toml")
@@ -79,13 +79,14 @@ def run(given: argparse.Namespace) -> int:
             )
         except SimulationError as error:
             return complaint(str(error), 1)
+        given.found = found
         text = f"{scene.title}\n\n{found}\n"
         if folder is not None:
             (folder / "fit.txt").write_text(text, encoding="utf-8")
             found.save(folder / "fit.csv")
             figures.draw_found(found, scene.title, folder / f"fit.{given.format}")
             dataclasses.replace(scene, parts=found.plant.parts, parameters={}).save(folder / "scene.toml")
-    print(text, end="")
+    show(text.rstrip("\n"))
     if given.out:
         print(f"\nReport, table, figure and the calibrated scene are in {given.out}")
     return 0

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from toolbox.commands.terminal import show
 from toolbox.errors import SceneError
 from toolbox.files.printing import columns
 
@@ -29,7 +30,7 @@ def add(commands: Any) -> None:
         "name",
         nargs="?",
         metavar="NAME",
-        help="show only the entries whose name contains this; `scene`: the keys of a scene file; `measures`: what is measured",
+        help="show only the entries whose name contains this, else those that speak of it; `scene`: the keys of a scene file; `measures`: what is measured",
     )
     listing.set_defaults(action=run)
 
@@ -39,13 +40,19 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.scenes import catalogue
 
     if given.name in OTHERS:
-        OTHERS[given.name]()
+        given.found = OTHERS[given.name]()
         return 0
-    entries = [entry for entry in catalogue.parts() if given.name is None or given.name.lower() in entry.name.lower()]
+    entries = catalogue.parts()
     if not entries:
-        if given.name is None:
-            raise SceneError("No package offers parts: pip install -e . in the folder of the toolbox registers its own.")
+        raise SceneError("No package offers parts: pip install -e . in the folder of the toolbox registers its own.")
+    if given.name is not None:
+        entries = _sought(given.name.lower(), entries)
+    if not entries:
         catalogue.part(given.name)  # raises the error that says why
+    given.found = [
+        {"name": entry.name, "kind": entry.kind, "summary": entry.summary, "parameters": [_described(*each) for each in entry.parameters]}
+        for entry in entries
+    ]
     groups: dict[str, list[Any]] = {}
     for entry in entries:
         groups.setdefault(_heading(entry), []).append(entry)
@@ -53,7 +60,7 @@ def run(given: argparse.Namespace) -> int:
     for heading in [*sorted(ready, reverse=True), *(heading for heading in HEADINGS if heading in groups)]:
         print(heading)
         for entry in groups[heading]:
-            print(f"  {entry.name}: {entry.summary}")
+            show(f"  {entry.name}: {entry.summary}")
             _print(_row(name, value, unit, meaning) for name, unit, value, meaning in entry.parameters)
             if isinstance(entry.item, type) and hasattr(entry.item, "from_tables"):
                 print("    or made from tables, with")
@@ -62,16 +69,17 @@ def run(given: argparse.Namespace) -> int:
     return 0
 
 
-def _print_keys() -> None:
+def _print_keys() -> Any:
     from toolbox.scenes import keys
 
     print("Keys of a scene file; numbers are SI or text with a unit")
     for table, entries_of in keys.KEYS.items():
         print("At its head" if table == "scene" else table)
         _print([(f"{key.name} [{key.unit}]" if key.unit else key.name, key.default, key.meaning) for key in entries_of], "  ")
+    return keys.KEYS
 
 
-def _print_measures() -> None:
+def _print_measures() -> Any:
     from toolbox.measuring.measures import MEASURES
 
     print("Measures, of what a scene judges")
@@ -82,10 +90,25 @@ def _print_measures() -> None:
         ],
         "  ",
     )
+    return {name: {"looks at": each.looks_at, "heading": each.heading, "unit": each.unit} for name, each in MEASURES.items()}
 
 
-OTHERS: dict[str, Callable[[], None]] = {"scene": _print_keys, "measures": _print_measures}
-"""What is listed besides parts, by its name."""
+OTHERS: dict[str, Callable[[], Any]] = {"scene": _print_keys, "measures": _print_measures}
+"""What is listed besides parts, by its name: it prints it and returns it."""
+
+
+def _sought(word: str, entries: Sequence[Any]) -> list[Any]:
+    """The entries with a word in their names, that of the very name first; where there are none, those that speak of it."""
+    named = [entry for entry in entries if word in entry.name.lower()]
+    if named:
+        return sorted(named, key=lambda entry: (entry.name.lower() != word, not entry.name.lower().startswith(word)))
+    return [entry for entry in entries if word in entry.summary.lower() or any(word in each[3].lower() for each in entry.parameters)]
+
+
+def _described(name: str, unit: str, value: Any, meaning: str) -> dict[str, Any]:
+    return {"name": name, "unit": unit, "value": None if value is dataclasses.MISSING else value, "meaning": meaning}
+
+
 HEADINGS = ("Models", "Bodies with many contacts", "Control laws", "Observers", "Friction laws")
 """Headings of what is a class; ready-made parts stand before them, under the name of their module."""
 
@@ -110,7 +133,7 @@ def _row(name: str, value: Any, unit: str | None, meaning: str) -> tuple[str, st
 
 def _print(rows: Iterable[Sequence[str]], indent: str = "    ") -> None:
     for line in columns(list(rows), range(3), indent):
-        print(line)
+        show(line)
 
 
 def _made_of(item: Any) -> dict[str, tuple[str | None, Any]]:
@@ -127,9 +150,14 @@ def _made_of(item: Any) -> dict[str, tuple[str | None, Any]]:
     return found
 
 
+LONGEST = 8
+"""Most entries of a row that are shown one by one."""
+
+
 def _shown(value: Any) -> str:
     if isinstance(value, tuple):
-        return "[" + ", ".join(map(_shown, value)) + "]"
+        shown = [*map(_shown, value)]
+        return f"[{', '.join(shown)}]" if len(shown) <= LONGEST else f"[{shown[0]}, {shown[1]}, ... {shown[-1]}] ({len(shown)} values)"
     if isinstance(value, float):
         return f"{value:.10g}"
     if dataclasses.is_dataclass(value):

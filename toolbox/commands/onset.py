@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from toolbox.arguments import number, whole
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, plain, progress
+from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, plain, progress, show
 from toolbox.errors import SceneError, SimulationError, suggest
 
 if TYPE_CHECKING:
@@ -74,11 +74,12 @@ def run(given: argparse.Namespace) -> int:
                     failures[label] = error
         check_some(failures, labels)
         found = Comparison(onsets, {label: str(failures[label]) for label in labels if label in failures})
+        given.found = {"title": scene.title, "onsets": onsets, "failed": found.failures}
         text = "\n\n".join([scene.title, *(str(each) for each in onsets.values()), str(found)]) + "\n"
         if folder is not None:
             (folder / "onset.txt").write_text(text, encoding="utf-8")
             _save(scene, onsets, dict(zip(labels, stems, strict=True)), folder, given.format)
-    print(text, end="")
+    show(text.rstrip("\n"))
     if given.out:
         print(f"\nFigure, report and tables are in {given.out}")
     return 0 if onsets else 1

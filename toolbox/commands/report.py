@@ -42,6 +42,7 @@ def run(given: argparse.Namespace) -> int:
     if given.page.exists() and not (given.page.is_file() and MARK in given.page.read_text(encoding="utf-8", errors="replace")[:2000]):
         raise SceneError(f"Argument `--page` must not hide your own files, but `{given.page}` is not an earlier report.")
     path = report(*given.folders, path=given.page, title=given.title, pdf=given.pdf)
+    given.found = {"page": str(path), "pdf": str(path.with_suffix(".pdf")) if given.pdf else None}
     beside = f" and {path.with_suffix('.pdf')}" if given.pdf else ""
     count = f"{len(given.folders)} folder{'s' * (len(given.folders) > 1)}"
     print(f"Report of {count} is in {path}{beside} ({path.stat().st_size / 1e6:.1f} MB)")

@@ -12,7 +12,7 @@ from typing import Any
 
 from toolbox.commands import figures
 from toolbox.commands.recording import results, untimed
-from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, plain, progress
+from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, plain, progress, show
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.units import parse
 from toolbox.simulation.methods import METHODS
@@ -48,6 +48,7 @@ def run(given: argparse.Namespace) -> int:
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     stems = file_stems(labels)
     printed, texts, failed = [scene.title], [scene.title], 0
+    given.found = {"title": scene.title, "runs": {}}
     with (
         results(
             given,
@@ -69,6 +70,7 @@ def run(given: argparse.Namespace) -> int:
                     found.error  # noqa: B018  measured here, so that the report has it
                 except SimulationError as failure:  # the run to compare with may fail alone
                     complaint = f"its error could not be measured: {failure}"
+            given.found["runs"][label] = {"failed": complaint} if found is None else {"failed": complaint, **_numbers(found)}
             before, after = [label, *([complaint] if complaint else [])], []
             if folder is not None and found is not None and found.time.size > 1:
                 reached(i + 0.5, f"{label}: figure")
@@ -81,7 +83,7 @@ def run(given: argparse.Namespace) -> int:
             texts.append("\n".join([*before, *([] if found is None else [str(untimed(found))]), *after]))
         if folder is not None:
             (folder / REPORT).write_text(f"Simulation of {_joined(texts)}\n", encoding="utf-8")
-    print(_joined(printed))
+    show(_joined(printed))
     if given.out:
         print(f"\nReport, figures and data are in {given.out}")
     return 1 if failed == len(labels) else 0
@@ -111,6 +113,20 @@ def _left(report: str) -> list[str]:
     """Names of the files of a simulation, as its report tells."""
     stems = re.findall(r"^  files (\d\d\S*): npz, csv, \w{3}$", report, re.MULTILINE)
     return [REPORT, *(glob.escape(stem) + tail for stem in stems if stem == Path(stem).name for tail in RUN_FILES)]
+
+
+def _numbers(run: Any) -> dict[str, Any]:
+    """What a run is, in numbers in SI; of a body with many contacts its time, its steps and how they stick at the end."""
+    if not hasattr(run, "main_signals"):
+        return {"end": run.end, "steps": len(run.time) - 1, "share": {word: run.share(word)[-1] for word in ("stick", "slip", "open")}}
+    values = {name: run[name] for name in run.names}
+    return {
+        "end": run.end,
+        "steps": run.steps[0],
+        "events": len(run.events),
+        "error": run.__dict__.get("error"),
+        "signals": {name: {"lowest": v.min(), "highest": v.max(), "last": v[-1]} for name, v in values.items() if v.ndim == 1 and v.size},
+    }
 
 
 def _joined(texts: Sequence[str]) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 from toolbox.commands import figures
 from toolbox.commands.recording import results, untimed
-from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, progress
+from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, progress, show
 
 COMMON_FILES = ("scene.toml", "study.txt", "table.csv", "comparison.png")
 CASE_FILES = (".npz", ".png", "_phase.png")
@@ -68,12 +68,13 @@ def run(given: argparse.Namespace) -> int:
             if runs:
                 reached(len(scene.cases) - 0.1, "comparison")
                 figures.draw_comparison(scene, runs, folder / f"comparison.{given.format}")
+        given.found = {"title": scene.title, "rows": rows}
         verdicts.write_table(rows, folder / "table.csv")
         scene.save(folder / "scene.toml")
         warning = scene.needs().warning
         notes = [warning] if warning else []
         (folder / "study.txt").write_text("\n\n".join([verdicts.table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
-    print("\n\n".join([verdicts.table(scene, rows), *notes]))
+    show("\n\n".join([verdicts.table(scene, rows), *notes]))
     print(f"\nFigures, trajectories, table and scene are in {given.out}")
     return 1 if all(row.failed for row in rows) else 0
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from toolbox.arguments import numbers
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, ranges
+from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, ranges, show
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import asked_in
 from toolbox.messages import LOG
@@ -86,6 +86,7 @@ def run(given: argparse.Namespace) -> int:
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     goes_on = _goes_on()
+    given.found = {}
     failed = 0
     for label, stem in zip(labels, file_stems(labels), strict=True):
         variations, folder = _variations(given, scene, label), given.out / stem
@@ -96,8 +97,9 @@ def run(given: argparse.Namespace) -> int:
                 found.save(made / "sweep.npz")
             found.save(made / "sweep.csv")
             scene.save(made / "scene.toml")
+        given.found[label] = found
         failed += len(found.errors) == found.runs
-        print(f"{found}\n")
+        show(f"{found}\n")
     print(f"Results are in {given.out}")
     return 1 if failed == len(labels) else 0
 
@@ -173,6 +175,7 @@ def run_map(given: argparse.Namespace) -> int:
         raise SceneError(f"Argument `--shape` must be two numbers >= 2 such as 50x50, but it is `{given.shape}`.")
     over = ranges("--x", [given.x]) | ranges("--y", [given.y])
     failures: dict[str, Exception] = {}
+    given.found = {}
     for label, stem in zip(labels, file_stems(labels), strict=True):
         folder = given.out / stem
         try:
@@ -180,12 +183,13 @@ def run_map(given: argparse.Namespace) -> int:
         except (SceneError, SimulationError) as error:
             failures[label] = error
             continue
+        given.found[label] = found
         names = drawn_as(MAP_FILES, given.format)
         with results(given, names, earlier("map.txt", "^Severity map of ", MAP_FILES), folder, last=False) as made:
             (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
             scene.save(made / "scene.toml")
             figures.draw_found(found, f"{scene.title}: {label}", made / f"map.{given.format}")
-        print(f"{found}\n")
+        show(f"{found}\n")
     check_some(failures, labels)
     for label, failure in failures.items():
         print(f"{label}: {failure}\n")

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import re
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,6 +37,9 @@ def common(
         figure_format(parent)
     return parent
 
+
+SENTENCE = 2
+"""Most gaps of two spaces in a line of names and words, which can be broken."""
 
 FORMATS = ("png", "pdf", "svg")
 """Formats of figures; the names of files below have the first."""
@@ -88,6 +93,28 @@ def file_stems(labels: Sequence[str]) -> list[str]:
     """Beginnings of file names: numbered, so that they differ and keep the order of the scene."""
     plain = [re.sub(r"[^a-z0-9]+", "_", label.lower()).strip("_")[:40] for label in labels]
     return [f"{i:02d}_{word}".rstrip("_") for i, word in enumerate(plain, 1)]
+
+
+def show(text: str) -> None:
+    """Print a text; on a terminal, lines that are longer than it are broken between words, under the column in which their last one begins."""
+    if not sys.stdout.isatty():
+        print(text)
+        return
+    width = shutil.get_terminal_size().columns
+    for line in text.split("\n"):
+        if len(line) <= width:
+            print(line)
+            continue
+        gaps = [match.end() for match in re.finditer(r"(?:^| ) +", line)]  # two spaces part columns
+        indent = max((end for end in gaps if end < width // 2), default=0)
+        if len(gaps) > SENTENCE + line.startswith(" "):
+            print(line)  # a table of numbers, which the terminal breaks
+        else:
+            print(
+                textwrap.fill(
+                    line, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False, drop_whitespace=True
+                )
+            )
 
 
 @contextmanager

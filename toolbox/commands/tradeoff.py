@@ -8,7 +8,7 @@ from typing import Any
 
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, heading, plain
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, heading, plain, show
 from toolbox.files.units import parse
 
 TRADE_FILES = ("tradeoff.png", "tradeoff.csv")
@@ -47,10 +47,11 @@ def run(given: argparse.Namespace) -> int:
             found = dataclasses.replace(work_precision(loop, duration), title=f"{scene.title}: {loop.label}")
         except SimulationError as error:
             return complaint(str(error), 1)
+        given.found = found
         if folder is not None:
             found.save(folder / "tradeoff.csv")
             figures.draw_found(found, None, folder / f"tradeoff.{given.format}")
-    print(found)
+    show(str(found))
     if given.out:
         print(f"\nFigure and table are in {given.out}")
     return 0

@@ -12,7 +12,7 @@ from toolbox.arguments import whole
 from toolbox.commands import figures
 from toolbox.commands.interrupt import NOTHING
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import complaint, drawn_as, earlier, figure_format, ranges
+from toolbox.commands.terminal import complaint, drawn_as, earlier, figure_format, ranges, show
 from toolbox.errors import SceneError
 
 TUNE_FILES = ("tune.txt", "tune.png", "trials.csv")
@@ -90,13 +90,14 @@ def run(given: argparse.Namespace) -> int:
             over=statistics.fmean if given.over == "mean" else max, runs=given.runs, seed=given.seed, journal=given.journal,
             executor=executor,
         )  # fmt: skip
+        given.found = found
         (folder / "tune.txt").write_text(f"{found}\n", encoding="utf-8")
         found.save(folder / "trials.csv")
         if found.front:
             figures.draw_found(found, found.title, folder / f"tune.{given.format}")
             for path, scene in scenes.items():
                 found.applied(scene, given.law).save(folder / names[path])
-    print(found)
+    show(str(found))
     if not found.front:
         return complaint(f"the tuning found nothing; the points it tried are in {given.out}.", 1)
     print(f"\nReport, figure, points and tuned scenes are in {given.out}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import statistics
 import types
 from collections.abc import Callable, Mapping
@@ -83,6 +84,26 @@ class Result:
 
     def check_loaded(self) -> None:
         """Raise ValueError where what was read does not fit together."""
+
+
+def as_data(value: Any) -> Any:
+    """A result as JSON can say it, for other programs: dataclasses and mappings as objects, arrays as lists, nan as null, and what is infinite as text."""
+    if isinstance(value, np.ndarray | np.generic):
+        return as_data(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None if math.isnan(value) else str(value)
+    if isinstance(value, complex):
+        return [as_data(value.real), as_data(value.imag)]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = (each.name for each in dataclasses.fields(value) if each.metadata.get("saved", True))
+        return {name: as_data(getattr(value, name)) for name in fields}
+    if hasattr(value, "_asdict"):
+        return as_data(value._asdict())
+    if isinstance(value, Mapping):
+        return {key if isinstance(key, str) else json.dumps(as_data(key)): as_data(each) for key, each in value.items()}
+    if isinstance(value, tuple | list | set | frozenset):
+        return [as_data(each) for each in value]
+    return value if value is None or isinstance(value, bool | int | str) else getattr(value, "__qualname__", None) or str(value)
 
 
 def written(value: Any, arrays: dict[str, np.ndarray]) -> Any:

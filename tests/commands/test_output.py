@@ -1,0 +1,122 @@
+"""What commands print: JSON for other programs, nothing, or text that fits the terminal."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from toolbox.commands import command_line, terminal
+from toolbox.commands.command_line import main
+from toolbox.files.results import as_data
+
+BELT = """
+title = "belt"
+duration = 8
+[[plant]]
+part = "BlockOnBelt"
+[[controllers]]
+label = "one"
+[[controllers]]
+label = "two"
+"""
+
+
+@pytest.fixture
+def belt(tmp_path):
+    path = tmp_path / "belt.toml"
+    path.write_text(BELT)
+    return str(path)
+
+
+def asked(capsys, *arguments):
+    assert main([*arguments, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert main([*arguments, "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+    return found
+
+
+def test_the_rows_of_a_study_are_json(belt, tmp_path, capsys):
+    found = asked(capsys, "study", belt, "--out", str(tmp_path / "out"))
+    assert found["title"] == "belt" and [row["controller"] for row in found["rows"]] == ["one", "two"]
+    assert found["rows"][0]["stuck"] > 0 and found["rows"][0]["settling"] is None
+
+
+def test_runs_are_json(belt, capsys):
+    run = asked(capsys, "simulate", belt)["runs"]["one"]
+    assert run["end"] == 8.0 and run["events"] >= 2 and run["signals"]["belt.slip"]["highest"] >= run["signals"]["belt.slip"]["lowest"]
+    assert 0 < run["error"] < 1e-3
+
+
+def test_sweeps_comparisons_and_lists_are_json(belt, tmp_path, capsys):
+    found = asked(capsys, "sweep", belt, "--vary", "block.mass=0.5:2:3", "--controller", "one", "--out", str(tmp_path / "swept"))
+    assert found["one"]["names"] == ["block.mass"] and len(found["one"]["measures"]["severity"]) == 3
+    other = tmp_path / "other.toml"
+    other.write_text(BELT.replace("duration = 8", "duration = 9"))
+    assert {"name": "duration", "unit": "1", "first": 8.0, "second": 9.0} in asked(capsys, "compare", belt, str(other))["rows"]
+    [entry] = asked(capsys, "list", "BlockOnBelt")
+    assert entry["kind"] == "part" and {"mass", "stiffness"} <= {each["name"] for each in entry["parameters"]}
+    assert "scene" in asked(capsys, "list", "scene") and "severity" in asked(capsys, "list", "measures")
+
+
+def test_every_command_says_what_it_found():
+    """A command without data for `--json` would print null."""
+    import inspect
+
+    for command in command_line.COMMANDS:
+        assert "given.found" in inspect.getsource(command), command.__name__
+
+
+def test_an_error_is_one_line_on_stderr_and_no_json(tmp_path, capsys):
+    assert main(["simulate", str(tmp_path / "none.toml"), "--json"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1
+
+
+def test_what_json_cannot_say_is_said_otherwise():
+    assert as_data([float("nan"), float("inf"), -float("inf"), 1 + 2j, {("a", 1): max}]) == [
+        None, "inf", "-inf", [1.0, 2.0], {'["a", 1]': "max"},
+    ]  # fmt: skip
+
+
+LINES = [
+    "  name  3 m  a meaning that goes on for quite some words until it is longer than the terminal",
+    "A sentence that goes on and on until it is longer than what the terminal has room for in one line.",
+    "1  22  333  4444  55555  666666  7777777  88888888  999999999  1010101010  11111111111",
+]
+
+
+def test_long_lines_are_broken_between_words_on_a_terminal_only(capsys, monkeypatch):
+    terminal.show("\n".join(LINES))
+    assert capsys.readouterr().out.splitlines() == LINES
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.setattr(terminal.shutil, "get_terminal_size", lambda: os.terminal_size((60, 20)))
+    terminal.show("\n".join(LINES))
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[-1] == LINES[-1] and all(len(line) <= 60 for line in printed[:-1])
+    assert (
+        printed[0].startswith("  name  3 m  a meaning")
+        and printed[1].startswith(" " * 13)
+        and " ".join(printed).split() == " ".join(LINES).split()
+    )
+
+
+def test_list_finds_by_name_first_and_else_by_what_is_said(capsys):
+    assert main(["list", "BitRock"]) == 0
+    assert capsys.readouterr().out.splitlines()[1].startswith("  BitRock: ")
+    assert main(["list", "hyperbola"]) == 0
+    assert "RationalStribeck" in capsys.readouterr().out
+
+
+def test_a_shell_is_told_what_could_be_typed_next(tmp_path):
+    pytest.importorskip("argcomplete")
+    told = tmp_path / "told"
+    environment = {
+        **os.environ, "_ARGCOMPLETE": "1", "COMP_LINE": "stickslip st", "COMP_POINT": "12", "_ARGCOMPLETE_IFS": "\n", "_ARGCOMPLETE_STDOUT_FILENAME": str(told),
+    }  # fmt: skip
+    subprocess.run(
+        [sys.executable, "-c", "from toolbox.commands.command_line import script; script()"], env=environment, check=False, timeout=100
+    )
+    assert told.read_text().strip() == "study"

@@ -28,7 +28,11 @@ THEMES = {
         "simulation contacts scenes files errors page",
     ),
     "measure": ("Measure", "Numbers of a run, energy, and parameters from measurements.", "measuring calibration"),
-    "analyse": ("Analyse", "Steady states, borders of stick-slip, cycles, maps and sweeps.", "steady_states onsets orbits sweeps"),
+    "analyse": (
+        "Analyse",
+        "Steady states, borders of stick-slip, cycles, maps, sweeps and chances.",
+        "steady_states onsets orbits sweeps probability",
+    ),
     "design": ("Design", "Laws that are tuned and judged: margins, limits, worst cases.", "tuning robustness"),
     "report": ("Report", "Results on one page.", "reports"),
     "export": ("Export", "Laws as C, FMU and python-control systems, and the way back.", "export"),

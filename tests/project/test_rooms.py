@@ -12,7 +12,8 @@ from toolbox.faces import public_names
 FLOORS = (
     "errors", "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "stepping", "simulation", "contacts",
     "measuring", "prediction", "steady_states",
-    "scenes", "lanes", "orbits", "sweeps", "onsets", "robustness", "calibration", "tuning", "export", "reports", "authoring", "page", "commands", "face",
+    "scenes", "lanes", "orbits", "sweeps", "onsets", "robustness", "calibration", "probability", "tuning", "export", "reports", "authoring",
+    "page", "commands", "face",
 )  # fmt: skip
 """Rooms from the ground up."""
 

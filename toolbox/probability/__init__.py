@@ -1,0 +1,16 @@
+"""Chances in place of verdicts: numbers that are known as distributions, and what a machine then does, with bounds."""
+
+from typing import TYPE_CHECKING
+
+from toolbox.faces import face
+
+if TYPE_CHECKING:
+    from toolbox.probability.chances import chance as chance
+    from toolbox.probability.distributions import Draws as Draws
+    from toolbox.probability.distributions import LogNormal as LogNormal
+    from toolbox.probability.distributions import Normal as Normal
+    from toolbox.probability.distributions import Uniform as Uniform
+    from toolbox.probability.distributions import drawn as drawn
+    from toolbox.probability.results import Chance as Chance
+
+__getattr__, __dir__ = face()

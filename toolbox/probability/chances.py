@@ -1,0 +1,242 @@
+"""The chance of stick-slip where numbers of the machine are known as distributions only.
+
+Each draw is a machine, which is run from where its loop begins. Most runs are decided in lanes, by what the judge of all verdicts looks at: the same sticks
+in the third and in the last quarter of the run, or no stick and a swing that falls. What lies between, near a border, is carried on by that judge itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray, number, short, whole
+from toolbox.errors import SceneError, SimulationError
+from toolbox.files.journal import Journal
+from toolbox.files.unit_systems import asked_units
+from toolbox.files.units import NumberOrText
+from toolbox.measuring import measures
+from toolbox.messages import progress_bar
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.onsets.coming_to import Settled, comes_to
+from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS
+from toolbox.probability.distributions import Draws, drawn, told
+from toolbox.probability.results import Chance
+from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.simulation.simulate import simulate
+from toolbox.sweeps.designs import Variations, grid
+from toolbox.sweeps.store import folder_of
+from toolbox.sweeps.sweep import sweep
+from toolbox.sweeps.variants import fingerprints, shared_run
+
+BLOCK = 16_384
+"""Runs of a block, about: what an interruption may lose."""
+
+SWINGS = 40
+"""Swings of the machine that a run lasts where nobody says, after its inputs have come to rest."""
+
+QUARTER = 3
+"""Swings that a quarter of a run must hold at least, so that its sticks can be counted."""
+
+SAME_STICK = 0.9
+"""Mean stick of the last quarter, in parts of that of the quarter before, from which on sticks are taken to last; sticks that shorten are judged."""
+
+FALLS = 0.8
+"""Severity in the last quarter, in parts of that before, up to which a swing without a stick is taken to fall."""
+
+ALL = 0.999
+"""Part of a quarter in stick that is all of it."""
+
+
+def chance(
+    loop: ClosedLoop | HybridSystem | Mapping[str, ClosedLoop],
+    over: Mapping[str, Any],
+    uncertain: Mapping[str, Any] | Draws,
+    *,
+    draws: int = 200,
+    duration: NumberOrText | None = None,
+    start: Callable[[Mapping[str, float]], Mapping[str, Any]] | None = None,
+    accuracy: float = 1e-4,
+    confidence: float = 0.95,
+    seed: int = 0,
+    out: str | Path | None = None,
+) -> Chance:
+    """Find the chance of stick-slip over one or two numbers, for each law, where other numbers are known as distributions only.
+
+    All points and all laws see the same draws, so that laws can be compared draw by draw. A run begins where its loop begins, for a drive that starts up from
+    rest with a bit that is stuck; standstill counts as stick-slip.
+
+    Parameters
+    ----------
+    loop
+        A loop, a plant, or {label: loop}.
+    over
+        {name: values} of one or two numbers, in SI or text with units; the first one is the set-point where the lowest is asked for.
+    uncertain
+        What is not known, as `drawn` takes it: {name: distribution or text "97 kN +- 8 kN"}, or `Draws`.
+    draws
+        Number of draws, the same at every point; 72 is the least by which 95 % can be shown with two-sided bounds of 95 %.
+    duration
+        Length of a run [s], or text with a unit; by default forty swings of the machine in the middle of the ranges, after its inputs have come to rest.
+    start
+        A function {name: value of what varies} -> {state: start value}, as in `sweep`.
+    accuracy
+        Of the runs. What it costs and changes: see the page on probabilities.
+    confidence
+        Of the bounds by Clopper and Pearson.
+    seed
+        Of the draws.
+    out
+        A folder that keeps what is known, block by block: the same call goes on where an earlier one was interrupted.
+
+    Returns
+    -------
+    Chance
+        Chances with bounds, expected severities, lowest set-points; it prints, draws and saves itself.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, is both varied and uncertain, or is out of bounds; if a run is too short to count sticks; if `out` holds another search.
+    """
+    loops = dict(loop) if isinstance(loop, Mapping) else {"as it is": as_loop(loop)}
+    if not loops or not all(isinstance(each, ClosedLoop) for each in loops.values()):
+        raise SceneError(f"Argument `loop` must be a loop, a plant or a mapping of labels to loops, but it is {short(loop)}.")
+    if not isinstance(over, Mapping) or not 1 <= len(over) <= 2:
+        raise SceneError(f"Argument `over` must map one or two names to values, but it is {short(over)}.")
+    whole("draws", draws, 1)
+    confidence = number("confidence", confidence, above=0, below=1)
+    accuracy = number("accuracy", accuracy, above=0)
+    first = next(iter(loops.values()))
+    typed = {first.number(name).name: first.number(name).in_si(name, list(values)) for name, values in over.items()}
+    points = grid(typed)
+    known = drawn(first, uncertain, draws, seed)
+    twice = next((name for name in points.names if name in known.names), None)
+    if twice is not None:
+        raise SceneError(f"Argument `uncertain` must not name what is varied, but `{twice}` is in `over`, too.")
+    searches = {label: _Search(each, points, known, duration, start, accuracy) for label, each in loops.items()}
+    longest = max(each.duration for each in searches.values())
+    total = len(searches) * len(points.points) * draws
+    outcomes, severities, judged = {}, {}, {}
+    with progress_bar(total, "chance") as bar:
+        for k, (label, search) in enumerate(searches.items()):
+            search.duration = longest  # the same for all laws
+            journal = None if out is None else search.journal(Path(out), k)
+            found = search.found(bar, journal)
+            outcomes[label], severities[label] = (each.reshape(*points.shape, draws) for each in found)
+            judged[label] = search.judged
+    names = [first.number(name) for name in points.names]
+    words = dict.fromkeys(known.names, f"{draws} draws") if isinstance(uncertain, Draws) else {n: told(n, g) for n, g in uncertain.items()}
+    return Chance(
+        title=first.title, labels=tuple(loops), names=points.names, units=tuple(each.unit for each in names), axes=points.axes, uncertain=words,
+        outcomes=outcomes, severities=severities, duration=longest, accuracy=accuracy, confidence=confidence, judged=judged,
+        asked=asked_units(typed),
+    )  # fmt: skip
+
+
+class _Search:
+    """The runs of one loop at all points with all draws."""
+
+    def __init__(self, loop: ClosedLoop, points: Variations, known: Variations, duration: Any, start: Any, accuracy: float):
+        self.loop, self.start, self.accuracy, self.judged = loop, start, accuracy, 0
+        self.names = (*points.names, *known.names)
+        self.points, self.known = points.points, known.points
+        self.element = judged_contact(loop)
+        self.signal = judged_speed(loop, self.element)
+        middle = loop
+        for name, value in zip(points.names, self.points[len(self.points) // 2].tolist(), strict=True):
+            middle = middle.at(name, value)
+        settled = Settled.of(middle, self.element, self.signal, 0.0, accuracy)
+        self.swing = math.nan if settled is None else settled.runs.period
+        if duration is None:
+            if settled is None:
+                raise SceneError(
+                    "Argument `duration` must be given, because the machine has no steady running that tells its scale of time."
+                )
+            duration = settled.begin + SWINGS * self.swing
+        self.duration = number("duration", duration, "s", above=0)
+        self.begin = 0.0 if settled is None else settled.begin
+        quarter = (self.duration - self.begin) / 4
+        if not math.isnan(self.swing) and quarter < QUARTER * self.swing:
+            raise SceneError(
+                f"Argument `duration` must be at least {self.begin + 4 * QUARTER * self.swing:.4g} s, so that sticks can be counted, "
+                f"but it is {self.duration:.4g} s."
+            )
+
+    def journal(self, folder: Path, k: int) -> Journal:
+        """What is known of this loop in a folder; k: place of the loop among all."""
+        folder_of(folder)
+        design = Variations(self.names, self._rows(0, 1), (len(self.known),))
+        run = shared_run(self.loop, design, self.duration, accuracy=self.accuracy)
+        more = {"points": [self.points.tolist()], "uncertain": [self.names, self.known.tolist()], "duration": [self.duration]}
+        return Journal(folder / f"chance_{k + 1:02d}.jsonl", fingerprints(run, self.names, **more), word="out")
+
+    def _rows(self, begin: int, end: int) -> FloatArray:
+        """All draws at the points from one to another."""
+        at = self.points[begin:end]
+        return np.hstack([np.repeat(at, len(self.known), axis=0), np.tile(self.known, (len(at), 1))])
+
+    def found(self, bar: Any, journal: Journal | None) -> tuple[np.ndarray, np.ndarray]:
+        """(outcomes, severities) of all runs, block by block."""
+        size = max(1, BLOCK // len(self.known))
+        outcomes, severities = [], []
+        for begin in range(0, len(self.points), size):
+            rows = self._rows(begin, begin + size)
+            kept = None if journal is None else journal.known.get((begin,))
+            if kept is None:
+                found, severity, judged = self._block(rows)
+                kept = [found.tolist(), [each if math.isfinite(each) else None for each in severity.tolist()], judged]
+                if journal is not None:
+                    journal.add((begin,), kept)
+            outcomes.append(np.array(kept[0], np.int8))
+            severities.append(np.array([math.nan if each is None else each for each in kept[1]]))
+            self.judged += kept[2]
+            bar.update(len(rows))
+        return np.concatenate(outcomes), np.concatenate(severities)
+
+    def _block(self, rows: FloatArray) -> tuple[np.ndarray, np.ndarray, int]:
+        """(outcomes, severities, number of runs that the judge carried on) of some runs."""
+        half = self.begin + (self.duration - self.begin) / 2
+        late = half + (self.duration - half) / 2
+        quarter = self.duration - late
+        asked = {}
+        for k, (after, until) in enumerate(((half, late), (late, self.duration))):
+            asked[f"sticks_{k}"] = measures.stays(self.element, after, until)
+            asked[f"stuck_{k}"] = measures.time_in(self.element, after, until)
+            asked[f"severity_{k}"] = measures.severity(self.signal, after, until)
+        found = sweep(
+            self.loop, Variations(self.names, rows, (len(rows),)), self.duration, start=self.start, measures=asked, accuracy=self.accuracy
+        )
+        n = [found[f"sticks_{k}"] for k in range(2)]
+        stuck = [found[f"stuck_{k}"] for k in range(2)]
+        severity = [found[f"severity_{k}"] for k in range(2)]
+        outcomes = np.full(len(rows), NONE, np.int8)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            stands = (stuck[0] >= ALL * quarter) & (stuck[1] >= ALL * quarter)
+            sticks = (np.minimum(*n) >= 2) & (stuck[1] / n[1] >= SAME_STICK * stuck[0] / n[0]) & ~stands
+            falls = (np.maximum(*n) == 0) & (severity[1] <= FALLS * severity[0])
+        outcomes[falls], outcomes[sticks], outcomes[stands] = SMOOTH, STICK_SLIP, STUCK
+        failed = np.isnan(n[0])
+        told = np.where(stands, math.inf, severity[1])
+        open_rows = np.flatnonzero((outcomes == NONE) & ~failed).tolist()
+        for i in open_rows:
+            outcomes[i], told[i] = self._judge(rows[i])
+        return outcomes, told, len(open_rows)
+
+    def _judge(self, row: FloatArray) -> tuple[int, float]:
+        """What the judge says of one run, carried on until it is decided."""
+        loop, numbers = self.loop, dict(zip(self.names, row.tolist(), strict=True))
+        for name, value in numbers.items():
+            loop = loop.at(name, value)
+        if self.start is not None:
+            loop = loop.but(start={**loop.start, **self.start(numbers)})
+        try:
+            run = simulate(loop, self.duration, accuracy=self.accuracy)
+            judged = comes_to(run, self.element, self.signal, self.begin + (self.duration - self.begin) / 2)
+        except SimulationError:
+            return NONE, math.nan
+        return (NONE, math.nan) if judged is None else (VERDICTS.get(judged.regime, NONE), judged.severity)

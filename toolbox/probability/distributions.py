@@ -1,0 +1,243 @@
+"""Numbers of a loop that are known as distributions: normal, uniform, log-normal, or draws such as those of a posterior.
+
+    sweep(loop, drawn(loop, {"bit.weight": "97 kN +- 8 kN", "bit.friction.static": Uniform(0.6, 0.9)}, 1000), 120.0)
+
+A distribution is cut at the bounds of its number, so that no weight is negative. Each number has a stream of random numbers of its own, which its name and the
+seed decide: a further number that is uncertain does not change the draws of the others.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import zlib
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray, checked_range, finite_array, number, short, whole
+from toolbox.errors import SceneError
+from toolbox.files.unit_systems import asked_in
+from toolbox.files.units import NumberOrText
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop
+from toolbox.modelling.numbers import Number
+from toolbox.sweeps.designs import Variations
+
+LEAST_INSIDE = 0.5
+"""Part of a distribution that must lie within the bounds of its number."""
+
+
+class Distribution(ABC):
+    """What is known of one number; `Normal`, `Uniform` and `LogNormal` are distributions."""
+
+    @abstractmethod
+    def frozen(self, name: str, unit: str) -> Any:
+        """The distribution of scipy.stats in SI; name: of the number, for messages;  unit: of the number."""
+
+    @abstractmethod
+    def asked(self, unit: str) -> str:
+        """The unit in which it was typed; empty where it was given in SI."""
+
+
+@dataclass(frozen=True)
+class Normal(Distribution):
+    """A normal distribution.
+
+    Parameters
+    ----------
+    mean
+        Its mean, in SI or text with a unit.
+    deviation
+        Its standard deviation, likewise; greater than zero.
+    """
+
+    mean: NumberOrText
+    deviation: NumberOrText
+
+    def frozen(self, name: str, unit: str) -> Any:
+        from scipy import stats
+
+        mean = number(f"mean` of `{name}", self.mean, unit)
+        return stats.norm(mean, number(f"deviation` of `{name}", self.deviation, unit, above=0))
+
+    def asked(self, unit: str) -> str:
+        return _typed(self.mean, unit)
+
+
+@dataclass(frozen=True)
+class Uniform(Distribution):
+    """A uniform distribution.
+
+    Parameters
+    ----------
+    low, high
+        Its ends, in SI or text with a unit.
+    """
+
+    low: NumberOrText
+    high: NumberOrText
+
+    def frozen(self, name: str, unit: str) -> Any:
+        from scipy import stats
+
+        low, high = checked_range((self.low, self.high), name, unit)
+        return stats.uniform(low, high - low)
+
+    def asked(self, unit: str) -> str:
+        return _typed(self.low, unit)
+
+
+@dataclass(frozen=True)
+class LogNormal(Distribution):
+    """A log-normal distribution: the logarithm of the number is normal.
+
+    Parameters
+    ----------
+    median
+        Its median, in SI or text with a unit; greater than zero.
+    deviation
+        Standard deviation of the natural logarithm [1]; greater than zero. 0.1 is about ten per cent.
+    """
+
+    median: NumberOrText
+    deviation: NumberOrText
+
+    def frozen(self, name: str, unit: str) -> Any:
+        from scipy import stats
+
+        median = number(f"median` of `{name}", self.median, unit, above=0)
+        return stats.lognorm(number(f"deviation` of `{name}", self.deviation, above=0), scale=median)
+
+    def asked(self, unit: str) -> str:
+        return _typed(self.median, unit)
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Numbers that are known together, as draws of their joint distribution, such as those of a posterior.
+
+    Parameters
+    ----------
+    values
+        {name: draws in SI}, rows of equal length; the same place in each row is one draw.
+    """
+
+    values: Mapping[str, Sequence[float]]
+
+
+def distribution(name: str, given: Any) -> Distribution:
+    """What an argument says of a number: a distribution as it is, and text such as "97 kN +- 8 kN" or "97 kN +- 8 %" as a normal one.
+
+    Raises SceneError for anything else.
+    """
+    if isinstance(given, Distribution):
+        return given
+    parts = re.split(r"\s*(?:\+-|\+/-|±)\s*", given) if isinstance(given, str) else []
+    if len(parts) != 2:
+        raise SceneError(f"Argument `{name}` must be a distribution, or text such as `97 kN +- 8 kN`, but it is {short(given)}.")
+    mean, deviation = parts
+    unit = re.sub(r"^[-+]?[0-9_.]+(?:[eE][-+]?[0-9]+)?\s*", "", deviation).strip()
+    if re.fullmatch(r"[-+]?[0-9_.]+(?:[eE][-+]?[0-9]+)?", mean.strip()) and unit and unit != "%":
+        mean = f"{mean} {unit}"
+    if unit == "%":
+        size = re.match(r"[-+]?[0-9_.]+(?:[eE][-+]?[0-9]+)?", mean.strip())
+        if size is not None:
+            part = number(f"deviation` of `{name}", deviation, "1", above=0)
+            deviation = f"{abs(float(size[0])) * part!r}{mean.strip()[size.end() :]}"
+    return Normal(_plain(mean), _plain(deviation))
+
+
+def drawn(loop: ClosedLoop | Any, uncertain: Mapping[str, Any] | Draws, runs: int, seed: int = 0) -> Variations:
+    """Draw what is uncertain, as a design for `sweep`.
+
+    Parameters
+    ----------
+    loop
+        A loop, or a plant, whose numbers they are.
+    uncertain
+        {name: distribution}, of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text "97 kN +- 8 kN", whose second number is the standard
+        deviation of a normal distribution; or `Draws` of numbers that are known together. A distribution is cut at the bounds of its number.
+    runs
+        Number of draws, >= 1.
+    seed
+        Of the random numbers.
+
+    Returns
+    -------
+    Variations
+        One row per draw.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown or a sample time, if what is given is no distribution, or if more than half of it lies out of the bounds of the number.
+    """
+    loop = as_loop(loop)
+    whole("runs", runs, 1)
+    whole("seed", seed, 0)
+    if isinstance(uncertain, Draws):
+        return _resampled(loop, uncertain, runs, seed)
+    if not isinstance(uncertain, Mapping) or not uncertain:
+        raise SceneError(f"Argument `uncertain` must map at least one name to a distribution, but it is {short(uncertain)}.")
+    numbers = [loop.number(name) for name in uncertain]
+    if len({each.name for each in numbers}) < len(numbers):
+        raise SceneError("Argument `uncertain` must name every number once.")
+    columns, asked = [], {}
+    for each, given in zip(numbers, uncertain.values(), strict=True):
+        known = distribution(each.name, given)
+        uniform = np.random.default_rng([seed, zlib.crc32(each.name.encode())]).random(runs)
+        columns.append(_quantiles(each, known, uniform))
+        if unit := known.asked(each.unit):
+            asked[each.name] = unit
+    return Variations(tuple(each.name for each in numbers), np.stack(columns, axis=1), (runs,), asked=asked)
+
+
+def _quantiles(each: Number, known: Distribution, uniform: FloatArray) -> FloatArray:
+    """Draws of a number, by its cumulative distribution between its bounds."""
+    frozen = known.frozen(each.name, each.unit)
+    floors = [bound for key in ("above", "at_least") if (bound := each.bounds.get(key)) is not None]
+    roofs = [bound for key in ("below", "at_most") if (bound := each.bounds.get(key)) is not None]
+    low = float(frozen.cdf(max(floors))) if floors else 0.0
+    high = float(frozen.cdf(min(roofs))) if roofs else 1.0
+    if high - low < LEAST_INSIDE:
+        raise SceneError(
+            f"Argument `{each.name}` must have a distribution within the bounds of the number, but {100 * (1 - high + low):.3g} % of it lie outside."
+        )
+    found: FloatArray = frozen.ppf(low + (high - low) * np.clip(uniform, 1e-12, 1 - 1e-12))
+    return found
+
+
+def _resampled(loop: ClosedLoop, known: Draws, runs: int, seed: int) -> Variations:
+    """Draws with replacement out of draws."""
+    values = {loop.number(name).name: finite_array(row) for name, row in dict(known.values).items()}
+    rows = [row for row in values.values() if row is not None and row.ndim == 1 and row.size]
+    if not values or len(rows) < len(values) or len({row.size for row in rows}) > 1:
+        raise SceneError("Argument `values` of `Draws` must map names to rows of finite numbers of equal length, but it does not.")
+    table = np.stack(rows, axis=1)
+    place = np.random.default_rng([seed, zlib.crc32(b"draws")]).integers(len(table), size=runs)
+    return Variations(tuple(values), table[place], (runs,))
+
+
+def told(name: str, given: Any) -> str:
+    """What is known of a number, in words."""
+    known = distribution(name, given)
+    if isinstance(known, Normal):
+        return f"{known.mean} +- {known.deviation}"
+    if isinstance(known, Uniform):
+        return f"{known.low} to {known.high}"
+    return ", ".join(f"{each.name} {getattr(known, each.name)}" for each in dataclasses.fields(known))  # type: ignore[arg-type]
+
+
+def _typed(given: Any, unit: str) -> str:
+    return asked_in(number("unit", given, unit), "") if isinstance(given, str) else ""
+
+
+def _plain(text: str) -> NumberOrText:
+    """A number where text is one, so that it is taken in SI."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -1,0 +1,77 @@
+"""Pictures of chances. The looks are those of `toolbox.plot`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from toolbox.figures.style import LINES, PAPER, WIDTH, in_words, name_axis
+
+
+class DrawnChance(Protocol):
+    """What the pictures show of a `toolbox.probability.Chance`."""
+
+    @property
+    def labels(self) -> Sequence[str]: ...
+    @property
+    def names(self) -> Sequence[str]: ...
+    @property
+    def units(self) -> Sequence[str]: ...
+    @property
+    def axes(self) -> Sequence[np.ndarray]: ...
+    @property
+    def asked(self) -> Mapping[str, str]: ...
+    @property
+    def chances(self) -> Mapping[str, np.ndarray]: ...
+    @property
+    def bounds(self) -> Mapping[str, tuple[np.ndarray, np.ndarray]]: ...
+
+
+def chance_diagram(found: DrawnChance, axes: Any = None) -> Any:
+    """The chances over one number, as curves with their bounds, or over two, one panel per law with the line above which 95 % are free by the bound."""
+    with plt.rc_context(PAPER):
+        return _curves(found, axes) if len(found.names) == 1 else _panels(found, axes)
+
+
+def _curves(found: DrawnChance, ax: Any) -> Any:
+    if ax is None:
+        _, ax = plt.subplots(figsize=(WIDTH, 3.0), layout="constrained")
+    for k, label in enumerate(found.labels):
+        style = LINES[k % len(LINES)]
+        low, high = found.bounds[label]
+        ax.fill_between(found.axes[0], low, high, color=style["color"], alpha=0.2, linewidth=0)
+        ax.plot(found.axes[0], found.chances[label], label=label, marker="o", markersize=2.5, **style)
+    ax.axhline(0.05, color="0.5", linewidth=0.7, linestyle=":")
+    ax.set(ylim=(-0.02, 1.02), ylabel="chance of stick-slip [1]")
+    name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.asked)
+    ax.legend(frameon=False)
+    return ax
+
+
+def _panels(found: DrawnChance, axes: Any) -> Any:
+    if axes is None:
+        count = len(found.labels)
+        wide = min(count, 2)
+        _, axes = plt.subplots(
+            -(-count // wide), wide, figsize=(WIDTH, 2.9 * -(-count // wide)), layout="constrained", sharex=True, sharey=True, squeeze=False
+        )
+        for spare in np.ravel(axes)[count:]:
+            spare.set_visible(False)
+    x, y = found.axes
+    for ax, label in zip(np.ravel(axes), found.labels, strict=False):
+        drawn = ax.pcolormesh(x, y, found.chances[label].T, cmap="cividis_r", vmin=0.0, vmax=1.0, shading="nearest")
+        upper = found.bounds[label][1].T
+        if min(upper.shape) > 1 and upper.min() <= 0.05 < upper.max():
+            ax.contour(x, y, upper, levels=[0.05], colors="black", linewidths=1.4)
+        ax.set_title(label, fontsize=9.0)
+        name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.asked)
+        name_axis(ax.yaxis, in_words(found.names[1]), found.units[1], found.asked)
+        ax.label_outer()
+    figure = np.ravel(axes)[0].figure
+    figure.colorbar(drawn, ax=axes).set_label("chance of stick-slip [1]")
+    line = np.ravel(axes)[0].plot([], [], color="black", linewidth=1.4)
+    figure.legend(line, ["free with 95 % by the bound"], loc="outside lower center", frameon=False)
+    return axes

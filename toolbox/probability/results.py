@@ -1,0 +1,282 @@
+"""Chances of stick-slip over one or two numbers, with bounds: printed, drawn, saved, and asked for the lowest set-point."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray, number
+from toolbox.errors import SceneError, suggest
+from toolbox.files import tables
+from toolbox.files.printing import columns
+from toolbox.files.results import Result
+from toolbox.files.unit_systems import reading
+from toolbox.onsets.map_loop import NONE, STICK_SLIP, STUCK
+
+
+def clopper_pearson(low: Any, high: Any, runs: Any, confidence: float) -> tuple[FloatArray, FloatArray]:
+    """Two-sided bounds of a probability by Clopper and Pearson.
+
+    Parameters
+    ----------
+    low, high
+        Number of runs with the outcome, without and with those of which nobody knows; arrays of one shape.
+    runs
+        Number of runs.
+    confidence
+        Such as 0.95.
+
+    Returns
+    -------
+    lower, upper
+        The bounds: each is passed by the true probability with half of 1 - confidence at most.
+
+    Source: C. J. Clopper, E. S. Pearson (1934), doi:10.1093/biomet/26.4.404.
+    """
+    from scipy.stats import beta
+
+    low, high, runs = np.asarray(low, float), np.asarray(high, float), np.asarray(runs, float)
+    tail = (1.0 - confidence) / 2.0
+    with np.errstate(invalid="ignore"):
+        lower = np.where(low > 0, beta.ppf(tail, low, runs - low + 1.0), 0.0)
+        upper = np.where(high < runs, beta.ppf(1.0 - tail, high + 1.0, runs - high), 1.0)
+    return lower, upper
+
+
+@dataclass(frozen=True)
+class Chance(Result):
+    """Chances of stick-slip, as `chance` returns them: `print(found)`, `found.plot()`, `found.chances["soft torque"]`.
+
+    Attributes
+    ----------
+    title
+        What was asked.
+    labels
+        Names of the laws.
+    names, units, axes
+        What is varied along the axes of all arrays.
+    uncertain
+        {name: what is known of it, in words}.
+    outcomes
+        {label: what each run came to, of shape (*axes, draws)}: 0 smooth, 1 swing, 2 stick-slip, 3 stuck, -1 not known (`toolbox.onsets.map_loop`).
+    severities
+        {label: severity of each run [1]}, of the same shape.
+    duration, accuracy
+        Length [s] and accuracy of a run.
+    confidence
+        Of the bounds.
+    judged
+        {label: number of runs that their lanes did not decide, so that the judge of all verdicts carried them on}.
+    asked
+        {unit: unit that was typed}.
+    """
+
+    title: str
+    labels: tuple[str, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    axes: tuple[np.ndarray, ...]
+    uncertain: dict[str, str]
+    outcomes: dict[str, np.ndarray]
+    severities: dict[str, np.ndarray]
+    duration: float
+    accuracy: float
+    confidence: float
+    judged: dict[str, int]
+    asked: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def draws(self) -> int:
+        """Number of draws at each point."""
+        return int(next(iter(self.outcomes.values())).shape[-1])
+
+    @property
+    def chances(self) -> dict[str, FloatArray]:
+        """{label: part of the runs in stick-slip or standstill, among those that are known}; nan where none is."""
+        found = {}
+        for label, outcomes in self.outcomes.items():
+            known = (outcomes != NONE).sum(axis=-1)
+            found[label] = np.where(known > 0, _troubled(outcomes) / np.maximum(known, 1), math.nan)
+        return found
+
+    @property
+    def bounds(self) -> dict[str, tuple[FloatArray, FloatArray]]:
+        """{label: (lower, upper) bound of the chance by Clopper and Pearson}; what is not known counts as free for the lower, not for the upper one."""
+        found = {}
+        for label, outcomes in self.outcomes.items():
+            troubled, unknown = _troubled(outcomes), (outcomes == NONE).sum(axis=-1)
+            found[label] = clopper_pearson(troubled, troubled + unknown, self.draws, self.confidence)
+        return found
+
+    @property
+    def expected_severities(self) -> dict[str, FloatArray]:
+        """{label: mean of the severity over the draws [1]}; nan where no run tells."""
+        found = {}
+        for label, severities in self.severities.items():
+            known = np.isfinite(severities)
+            total = np.where(known, severities, 0.0).sum(axis=-1)
+            found[label] = np.where(known.any(axis=-1), total / np.maximum(known.sum(axis=-1), 1), math.nan)
+        return found
+
+    def lowest(self, free: float = 0.95, name: str | None = None) -> dict[str, FloatArray]:
+        """Return the lowest set-points that are free of stick-slip with a probability.
+
+        Parameters
+        ----------
+        free
+            The probability that must be reached by the bound, not by the share of the runs alone.
+        name
+            Which of the axes is the set-point; the first one by default.
+
+        Returns
+        -------
+        dict
+            {label: the lowest value from which on every one that was tried is free, for each value of the other axis}; nan where there is none.
+
+        Raises
+        ------
+        SceneError
+            If the name is no axis, or if so few draws can show no such probability even where all of them are free.
+        """
+        free = number("free", free, above=0, below=1)
+        name = self.names[0] if name is None else name
+        if name not in self.names:
+            raise SceneError(f"There is no axis `{name}`: {suggest(name, self.names)}")
+        least = math.ceil(math.log((1.0 - self.confidence) / 2.0) / math.log(free))
+        if self.draws < least:
+            raise SceneError(
+                f"Argument `free` must be within what {self.draws} draws can show, but {free:g} takes at least {least} draws of which all are free."
+            )
+        place = self.names.index(name)
+        axis, found = self.axes[place], {}
+        order = np.argsort(axis)
+        for label, (_, upper) in self.bounds.items():
+            holds = np.moveaxis(upper, place, 0)[order] <= 1.0 - free
+            lasting = np.logical_and.accumulate(holds[::-1], axis=0)[::-1]
+            found[label] = np.where(lasting.any(axis=0), axis[order][np.argmax(lasting, axis=0)], math.nan)
+        return found
+
+    def better(self, one: str, other: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return how two laws compare on the same draws.
+
+        Parameters
+        ----------
+        one, other
+            Labels of laws.
+
+        Returns
+        -------
+        only_one, only_other, p
+            At each point the part of the draws in which the one law alone is free, and the other alone; and the probability that such a difference comes by
+            chance between laws of equal worth (sign test on the draws in which they differ, that is McNemar's exact test).
+        """
+        from scipy.stats import binom
+
+        for label in (one, other):
+            if label not in self.outcomes:
+                raise SceneError(f"There is no law `{label}`: {suggest(label, self.labels)}")
+        a, b = self.outcomes[one], self.outcomes[other]
+        known = (a != NONE) & (b != NONE)
+        free = [~np.isin(each, (STICK_SLIP, STUCK)) & known for each in (a, b)]
+        first, second = (free[0] & ~free[1]).sum(axis=-1), (free[1] & ~free[0]).sum(axis=-1)
+        p = np.minimum(2.0 * binom.cdf(np.minimum(first, second), first + second, 0.5), 1.0)
+        return first / self.draws, second / self.draws, p
+
+    def __str__(self) -> str:
+        read = [reading(unit, self.asked) for unit in self.units]
+        size = " x ".join(str(axis.size) for axis in self.axes)
+        lines = [
+            f"Chance of stick-slip: {self.title}, {size} points with {self.draws} draws each, runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
+            *(f"  {name} known as {words}" for name, words in self.uncertain.items()),
+        ]
+        if len(self.names) == 1:
+            head = ("law", f"{self.names[0]} [{read[0].unit}]", "chance", f"{100 * self.confidence:g} % bounds", "severity", "unknown")
+            lines += columns([head, *self._rows()], left=(0,))
+        else:
+            for label in self.labels:
+                lines += [f"  {label}: chance in %, over {self.names[0]} [{read[0].unit}] by {self.names[1]} [{read[1].unit}]"]
+                lines += columns(self._grid(label), left=(), indent="    ")
+        least = math.ceil(math.log((1.0 - self.confidence) / 2.0) / math.log(0.95))
+        if self.draws >= least:
+            for label, found in self.lowest().items():
+                told = ", ".join("none" if math.isnan(v) else f"{v * read[0].factor:.4g}" for v in np.atleast_1d(found).tolist())
+                beside = f", by {self.names[1]} from lowest to last" if len(self.names) > 1 else ""
+                lines.append(f"  lowest {self.names[0]} that is free with 95 %, {label}: {told}{read[0].tail}{beside}")
+        else:
+            lines.append(f"  no set-point can be shown to be free with 95 % by fewer than {least} draws")
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        read = [reading(unit, self.asked) for unit in self.units]
+        rows = []
+        for label, chances in self.chances.items():
+            low, high = self.bounds[label]
+            for place in np.ndindex(chances.shape):
+                at = [f"{axis[i] * each.factor:.4g}" for axis, i, each in zip(self.axes, place, read, strict=True)]
+                unknown = int((self.outcomes[label][place] == NONE).sum())
+                severity = self.expected_severities[label][place]
+                rows.append(
+                    (label, *at, f"{chances[place]:.3f}", f"{low[place]:.3f} .. {high[place]:.3f}", f"{severity:.3g}", str(unknown))
+                )
+        return rows
+
+    def _grid(self, label: str) -> list[tuple[str, ...]]:
+        """The chances of a law [%] over both numbers, with those along the axes at the head and at the left."""
+        ends = [
+            [f"{value * reading(unit, self.asked).factor:.4g}" for value in axis] for axis, unit in zip(self.axes, self.units, strict=True)
+        ]
+        body = [(first, *(f"{100 * chance:.1f}" for chance in row)) for first, row in zip(ends[0], self.chances[label], strict=True)]
+        return [("", *ends[1]), *body]
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the table as CSV in SI units, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Returns
+        -------
+        Path
+            The same path.
+        """
+        rows: list[list[Any]] = []
+        for label, chances in self.chances.items():
+            low, high, severity = *self.bounds[label], self.expected_severities[label]
+            for place in np.ndindex(chances.shape):
+                at = [float(axis[i]) for axis, i in zip(self.axes, place, strict=True)]
+                rows.append([label, *at, *(float(each[place]) for each in (chances, low, high, severity))])
+        return tables.write(path, ["law", *self.names, "chance", "lower", "upper", "severity"], rows)
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the chances, one panel per law over two numbers, curves with their bounds over one; returns the axes.
+
+        Parameters
+        ----------
+        axes
+            Axes to draw into, one per panel; a figure of its own by default.
+        """
+        from toolbox.probability.figures import chance_diagram
+
+        return chance_diagram(self, axes)
+
+    def check_loaded(self) -> None:
+        """Raise ValueError where what was read does not fit together."""
+        size = tuple(axis.size for axis in self.axes)
+        shapes = {each.shape for each in (*self.outcomes.values(), *self.severities.values())}
+        labels = set(self.labels)
+        if len(shapes) != 1 or next(iter(shapes))[:-1] != size or {*self.outcomes} != labels or {*self.severities} != labels:
+            raise ValueError("its arrays do not fit together")
+
+
+def _troubled(outcomes: np.ndarray) -> np.ndarray:
+    """How many of the draws stick and slip, or stand."""
+    return np.isin(outcomes, (STICK_SLIP, STUCK)).sum(axis=-1)

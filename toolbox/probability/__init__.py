@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from toolbox.probability.distributions import Normal as Normal
     from toolbox.probability.distributions import Uniform as Uniform
     from toolbox.probability.distributions import drawn as drawn
+    from toolbox.probability.posteriors import Posterior as Posterior
+    from toolbox.probability.posteriors import posterior as posterior
+    from toolbox.probability.posteriors import windowed as windowed
     from toolbox.probability.results import Chance as Chance
 
 __getattr__, __dir__ = face()

@@ -189,13 +189,13 @@ def drawn(loop: ClosedLoop | Any, uncertain: Mapping[str, Any] | Draws, runs: in
     for each, given in zip(numbers, uncertain.values(), strict=True):
         known = distribution(each.name, given)
         uniform = np.random.default_rng([seed, zlib.crc32(each.name.encode())]).random(runs)
-        columns.append(_quantiles(each, known, uniform))
+        columns.append(quantiles(each, known, uniform))
         if unit := known.asked(each.unit):
             asked[each.name] = unit
     return Variations(tuple(each.name for each in numbers), np.stack(columns, axis=1), (runs,), asked=asked)
 
 
-def _quantiles(each: Number, known: Distribution, uniform: FloatArray) -> FloatArray:
+def quantiles(each: Number, known: Distribution, uniform: FloatArray) -> FloatArray:
     """Draws of a number, by its cumulative distribution between its bounds."""
     frozen = known.frozen(each.name, each.unit)
     floors = [bound for key in ("above", "at_least") if (bound := each.bounds.get(key)) is not None]

@@ -30,6 +30,19 @@ class DrawnChance(Protocol):
     def bounds(self) -> Mapping[str, tuple[np.ndarray, np.ndarray]]: ...
 
 
+class DrawnPosterior(Protocol):
+    """What the pictures show of a `toolbox.probability.Posterior`."""
+
+    @property
+    def names(self) -> Sequence[str]: ...
+    @property
+    def units(self) -> Sequence[str]: ...
+    @property
+    def points(self) -> np.ndarray: ...
+    @property
+    def asked(self) -> Mapping[str, str]: ...
+
+
 def chance_diagram(found: DrawnChance, axes: Any = None) -> Any:
     """The chances over one number, as curves with their bounds, or over two, one panel per law with the line above which 95 % are free by the bound."""
     with plt.rc_context(PAPER):
@@ -74,4 +87,35 @@ def _panels(found: DrawnChance, axes: Any) -> Any:
     figure.colorbar(drawn, ax=axes).set_label("chance of stick-slip [1]")
     line = np.ravel(axes)[0].plot([], [], color="black", linewidth=1.4)
     figure.legend(line, ["free with 95 % by the bound"], loc="outside lower center", frameon=False)
+    return axes
+
+
+def corner_diagram(found: DrawnPosterior, axes: Any = None) -> Any:
+    """The unknowns of a posterior one by one, as histograms on the diagonal, and in pairs below it."""
+    count = len(found.names)
+    with plt.rc_context(PAPER):
+        if axes is None:
+            _, axes = plt.subplots(count, count, figsize=(WIDTH, max(2.2 * count, 2.6)), layout="constrained", squeeze=False, sharex="col")
+        for i in range(count):
+            for j in range(count):
+                ax = axes[i][j]
+                if j > i:
+                    ax.set_visible(False)
+                elif i == j:
+                    ax.hist(found.points[:, i], bins=24, color="0.75", edgecolor="0.4", linewidth=0.4)
+                    ax.set(yticks=[])
+                    ax.spines["left"].set_visible(False)
+                else:
+                    ax.plot(
+                        found.points[:, j],
+                        found.points[:, i],
+                        linestyle="none",
+                        marker=".",
+                        markersize=2.5,
+                        color=LINES[0]["color"],
+                        alpha=0.5,
+                    )
+                    if j == 0:
+                        name_axis(ax.yaxis, in_words(found.names[i]), found.units[i], found.asked)
+            name_axis(axes[count - 1][i].xaxis, in_words(found.names[i]), found.units[i], found.asked)
     return axes

@@ -1,0 +1,265 @@
+"""The posterior of numbers of a machine, from what was measured of its runs, and the evidence of a law of friction.
+
+    found = posterior(loop, {"stuck_ratio": "0.31 +- 0.02", "severity": "1.32 +- 0.05"}, {"bit.friction.static": Uniform(0.5, 1.0)}, 120.0)
+    chance(loop, over, found.drawn)
+
+What was measured is said in the same words as what is known of a number: a measure and its normal distribution. A measure is read inside of the compiled loop,
+so that no trajectory is built. The sampler is that of `toolbox.probability.tempering`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray, number, short, whole
+from toolbox.errors import SceneError
+from toolbox.files.printing import columns
+from toolbox.files.results import Result
+from toolbox.files.unit_systems import reading
+from toolbox.files.units import NumberOrText
+from toolbox.measuring.measures import Measure, mean
+from toolbox.messages import progress_bar
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.probability.distributions import Draws, Normal, distribution, quantiles, told
+from toolbox.probability.tempering import tempered
+from toolbox.scenes.judged import judged_measures
+from toolbox.sweeps.designs import Variations
+from toolbox.sweeps.sweep import sweep
+
+STANDARD = math.log(2.0 * math.pi) / 2.0
+
+
+@dataclass(frozen=True)
+class Posterior(Result):
+    """What is known of numbers after a measurement: `print(found)`, `found["bit.weight"]`, `found.plot()`.
+
+    Attributes
+    ----------
+    title
+        Of the machine.
+    names, units
+        The unknowns.
+    points
+        Draws in SI, shape (draws, unknowns).
+    likelihoods
+        Logarithms of their likelihoods.
+    evidence, error
+        Logarithm of the mean likelihood under the prior, and its standard error.
+    data
+        {measure: what was measured, in words}.
+    priors
+        {unknown: what was known before, in words}.
+    runs, stages
+        Number of runs and of tempered likelihoods.
+    asked
+        {unit: unit that was typed}.
+    """
+
+    title: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    points: np.ndarray
+    likelihoods: np.ndarray
+    evidence: float
+    error: float
+    data: dict[str, str]
+    priors: dict[str, str]
+    runs: int
+    stages: int
+    asked: Mapping[str, str] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> FloatArray:
+        """The draws of an unknown in SI."""
+        if name not in self.names:
+            raise SceneError(f"There is no unknown `{name}`: it is one of {', '.join(self.names)}.")
+        draws: FloatArray = self.points[:, self.names.index(name)]
+        return draws
+
+    @property
+    def drawn(self) -> Draws:
+        """The draws as what is known of these numbers together, for `chance`, `drawn` and `sweep`."""
+        return Draws({name: self[name].tolist() for name in self.names})
+
+    def __str__(self) -> str:
+        lines = [f"Posterior of {self.title}: {len(self.points)} draws by {self.runs} runs in {self.stages} stages"]
+        lines += [f"  measured {name} {words}" for name, words in self.data.items()]
+        rows: list[tuple[str, ...]] = [("unknown", "unit", "mean", "deviation", "5 %", "95 %", "before")]
+        for name, unit in zip(self.names, self.units, strict=True):
+            factor, shown = reading(unit, self.asked)
+            values = self[name] * factor
+            told_values = (f"{each:.5g}" for each in (values.mean(), values.std(), *np.quantile(values, (0.05, 0.95))))
+            rows.append((name, shown, *told_values, self.priors[name]))
+        lines += columns(rows, left=(0, 1, 6))
+        lines.append(f"  evidence: exp({self.evidence:.2f} +- {self.error:.2f})")
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def to_xarray(self) -> Any:
+        """An xarray Dataset with the dimensions chain and draw, as arviz reads it; needs the extra `batch`."""
+        try:
+            import xarray
+        except ImportError:
+            raise ImportError("`to_xarray` needs xarray: pip install -e '.[batch]' in the folder of the toolbox.") from None
+        data = {name: (("chain", "draw"), self[name][None, :], {"units": unit}) for name, unit in zip(self.names, self.units, strict=True)}
+        return xarray.Dataset(data, attrs={"title": self.title, "evidence": self.evidence, "evidence_error": self.error})
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the unknowns one by one and in pairs; returns the axes.
+
+        Parameters
+        ----------
+        axes
+            Axes to draw into, shape (unknowns, unknowns); a figure of its own by default.
+        """
+        from toolbox.probability.figures import corner_diagram
+
+        return corner_diagram(self, axes)
+
+    def check_loaded(self) -> None:
+        """Raise ValueError where what was read does not fit together."""
+        if self.points.shape != (len(self.likelihoods), len(self.names)) or {*self.priors} != {*self.names}:
+            raise ValueError("its draws do not fit to its unknowns")
+
+
+@takes_loop
+def posterior(
+    loop: ClosedLoop,
+    data: Mapping[str, Any],
+    priors: Mapping[str, Any],
+    duration: NumberOrText | None = None,
+    *,
+    measures: Mapping[str, Any] | None = None,
+    draws: int = 256,
+    accuracy: float = 1e-4,
+    seed: int = 0,
+) -> Posterior:
+    """Find what numbers of a machine may be, given what was measured of its runs.
+
+    The runs begin where the loop begins. What was measured is taken to be independent and normal around the measure of the run.
+
+    Parameters
+    ----------
+    loop
+        A loop, or a plant, driven as the machine was in the measurement.
+    data
+        {measure: its normal distribution}, as text "0.31 +- 0.02" or `Normal`; in the unit of the measure where text has one. The deviation holds the errors of
+        the measurement and of the model.
+    priors
+        {name: distribution}, as `drawn` takes them: what is known of each unknown without the measurement.
+    duration
+        Length of the runs [s], or text with a unit; by default that of the loop.
+    measures
+        {name in data: measure}, as `sweep` takes them, for those that are no names of measures themselves, such as a measure in a window.
+    draws
+        Number of draws of the posterior, >= 32.
+    accuracy
+        Of the runs.
+    seed
+        Of the random numbers.
+
+    Returns
+    -------
+    Posterior
+        Draws, evidence and their table. The difference of two evidences is the logarithm of how much the data favour one model over the other.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, or if what is given is no distribution.
+    SimulationError
+        If no draw of the prior gives a run with what was measured.
+    """
+    for word, given in (("data", data), ("priors", priors)):
+        if not isinstance(given, Mapping) or not given:
+            raise SceneError(f"Argument `{word}` must map at least one name to a distribution, but it is {short(given)}.")
+    whole("draws", draws, 32)
+    whole("seed", seed, 0)
+    length = number("duration", loop.duration if duration is None else duration, "s", above=0)
+    asked = {name: (measures or {}).get(name, name) for name in data}
+    chosen = judged_measures(asked, loop, 0.0, length, argument="data")
+    values, deviations = _measured(data, {name: each.unit_in(loop.system) for name, each in chosen.items()})
+    unknowns = [loop.number(name) for name in priors]
+    names = tuple(each.name for each in unknowns)
+    known = [distribution(each.name, given) for each, given in zip(unknowns, priors.values(), strict=True)]
+
+    def numbers_at(points: FloatArray) -> FloatArray:
+        from scipy.special import ndtr
+
+        cumulative = ndtr(points)
+        return np.stack([quantiles(each, k, cumulative[:, i]) for i, (each, k) in enumerate(zip(unknowns, known, strict=True))], axis=1)
+
+    def likelihood(points: FloatArray) -> FloatArray:
+        rows = numbers_at(points)
+        found = sweep(loop, Variations(names, rows, (len(rows),)), length, measures=asked, accuracy=accuracy)
+        apart = (np.stack([found[name] for name in data], axis=1) - values) / deviations
+        logs = -(0.5 * apart**2 + np.log(deviations) + STANDARD).sum(axis=1)
+        return np.where(np.isfinite(logs), logs, -np.inf)
+
+    with progress_bar(1.0, "posterior", unit="likelihood") as bar:
+        sampled = tempered(likelihood, len(names), draws, np.random.default_rng(seed), lambda exponent: bar.update(exponent - bar.n))
+    return Posterior(
+        title=loop.title, names=names, units=tuple(each.unit for each in unknowns), points=numbers_at(sampled.points),
+        likelihoods=sampled.likelihoods, evidence=sampled.evidence, error=sampled.error, data={name: told(name, data[name]) for name in data},
+        priors={each.name: told(each.name, given) for each, given in zip(unknowns, priors.values(), strict=True)}, runs=sampled.runs,
+        stages=sampled.stages, asked={each.unit: unit for each, k in zip(unknowns, known, strict=True) if (unit := k.asked(each.unit))},
+    )  # fmt: skip
+
+
+def _measured(data: Mapping[str, Any], units: Mapping[str, str]) -> tuple[FloatArray, FloatArray]:
+    """Values and standard deviations of what was measured, in SI."""
+    pairs = []
+    for name, given in data.items():
+        known = distribution(name, given)
+        if not isinstance(known, Normal):
+            raise SceneError(f"Argument `{name}` of `data` must be normal, as in `0.31 +- 0.02`, but it is {short(given)}.")
+        frozen = known.frozen(name, units[name])
+        pairs.append((float(frozen.mean()), float(frozen.std())))
+    values, deviations = np.array(pairs).T
+    return values, deviations
+
+
+def windowed(signal: str, times: Any, values: Any, deviation: float, length: NumberOrText) -> tuple[dict[str, Normal], dict[str, Measure]]:
+    """What a trace says, as data and measures for `posterior`: the mean of a signal in windows of equal length.
+
+    Parameters
+    ----------
+    signal
+        Name of the signal in the loop.
+    times, values
+        Samples of the measurement, in seconds of the run and in SI; a sample that is nan is left out, as is a window without samples.
+    deviation
+        Standard deviation of what is left in the mean of a window, in SI; greater than zero.
+    length
+        Of a window [s], or text with a unit.
+
+    Returns
+    -------
+    data, measures
+        Arguments of `posterior`.
+
+    Raises
+    ------
+    SceneError
+        If times and values do not fit, or no window holds a sample.
+    """
+    length = number("length", length, "s", above=0)
+    deviation = number("deviation", deviation, "1", above=0)
+    t, y = np.asarray(times, float), np.asarray(values, float)
+    if t.ndim != 1 or t.shape != y.shape:
+        raise SceneError(f"Argument `values` must hold one number for each of the times, but its shape is {y.shape} and theirs {t.shape}.")
+    use = np.isfinite(t) & np.isfinite(y) & (t >= 0)
+    place = np.floor(t[use] / length).astype(int)
+    data, read = {}, {}
+    for k in np.unique(place).tolist():
+        name = f"{signal} from {k * length:.6g} s"
+        data[name] = Normal(float(y[use][place == k].mean()), deviation)
+        read[name] = mean(signal, k * length, (k + 1) * length)
+    if not data:
+        raise SceneError("Argument `values` must hold at least one finite sample at a time >= 0 s, but it holds none.")
+    return data, read

@@ -234,6 +234,7 @@ def _check(found: dict[str, np.ndarray]) -> None:
     ):
         check_shapes(found, dict.fromkeys(table.split(), text))
     elements, degree = list(dict.fromkeys(found["modes.element"].tolist())), found["step.degree"]
+    check_shapes(found, {"step.degree": ("i", "nodes")})
     lengths = {"elements": len(elements), "points": int(degree.astype(int).sum() + degree.size), "events": len(found["event.element"])}
     shapes: dict[str, Shape] = {
         "time": ("f", "records"), "end": ("f",), "error": ("f",), "accuracy": ("f",), "event.time": ("f", "events"), "modes.last": ("U", "elements"),

@@ -33,6 +33,7 @@ def run(given: argparse.Namespace) -> int:
 
     port = PORT if given.port is None else whole("--port", given.port, 0, 65_535)
     page = page_of(Scene.load(given.scene), str(given.scene), given.units, port)
+    given.found = {"address": page.address}
     print(f"{page.address}\nOpen this address in a browser on this computer; Ctrl-C ends it.", flush=True)
     if not given.no_browser:
         with contextlib.suppress(webbrowser.Error):

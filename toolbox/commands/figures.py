@@ -30,7 +30,7 @@ def draw(scene: Scene, title: str, run: Trajectory, traces: Path, phase: Path) -
         after = scene.after if scene.standstill is None and scene.after < run.end else run.begin
         ax = plot.phase_plane(run, position, scene.signal, scene.contact, after=after)
         if after > run.begin:
-            plot.draw_before(ax, run, position, scene.signal, after)
+            _before(ax, run, position, scene.signal, after)
         _set_point(scene, [ax])
         _write(ax, title, phase)
 
@@ -49,9 +49,22 @@ def _set_point(scene: Scene, panels: Any) -> None:
     for ax in panels:
         line = ax.axhline(scene.reference, color="0.35", linewidth=0.8, linestyle=(0, (5, 3)), zorder=1, label="set-point")
         if ax is panels[0]:
-            from toolbox.simulation.plot import legend_with
+            from toolbox.figures.style import legend_with
 
             legend_with(ax, line)
+
+
+def _before(ax: Any, run: Trajectory, x_signal: str, y_signal: str, until: float) -> None:
+    """What led into the window of a phase plane, thin and grey behind it."""
+    from toolbox.figures import curves
+    from toolbox.figures.style import legend_with
+    from toolbox.simulation.samples import scalar
+
+    samples = curves.sampled(run, run.begin, until)
+    before = ax.plot(
+        scalar(samples, x_signal), scalar(samples, y_signal), color="0.75", linewidth=0.7, zorder=1, label=f"before {until:g} s"
+    )
+    legend_with(ax, *before)
 
 
 def draw_overlay(runs: Mapping[str, Any], signals: Sequence[str], after: float, until: float | None, path: Path) -> None:

@@ -133,3 +133,15 @@ def legend_above(ax: Any, above: float) -> None:
     )  # fmt: skip
     for handle in ax.get_legend().get_lines():
         handle.set_linewidth(max(handle.get_linewidth(), 1.3))  # of a curve that is thin because it swings
+
+
+def legend_with(ax: Any, *more: Any) -> None:
+    """The legend above a panel, with further entries behind those that it has."""
+    legend = ax.get_legend()
+    handles = [*(legend.legend_handles if legend else []), *more]
+    words = [*(text.get_text() for text in (legend.get_texts() if legend else [])), *(str(each.get_label()) for each in more)]
+    ax.legend(
+        handles,
+        words, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(handles), frameon=False, borderaxespad=0.1, handlelength=1.6,
+        columnspacing=1.2, fontsize=8.0,
+    )  # fmt: skip

@@ -202,30 +202,6 @@ def phase_plane(
     return ax
 
 
-def draw_before(ax: Any, run: Pictured, x_signal: str, y_signal: str, until: float) -> None:
-    """Draw what led into the window of a phase plane, thin and grey behind it."""
-    samples = curves.sampled(run, float(run.nodes.time[0]), until)
-    points = np.stack([scalar(samples, x_signal), scalar(samples, y_signal)], axis=1)
-    before = LineCollection(
-        _stretches(points, np.ones(len(points) - 1, bool)), colors="0.75", linewidths=0.7, zorder=1, label=f"before {until:g} s"
-    )
-    ax.add_collection(before)
-    ax.autoscale_view()
-    legend_with(ax, before)
-
-
-def legend_with(ax: Any, *more: Any) -> None:
-    """The legend above a panel, with further entries behind those that it has."""
-    legend = ax.get_legend()
-    handles = [*(legend.legend_handles if legend else []), *more]
-    words = [*(text.get_text() for text in (legend.get_texts() if legend else [])), *(str(each.get_label()) for each in more)]
-    ax.legend(
-        handles,
-        words, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(handles), frameon=False, borderaxespad=0.1, handlelength=1.6,
-        columnspacing=1.2, fontsize=8.0,
-    )  # fmt: skip
-
-
 def _stretches(points: np.ndarray, chosen: np.ndarray) -> list[np.ndarray]:
     """The chosen of the segments between points, those that follow each other as one curve: short pieces would leave gaps, and fill a file."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int))).reshape(-1, 2)

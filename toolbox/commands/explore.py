@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import threading
 import webbrowser
 from pathlib import Path
 from typing import Any
@@ -38,5 +39,6 @@ def run(given: argparse.Namespace) -> int:
     if not given.no_browser:
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(page.address)
+    threading.Thread(target=page.warm, name="page-warm", daemon=True).start()
     page.server.serve_forever()
     return 0

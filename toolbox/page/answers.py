@@ -60,7 +60,7 @@ def answer(run: Trajectory, loop: ClosedLoop, names: Sequence[str], plane: Seque
     words, found, judged = verdict_of(loop, run)
     after = loop.after or 0.0
     sticks = [] if loop.element is None or loop.element not in run.modes else stick_intervals(run, loop.element, run.begin)
-    time, rows = traces(run, names)
+    time, rows = traces(run, names, run.begin, run.end)
     late, both = _late(run, after, judged)
     at = run.at(late)
     seen = {name: max(float(np.nanmax(np.abs(row))), 1e-300) for name, row in rows.items()}
@@ -84,21 +84,34 @@ def answer(run: Trajectory, loop: ClosedLoop, names: Sequence[str], plane: Seque
     }  # fmt: skip
 
 
-def traces(run: Trajectory, names: Sequence[str]) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Times and signals for a screen: even points and both sides of every event, or the extremes in columns where there is much to see."""
+def traces(run: Trajectory, names: Sequence[str], begin: float, end: float) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Times and signals for a screen: even points and every event, or the extremes in columns where there is much to see."""
     nodes = run.nodes
-    if nodes.time.size <= MANY:
-        events = nodes.time[:-1][np.diff(nodes.time) == 0.0]
-        times = np.unique(np.concatenate([np.linspace(run.begin, run.end, POINTS), events[:POINTS]]))
+    first, last = np.searchsorted(nodes.time, [begin, end])
+    inside = nodes.time[first:last]
+    if inside.size <= MANY:
+        events = inside[:-1][np.diff(inside) == 0.0]
+        times = np.unique(np.concatenate([np.linspace(begin, end, POINTS), events[:POINTS]]))
         at = run.at(times)
         return times, {name: np.asarray(at[name], float) for name in names}
-    edges = np.unique(np.searchsorted(nodes.time, np.linspace(run.begin, run.end, POINTS // 2 + 1)[:-1]))
-    times = np.repeat(nodes.time[edges], 2)
-    times[1::2] += 0.5 * (np.append(times[2::2], run.end) - times[::2])
+    edges = np.unique(np.searchsorted(inside, np.linspace(begin, end, POINTS // 2 + 1)[:-1]))
+    times = np.repeat(inside[edges], 2)
+    times[1::2] += 0.5 * (np.append(times[2::2], end) - times[::2])
     rows = {}
     for name, values in nodes.columns(list(names)).items():
+        values = values[first:last]
         rows[name] = np.column_stack([np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)]).ravel()
     return times, rows
+
+
+def closer(run: Trajectory, names: Sequence[str], window: tuple[float, float], asked: Mapping[str, str]) -> dict[str, Any]:
+    """The traces of a window of time; raises SceneError where it is empty. Units are those of the whole run."""
+    if not window[0] < window[1]:
+        raise SceneError("Argument `begin` must be before `end`, within the run, but it is not.")
+    time, rows = traces(run, names, *window)
+    whole = traces(run, names, run.begin, run.end)[1]
+    factors = {name: reading_of(run.unit(name), max(float(np.nanmax(np.abs(row))), 1e-300), asked).factor for name, row in whole.items()}
+    return {"time": packed(time), "values": {name: packed(row * factors[name]) for name, row in rows.items()}}
 
 
 def _late(run: Trajectory, after: float, judged: Judged | None) -> tuple[FloatArray, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,8 @@ import numpy as np
 from toolbox.errors import SceneError, SimulationError
 from toolbox.messages import at_every_step
 from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.onsets.map_loop import STICK_SLIP
+from toolbox.onsets.regions import outlines
 from toolbox.onsets.severity_map import SeverityMap, severity_map
 from toolbox.page.controls import Control
 
@@ -30,38 +32,51 @@ def axes_of(controls: Sequence[Control]) -> list[str]:
     return found[:2]
 
 
-def staged(
-    loop: ClosedLoop, over: Mapping[str, tuple[float, float]], readings: Mapping[str, tuple[float, str]], step: Callable[[], None]
-) -> Iterator[dict[str, Any]]:
-    """Yield the maps of a loop over two ranges, in SI, each finer than the one before.
+def drawn(
+    loop: ClosedLoop,
+    over: Mapping[str, tuple[float, float]],
+    readings: Mapping[str, tuple[float, str]],
+    stage: tuple[int, int],
+    step: Callable[[], None],
+) -> dict[str, Any]:
+    """The map of a loop over two ranges, in SI, as the page draws it, or the error why there is none.
 
-    readings: {name: (factor, unit)} of the answer;  step: called at every run; what it raises ends the work.
+    readings: {name: (factor, unit)} of the answer;  stage: one of `STAGES`;  step: called at every run; what it raises ends the work.
     """
-    for points, halvings in STAGES:
-        try:
-            with at_every_step(step):
-                found = severity_map(loop, over, shape=(points, points), halvings=halvings)
-        except (SceneError, SimulationError) as refusal:
-            yield {"error": str(refusal)}
-            return
-        yield told(found, readings) | {"points": points, "last": points == STAGES[-1][0]}
+    points, halvings = stage
+    try:
+        with at_every_step(step):
+            found = severity_map(loop, over, shape=(points, points), halvings=halvings)
+    except (SceneError, SimulationError) as refusal:
+        return {"error": str(refusal)}
+    return told(found, readings) | {"points": points, "last": stage == STAGES[-1]}
 
 
 def told(found: SeverityMap, readings: Mapping[str, tuple[float, str]]) -> dict[str, Any]:
-    """A map for the page."""
+    """A map for the page: what it is at its points, the borders, and where stick-slip lasts and smooth running is lost, as polygons up to them."""
     factors = [readings[name][0] for name in found.names]
     regions = found.regions
     names = [*regions]
     where = np.zeros(found.growth.shape, int)
     for k, name in enumerate(names):
         where[regions[name]] = k
+    segments = {name: rows[np.isfinite(rows).all(axis=(1, 2))] for name, rows in found.borders.items()}
+    lasting, lost = found.sticking.verdict == STICK_SLIP, found.smooth.verdict == STICK_SLIP
+    areas = {"bistable": (lasting | lost, segments["sticking"]), "stick-slip": (lost, segments["smooth"])}
     return {
         "names": [*found.names], "units": [readings[name][1] for name in found.names],
-        "axes": [[float(f"{value * factor:.6g}") for value in axis] for axis, factor in zip(found.axes, factors, strict=True)],
-        "regions": names, "where": where.tolist(),
-        "borders": {name: np.round(segments[np.isfinite(segments).all(axis=(1, 2))] * factors, 9).tolist() for name, segments in found.borders.items()},
-        "notes": [*found.notes], "runs": found.runs,
+        "axes": [_rounded(axis * factor) for axis, factor in zip(found.axes, factors, strict=True)],
+        "regions": names, "where": where.tolist(), "borders": {name: _rounded(rows * factors) for name, rows in segments.items()},
+        "areas": {name: [_rounded(each * factors) for each in outlines(found.axes, inside, border)] for name, (inside, border) in areas.items()},
+        "notes": [*found.notes],
     }  # fmt: skip
+
+
+def _rounded(values: Any) -> list[Any]:
+    """Numbers to seven digits of the largest, which is more than a screen shows."""
+    values = np.asarray(values, float)
+    digits = 7 - int(np.ceil(np.log10(np.abs(values).max(initial=1e-300))))
+    return np.round(values, digits).tolist()
 
 
 def ranges(controls: Mapping[str, Control], names: Sequence[str]) -> dict[str, tuple[float, float]]:

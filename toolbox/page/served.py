@@ -8,7 +8,8 @@ import os
 import tempfile
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -60,10 +61,19 @@ class Page:
         self._lock, self._runs = threading.Lock(), OrderedDict[str, tuple[Trajectory, ClosedLoop, list[str]]]()
         self._looks: dict[str, dict[str, Any]] = {}
         self._maps: dict[str, object] = {}
+        self._drawn: OrderedDict[str, dict[str, Any]] = OrderedDict()
+        self._closed = False
         self._questions = {
-            "scene": self._scene, "run": self._run, "further": self._further, "map": self._map, "leave": self._leave, "save_scene": self._save_scene,
-            "save_run": self._save_run, "python": self._python,
-        }  # fmt: skip
+            "scene": self._scene,
+            "run": self._run,
+            "further": self._further,
+            "traces": self._traces,
+            "map": self._map,
+            "leave": self._leave,
+            "save_scene": self._save_scene,
+            "save_run": self._save_run,
+            "python": self._python,
+        }
         self.server = Server(self._answer, port)
 
     @property
@@ -74,6 +84,7 @@ class Page:
     def close(self) -> None:
         """End the page."""
         self._maps.clear()
+        self._closed = True
         self.server.shutdown()
         self.server.server_close()
 
@@ -115,7 +126,8 @@ class Page:
                 loop = self.loops[label]
                 asked = {"rad/s": "rpm", **(self.scene.asked if self.scene is not None else loop.asked)}
                 controls = {control.number.name: control for control in controls_of(loop, asked)}
-                self._looks[label] = {"asked": asked, "controls": controls, "axes": maps.axes_of([*controls.values()])}
+                self._looks[label] = {"asked": asked, "controls": controls, "axes": maps.axes_of([*controls.values()]),
+                                      "kinds": {name: each.kind for name, each in loop.numbers().items()}}  # fmt: skip
         return self._looks[label]
 
     def _scene(self, told: dict[str, Any]) -> dict[str, Any]:
@@ -151,7 +163,7 @@ class Page:
             if known is not None:
                 self._runs.move_to_end(setting.key)
                 return *known, True
-        loop, without = setting.loop(self.loops[setting.label])
+        loop, without = setting.loop(self.loops[setting.label], self._look(setting.label)["kinds"])
         try:
             run = simulate(loop, budget=Budget(seconds=SOON if soon else PATIENCE))
         except SimulationError as failure:
@@ -172,6 +184,13 @@ class Page:
         if "signals" not in look:
             look["signals"], look["plane"] = answers.shown_signals(run, loop), answers.plane_of(run, loop)
         return answers.answer(run, loop, look["signals"], look["plane"], look["asked"]) | {"lacking": without, "whole": whole}
+
+    def _traces(self, told: dict[str, Any]) -> dict[str, Any]:
+        """The traces between two times, for who looks closer."""
+        run, _, _, _ = self._simulated(told)
+        look = self._look(told["setting"]["label"])
+        begin, end = (number(f"`{word}`", told.get(word), "s") for word in ("begin", "end"))
+        return answers.closer(run, look.get("signals", []), (max(begin, run.begin), min(end, run.end)), look["asked"])
 
     def _further(self, told: dict[str, Any]) -> dict[str, Any]:
         """Error, poles, and what has no effect."""
@@ -202,10 +221,42 @@ class Page:
                 raise _Cancelled
 
         def stages() -> Iterator[dict[str, Any]]:
+            draw = partial(maps.drawn, loop, over, {name: controls[name].read for name in names})
             with contextlib.suppress(_Cancelled):
-                yield from maps.staged(loop, over, {name: controls[name].read for name in names}, step)
+                for stage in maps.STAGES:
+                    found = self._mapped(repr([setting.key, names, stage]), stage, draw, step)
+                    yield found
+                    if "error" in found:
+                        return
 
         return stages()
+
+    def _mapped(self, key: str, stage: tuple[int, int], draw: Callable[..., dict[str, Any]], step: Callable[[], None]) -> dict[str, Any]:
+        """One map, which is drawn once; step: called at every run, what it raises ends the work."""
+        with self._lock:
+            if key in self._drawn:
+                self._drawn.move_to_end(key)
+                return self._drawn[key]
+        found = draw(stage, step)
+        with self._lock:
+            self._drawn[key] = found
+            while len(self._drawn) > KEPT:
+                self._drawn.popitem(last=False)
+        return found
+
+    def warm(self) -> None:
+        """Run and map what the page shows first, so that all that is to be compiled is compiled before somebody waits for it; ends with the page."""
+        told: dict[str, Any] = {"page": "", "setting": {"label": next(iter(self.loops)), "changes": {}, "disturbance": ""}}
+        with contextlib.suppress(SceneError, SimulationError):
+            self._answer("run", told)
+            names = self._look(told["setting"]["label"])["axes"]
+            if len(names) == 2:
+                next(self._answer("map", told | {"axes": names}), None)
+            self._answer("further", told)
+        for label in [*self.loops][1:]:
+            with contextlib.suppress(SceneError, SimulationError):
+                if not self._closed:
+                    self._answer("run", told | {"setting": {"label": label, "changes": {}, "disturbance": ""}, "soon": True})
 
     def _leave(self, told: dict[str, Any]) -> dict[str, Any]:
         """Forget the map of a page."""
@@ -268,7 +319,7 @@ def explore(loop: ClosedLoop | HybridSystem | Scene, duration: NumberOrText | No
     else:
         judged = _judged(as_loop(loop), duration)
         page = Page({judged.label or "loop": judged}, None, None, None, PORT if port is None else port)
-    in_background(page.server)
+    in_background(page.server, page.warm)
     return page
 
 

@@ -180,8 +180,7 @@ def _free(port: int) -> int:
     return 0
 
 
-def in_background(server: Server) -> threading.Thread:
-    """Serve in a thread that ends with the process."""
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.2}, name="page", daemon=True)
-    thread.start()
-    return thread
+def in_background(server: Server, warm: Callable[[], None]) -> None:
+    """Serve in a thread that ends with the process, and get ready what is asked first in another."""
+    threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.2}, name="page", daemon=True).start()
+    threading.Thread(target=warm, name="page-warm", daemon=True).start()

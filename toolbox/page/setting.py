@@ -63,11 +63,15 @@ class Setting:
         """What tells it from other settings."""
         return json.dumps([self.label, sorted(self.changes.items()), self.disturbance])
 
-    def loop(self, base: ClosedLoop) -> tuple[ClosedLoop, list[str]]:
-        """The loop, and the names of changed numbers that the law does not have. Raises SceneError for values out of bounds."""
-        known, loop, without = base.numbers(), base, []
+    def loop(self, base: ClosedLoop, kinds: Mapping[str, str] | None = None) -> tuple[ClosedLoop, list[str]]:
+        """The loop, and the names of changed numbers that the law does not have. Raises SceneError for values out of bounds.
+
+        kinds: {number of the loop: its kind}, where they are known.
+        """
+        known = {name: number.kind for name, number in base.numbers().items()} if kinds is None else kinds
+        loop, without = base, []
         redone = ("design", "clock")  # a law that is designed anew, before what acts in it is changed
-        for name in sorted(self.changes, key=lambda name: name not in known or known[name].kind not in redone):
+        for name in sorted(self.changes, key=lambda name: known.get(name) not in redone):
             if name in known:
                 loop = loop.at(name, self.changes[name])
             else:

@@ -30,6 +30,14 @@ function ticks(low, high, count) {
   return found;
 }
 
+// Numbers beside an axis, with as many digits as tell one tick from the next.
+function told_apart(values) {
+  if (values.length < 2) return values.map(short);
+  const step = Math.abs(values[1] - values[0]), size = Math.max(...values.map(Math.abs));
+  if (size >= 1e5 || (size > 0 && size < 1e-3)) return values.map((value) => value === 0 ? "0" : value.toExponential(Math.max(0, Math.ceil(Math.log10(size / step) - 0.01))));
+  return values.map((value) => value.toFixed(Math.max(0, Math.ceil(-Math.log10(step) - 0.01))));
+}
+
 const short = (value) => {
   if (!isFinite(value)) return "-";
   const size = Math.abs(value);
@@ -46,14 +54,16 @@ function axes(context, width, height, xs, ys, names) {
   context.fillStyle = colour("faint");
   context.lineWidth = 1;
   context.textAlign = "center";
-  for (const value of ticks(xs[0], xs[1], Math.max(2, width / 90))) {
+  const across = ticks(xs[0], xs[1], Math.max(2, width / 90)), up = ticks(ys[0], ys[1], Math.max(2, height / 55));
+  const acrossWords = told_apart(across), upWords = told_apart(up);
+  for (const [i, value] of across.entries()) {
     context.beginPath(); context.moveTo(x(value), top); context.lineTo(x(value), height - bottom); context.stroke();
-    context.fillText(short(value), x(value), height - bottom + 14);
+    context.fillText(acrossWords[i], x(value), height - bottom + 14);
   }
   context.textAlign = "right";
-  for (const value of ticks(ys[0], ys[1], Math.max(2, height / 55))) {
+  for (const [i, value] of up.entries()) {
     context.beginPath(); context.moveTo(left, y(value)); context.lineTo(width - right, y(value)); context.stroke();
-    context.fillText(short(value), left - 4, y(value) + 4);
+    context.fillText(upWords[i], left - 4, y(value) + 4);
   }
   context.textAlign = "center";
   context.fillStyle = colour("ink");
@@ -128,6 +138,59 @@ const REGIONS = {
   "stick-slip": ["stickslip", "stick-slip"], "swing": ["swing", "swings"], "stuck": ["stuck", "stuck"], "none": ["none", "not known"],
 };
 
+// The regions of a map up to their borders, and the borders, drawn once.
+function mapPicture(map, width, height, x, y) {
+  const picture = document.createElement("canvas"), scale = window.devicePixelRatio || 1;
+  picture.width = Math.round(width * scale);
+  picture.height = Math.round(height * scale);
+  const context = picture.getContext("2d");
+  context.scale(scale, scale);
+  const [us, vs] = map.axes;
+  context.fillStyle = colour("free");
+  context.fillRect(0, 0, width, height);
+  for (const [name, patch] of [["bistable", "bistable"], ["stick-slip", "stickslip"]]) {
+    context.fillStyle = context.strokeStyle = colour(patch);
+    context.lineWidth = 0.8;
+    for (const polygon of map.areas[name]) {
+      context.beginPath();
+      for (const [u, v] of polygon) context.lineTo(x(u), y(v));
+      context.closePath();
+      context.fill();
+      context.stroke();
+    }
+  }
+  const edges = (row) => row.map((value, i) => [i ? (row[i - 1] + value) / 2 : value, i + 1 < row.length ? (value + row[i + 1]) / 2 : value]);
+  const ue = edges(us), ve = edges(vs);
+  for (let i = 0; i < us.length; i++) for (let j = 0; j < vs.length; j++) {
+    const name = map.regions[map.where[i][j]];
+    if (name === "free" || name === "bistable" || name === "stick-slip") continue;
+    context.fillStyle = colour(REGIONS[name][0]);
+    const px = x(ue[i][0]), py = y(ve[j][1]);
+    context.fillRect(px, py, x(ue[i][1]) - px + 0.6, y(ve[j][0]) - py + 0.6);
+  }
+  context.strokeStyle = colour("ink");
+  context.lineWidth = 2.2;
+  for (const [name, dash] of [["smooth", []], ["sticking", [7, 4]]]) {
+    context.setLineDash(dash);
+    for (const line of joined(map.borders[name])) {
+      context.beginPath();
+      for (const [u, v] of line) context.lineTo(x(u), y(v));
+      context.stroke();
+    }
+  }
+  return picture;
+}
+
+// Segments that follow one another as lines, so that dashes go on.
+function joined(segments) {
+  const lines = [];
+  for (const [begin, end] of segments) {
+    const last = lines.length ? lines[lines.length - 1] : null, tip = last ? last[last.length - 1] : null;
+    if (tip && tip[0] === begin[0] && tip[1] === begin[1]) last.push(end); else lines.push([begin, end]);
+  }
+  return lines;
+}
+
 // The map of two numbers, across and up, with both borders and the working point. Gives the function from pixels to numbers.
 function drawMap(canvas, map, at, pinnedAt, ranges, names) {
   const [context, width, height] = cleared(canvas);
@@ -135,22 +198,14 @@ function drawMap(canvas, map, at, pinnedAt, ranges, names) {
   const [x, y, back] = back0;
   if (map) {
     const [us, vs] = map.axes;
-    const edges = (row) => row.map((value, i) => [i ? (row[i - 1] + value) / 2 : value, i + 1 < row.length ? (value + row[i + 1]) / 2 : value]);
-    const ue = edges(us), ve = edges(vs);
-    for (let i = 0; i < us.length; i++) for (let j = 0; j < vs.length; j++) {
-      context.fillStyle = colour(REGIONS[map.regions[map.where[i][j]]][0]);
-      const px = x(ue[i][0]), py = y(ve[j][1]);
-      context.fillRect(px, py, x(ue[i][1]) - px + 0.6, y(ve[j][0]) - py + 0.6);
-    }
-    context.strokeStyle = colour("ink");
-    context.lineWidth = 2.2;
-    for (const [name, dash] of [["smooth", []], ["sticking", [7, 4]]]) {
-      context.setLineDash(dash);
-      context.beginPath();
-      for (const [[x0, y0], [x1, y1]] of map.borders[name]) { context.moveTo(x(x0), y(y0)); context.lineTo(x(x1), y(y1)); }
-      context.stroke();
-    }
-    context.setLineDash([]);
+    const key = [width, height, colour("free")].join();
+    if (map.pictureKey !== key) { map.picture = mapPicture(map, width, height, x, y); map.pictureKey = key; }
+    context.save();
+    context.beginPath();
+    context.rect(x(us[0]), y(vs[vs.length - 1]), x(us[us.length - 1]) - x(us[0]), y(vs[0]) - y(vs[vs.length - 1]));
+    context.clip();
+    context.drawImage(map.picture, 0, 0, width, height);
+    context.restore();
   }
   const mark = (point, stroke, text) => {
     const px = Math.min(Math.max(x(point[0]), 58), width - 10), py = Math.min(Math.max(y(point[1]), 8), height - 34);

@@ -140,7 +140,7 @@ function follow() {
       for (const row of rows.values()) row.show();
       document.body.dataset.followed = String(mine);
     } catch (failure) { /* the page says it when a number is turned */ }
-  }, 150);
+  }, 300);
 }
 
 // --------------------------------------------------------------------------------------------------------------------------------- numbers
@@ -276,7 +276,7 @@ function drawTraces() {
   plots.forEach((plot, k) => {
     plot.group = groups[k];
     plot.setData([live.timeFloats, ...groups[k].map((signal) => signal.floats)], plot.zoomed !== true);
-    if (plot.zoomed) plot.redraw();
+    if (plot.zoomed) { plot.redraw(); if (!k) closer(); }
     plot.root.setAttribute("role", "img");
     plot.root.setAttribute("aria-label", groups[k].map((signal) => { const [low, high] = extent(signal.floats); return named(signal) + " from " + short(low) + " to " + short(high); }).join("; "));
   });
@@ -299,7 +299,7 @@ function tracePanel(group, k) {
     series: [{ label: "time [s]", value: (_, value) => value === null ? "-" : value.toFixed(2) }, ...group.map((signal, i) => ({
       label: named(signal), stroke: () => colour(COLOURS[(i + (k ? 1 : 0)) % COLOURS.length]), width: 1.6, dash: i > 1 ? [6, 3] : i ? [10, 2] : undefined, points: { show: false }, value: (_, value) => value === null ? "-" : short(value),
     }))],
-    axes: [looks(), { ...looks(), size: 64, label: group.length === 1 ? named(group[0]) : "[" + group[0].unit + "]" + (limited ? ", dotted: limit" : ""), labelSize: 18, values: (_, values) => values.map(short) }],
+    axes: [looks(), { ...looks(), size: 64, label: group.length === 1 ? named(group[0]) : "[" + group[0].unit + "]" + (limited ? ", dotted: limit" : ""), labelSize: 18, values: (_, values) => told_apart(values) }],
     hooks: {
       drawClear: [(plot) => {
         const context = plot.ctx;
@@ -352,12 +352,29 @@ function tracePanel(group, k) {
         tracePanel.syncing = true;
         for (const other of plots) { other.zoomed = !whole; if (other !== plot && min !== null) other.setScale("x", { min, max }); }
         tracePanel.syncing = false;
+        if (!whole && live && !running) closer();
       }],
     },
   };
   const plot = new uPlot(options, [live.timeFloats, ...group.map((signal) => signal.floats)], box);
   plot.group = group;
   return plot;
+}
+
+// Traces of the window that one looks at closer, with as many points as the whole run had.
+let closing = 0;
+function closer() {
+  clearTimeout(closing);
+  closing = setTimeout(async () => {
+    const mine = asked, run = live, { min, max } = plots[0].scales.x;
+    try {
+      const found = await (await ask("traces", { setting: run.setting, begin: min, end: max })).json();
+      if (mine !== asked || run !== live || found.error || !plots[0].zoomed) return;
+      const time = floats(found.time);
+      for (const plot of plots) plot.setData([time, ...plot.group.map((signal) => floats(found.values[signal.name]))], false);
+      for (const plot of plots) plot.redraw();
+    } catch (failure) { /* the whole run is there */ }
+  }, 120);
 }
 
 function drawSpectrum() {
@@ -370,7 +387,7 @@ function drawSpectrum() {
     spectrum = new uPlot({
       width: box.clientWidth, height: 240, scales: { x: { time: false } }, cursor: { drag: { x: false, y: false } },
       series: [{ label: "Hz", value: (_, value) => value === null ? "-" : short(value) }, { label: "amplitude", stroke: () => colour("c0"), width: 1.5, points: { show: false }, value: (_, value) => value === null ? "-" : short(value) }],
-      axes: [{ ...looks(), label: "frequency [Hz]", labelSize: 18 }, { ...looks(), size: 56, values: (_, values) => values.map(short) }],
+      axes: [{ ...looks(), label: "frequency [Hz]", labelSize: 18 }, { ...looks(), size: 64, values: (_, values) => told_apart(values) }],
     }, data, box);
     spectrum.unit = live.spectrum.unit;
     spectrum.root.setAttribute("role", "img");

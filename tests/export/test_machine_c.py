@@ -180,7 +180,7 @@ def test_the_command_writes_the_case_of_a_scene(tmp_path, capsys):
     found = CompiledMachine(tmp_path / "out" / "jansen_2" / "jansen_2.c")
     same_switches(found.run(20.0), simulate(scene["softer PI, 100 Hz"], 20.0), 1e-7)
     assert main([*call, "--part", "law", "--name", "drive"]) == 0 and (tmp_path / "out" / "drive.h").exists()
-    assert main([*call, "--to", "fmu", "--part", "loop"]) == 2 and main([*call, "--part", "law", "--duration", "3 s"]) == 2
+    assert main([*call, "--part", "law", "--duration", "3 s"]) == 2
     assert main([*call, "--name", "my drive"]) == 2 and "name of C" in capsys.readouterr().err
 
 

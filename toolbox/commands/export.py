@@ -24,11 +24,15 @@ def add(commands: Any) -> None:
         ],
         help="write a machine with its controller, or the controller alone, as C or as an FMU",
         description="Write one case of a scene for other programs: the machine with its laws as C99 that locates every switch (a folder with sources, example, "
-        "CMakeLists.txt and README.md), the law alone as C for a controller (NAME.c and NAME.h), or the law as an FMU.",
-        epilog="example: stickslip export studies/scenes/jansen_2.toml --controller 'softer PI, 100 Hz' --to c --out exported;   ... --part law --to fmu",
+        "CMakeLists.txt and README.md), the law alone as C for a controller (NAME.c and NAME.h), or either as an FMU.",
+        epilog="example: stickslip export studies/scenes/jansen_2.toml --controller 'softer PI, 100 Hz' --to c --out exported;   ... --to fmu --version 3.0;   "
+        "... --to fmu --part law",
     )
     out.add_argument("--to", choices=("c", "fmu"), default="c", help="what is written (c)")
-    out.add_argument("--part", choices=("loop", "law"), help="the machine with its laws, or the law alone; an fmu is of a law (loop for c)")
+    out.add_argument(
+        "--part", choices=("loop", "law"), help="the machine with its laws (which is what is written without), or the law alone"
+    )
+    out.add_argument("--version", choices=("2.0", "3.0"), help="version of FMI of a machine (2.0)")
     out.add_argument("--name", metavar="NAME", help="name of the files and functions, letters, digits and _; that of the scene without")
     out.add_argument(
         "--duration", type=plain, metavar="T", help="time over which the accuracy of a loop is promised; that of the scene without"
@@ -43,9 +47,9 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.scenes.scene import Scene
     from toolbox.sweeps.store import folder_of
 
-    part = given.part or ("law" if given.to == "fmu" else "loop")
-    if given.to == "fmu" and part == "loop":
-        raise SceneError("Argument `--part` must be law for an fmu, but it is loop: a machine goes as C.")
+    part = given.part or "loop"
+    if given.version is not None and (given.to, part) != ("fmu", "loop"):
+        raise SceneError("Argument `--version` belongs to the fmu of a loop, but something else is written.")
     if part == "law" and given.duration is not None:
         raise SceneError("Argument `--duration` belongs to a loop, but a law is written, which has none.")
     scene = Scene.load(given.scene)
@@ -53,7 +57,8 @@ def run(given: argparse.Namespace) -> int:
     folder_of(given.out)
     path = given.out / (given.name or re.sub(r"\W", "_", given.scene.stem, flags=re.ASCII))
     if given.to == "fmu":
-        written = [export_fmu(loop, path.with_suffix(".fmu"))]
+        unit = path.with_suffix(".fmu")
+        written = [export_fmu(loop, unit, part=part, duration=given.duration, version=given.version or "2.0", resources=[given.scene])]
     elif part == "law":
         written = list(export_c(loop, path, part="law"))
     else:

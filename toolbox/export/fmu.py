@@ -1,4 +1,6 @@
-"""Control laws as FMUs (FMI 2.0, co-simulation): the C of `toolbox.export_c` behind the interface that other simulators load.
+"""Machines and control laws as FMUs: the C of `toolbox.export_c` behind the interface that other simulators load.
+
+Here stands the interface of a law (FMI 2.0, co-simulation), that of a machine in `toolbox.export.machine_fmu`.
 
 Order at one instant, as in `simulate`: the law is sampled at start + k period and its outputs are held. A master sets the inputs, calls `fmi2DoStep(t, h)` and
 then reads the outputs: every sample instant in [t, t + h) is computed with these inputs, so that communication steps of one period, or of a
@@ -8,26 +10,42 @@ sampled by that.
 
 from __future__ import annotations
 
-import os
-import re
-import shutil
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from toolbox.errors import SceneError
 from toolbox.export.c_code import Declared, c_paths, declared_c
-from toolbox.files.atomic import replaced
+from toolbox.export.fmu_archive import FOLDERS, REAL, compiler_here, fmu_archive, refusing
+from toolbox.files.reading import TEXT, content
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 
 
 @takes_loop
-def export_fmu(loop: ClosedLoop, path: str | Path) -> Path:
-    """Write a sampled law as NAME.fmu, a co-simulation unit of FMI 2.0 for the machine that runs this.
+def export_fmu(
+    loop: ClosedLoop,
+    path: str | Path,
+    *,
+    part: str | None = None,
+    duration: NumberOrText | None = None,
+    accuracy: float | None = None,
+    version: str = "2.0",
+    resources: Sequence[str | Path] = (),
+) -> Path:
+    """Write a sampled law, or a plant with its laws, as NAME.fmu for other simulators.
 
-    Its inputs are what the law measures and its set-points, with their defaults as start values; its outputs are what the law drives, and its memory can be
-    looked at. Names and units are those of the signals. The gains of the law are parameters, such as `law.proportional`, and may be changed at any time.
-    The sources are in the file, too. What is not allowed, such as to write an output, is refused and told to the logger of the importer.
+    The law is a co-simulation unit of FMI 2.0. Its inputs are what the law measures and its set-points, with their defaults as start values; its outputs are
+    what the law drives, and its memory can be looked at. The gains of the law are parameters, such as `law.proportional`, and may be changed at any time.
+
+    The loop, or a plant without laws, is a unit of co-simulation and of model exchange, of FMI 2.0 or 3.0, around the C of `export_c`. Its inputs and
+    parameters can be set at any time, with units, bounds and start values, its states at the start. Outputs are all states and signals, and the mode of every
+    element as `<element>.mode`. In co-simulation every switch inside a communication step is located; what is set between two steps jumps there; in FMI
+    3.0 a step returns early at a switch where the importer wants that. In model exchange every guard is an event indicator, samples of laws and nodes of
+    tables are time events, and rigid contacts close where a flight would stay below a millionth of the widest gap. Friction in two directions is for
+    co-simulation only. Time begins at the start time of the importer.
+
+    Names and units are those of the signals. Sources and licences are in the file. What is not allowed, such as to write an output, is refused and told to the
+    logger of the importer. The machine code is for the system that runs this, and for Windows, too, where mingw-w64 is installed.
 
     Parameters
     ----------
@@ -35,6 +53,16 @@ def export_fmu(loop: ClosedLoop, path: str | Path) -> Path:
         As in `export_c`.
     path
         The file, whose name without suffix is that of the unit.
+    part
+        "law" or "loop"; None takes the law where there is one.
+    duration
+        Time over which the accuracy of a loop is promised [s]; None takes that of its scene. The unit runs on behind it.
+    accuracy
+        Accuracy of a loop in co-simulation, as in `simulate`; None takes that of its scene, or 1e-6.
+    version
+        The version of FMI of a loop, "2.0" or "3.0".
+    resources
+        Files that go along in `resources/`, such as the scene of the loop.
 
     Returns
     -------
@@ -46,48 +74,32 @@ def export_fmu(loop: ClosedLoop, path: str | Path) -> Path:
     SceneError
         As `export_c` does, and if there is no C compiler (`CC`, or `cc`) or it fails.
     """
-    import platform
-    import subprocess
     import tempfile
     import uuid
-    import zipfile
 
     path = Path(path)
     c, _ = c_paths(path.with_suffix("") if path.suffix == ".fmu" else path)
     target, name = path.with_name(c.stem + ".fmu"), c.stem
-    compiler = os.environ.get("CC") or shutil.which("cc")
-    folders = {"linux": "linux64", "darwin": "darwin64"}
-    if compiler is None or sys.platform not in folders or platform.architecture()[0] != "64bit":
-        raise SceneError("An FMU holds machine code: it needs Linux or macOS on 64 bits and a C compiler, `cc` or the one that CC names.")
-    suffix = {"linux": ".so", "darwin": ".dylib"}[sys.platform]
+    if part not in (None, "law", "loop"):
+        raise SceneError(f'Argument `part` must be "law" or "loop", but it is {part!r}.')
+    if version not in FOLDERS:
+        raise SceneError(f'Argument `version` must be "2.0" or "3.0", but it is {version!r}.')
+    along = {f"resources/{Path(each).name}": content(Path(each), TEXT) for each in resources}
+    compiler_here()
+    if part == "loop" or (part is None and not loop.laws):
+        from toolbox.export.machine_fmu import written_unit  # here, because few programs need it
+
+        return written_unit(loop, target, duration, accuracy, version, along)
+    if duration is not None or accuracy is not None or version != "2.0":
+        raise SceneError('Arguments `duration`, `accuracy` and `version` belong to `part="loop"`, but a law is written.')
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
         law = declared_c(loop, folder / name)
         identity = uuid.uuid5(uuid.NAMESPACE_OID, (folder / f"{name}.c").read_text() + (folder / f"{name}.h").read_text())
         (folder / f"{name}_fmi.c").write_text(_interface(law, f"{{{identity}}}"), encoding="utf-8")
         parts = sorted(folder.rglob("*.c"))
-        includes = [f"-I{each}" for each in sorted({path.parent for path in folder.rglob("*.h")})]
-        library = folder / f"{name}{suffix}"
-        command = [
-            *compiler.split(),
-            "-O2",
-            "-ffp-contract=off",
-            "-shared",
-            "-fPIC",
-            *includes,
-            *map(str, parts),
-            "-lm",
-        ]
-        done = subprocess.run([*command, "-o", str(library)], capture_output=True, text=True)
-        if done.returncode:
-            raise SceneError(f"The C compiler `{compiler}` failed: {done.stderr.strip()[-500:]}")
-        with replaced(target) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-            listed = [path.relative_to(folder).as_posix() for path in parts]
-            archive.writestr("modelDescription.xml", _description(law, f"{{{identity}}}", listed))
-            archive.write(library, f"binaries/{folders[sys.platform]}/{name}{suffix}")
-            for source in sorted(each for each in folder.rglob("*") if each.suffix in (".c", ".h")):
-                archive.write(source, f"sources/{source.relative_to(folder).as_posix()}")
-    return target
+        listed = [each.relative_to(folder).as_posix() for each in parts]
+        return fmu_archive(target, folder, parts, _description(law, f"{{{identity}}}", listed), flags=["-ffp-contract=off"], further=along)
 
 
 def _description(law: Declared, guid: str, sources: Sequence[str]) -> bytes:
@@ -133,7 +145,6 @@ def _description(law: Declared, guid: str, sources: Sequence[str]) -> bytes:
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
-REAL = "void *c, const Reference *r, size_t n"
 REFUSED = (
     *((f"fmi2{way}{kind}", f"{REAL}, {const}{word}", "n ? refused(c, MESSAGE) : OK")
       for kind, word in (("Integer", "int *value"), ("Boolean", "int *value"), ("String", "const char **value"))
@@ -152,13 +163,6 @@ REFUSED = (
     ("fmi2DeSerializeFMUstate", "void *c, const char *bytes, size_t size, void **state", "refused(c, MESSAGE)"),
 )  # fmt: skip
 """(function, parameters, answer) of what no law has: variables of other types, derivatives, asynchronous steps."""
-
-
-def _function(name: str, parameters: str, answer: str) -> str:
-    """A function that looks at none of its parameters but the unit."""
-    words = [re.split(r"[ *]", each)[-1] for each in parameters.split(",")]
-    unused = " ".join(f"(void){word};" for word in words)
-    return f"Status {name}({parameters}) {{ {unused} return {answer.replace('MESSAGE', f'{chr(34)}{name} is not there{chr(34)}')}; }}"
 
 
 def _interface(law: Declared, guid: str) -> str:
@@ -182,7 +186,7 @@ def _interface(law: Declared, guid: str) -> str:
         "",
         Path(__file__).with_name("law_fmi2.c").read_text(encoding="utf-8"),
         "/* what no law has */",
-        *(_function(*each) for each in REFUSED),
+        *(refusing(*each) for each in REFUSED),
         "",
     ]
     return "\n".join(lines)

@@ -81,6 +81,8 @@ class Machine:
     loop: ClosedLoop
     run: Run
     program: Program
+    sizes: np.ndarray
+    """The largest magnitude of every state in the run."""
 
     @cached_property
     def work(self) -> dict[str, np.ndarray]:
@@ -149,9 +151,10 @@ class Machine:
                 found += [Entry(row, unit) for row in ([name] if size == 1 else [f"{name}.{i}" for i in range(size)])]
         return found
 
-    def translated(self) -> Translation:
-        """The event loop in C."""
-        from toolbox.stepping.event_stepper import advance  # here, because numba is slow to import
+    def translated(self, importer: bool = False) -> Translation:
+        """The event loop in C, and what an importer that integrates by itself needs beside it."""
+        from toolbox.export.event_mode import event_mode  # here, because numba is slow to import
+        from toolbox.stepping.event_stepper import advance
 
         ints = self.work["ints"]
         numbers: dict[tuple[str, int], Any] = {("ints", place): int(ints[place]) for place in FIXED}
@@ -160,6 +163,8 @@ class Machine:
         models = {int(ints[place]): f"{self.name}_model_{word}" for place, word in zip(addresses, MODELS, strict=True) if ints[place]}
         made = Translation(self.work, numbers, {word: f"{self.name}_{word}" for word in CONSTANT}, models, f"{self.name}_update", self.name)
         made.written(advance, [Value("w", "w"), known(None)])
+        if importer:
+            made.written(event_mode, [Value("w", "w"), Value("entered", "b")])
         return made
 
 
@@ -187,7 +192,7 @@ def machine(loop: ClosedLoop, name: str, duration: Any = None, accuracy: float |
     if done.program.formulas.implicit:
         raise SceneError("The loop must be one for explicit steps to go to C, but it is stiff: its run takes implicit ones.")
     run = Request(tried.loop, span, None, Explicit(), tried.accuracy).checked()
-    return Machine(name, tried.loop, run, program_of(run.system, run.kinds, formulas_of(run)))
+    return Machine(name, tried.loop, run, program_of(run.system, run.kinds, formulas_of(run)), np.abs(done.states).max(axis=0))
 
 
 def _with_all_inputs(loop: ClosedLoop) -> ClosedLoop:
@@ -202,22 +207,29 @@ def _with_all_inputs(loop: ClosedLoop) -> ClosedLoop:
 
 
 # -------------------------------------------------------------------------------------------------------------------------------------------- text
-def machine_files(made: Machine) -> dict[str, str]:
-    """{file: text} of a machine in C. Raises SceneError where the loop holds what C has no words for."""
+def machine_sources(made: Machine, importer: bool = False) -> dict[str, str]:
+    """{file: text} of the header and the source, with the event mode and derivatives where they are for an importer that integrates by itself.
+
+    Raises SceneError where the loop holds what C has no words for.
+    """
     try:
-        loop = made.translated()
+        loop = made.translated(importer)
     except NotTranslatable as error:
         raise SceneError(f"The event loop cannot be written in C: {error}.") from error
+    return {f"{made.name}.h": _header(made), f"{made.name}.c": _source(made, loop, importer)}
+
+
+def machine_files(made: Machine) -> dict[str, str]:
+    """{file: text} of a machine in C. Raises SceneError as `machine_sources` does."""
     return {
-        f"{made.name}.h": _header(made),
-        f"{made.name}.c": _source(made, loop),
-        "main.c": _filled("machine_main.c", made),
-        "CMakeLists.txt": _filled("machine_cmake.txt", made),
+        **machine_sources(made),
+        "main.c": filled("machine_main.c", made),
+        "CMakeLists.txt": filled("machine_cmake.txt", made),
         "README.md": _readme(made),
     }
 
 
-def _filled(template: str, made: Machine) -> str:
+def filled(template: str, made: Machine) -> str:
     """A file beside this one, with the name of the machine."""
     text = Path(__file__).with_name(template).read_text(encoding="utf-8")
     words = {"NAME": made.name, "UPPER": made.name.upper(), "DURATION": repr(float(made.run.duration)), "TITLE": made.loop.title}
@@ -273,7 +285,7 @@ def _header(made: Machine) -> str:
         f"  double wanted[{max(len(made.settable), 1)}];",
         f"}} {name};",
         "",
-        _filled("machine_api.h", made),
+        filled("machine_api.h", made),
         f"#endif /* {upper}_H */",
         "",
     ]
@@ -288,7 +300,7 @@ def _numbers(array: np.ndarray) -> str:
     )
 
 
-def _source(made: Machine, loop: Translation) -> str:
+def _source(made: Machine, loop: Translation, importer: bool) -> str:
     name = made.name
     constants = [
         f"static const {STORED[str(made.work[word].dtype)][1]} {name}_{word}[{max(made.work[word].size, 1)}] = {{{_numbers(made.work[word])}}};"
@@ -326,7 +338,7 @@ def _source(made: Machine, loop: Translation) -> str:
         [
             f"/* The machine of {name}.h: its equations as casadi writes them, and the event loop of the toolbox, translated. */",
             f'#include "{name}.h"\n\n#include <math.h>\n#include <string.h>',
-            model_text(name, made.program),
+            model_text(name, made.program, [each.place for each in made.settable] if importer else None),
             "\n".join(constants),
             loop.source(),
             "\n".join(values),
@@ -336,7 +348,7 @@ def _source(made: Machine, loop: Translation) -> str:
             + "\n}",
             f"static void {name}_copy_start({name} *w) {{\n" + "\n".join(["  int i;", "  memset(w, 0, sizeof *w);", *starts]) + "\n}",
             "\n".join(f"#define {word} {place}" for word, place in _places().items()),
-            _filled("machine.c", made),
+            filled("machine.c", made),
         ]
     )
 
@@ -365,7 +377,7 @@ def _readme(made: Machine) -> str:
         f"| {i} | `{element.name}` | {', '.join(f'{mode} {word}' for mode, word in sorted(element.legend.items()))} |"
         for i, element in enumerate(made.program.system.elements)
     ]
-    return _filled("machine_readme.md", made) + "\n".join(
+    return filled("machine_readme.md", made) + "\n".join(
         [
             f"Accuracy: {made.run.accuracy:g} over {made.run.duration:g} s. One call makes at most {STEPS} steps and {EVENTS} switches.",
             "", "## Inputs", table(made.inputs), "", "## Parameters", table(made.parameters, len(made.inputs)), "", "## Outputs", table(made.outputs),

@@ -18,8 +18,11 @@ from toolbox.export.casadi_text import casadi_text
 SIGNATURE = "(double t, double h, const double *x, const double *k, const double *p, const double *m, double *y)"
 
 
-def model_text(name: str, program: Program) -> str:
-    """All functions of a program, that of its signals (states, then what is none) as `signals`, and `NAME_update` that calls a sampled law by its number."""
+def model_text(name: str, program: Program, along: Sequence[int] | None = None) -> str:
+    """All functions of a program, that of its signals (states, then what is none) as `signals`, and `NAME_update` that calls a sampled law by its number.
+
+    along: places of parameters, with which `forward` is there, too: derivatives of slopes and signals along a change k of states and of these parameters.
+    """
     equations, form, formulas = program.equations, program.form, program.formulas
     assert isinstance(formulas, RungeKutta)
     symbols = [equations.t, equations.x, equations.p, equations.m]
@@ -35,6 +38,13 @@ def model_text(name: str, program: Program) -> str:
     if form.impulse is not None:
         sticking, elastic, results = form.impulse
         made["impulse"] = ca.Function("impulse", [*symbols, ca.vertcat(sticking, elastic)], [ca.densify(results)])
+    if along is not None:
+        given = ca.vertcat(equations.x, *[equations.p[place] for place in along])
+        seed = ca.SX.sym("seed", given.numel())
+        slopes = equations.field(*symbols)[:n]
+        made["forward"] = ca.Function(
+            "forward", [*symbols, seed], [ca.densify(ca.jtimes(ca.vertcat(slopes, signals_of(program)), given, seed))]
+        )
     for i, (z, following, outputs) in enumerate(program.updates):
         made[f"update_{i}"] = ca.Function("update", [*symbols, z], [ca.densify(ca.vertcat(following, outputs))])
     if formulas.written_out(n) and equations.rhs.n_instructions() * len(formulas.b) <= LONG:

@@ -109,7 +109,7 @@ class Writer(Expressions):
         if test.is_known:
             self.block(node.body if test.known else node.orelse)
             return
-        self.nested(f"if ({test.text}) {{", node.body, "" if node.orelse else "}")
+        self.nested(f"if ({bare(test.text)}) {{", node.body, "" if node.orelse else "}")
         if node.orelse:
             self.nested("} else {", node.orelse)
 
@@ -120,7 +120,7 @@ class Writer(Expressions):
             self.refuse(node)
         if test.is_known and not test.known:
             return
-        self.nested("for (;;) {" if test.is_known else f"while ({test.text}) {{", node.body)
+        self.nested("for (;;) {" if test.is_known else f"while ({bare(test.text)}) {{", node.body)
 
     def on_For(self, node: ast.For) -> None:
         """A loop over a range, or over a few numbers that are known."""
@@ -269,3 +269,13 @@ def _loaded(target: ast.expr) -> ast.expr:
         if hasattr(each, "lineno"):
             each.lineno = target.lineno
     return found
+
+
+def bare(text: str) -> str:
+    """A condition without parentheses around the whole of it, of which compilers think that `=` was meant."""
+    depth = 0
+    for i, letter in enumerate(text):
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0 and i < len(text) - 1:
+            return text
+    return bare(text[1:-1]) if text.startswith("(") else text

@@ -1,0 +1,252 @@
+/* The machine of @NAME@.c behind FMI: an instance, its variables by number, its steps, its event mode. The interface of one version stands below. */
+#include <stdlib.h>
+#include "@NAME@.c"
+
+/* References: time is 0; then settable numbers, states, their derivatives, outputs that are no states, indicators, modes. */
+#define SETTABLES (@UPPER@_INPUTS + @UPPER@_PARAMETERS)
+#define STATES @UPPER@_STATES /* those with names; hidden ones behind them */
+#define FIRST_STATE (1 + SETTABLES)
+#define FIRST_RATE (FIRST_STATE + INTEGRATED)
+#define FIRST_OUTPUT (FIRST_RATE + INTEGRATED)
+#define FIRST_INDICATOR (FIRST_OUTPUT + @UPPER@_OUTPUTS - STATES)
+#define FIRST_MODE (FIRST_INDICATOR + INDICATORS)
+#define FIELD_SIZE (2 * INTEGRATED + 2 * GUARDS + 1)
+#define CALLS 1000 /* that one communication step may take */
+
+typedef enum { MADE, STARTING, STEPPING, EVENT, CONTINUOUS, ENDED } Phase;
+typedef struct {
+  @NAME@ machine, ahead; /* ahead: what the machine shows once all that is due now has happened */
+  double start, last, field[FIELD_SIZE];
+  int exchange, early, events_used, fresh, entered;
+  enum { CURRENT, STALE, AHEAD } shown;
+  Phase phase;
+  Teller teller;
+  char name[128];
+} Unit;
+
+static void tell(const Teller *teller, const char *name, const char *message);
+
+static int refused(Unit *u, const char *message) {
+  if (u) tell(&u->teller, u->name, message);
+  return 0;
+}
+
+static void begin(Unit *u) {
+  @NAME@_start(&u->machine);
+  u->start = u->last = 0.0;
+  u->phase = MADE;
+  u->shown = STALE;
+  u->fresh = u->entered = 0;
+}
+
+static Unit *instance(const char *name, int exchange, int early, int events_used, const Teller *teller) {
+  Unit *u = (Unit *)calloc(1, sizeof(Unit));
+  if (!u) return 0;
+  u->teller = *teller;
+  if (name) strncpy(u->name, name, sizeof u->name - 1);
+  u->exchange = exchange;
+  u->early = early;
+  u->events_used = events_used;
+  begin(u);
+  return u;
+}
+
+/* The machine as it shows itself: samples and jumps of the present instant are already in its outputs. */
+static const @NAME@ *seen(Unit *u) {
+  if (u->shown == STALE) {
+    int status, i;
+    @NAME@ *w = &u->ahead;
+    *w = u->machine;
+    status = @NAME@_step(w, w->reals[AT_TIME]);
+    if (status == @UPPER@_DONE && SAMPLERS > 0) {
+      const double now = w->reals[AT_TIME];
+      double x[INTEGRATED + 1];
+      for (i = 0; i < INTEGRATED; ++i) x[i] = w->x[i];
+      status = @NAME@_step(w, now + fmax(1e-12, 1e-13 * fabs(now)));
+      for (i = 0; i < INTEGRATED; ++i) w->x[i] = x[i];
+      w->reals[AT_TIME] = now;
+    }
+    if (status != @UPPER@_DONE) {
+      refused(u, @NAME@_status_text(status));
+      return 0;
+    }
+    u->shown = AHEAD;
+  }
+  return u->shown == AHEAD ? &u->ahead : &u->machine;
+}
+
+static const double *field_of(Unit *u, const @NAME@ *w) {
+  if (!u->fresh) @NAME@_model_field(w->reals[AT_TIME], 0.0, w->x, w->k, w->p, w->m, u->field);
+  u->fresh = 1;
+  return u->field + INTEGRATED;
+}
+
+static double indicator(Unit *u, const @NAME@ *w, int i) {
+  const double *field = field_of(u, w);
+  const int j = indicator_guard[i];
+  if (indicator_rate[i]) return w->side[j] * field[INTEGRATED + GUARDS + j];
+  return w->side[j] * field[INTEGRATED + j] + (w->armed[j] ? 0.0 : UNARMED * w->guard_scale[w->slot[j]] + 1e-300);
+}
+
+static int get_reals(Unit *u, const unsigned int *r, size_t n, double *value) {
+  const @NAME@ *w = u->exchange && u->phase >= EVENT ? &u->machine : seen(u);
+  double y[@UPPER@_OUTPUTS + 1];
+  int known = 0;
+  size_t k;
+  if (!w) return 0;
+  if (!u->exchange || u->phase < EVENT) u->fresh = 0;
+  for (k = 0; k < n; ++k) {
+    const long i = (long)r[k];
+    if (i == 0) value[k] = u->start + w->reals[AT_TIME];
+    else if (i < FIRST_STATE) value[k] = u->machine.wanted[i - 1];
+    else if (i < FIRST_RATE) value[k] = w->x[i - FIRST_STATE];
+    else if (i < FIRST_OUTPUT) value[k] = field_of(u, w)[i - FIRST_RATE];
+    else if (i < FIRST_INDICATOR) {
+      if (!known) @NAME@_outputs(w, y);
+      known = 1;
+      value[k] = y[STATES + i - FIRST_OUTPUT];
+    } else if (i < FIRST_MODE) value[k] = indicator(u, w, (int)(i - FIRST_INDICATOR));
+    else return refused(u, "a number is asked for by a reference that is none of this unit");
+  }
+  return 1;
+}
+
+static int set_reals(Unit *u, const unsigned int *r, size_t n, const double *value) {
+  size_t k;
+  for (k = 0; k < n; ++k) {
+    const long i = (long)r[k];
+    int done = 0;
+    if (i > 0 && i < FIRST_STATE) {
+      if (u->phase == CONTINUOUS && i > @UPPER@_INPUTS) return refused(u, "a parameter is to be set in event mode, or between communication steps");
+      done = @NAME@_set(&u->machine, (int)i - 1, value[k]) == @UPPER@_DONE;
+      if (done && u->phase == CONTINUOUS) u->machine.p[@NAME@_places[i - 1]] = value[k];
+    } else if (i >= FIRST_STATE && i < FIRST_STATE + STATES) {
+      done = u->phase <= STARTING && @NAME@_set_state(&u->machine, (int)(i - FIRST_STATE), value[k]) == @UPPER@_DONE;
+    }
+    if (!done) return refused(u, "only inputs, parameters, and before the first step states can be set, to finite numbers");
+  }
+  u->fresh = 0;
+  if (!u->exchange || u->phase <= STARTING) u->shown = STALE;
+  return 1;
+}
+
+static int get_modes(Unit *u, const unsigned int *r, size_t n, int32_t *value) {
+  const @NAME@ *w = u->exchange && u->phase >= EVENT ? &u->machine : seen(u);
+  size_t k;
+  if (!w) return 0;
+  for (k = 0; k < n; ++k) {
+    const long i = (long)r[k] - FIRST_MODE;
+    if (i < 0 || i >= @UPPER@_ELEMENTS) return refused(u, "a mode is asked for by a reference that is none of this unit");
+    value[k] = (int32_t)w->m[i];
+  }
+  return 1;
+}
+
+static int initialised(Unit *u) {
+  const int status = @NAME@_step(&u->machine, 0.0);
+  if (status != @UPPER@_DONE) return refused(u, @NAME@_status_text(status));
+  u->phase = u->exchange ? EVENT : STEPPING;
+  u->shown = u->exchange || SAMPLERS == 0 ? CURRENT : STALE;
+  u->fresh = u->entered = 0;
+  if (u->exchange) u->machine.reals[AT_END] = INFINITY;
+  return 1;
+}
+
+/* One communication step to time `until`, or with `stop` to the first switch before it. 1: it is there; 2: a switch on the way; 0: refused. */
+static int communication_step(Unit *u, double until, int stop) {
+  @NAME@ *w = &u->machine;
+  int calls, status = @UPPER@_OVERRUN;
+  until -= u->start;
+  if (until < w->reals[AT_TIME]) {
+    if (until < w->reals[AT_TIME] - 1e-9 * fmax(1.0, fabs(until))) return refused(u, "a communication step must not go back");
+    until = w->reals[AT_TIME]; /* by the last bits of a sum */
+  }
+  u->shown = CURRENT;
+  for (calls = 0; calls < CALLS && status == @UPPER@_OVERRUN; ++calls) {
+    w->ints[AT_EVENTS] = stop ? EVENT_ROOM - (2 * @UPPER@_ELEMENTS + 1) : 0; /* room for those of one instant */
+    w->reals[AT_END] = until;
+    if (calls == 0) @NAME@_jump(w);
+    status = (int)loop_advance(w);
+    if (status == AT_EVENTS_FULL) {
+      status = @UPPER@_OVERRUN;
+      if (stop && w->reals[AT_TIME] < until) break;
+    }
+  }
+  w->ints[AT_EVENTS] = 0;
+  if (SAMPLERS > 0) u->shown = STALE;
+  if (status == @UPPER@_OVERRUN && !(stop && calls < CALLS)) return refused(u, @NAME@_status_text(@UPPER@_OVERRUN));
+  if (status != @UPPER@_DONE && status != @UPPER@_OVERRUN) return refused(u, @NAME@_status_text(status));
+  return status == @UPPER@_DONE ? 1 : 2;
+}
+
+/* What is due in event mode. *again: something has changed, ask again; *next: time of the next sample or jump, else infinite. */
+static int events_here(Unit *u, int *again, double *next) {
+  @NAME@ *w = &u->machine;
+  const double stop = loop_next_stop(w);
+  int status;
+  if (fabs(stop - w->reals[AT_TIME]) <= 1e-12 * fmax(1.0, fabs(stop))) w->reals[AT_TIME] = stop; /* importers may come an ulp early */
+  w->ints[AT_EVENTS] = 0;
+  @NAME@_jump(w);
+  status = (int)loop_event_mode(w, u->entered);
+  u->entered = u->fresh = 0;
+  if (status > 0) return refused(u, @NAME@_status_text(status));
+  *again = status < 0;
+  *next = loop_next_stop(w);
+  return 1;
+}
+
+static int enter_event_mode(Unit *u) {
+  u->phase = EVENT;
+  u->entered = 1;
+  return 1;
+}
+
+static void set_time(Unit *u, double t) {
+  u->machine.reals[AT_TIME] = t - u->start;
+  u->fresh = 0;
+}
+
+static void set_states(Unit *u, const double *x, size_t n) {
+  size_t i;
+  for (i = 0; i < n; ++i) u->machine.x[i] = x[i];
+  u->fresh = 0;
+}
+
+static void nominals_of(Unit *u, double *x, size_t n) {
+  size_t i;
+  for (i = 0; i < n; ++i) x[i] = fmax(nominal[i], u->machine.scale[i]);
+}
+
+/* Derivatives of slopes and outputs along a change of states and settable numbers. */
+static int directional(Unit *u, const unsigned int *of, size_t n, const unsigned int *along, size_t m, const double *seed, double *found) {
+  const @NAME@ *w = u->exchange && u->phase >= EVENT ? &u->machine : seen(u);
+  double k[INTEGRATED + SETTABLES + 1], y[INTEGRATED + @UPPER@_OUTPUTS + 1];
+  size_t i;
+  if (!w) return 0;
+  memset(k, 0, sizeof k);
+  for (i = 0; i < m; ++i) {
+    const long j = (long)along[i];
+    if (j > 0 && j < FIRST_STATE) k[INTEGRATED + j - 1] = seed[i];
+    else if (j >= FIRST_STATE && j < FIRST_RATE) k[j - FIRST_STATE] = seed[i];
+    else return refused(u, "a directional derivative goes along inputs, parameters and states");
+  }
+  @NAME@_model_forward(w->reals[AT_TIME], 0.0, w->x, k, w->p, w->m, y);
+  for (i = 0; i < n; ++i) {
+    const long j = (long)of[i];
+    if (j >= FIRST_RATE && j < FIRST_OUTPUT) found[i] = y[j - FIRST_RATE];
+    else if (j >= FIRST_OUTPUT && j < FIRST_INDICATOR) found[i] = y[INTEGRATED + STATES + j - FIRST_OUTPUT];
+    else if (j >= FIRST_STATE && j < FIRST_RATE) found[i] = k[j - FIRST_STATE];
+    else return refused(u, "a directional derivative is that of an output or of the derivative of a state");
+  }
+  return 1;
+}
+
+/* A saved state goes into an instance without its name and logger. */
+static void restore(Unit *u, const Unit *saved) {
+  const Teller teller = u->teller;
+  char name[sizeof u->name];
+  memcpy(name, u->name, sizeof name);
+  *u = *saved;
+  u->teller = teller;
+  memcpy(u->name, name, sizeof name);
+}

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from toolbox.errors import SimulationError
 from toolbox.measuring.judge import SMOOTH
 from toolbox.modelling.numbers import Number
-from toolbox.onsets.carried import JudgedRuns
+from toolbox.onsets.carried import STEPS, JudgedRuns
 from toolbox.onsets.report import Border
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.trajectory import Trajectory
@@ -24,6 +24,30 @@ FINER = 0.01
 
 WIDENINGS = 6
 """How often a border is widened where finer runs judge its sides otherwise."""
+
+
+def _halved(test: Callable[..., bool], good: float, bad: float, tolerance: float, **how: float) -> tuple[float, float]:
+    """The way from a value where a test holds to one where it does not, halved to the tolerance: (good, bad)."""
+    while 1.5 * abs(good - bad) > tolerance:
+        middle = (good + bad) / 2
+        if test(middle, bad, **how):
+            good = middle
+        else:
+            bad = middle
+    return good, bad
+
+
+def _carried(test: Callable[..., bool], good: float, bad: float, tolerance: float) -> tuple[float, float]:
+    """The same for what is carried on from `bad`, and what large steps shake off: it is led on from the border found in steps as small as the last interval."""
+    outer = good
+    while True:
+        good, bad = _halved(test, good, bad, tolerance)
+        reached, size = bad, STEPS * (good - bad)
+        while abs(reached + size - bad) < abs(outer - bad) and not test(reached + size, reached):
+            reached, size = reached + size, 2 * size
+        if reached == bad:
+            return good, bad
+        good, bad = min(reached + size, outer, key=lambda value: abs(value - reached)), reached
 
 
 @dataclass(kw_only=True)
@@ -69,19 +93,16 @@ class OnsetSearch(JudgedRuns[float]):
     def borders(self, values: Sequence[float], safe: Sequence[bool], test: Callable[..., bool], tolerance: float) -> list[Border]:
         """The borders between neighbours of different verdict, halved to the tolerance, then judged again at a hundredth of the accuracy.
 
-        What is judged otherwise there, since the border moves with the accuracy, is passed by ever longer steps, so that the border lies between what is sure.
+        What is judged otherwise there, since the border moves with the accuracy, is passed by ever longer steps, so that the border lies between what is sure;
+        what is then between them is halved by runs at that accuracy. What a sampled law does is also led on from the border in small steps.
         """
-        found = []
+        found: list[Border] = []
+        alone = bool(self.base.system.updates)  # a sampled law has no cycle that could be followed from near the border to where it ends
         for (a, safe_a), (b, safe_b) in itertools.pairwise(zip(values, safe, strict=True)):
             if safe_a == safe_b:
                 continue
             good, bad = outer_good, outer_bad = (a, b) if safe_a else (b, a)
-            while 1.5 * abs(good - bad) > tolerance:
-                middle = (good + bad) / 2
-                if test(middle, bad):
-                    good = middle
-                else:
-                    bad = middle
+            good, bad = (_carried if alone else _halved)(test, good, bad, tolerance)
             confirmed = False
             for _ in range(WIDENINGS):
                 wrong = next((each for each in (good, bad) if test(each, bad, finer=FINER) != (each == good)), None)
@@ -93,5 +114,7 @@ class OnsetSearch(JudgedRuns[float]):
                     good = good - step if abs(good - step - bad) < abs(outer_good - bad) else outer_good
                 else:
                     bad = bad + step if abs(bad + step - good) < abs(outer_bad - good) else outer_bad
+            if confirmed and alone:  # where it was widened
+                good, bad = _halved(test, good, bad, tolerance, finer=FINER)
             found.append(Border((good + bad) / 2, 1.5 * abs(good - bad), "above" if good > bad else "below", confirmed))
         return found

@@ -1,9 +1,11 @@
 """Machines as FMUs: other simulators step them, or integrate them, and get the switches of `simulate`."""
 
+import ctypes
 import shutil
 import subprocess
 import sys
 import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ import pytest
 from controllers import LinearMPC, StiffPI
 from models import BitRock, BlockOnBelt, wells
 from studies.benchmarks.machines_in_c import STRICT
-from toolbox import Sampled, Scene, SceneError, closed_loop, compose, export_fmu, simulate
+from toolbox import Component, Equations, Sampled, Scene, SceneError, UnilateralContact, closed_loop, compose, export_fmu, simulate, state
 from toolbox.commands.command_line import main
 
 fmpy = pytest.importorskip("fmpy", reason="FMUs are loaded with fmpy, which is not here")
@@ -22,6 +24,18 @@ pytestmark = pytest.mark.skipif(
 PLAIN = closed_loop(compose(wells.NAVARRO_LOPEZ_4, BitRock(weight=97_347.0)), inputs={"top.torque": 9000.0})
 DRIVEN = closed_loop(compose(wells.JANSEN_2, BitRock(weight=97_347.0)), Sampled(StiffPI(reference=4.7), 0.01, delay=0.015))
 BELT = closed_loop(compose(BlockOnBelt()))
+
+
+@dataclass(frozen=True)
+class Ball(Component):
+    """A ball that falls on a rigid floor."""
+
+    def equations(self, signal):
+        x, v = state("ball.height", "m"), state("ball.speed", "m/s")
+        floor = UnilateralContact("floor", -x, -v, restitution=0.5)
+        return Equations({x: v, v: -10.0 + floor.force / 2.0}, elements=[floor])
+
+
 VERSIONS = ("2.0", "3.0")
 
 
@@ -303,3 +317,44 @@ def test_the_command_writes_a_machine_as_a_unit(tmp_path, capsys):
         assert {"resources/jansen_2.toml", "binaries/x86_64-linux/jansen_2.so"} <= set(archive.namelist())
     assert main([*call, "--part", "law", "--name", "drive"]) == 0 and (tmp_path / "out" / "drive.fmu").exists()
     assert main([*call, "--part", "law", "--version", "3.0"]) == 2
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_bouncing_ball_comes_to_rest_on_the_floor_of_an_importer_that_integrates(tmp_path, version):
+    loop = closed_loop(compose(Ball()), start={"ball.height": 1.0})
+    path, run = export_fmu(loop, tmp_path / "ball.fmu", part="loop", duration=3.0, version=version), simulate(loop, 3.0)
+    found = fmpy.simulate_fmu(
+        str(path), stop_time=3.0, output_interval=0.01, fmi_type="ModelExchange", output=["ball.height", "floor.mode"], relative_tolerance=1e-8,
+        record_events=True,
+    )  # fmt: skip
+    grid = np.linspace(0.0, 3.0, 31)
+    height = np.interp(grid, found["time"], found["ball.height"])
+    assert np.abs(height - run.at(grid)["ball.height"]).max() < 1e-6
+    assert found["ball.height"].min() > -1e-9 and found["floor.mode"][-1] == 0 and abs(found["ball.height"][-1]) < 1e-9
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_directional_derivatives_are_those_of_differences(units, version):
+    unit = Instance(units("plain", version), "ModelExchange")
+    unit.started()
+    unit.unit.enterContinuousTimeMode()
+    rates = [name for name in unit.references if name.startswith("der(")]
+    states = [name[4:-1] for name in rates]
+    size, draw = unit.description.numberOfContinuousStates, np.random.default_rng(1)
+    assert len(states) == size
+    begin, direction = draw.uniform(0.5, 2.0, size), draw.normal(size=size)
+
+    def slopes(values):
+        values, found = np.ascontiguousarray(values), np.empty(size)
+        kind = ctypes.POINTER(fmpy.fmi2.fmi2Real if unit.two else fmpy.fmi3.fmi3Float64)
+        unit.unit.setContinuousStates(values.ctypes.data_as(kind), size)
+        (unit.unit.getDerivatives if unit.two else unit.unit.getContinuousStateDerivatives)(found.ctypes.data_as(kind), size)
+        return found
+
+    step = 1e-6
+    wanted = (slopes(begin + step * direction) - slopes(begin - step * direction)) / (2 * step)
+    slopes(begin)
+    unknown, known = [unit.references[name] for name in rates], [unit.references[name] for name in states]
+    found = unit.unit.getDirectionalDerivative(unknown, known, list(direction))
+    np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-7 * np.abs(wanted).max())
+    unit.close()

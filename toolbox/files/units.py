@@ -257,8 +257,9 @@ def _converted(text: str, unit: str, name: str) -> float:
 
 @cache
 def _usual(given: str) -> str:
-    """The usual spelling of a unit: that of the first of `USUAL` that is the same."""
-    return next((word for word in USUAL if _roots(word) == _roots(given)), given)
+    """The usual spelling of a unit: that of the first of `USUAL` that is the same; a tonne of force is a tonne, as who typed it says."""
+    known = next((word for word in USUAL if _roots(word) == _roots(given)), given)
+    return "t" if _roots(known) == _roots("t_force") else known
 
 
 def _meant(given: str, wanted: dict[str, Decimal]) -> str:

@@ -5,6 +5,7 @@ import json
 import math
 import zipfile
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -27,8 +28,10 @@ from toolbox import (
 from toolbox.calibration.results import Fit
 from toolbox.contacts import ContactProblem, ContactRun, step_contacts
 from toolbox.files.results import Result
+from toolbox.measuring.measures import mean
 from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.report import Onset
+from toolbox.probability import Chance, Normal, Posterior, Uniform, chance, posterior
 from toolbox.robustness import Group, LowestSetPoints, Machine, Margins, WorstCase
 from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.tuning.results import Tuned
@@ -74,9 +77,21 @@ def of_fit():
     return fit(closed_loop(BELT), data, {"block.stiffness": None}, starts=1)
 
 
+def of_chance():
+    return chance(closed_loop(RIG, StiffPI()), {"top.reference": [4.0, 30.0]}, {"bit.weight": "80 kN +- 8 kN"}, draws=8)
+
+
+def of_posterior():
+    loop = closed_loop(RIG, StiffPI(reference=6.0))
+    data, read = {"torque": Normal(7000.0, 500.0)}, {"torque": mean("top.torque", 20.0, 30.0)}
+    return posterior(
+        loop, data, {"bit.weight": Uniform("50 kN", "110 kN"), "bit.radius": Uniform(0.14, 0.17)}, 30.0, measures=read, draws=32
+    )
+
+
 MADE = {
     Onset: of_onset, Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, LowestSetPoints: of_lowest_set_point,
-    WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit,
+    WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit, Chance: of_chance, Posterior: of_posterior,
 }  # fmt: skip
 
 
@@ -111,6 +126,7 @@ def test_every_result_that_was_read_is_drawn(result, tmp_path):
     if hasattr(result, "plot"):
         lines, others = ([line.get_xydata() for ax in np.ravel(each.plot()) for line in ax.lines] for each in (result, again))
         assert lines and same([np.asarray(each) for each in lines], [np.asarray(each) for each in others])
+        plt.close("all")
 
 
 def test_a_path_that_ends_with_csv_is_a_table(result, tmp_path):

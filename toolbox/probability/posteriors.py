@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -99,6 +100,24 @@ class Posterior(Result):
         return "\n".join(lines)
 
     __repr__ = __str__
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the draws as CSV in SI units, one row a draw, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Returns
+        -------
+        Path
+            The same path.
+        """
+        from toolbox.files import tables
+
+        headings = [name if unit == "1" else f"{name} [{unit}]" for name, unit in zip(self.names, self.units, strict=True)]
+        return tables.write(path, headings, self.points.tolist())
 
     def to_xarray(self) -> Any:
         """An xarray Dataset with the dimensions chain and draw, as arviz reads it; needs the extra `batch`."""

@@ -358,3 +358,26 @@ def test_directional_derivatives_are_those_of_differences(units, version):
     found = unit.unit.getDirectionalDerivative(unknown, known, list(direction))
     np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-7 * np.abs(wanted).max())
     unit.close()
+
+
+def test_an_importer_that_integrates_sees_inputs_in_time_that_are_inside_of_the_machine(tmp_path):
+    scene = Scene.load("studies/scenes/den_hartog.toml")
+    loop = scene[scene.labels[0]]
+    run = simulate(loop, 60.0)
+    path = export_fmu(loop, tmp_path / "oscillator.fmu", part="loop", duration=60.0)
+    found = fmpy.simulate_fmu(
+        str(path), stop_time=60.0, output_interval=0.1, fmi_type="ModelExchange", output=["belt.mode", "belt.force"], relative_tolerance=1e-8,
+        record_events=True,
+    )  # fmt: skip
+    times, modes = changes(found, "belt")
+    wanted, after = modes_of(run, "belt")
+    assert modes.tolist() == after.tolist() and len(after) > 20 and np.abs(times - wanted).max() < 1e-5
+    assert np.isfinite(found["belt.force"]).all()
+
+
+@pytest.mark.parametrize("name", ["slider_on_incline", "disk_stack"])
+def test_an_input_and_a_parameter_of_one_name_are_one_variable(tmp_path, name):
+    scene = Scene.load(f"studies/scenes/{name}.toml")
+    path = export_fmu(scene[scene.labels[0]], tmp_path / f"{name}.fmu", part="loop")
+    names = [each.name for each in fmpy.read_model_description(str(path), validate=True).modelVariables]
+    assert len(set(names)) == len(names)

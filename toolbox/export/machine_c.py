@@ -116,14 +116,16 @@ class Machine:
 
     @cached_property
     def parameters(self) -> list[Entry]:
-        """Parameters that have an effect: those in whose place no input stands."""
-        found, program = [], self.program
+        """Parameters that have an effect: those in whose place no input stands; an input and a parameter of one name are one number, the input."""
+        found, program, taken = [], self.program, {entry.name for entry in self.inputs}
         laws = [each for _, following, outputs in program.updates for each in (following, outputs)]
         every = ca.vertcat(program.form.field, program.form.guards, program.form.probed, signals_of(program), *laws)
         acting = set(ca.jacobian_sparsity(ca.densify(every), program.equations.p).get_triplet()[1])
         for name, entry in program.system.parameters.items():
             rows = [name] if entry.size is None else [f"{name}.{i}" for i in range(entry.size)]
-            found += [Entry(row, entry.unit, entry.offset + i) for i, row in enumerate(rows) if entry.offset + i in acting]
+            found += [
+                Entry(row, entry.unit, entry.offset + i) for i, row in enumerate(rows) if entry.offset + i in acting and row not in taken
+            ]
         return found
 
     @cached_property

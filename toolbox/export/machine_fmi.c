@@ -184,7 +184,7 @@ static int events_here(Unit *u, int *again, double *next) {
   @NAME@ *w = &u->machine;
   const double stop = loop_next_stop(w);
   int status;
-  if (fabs(stop - w->reals[AT_TIME]) <= 1e-12 * fmax(1.0, fabs(stop))) w->reals[AT_TIME] = stop; /* importers may come an ulp early */
+  if (stop < INFINITY && fabs(stop - w->reals[AT_TIME]) <= 1e-12 * fmax(1.0, fabs(stop))) w->reals[AT_TIME] = stop; /* importers may come an ulp early */
   w->ints[AT_EVENTS] = 0;
   @NAME@_jump(w);
   status = (int)loop_event_mode(w, u->entered);

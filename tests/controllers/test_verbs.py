@@ -40,7 +40,7 @@ from controllers import (
 )
 from controllers.observers import Kalman, MovingHorizon
 from models import BitRock, DiscBrake, wells
-from toolbox import Controller, SceneError, closed_loop, compose, limit_cycle, margins, onset, simulate, sweep, worst_case
+from toolbox import Controller, SceneError, closed_loop, compose, limit_cycle, margins, onset, severity_map, simulate, sweep, worst_case
 from toolbox.errors import SimulationError
 from toolbox.modelling import Observed, Takeover
 from toolbox.modelling.closing import described
@@ -84,11 +84,15 @@ def python(law, period=0.1, **refuses):
 
 def braking(law, period=0.001, **refuses):
     known = {"margins": "must keep `pad` sliding at steady running", "worst_case": "No steady running of this loop is known to begin from"}
-    known |= {"onset": "There is no steady running", "limit_cycle": "must act continuously for a free cycle"}
+    known |= {
+        "onset": "There is no steady running",
+        "map": "There is no steady running",
+        "limit_cycle": "must act continuously for a free cycle",
+    }
     return Rigged(law, period, known | refuses, brake=True)
 
 
-MOVING = {"onset": "`loop` must not depend on time itself for an onset to exist"}
+MOVING = {"onset": "`loop` must not depend on time itself for an onset to exist", "map": "`loop` must not depend on time itself for a map"}
 DRIVEN = {"limit_cycle": "`period` must be given for a driven machine"}
 UNKNOWN = {"margins": "No steady running of this loop is known", "worst_case": "No steady running of this loop is known"}
 BOTH = (PI, StiffPI, SoftTorque, ActiveDamping, ZTorque, HInfinity, LQR, LQG, SlidingMode)
@@ -106,7 +110,7 @@ LAWS |= {
     "Takeover by LinearMPC": python(Takeover(StiffPI(**NUMBERS), LinearMPC(**NUMBERS), at=2.0)),
     "Takeover by NonlinearMPC": python(Takeover(StiffPI(**NUMBERS), NonlinearMPC(**NUMBERS), at=2.0)),
     "LQR on a moving horizon": python(Observed(LQR(**NUMBERS), MovingHorizon()), MovingHorizon().period),
-    "function": python(in_python, onset="There is no number `top.reference`", **UNKNOWN),
+    "function": python(in_python, onset="There is no number `top.reference`", map="There is no number `top.reference`", **UNKNOWN),
     "NormalDither": sampled([PI(**NUMBERS), NormalDither(depth=0.1)], **MOVING),
     "SquareDither": sampled([PI(**NUMBERS), SquareDither(depth=0.1)], **MOVING, worst_case=UNKNOWN["worst_case"]),
     "SweptDither": sampled([PI(**NUMBERS), SweptDither(depth=0.1)], **MOVING),
@@ -218,6 +222,55 @@ def test_onset_answers_with_a_loss_or_says_how_far_smooth_running_holds(name):
     assert len(found.smooth) == 4 and found.parameter == "top.reference"
     assert all(3.0 <= border.value <= 9.0 for border in found.losses)
     assert found.smooth[-1].regime != "" and found.at == 8.0
+
+
+STICKING = {
+    "PI",
+    "StiffPI",
+    "SoftTorque",
+    "ActiveDamping",
+    "LinearMPC",
+    "PhasedDither",
+    *(f"{kind}SlidingMode" for kind in ("", "Ideal", "Implicit")),
+    "SuperTwisting",
+}
+"""Laws under which a stick-slip that exists lives on at 5 rad/s."""
+
+
+def mapped(name, loop):
+    """A map of two by two points, with set-points and an inertia that every law may have varied."""
+    inertia, other, between = (
+        ("disc.inertia", "pad.friction.kinetic", (0.2, 0.35)) if LAWS[name].brake else ("chain.inertia.1", "top.reference", (5.0, 9.0))
+    )
+    value = loop.number(inertia).value
+    return severity_map(loop, {inertia: (0.9 * value, value), other: between}, shape=(2, 2), duration=100.0, halvings=0)
+
+
+@pytest.mark.parametrize("name", [name for name in LAWS if "map" in LAWS[name].refuses])
+def test_map_refuses_what_has_no_borders(name):
+    assert refused(name, "map", lambda loop: mapped(name, loop))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if re.search("MPC|horizon|Phased", name) else name
+        for name in LAWS
+        if "map" not in LAWS[name].refuses
+    ],
+)
+def test_map_answers_for_both_branches(name):
+    if re.search("Nonlinear|horizon|around", name):
+        pytest.skip("two by two points of it take minutes; `onset` walks the same judge and growth for it")
+    found = mapped(name, LAWS[name].loop)
+    assert not found.errors and not (found.growth > 0.0).any() and np.isfinite(found.growth[:, 0]).all()
+    assert (found.smooth.verdict == 0).all() and (found.smooth.severity < 1e-3).all()
+    sticks, severe = found.sticking.verdict[:, 0] != 0, found.sticking.severity[:, 0] > 0.5
+    assert (
+        (sticks == severe).all()
+        and sticks.all() == (name.rpartition("by ")[2].partition(",")[0] in STICKING)
+        and sticks.all() == sticks.any()
+    )
 
 
 @pytest.mark.slow

@@ -21,6 +21,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError, SimulationError
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium
 from toolbox.onsets.motions import Growth, Smooth, in_phase, least_damped, moved, slip_rows, swing_period, swings
@@ -45,6 +46,14 @@ TRIED = 3
 
 EXACT_SENSORS = {".sensors.noise": 0.0, ".sensors.resolution": 1e-18}
 """Numbers with which sensors read what there is: steps of an encoder so fine that they round nothing."""
+
+
+def check_autonomous(loop: ClosedLoop, word: str) -> None:
+    """Raises SceneError where time itself enters an equation, where `word` says what needs a machine that stays the same."""
+    if loop.changes_in_time:
+        raise SceneError(
+            f"Argument `loop` must not depend on time itself for {word}, but time enters the equations of its plant or of a law."
+        )
 
 
 class SmoothBranch(Generic[Place]):

@@ -20,7 +20,7 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
 from toolbox.onsets.carried import JudgedRuns
-from toolbox.onsets.growth import SmoothBranch
+from toolbox.onsets.growth import SmoothBranch, check_autonomous
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.request import Request
 from toolbox.steady_states.linear import holding_elements, residual_functions, steady_state
@@ -187,6 +187,7 @@ def map_runs(
     """The judged runs of a loop over a plane, with the scale of time of all places. Raises SceneError where the loop runs smoothly nowhere."""
     duration = None if duration is None else number("duration", duration, "s", above=0)
     loop.constant_inputs("a map")
+    check_autonomous(loop, "a map")
     check_one_direction(loop.system.elements, "A map", "judge runs of it, by `sweep`")
     contact = judged_contact(loop)
     for each, value in plane.values(MIDDLE):

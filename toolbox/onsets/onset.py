@@ -33,7 +33,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.elements import check_one_direction
 from toolbox.onsets.coexisting import coexisting
 from toolbox.onsets.cycles import exact
-from toolbox.onsets.growth import SmoothBranch
+from toolbox.onsets.growth import SmoothBranch, check_autonomous
 from toolbox.onsets.inside import Inside, outward
 from toolbox.onsets.report import Onset
 from toolbox.onsets.search import OnsetSearch
@@ -102,10 +102,7 @@ def onset(
         If a name is unknown, the range is none, an input or a law varies in time, or there is no smooth running in the range.
     """
     inputs, continuous = loop.constant_inputs("an onset to exist"), _continuous_form(loop)
-    if loop.changes_in_time:
-        raise SceneError(
-            "Argument `loop` must not depend on time itself for an onset to exist, but time enters the equations of its plant or of a law."
-        )
+    check_autonomous(loop, "an onset to exist")
     check_one_direction(loop.system.elements, "`onset`", "judge runs of it, by `sweep`")
     free = loop.acting(
         parameter, "onset"

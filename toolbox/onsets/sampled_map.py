@@ -155,6 +155,8 @@ class SampledMap:
         others = [self._grown(each * size / size[:, None]) for each in (self.matrix, up, down)]
         exponent, motion, row = others[0]
         finer = self._along(point, end, motion * size, row / size)
+        if not (finer.all() and finer.sum()):  # what a small step along the motion does is lost within one period
+            return None
         apart = [*(each[0] for each in others), *np.log(finer) / self.span]
         if abs(exponent) * self.span < NEUTRAL:
             return None

@@ -10,7 +10,7 @@ import pytest
 from toolbox.faces import public_names
 
 FLOORS = (
-    "errors", "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "stepping", "simulation", "contacts",
+    "errors", "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "translation", "stepping", "simulation", "contacts",
     "measuring", "prediction", "steady_states",
     "scenes", "lanes", "orbits", "sweeps", "onsets", "robustness", "calibration", "probability", "tuning", "export", "reports", "authoring",
     "page", "commands", "face",

@@ -1,6 +1,6 @@
 """Plants and whole closed loops as C99, for programs that step them: simulators of other people, test benches, real-time targets.
 
-The event loop in C is translated from the compiled one (`toolbox.export.translation`), and the equations are the C that casadi writes for those that the
+The event loop in C is translated from the compiled one (`toolbox.translation.translation`), and the equations are the C that casadi writes for those that the
 toolbox compiles, so that neither is written a second time. All sizes are constants, all memory is one struct that belongs to the caller: saving a state is
 copying it. What stands beside it in C, `machine.c`, only sets numbers, steps, and hands out names.
 """
@@ -21,9 +21,8 @@ from toolbox.arguments import number
 from toolbox.compilation import work_layout as layout
 from toolbox.compilation.program import Program, program_of
 from toolbox.errors import SceneError
-from toolbox.export.c_values import STORED, NotTranslatable, Value, known
+from toolbox.export.c_language import STORED_TYPES, CTranslation, c_number, kinds_of
 from toolbox.export.model_c import model_text, signals_of
-from toolbox.export.translation import Translation
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.simulation.carry_out import formulas_of
@@ -31,6 +30,7 @@ from toolbox.simulation.methods import Explicit
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
 from toolbox.simulation.work_arrays import work_arrays
+from toolbox.translation.kinds import STORED, NotTranslatable, Value, known
 
 FIXED = (
     layout.N,
@@ -153,7 +153,7 @@ class Machine:
                 found += [Entry(row, unit) for row in ([name] if size == 1 else [f"{name}.{i}" for i in range(size)])]
         return found
 
-    def translated(self, importer: bool = False) -> Translation:
+    def translated(self, importer: bool = False) -> CTranslation:
         """The event loop in C, and what an importer that integrates by itself needs beside it."""
         from toolbox.export.event_mode import event_mode  # here, because numba is slow to import
         from toolbox.stepping.event_stepper import advance
@@ -163,7 +163,8 @@ class Machine:
         numbers["reals", layout.POWER] = float(self.work["reals"][layout.POWER])
         addresses = (layout.FIELD, layout.STEP, layout.PROJECT, layout.PROBE, layout.BURDEN, layout.IMPULSE)
         models = {int(ints[place]): f"{self.name}_model_{word}" for place, word in zip(addresses, MODELS, strict=True) if ints[place]}
-        made = Translation(self.work, numbers, {word: f"{self.name}_{word}" for word in CONSTANT}, models, f"{self.name}_update", self.name)
+        constant = {word: f"{self.name}_{word}" for word in CONSTANT}
+        made = CTranslation(kinds_of(self.work), numbers, constant, models=models, update=f"{self.name}_update", struct=self.name)
         made.written(advance, [Value("w", "w"), known(None)])
         if importer:
             made.written(event_mode, [Value("w", "w"), Value("entered", "b")])
@@ -282,7 +283,7 @@ def _header(made: Machine) -> str:
         f"typedef struct {name} {{",
     ]
     for member, array in _members(made).items():
-        lines.append(f"  {STORED[str(array.dtype)][1]} {member}[{max(array.size, 1)}];")
+        lines.append(f"  {STORED_TYPES[str(array.dtype)]} {member}[{max(array.size, 1)}];")
     lines += [
         f"  double wanted[{max(len(made.settable), 1)}];",
         f"}} {name};",
@@ -295,17 +296,16 @@ def _header(made: Machine) -> str:
 
 
 def _numbers(array: np.ndarray) -> str:
-    kind = STORED[str(array.dtype)][0]
+    kind = STORED[str(array.dtype)]
     return (
-        ", ".join(known(np.uint64(each) if kind == "u" else float(each) if kind == "f" else int(each)).text for each in array.ravel())
-        or "0"
+        ", ".join(c_number(np.uint64(each) if kind == "u" else float(each) if kind == "f" else int(each)) for each in array.ravel()) or "0"
     )
 
 
-def _source(made: Machine, loop: Translation, importer: bool) -> str:
+def _source(made: Machine, loop: CTranslation, importer: bool) -> str:
     name = made.name
     constants = [
-        f"static const {STORED[str(made.work[word].dtype)][1]} {name}_{word}[{max(made.work[word].size, 1)}] = {{{_numbers(made.work[word])}}};"
+        f"static const {STORED_TYPES[str(made.work[word].dtype)]} {name}_{word}[{max(made.work[word].size, 1)}] = {{{_numbers(made.work[word])}}};"
         for word in CONSTANT
         if re.search(rf"\b{name}_{word}\[", "".join(each.text for each in loop.order))
     ]
@@ -315,7 +315,7 @@ def _source(made: Machine, loop: Translation, importer: bool) -> str:
             places = np.flatnonzero(array)
             values.append(f"static const int32_t {name}_at_{member}[{places.size}] = {{{', '.join(map(str, places.tolist()))}}};")
             values.append(
-                f"static const {STORED[str(array.dtype)][1]} {name}_first_{member}[{places.size}] = {{{_numbers(array.ravel()[places])}}};"
+                f"static const {STORED_TYPES[str(array.dtype)]} {name}_first_{member}[{places.size}] = {{{_numbers(array.ravel()[places])}}};"
             )
             starts.append(f"  for (i = 0; i < {places.size}; ++i) w->{member}[{name}_at_{member}[i]] = {name}_first_{member}[i];")
     second = ", ".join(str(int(element.second)) for element in made.program.system.elements) or "0"

@@ -12,7 +12,7 @@ import casadi as ca
 from toolbox.compilation.explicit_step import LONG, RungeKutta
 from toolbox.compilation.formulas import ClosedEquations
 from toolbox.compilation.program import Program
-from toolbox.export.c_values import known
+from toolbox.export.c_language import c_number
 from toolbox.export.casadi_text import casadi_text
 
 SIGNATURE = "(double t, double h, const double *x, const double *k, const double *p, const double *m, double *y)"
@@ -93,7 +93,7 @@ def _looped_step(name: str, formulas: RungeKutta, n: int, width: int) -> str:
 
     def loop(target: str, base: str, weights: Sequence[float]) -> str:
         terms = [
-            f"{known(weight).text} * {'k' if i == 0 else f'y[{n} + i]' if i == stages else f'k{i}'}"
+            f"{c_number(weight)} * {'k' if i == 0 else f'y[{n} + i]' if i == stages else f'k{i}'}"
             for i, weight in enumerate(weights)
             if weight
         ]
@@ -106,7 +106,7 @@ def _looped_step(name: str, formulas: RungeKutta, n: int, width: int) -> str:
         "  int i;",
     ]
     for i, (c, row) in enumerate(zip(formulas.c[1:], formulas.a[1:], strict=True), 1):
-        lines += [loop("stage", "x[i] + ", row), f"  {name}_model_rhs(t + {known(c).text} * h, h, stage, k, p, m, k{i});"]
+        lines += [loop("stage", "x[i] + ", row), f"  {name}_model_rhs(t + {c_number(c)} * h, h, stage, k, p, m, k{i});"]
     lines += [loop("y", "x[i] + ", formulas.b), f"  {name}_model_field(t + h, h, y, k, p, m, y);"]
     for place, weights in enumerate(weights for weights in (formulas.error, formulas.error_low) if weights):
         lines.append(loop(f"(y + {n + width + place * n})", "", weights))

@@ -1,14 +1,13 @@
-"""Statements of the loops in C (`toolbox.export.translation`)."""
+"""Statements of the loops that are translated (`toolbox.translation.translation`)."""
 
 from __future__ import annotations
 
 import ast
-import re
 from collections.abc import Sequence
 
 from toolbox.compilation.calls import lent, owned
-from toolbox.export.c_values import C_TYPES, STORED, Array, Kind, NotTranslatable, Value, c_word, joined, known
-from toolbox.export.translated_expressions import Expressions
+from toolbox.translation.expressions import Expressions
+from toolbox.translation.kinds import Array, Kind, NotTranslatable, Value, joined, known
 
 
 def _stores(body: list[ast.stmt], name: str) -> bool:
@@ -18,35 +17,11 @@ def _stores(body: list[ast.stmt], name: str) -> bool:
 
 
 class Writer(Expressions):
-    """Writes one function, or, before its types are known, finds them."""
+    """Walks through one function and finds the kinds of its variables; a language, which is a class above this one, writes it down as well."""
 
     def body(self) -> None:
         """All statements."""
         self.block(self.made.tree.body)
-
-    def text(self) -> str:
-        """The function in C."""
-        self.body()
-        parameters = [name for name, value in self.names.items() if value.kind != "none"]
-        variables = {name: kind for name, kind in self.made.local.items() if name not in self.names}
-        head = [
-            f"  {self.t.c_type(kind)} {c_word(name)} = 0;".replace("* ", "*")
-            for name, kind in variables.items()
-            if not isinstance(kind, tuple)
-        ]
-        body = "\n".join(self.lines)
-        set_only = {name: len(re.findall(rf"^ *{c_word(name)} = ", body, re.MULTILINE)) for name in variables}
-        unread = [
-            c_word(name)
-            for name in (*parameters, *variables)
-            if len(re.findall(rf"(?<![.>\w]){c_word(name)}\b", body)) == set_only.get(name, 0)
-        ]
-        quiet = ["  " + " ".join(f"(void){name};" for name in unread)] if unread else []
-        return "\n".join([self.t.declaration(self.made) + " {", *head, *quiet, *self.lines, "}"])
-
-    def emit(self, line: str) -> None:
-        """Write one line."""
-        self.lines.append("  " * self.depth + line)
 
     def block(self, statements: Sequence[ast.stmt]) -> None:
         """Write statements."""
@@ -56,25 +31,19 @@ class Writer(Expressions):
                 self.refuse(node)
             handler(node)
 
-    def nested(self, head: str, statements: Sequence[ast.stmt], tail: str = "}") -> None:
-        """Write statements between braces."""
-        self.emit(head)
-        self.depth += 1
-        self.block(statements)
-        self.depth -= 1
-        if tail:
-            self.emit(tail)
-
     def on_Pass(self, node: ast.Pass) -> None:
         """Nothing."""
 
     def on_Break(self, node: ast.Break) -> None:
         """Leave a loop."""
-        self.emit("break;")
+        self.jump("break")
 
     def on_Continue(self, node: ast.Continue) -> None:
         """The next turn of a loop."""
-        self.emit("continue;")
+        self.jump("continue")
+
+    def jump(self, how: str) -> None:
+        """Leave a loop, or a turn of it."""
 
     def on_Expr(self, node: ast.Expr) -> None:
         """A call for what it does, or words."""
@@ -82,26 +51,24 @@ class Writer(Expressions):
             return
         if not isinstance(node.value, ast.Call):
             self.refuse(node)
-        value = self.value(node.value)
-        if value.text:
-            self.emit(f"{value.text};")
+        self.run(self.value(node.value))
+
+    def run(self, value: Value) -> None:
+        """Carry out a call."""
 
     def on_Return(self, node: ast.Return) -> None:
         """What a function gives."""
-        if node.value is None:
-            self.made.returns = joined(self.made.returns, "none")
-            self.emit("return;")
-            return
         if isinstance(node.value, ast.Tuple):
             values = [self.value(each) for each in node.value.elts]
-            self.made.returns = joined(self.made.returns, tuple(value.kind for value in values))
-            self.emit(
-                f"return ({self.t.c_type(self.made.returns)}){{{', '.join(value.text for value in values)}}};" if self.final else "return;"
-            )
-            return
-        value = self.value(node.value)
-        self.made.returns = joined(self.made.returns, value.kind)
-        self.emit(f"return {value.text};")
+            kind: Kind = tuple(value.kind for value in values)
+        else:
+            values = [self.value(node.value)] if node.value is not None else []
+            kind = values[0].kind if values else "none"
+        self.made.returns = joined(self.made.returns, kind)
+        self.give(values)
+
+    def give(self, values: Sequence[Value]) -> None:
+        """End the function with what it gives."""
 
     def on_If(self, node: ast.If) -> None:
         """A condition; one that is known leaves out the other branch."""
@@ -109,18 +76,29 @@ class Writer(Expressions):
         if test.is_known:
             self.block(node.body if test.known else node.orelse)
             return
-        self.nested(f"if ({bare(test.text)}) {{", node.body, "" if node.orelse else "}")
-        if node.orelse:
-            self.nested("} else {", node.orelse)
+        self.branch(test, node.body, node.orelse)
+
+    def branch(self, test: Value, body: Sequence[ast.stmt], otherwise: Sequence[ast.stmt]) -> None:
+        """Statements under a condition, and others without it."""
+        self.block(body)
+        self.block(otherwise)
 
     def on_While(self, node: ast.While) -> None:
         """A loop with a condition."""
+        self.again()
         test = self.value(node.test)
         if node.orelse:
             self.refuse(node)
         if test.is_known and not test.known:
             return
-        self.nested("for (;;) {" if test.is_known else f"while ({bare(test.text)}) {{", node.body)
+        self.repeat(test, node.body)
+
+    def again(self) -> None:
+        """The place before the condition of a loop."""
+
+    def repeat(self, test: Value, body: Sequence[ast.stmt]) -> None:
+        """Statements as long as a condition holds."""
+        self.block(body)
 
     def on_For(self, node: ast.For) -> None:
         """A loop over a range, or over a few numbers that are known."""
@@ -131,7 +109,12 @@ class Writer(Expressions):
         if name in self.names or _stores(node.body, name):
             self.refuse(node, f"`{name}` is changed inside its loop")
         if isinstance(node.iter, ast.Tuple):
-            self.for_each(node, name, [self.value(each) for each in node.iter.elts])
+            values = [self.value(each) for each in node.iter.elts]
+            if not all(value.is_known for value in values):
+                self.refuse(node.iter)
+            self.enter(name, values[0].kind)
+            self.each(name, values, node.body)
+            self.leave(name)
             return
         if not (isinstance(node.iter, ast.Call) and self.outside(node.iter.func) is range):
             self.refuse(node.iter)
@@ -142,32 +125,16 @@ class Writer(Expressions):
         if first.is_known and last.is_known and (last.known - first.known) * step.known <= 0:
             return
         self.enter(name, "i")
-        end, word = f"end_{self.count}", c_word(name)
-        bound = last.text if last.is_known else end
-        more = "" if last.is_known else f", {end} = {last.text}"
-        self.nested(
-            f"for (int64_t {word} = {first.text}{more}; {word} {'<' if step.known == 1 else '>'} {bound}; {'++' if step.known == 1 else '--'}{word}) {{",
-            node.body,
-        )
+        self.through(name, (first, last, step.known), node.body)
         self.leave(name)
 
-    def for_each(self, node: ast.For, name: str, values: list[Value]) -> None:
-        """A loop over a few numbers that are known."""
-        kind = values[0].kind
-        place = f"place_{self.count}"
-        self.emit("{")
-        self.depth += 1
-        self.emit(f"static const {C_TYPES[kind]} each_{self.count}[{len(values)}] = {{{', '.join(value.text for value in values)}}};")
-        self.emit(f"int {place};")
-        self.enter(name, kind)
-        self.emit(f"for ({place} = 0; {place} < {len(values)}; ++{place}) {{")
-        self.depth += 1
-        self.emit(f"const {C_TYPES[kind]} {c_word(name)} = each_{self.count}[{place}];")
-        self.block(node.body)
-        for _ in range(2):
-            self.depth -= 1
-            self.emit("}")
-        self.leave(name)
+    def through(self, name: str, bounds: tuple[Value, Value, int], body: Sequence[ast.stmt]) -> None:
+        """Statements for every number of a range: its first, the one behind its last, and 1 or -1."""
+        self.block(body)
+
+    def each(self, name: str, values: Sequence[Value], body: Sequence[ast.stmt]) -> None:
+        """Statements for each of a few numbers that are known."""
+        self.block(body)
 
     def enter(self, name: str, kind: Kind) -> None:
         """A variable of a loop begins."""
@@ -195,28 +162,24 @@ class Writer(Expressions):
                 for each, value in zip(target.elts, values, strict=True):
                     self.store(each, value)
                 return
-            self.emit("{")
-            self.depth += 1
-            for i, value in enumerate(values):
-                self.emit(f"const {self.t.c_type(value.kind)} new_{i} = {value.text};")
-            for i, (each, value) in enumerate(zip(target.elts, values, strict=True)):
-                self.store(each, Value(f"new_{i}", value.kind))
-        else:
-            value = self.value(node.value)
-            if not isinstance(value.kind, tuple):
-                if value.kind is None:
-                    return
-                self.refuse(node)
-            self.emit("{")
-            self.depth += 1
-            if self.final:
-                self.emit(f"const {self.t.c_type(value.kind)} new = {value.text};")
-            for i, (each, kind) in enumerate(zip(target.elts, value.kind, strict=True)):
-                if not (isinstance(each, ast.Name) and each.id == "_"):
-                    self.store(each, Value(f"new.f{i}", kind))
-            self.emit("(void)new;")
-        self.depth -= 1
-        self.emit("}")
+            self.at_once(target.elts, values)
+            return
+        value = self.value(node.value)
+        if isinstance(value.kind, tuple):
+            self.taken_apart(target.elts, value)
+        elif value.kind is not None:
+            self.refuse(node)
+
+    def at_once(self, targets: Sequence[ast.expr], values: Sequence[Value]) -> None:
+        """Set several places, some of which the values read."""
+        for each, value in zip(targets, values, strict=True):
+            self.store(each, value)
+
+    def taken_apart(self, targets: Sequence[ast.expr], value: Value) -> None:
+        """Set several places to the entries of a tuple."""
+        for i, (each, kind) in enumerate(zip(targets, value.kind, strict=True)):
+            if not (isinstance(each, ast.Name) and each.id == "_"):
+                self.store(each, self.said("of_tuple", kind, value, i))
 
     def same_work(self, name: str, node: ast.expr) -> bool:
         """Whether an assignment only lends the arrays to the function itself."""
@@ -246,14 +209,25 @@ class Writer(Expressions):
                 if value.kind == "none" or isinstance(value.kind, tuple):
                     self.refuse(target)
                 self.made.local[name] = joined(self.made.local.get(name), value.kind)
-            self.emit(f"{c_word(name)} = {value.text};")
+            self.set(name, value)
             return
         if not isinstance(target, ast.Subscript):
             self.refuse(target)
-        place = self.value(target, store=True)
-        stored = STORED[place.dtype][1] if isinstance(place, Array) else ""
-        assert not stored
-        self.emit(f"{place.text} = {value.text};")
+        whole = self.value(target.value)
+        if not isinstance(whole.kind, Array) or isinstance(target.slice, ast.Slice):
+            self.refuse(target)
+        indices = self.indices(target)
+        if len(indices) < len(whole.kind.shape):
+            self.refuse(target)
+        if whole.field in self.t.constant or self.fixed(whole, indices) is not None:
+            self.refuse(target, f"`{ast.unparse(target)}` never changes")
+        self.put(whole, indices, value)
+
+    def set(self, name: str, value: Value) -> None:
+        """Set a variable."""
+
+    def put(self, whole: Value, indices: Sequence[Value], value: Value) -> None:
+        """Set an entry of an array."""
 
     def on_AugAssign(self, node: ast.AugAssign) -> None:
         """An assignment that computes with what was there."""
@@ -269,13 +243,3 @@ def _loaded(target: ast.expr) -> ast.expr:
         if hasattr(each, "lineno"):
             each.lineno = target.lineno
     return found
-
-
-def bare(text: str) -> str:
-    """A condition without parentheses around the whole of it, of which compilers think that `=` was meant."""
-    depth = 0
-    for i, letter in enumerate(text):
-        depth += (letter == "(") - (letter == ")")
-        if depth == 0 and i < len(text) - 1:
-            return text
-    return bare(text[1:-1]) if text.startswith("(") else text

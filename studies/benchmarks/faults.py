@@ -11,6 +11,7 @@ import ast
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -20,6 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 PACKAGES = ("toolbox", "models", "controllers")
+LONGEST = 3600.0
+"""Seconds after which a suite hangs because of its fault."""
 SWAPPED = {
     "<": ">",
     ">": "<",
@@ -135,11 +138,24 @@ def caught(fault: Fault, tree: Path, workers: int) -> str:
                 "no:cacheprovider",
                 tests,
             ]
-            done = subprocess.run(
-                command, cwd=copy, env={**os.environ, "PYTHONPATH": str(copy)}, capture_output=True, text=True, stdin=subprocess.DEVNULL
-            )
-            if done.returncode:
-                failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+            env = {**os.environ, "PYTHONPATH": str(copy)}
+            with subprocess.Popen(
+                command,
+                cwd=copy,
+                env=env,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                stdin=subprocess.DEVNULL,
+                text=True,
+                start_new_session=True,
+            ) as tested:
+                try:
+                    printed = tested.communicate(timeout=LONGEST)[0]
+                except subprocess.TimeoutExpired:
+                    os.killpg(tested.pid, signal.SIGKILL)
+                    return f"{tests}, which do not end"
+            if tested.returncode:
+                failed = [line for line in printed.splitlines() if line.startswith(("FAILED", "ERROR"))]
                 return failed[0].split(" - ")[0].partition(" ")[2] if failed else "the import"
     return ""
 

@@ -42,6 +42,9 @@ from toolbox.simulation.request import Request
 from toolbox.steady_states.equilibria import EquilibriumBranch, state_values
 from toolbox.steady_states.hopf import HopfPoint, hopf_points_of
 
+SURE = 9
+"""Number of values below which a report says that a cycle may live between them: with four, one of twelve wells drawn at random had one."""
+
 
 @takes_loop
 def onset(
@@ -214,6 +217,10 @@ def _both_branches(
     undecided += [value for value, judged in inside.found.items() if judged.regime == NOT_DECIDED]
     breakaways = inside.breakaways(numbers, tolerance)
     search.notes.extend(_of_sampling(search, loop, hopf))
+    if len(numbers) < SURE and any(judged.regime == STICKS for judged in sticking):
+        search.notes.append(
+            f"Stick-slip was begun at {len(numbers)} values only: of several cycles the one that lives longest may be missed."
+        )
     others = {
         value: judged
         for value, judged in inside.found.items()

@@ -32,7 +32,7 @@ from toolbox.measuring.measures import mean
 from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.report import Onset
 from toolbox.probability import Chance, Normal, Posterior, Uniform, chance, posterior
-from toolbox.robustness import Group, LowestSetPoints, Machine, Margins, WorstCase
+from toolbox.robustness import Group, LowestSetPoints, Machine, Margins, SmallestError, WorstCase, smallest_error
 from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.tuning.results import Tuned
 
@@ -63,6 +63,10 @@ def of_lowest_set_point():
     return lowest_set_point(loop, StiffPI(), [quiet], ways=["direct"], between=("80 rpm", "110 rpm"), step="10 rpm", lasts=False)
 
 
+def of_smallest_error():
+    return smallest_error(closed_loop(RIG, SoftTorque(reference="80 rpm")), {"bit.weight": ("90 kN", "150 kN")}, 20.0)
+
+
 def of_work_precision():
     return work_precision(BELT, 2.0, methods=("explicit",), accuracies=(1e-3, 1e-6), repeats=1)
 
@@ -91,7 +95,7 @@ def of_posterior():
 
 MADE = {
     Onset: of_onset, Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, LowestSetPoints: of_lowest_set_point,
-    WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit, Chance: of_chance, Posterior: of_posterior,
+    SmallestError: of_smallest_error, WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit, Chance: of_chance, Posterior: of_posterior,
 }  # fmt: skip
 
 

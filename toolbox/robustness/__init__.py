@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from toolbox.robustness.groups import Machine as Machine
     from toolbox.robustness.groups import Varying as Varying
     from toolbox.robustness.groups import machine_groups as machine_groups
+    from toolbox.robustness.joint_errors import SmallestError as SmallestError
+    from toolbox.robustness.joint_errors import smallest_error as smallest_error
     from toolbox.robustness.limits import performance_limit as performance_limit
     from toolbox.robustness.lowest_set_point import Held as Held
     from toolbox.robustness.lowest_set_point import LowestSetPoints as LowestSetPoints

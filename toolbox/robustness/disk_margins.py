@@ -239,14 +239,7 @@ def scaled_norm(matrix: np.ndarray) -> float:
     """
     from scipy.optimize import minimize
 
-    size = matrix.shape[0]
-    off = np.abs(matrix) ** 2 * (1 - np.eye(size))
-    scale = np.ones(size)
-    for _ in range(50):  # Osborne: rows and columns of equal size
-        for i in range(size):
-            row, column = scale[i] ** 2 * (off[i] / scale**2).sum(), (off[:, i] * scale**2).sum() / scale[i] ** 2
-            if row > 0 and column > 0:
-                scale[i] *= (column / row) ** 0.25
+    scale = balancing(matrix)
 
     def norm(logs: np.ndarray) -> float:
         d = np.exp(np.append(logs, 0.0))
@@ -254,3 +247,16 @@ def scaled_norm(matrix: np.ndarray) -> float:
 
     begin = np.log(scale[:-1] / scale[-1])
     return float(min(norm(begin), minimize(norm, begin, method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-10}).fun))
+
+
+def balancing(matrix: np.ndarray) -> np.ndarray:
+    """The diagonal D of a scaling D M D^-1 whose rows and columns are of equal size, without the diagonal (E. Osborne, J. ACM 7 (1960) 338-345)."""
+    size = matrix.shape[0]
+    off = np.abs(matrix) ** 2 * (1 - np.eye(size))
+    scale = np.ones(size)
+    for _ in range(50):
+        for i in range(size):
+            row, column = scale[i] ** 2 * (off[i] / scale**2).sum(), (off[:, i] * scale**2).sum() / scale[i] ** 2
+            if row > 0 and column > 0:
+                scale[i] *= (column / row) ** 0.25
+    return scale

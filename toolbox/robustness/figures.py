@@ -6,7 +6,7 @@ Every function draws into given axes or makes a figure of its own, and returns t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -91,6 +91,34 @@ def worst_case_diagram(rows: Sequence[tuple[str, float, float, bool]], axes: Any
         axes[0].invert_yaxis()
         axes[1].legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     return axes
+
+
+def error_diagram(numbers: Sequence[str], found: Mapping[str, Sequence[float]], sizes: Mapping[str, float], ax: Any = None) -> Any:
+    """Errors in parts of the range of each number: one line per number, a mark per kind of error, shaded what is safe. Returns the ax.
+
+    found: {label: error in parts of the ranges, empty for none};  sizes: {label: size up to which an error is harmless, nan for unknown}.
+    """
+    with plt.rc_context(PAPER):
+        if ax is None:
+            _, ax = plt.subplots(figsize=(WIDTH, 1.3 + 0.34 * len(numbers)), layout="constrained")
+        for k, (label, size) in enumerate(sizes.items()):
+            if size > 0.0:
+                ax.axvspan(-min(size, 1.0), min(size, 1.0), color=("0.93", "0.82")[k % 2], zorder=0, label=label)
+        for k, (label, error) in enumerate(found.items()):
+            if len(error):
+                color = LINES[k % len(LINES)]["color"]
+                filled = color if k == 0 else "none"
+                ax.plot(
+                    list(error), range(len(numbers)), MARKS[k], color=color, markerfacecolor=filled, markersize=6.0 + 3.0 * k, linestyle="none", label=label
+                )  # fmt: skip
+        ax.axvline(0.0, color="0.4", linewidth=0.6, zorder=1)
+        ax.set_yticks(range(len(numbers)), numbers)
+        ax.set_ylim(len(numbers) - 0.5, -0.5)
+        ax.set_xlim(-1.05, 1.05)
+        ax.set_xlabel("error in parts of the range of each number [1]")
+        ax.grid(axis="y", color="0.9", linewidth=0.6)
+        ax.legend(frameon=False, fontsize=8.0, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, handletextpad=0.3)
+    return ax
 
 
 MARKS = ("o", "D", "^", "s", "v", "P", "X", "*")

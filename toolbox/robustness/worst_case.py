@@ -240,39 +240,89 @@ def worst_case(
     SceneError
         If a name is unknown, or a number is none.
     """
-    duration = number("duration", duration, "s", above=0)
-    window = 0.7 * duration if after is None else number("after", after, "s")
-    plant, system = loop.plant, loop.system
-    noisy = any(isinstance(law, Sampled) and law.noise for law in loop.laws)
-    contact = judged_contact(loop)
-    speed = judged_speed(loop, contact)
-    drives = [name for name in plant.inputs if name not in system.inputs]
-    wanted = _target(loop, speed, target)
-    cases = _cases(errors, corners)
-    declared = _varied(loop, cases)
-    more = judged_measures(measures, loop, 0.0, duration, after=window) if measures else {}
-    asked = _measures(contact, speed, drives, window) | {f"further {name}": each for name, each in more.items()}
-    begins = [smooth_start(loop)] if starts is None else list(starts)
-    found: list[Outcome] = []
-    seconds, machines = 0.0, _Machines(contact, speed, duration, window)
-    delays = sorted({case.get(DELAY, 1.0) for case in cases.values()})
-    for late, seed, (k, begin) in itertools.product(delays, seeds if noisy else (0,), enumerate(begins)):
-        own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late}
-        rows = [{name: value * case.get(name, 1.0) for name, value in declared.items()} for case in own.values()]
-        varied = loop.with_laws(_as_run(law, late, seed) for law in loop.laws).but(start=states_of(begin, plant))
-        done = sweep(varied, rows, duration, measures=asked)
-        seconds += done.seconds
-        for i, label in enumerate(own):
-            numbers = {name: float(done[name][i]) for name in asked}
-            outcome = _outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, wanted, (mean_within, ripple_within))
-            if outcome.excess <= 1.0:
-                outcome = machines.lasting(outcome, varied, rows[i], (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"]))
-            found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
-    order = {label: i for i, label in enumerate(cases)}
-    found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
-    begun = "smooth running (a stick-slip that exists: `starts=cycle_phases(...)`)" if starts is None else f"{len(begins)} given start(s)"
-    way = f"runs of {duration:g} s from {begun}; `{contact}` judged from {window:g} s on"
-    return WorstCase("; ".join(map(described, loop.laws)), way, tuple(found), seconds)
+    trials = Trials.of(
+        loop, duration, starts=starts, seeds=seeds, after=after, target=target, allowed=(mean_within, ripple_within), measures=measures
+    )
+    return trials.of_cases(_cases(errors, corners))
+
+
+@dataclass(frozen=True)
+class Trials:
+    """How a loop is run and judged on machines that differ from the declared one by factors of its numbers.
+
+    window: time from which on a run is judged [s];  begins: the starts;  target: of the mean speed;  allowed: (error of the mean, ripple);  measures: more;
+    known: the judges of machines by the words of their errors.
+    """
+
+    loop: ClosedLoop
+    duration: float
+    window: float
+    begins: Sequence[Mapping[str, Any]]
+    begun: str
+    seeds: Sequence[int]
+    target: float
+    allowed: tuple[float, float]
+    measures: Any = ()
+    known: dict[str, Settled | None] = field(default_factory=dict, compare=False)
+
+    @classmethod
+    def of(
+        cls,
+        loop: ClosedLoop,
+        duration: NumberOrText,
+        *,
+        starts: Sequence[Mapping[str, Any]] | None,
+        after: NumberOrText | None,
+        seeds: Sequence[int] = (0,),
+        target: NumberOrText | None = None,
+        allowed: tuple[float, float] = (0.02, 0.05),
+        measures: Any = (),
+    ) -> Trials:
+        """Trials as `worst_case` and its neighbours are asked for them; raises SceneError for an argument that is none."""
+        duration = number("duration", duration, "s", above=0)
+        window = 0.7 * duration if after is None else number("after", after, "s")
+        noisy = any(isinstance(law, Sampled) and law.noise for law in loop.laws)
+        begun = (
+            "smooth running (a stick-slip that exists: `starts=cycle_phases(...)`)" if starts is None else f"{len(starts)} given start(s)"
+        )
+        begins = [smooth_start(loop)] if starts is None else list(starts)
+        wanted = _target(loop, judged_speed(loop, judged_contact(loop)), target)
+        return cls(loop, duration, window, begins, begun, seeds if noisy else (0,), wanted, allowed, measures)
+
+    @property
+    def way(self) -> str:
+        """From where the runs begin, which contact is judged, and when, in words."""
+        return f"runs of {self.duration:g} s from {self.begun}; `{judged_contact(self.loop)}` judged from {self.window:g} s on"
+
+    def of_cases(self, cases: Mapping[str, Mapping[str, float]]) -> WorstCase:
+        """The outcome of every start and seed in every case {error in words: {number of the loop: factor}}."""
+        loop, plant = self.loop, self.loop.plant
+        contact = judged_contact(loop)
+        speed = judged_speed(loop, contact)
+        drives = [name for name in plant.inputs if name not in loop.system.inputs]
+        declared = _varied(loop, cases)
+        more = judged_measures(self.measures, loop, 0.0, self.duration, after=self.window) if self.measures else {}
+        asked = _measures(contact, speed, drives, self.window) | {f"further {name}": each for name, each in more.items()}
+        found: list[Outcome] = []
+        seconds, machines = 0.0, _Machines(contact, speed, self.duration, self.window, self.known)
+        delays = sorted({case.get(DELAY, 1.0) for case in cases.values()})
+        for late, seed, (k, begin) in itertools.product(delays, self.seeds, enumerate(self.begins)):
+            own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late}
+            rows = [{name: value * case.get(name, 1.0) for name, value in declared.items()} for case in own.values()]
+            varied = loop.with_laws(as_run(law, late, seed) for law in loop.laws).but(start=states_of(begin, plant))
+            done = sweep(varied, rows, self.duration, measures=asked)
+            seconds += done.seconds
+            for i, label in enumerate(own):
+                numbers = {name: float(done[name][i]) for name in asked}
+                outcome = _outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, self.target, self.allowed)
+                if outcome.excess <= 1.0:
+                    outcome = machines.lasting(
+                        outcome, varied, rows[i], (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"])
+                    )
+                found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
+        order = {label: i for i, label in enumerate(cases)}
+        found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
+        return WorstCase("; ".join(map(described, loop.laws)), self.way, tuple(found), seconds)
 
 
 def _target(loop: ClosedLoop, speed: str, given: NumberOrText | None) -> float:
@@ -285,7 +335,7 @@ def _varied(loop: ClosedLoop, cases: Mapping[str, Mapping[str, float]]) -> dict[
     """{name: declared value} of all that errors change, at least of one number, as a sweep varies something."""
     names = sorted({name for case in cases.values() for name in case if name != DELAY})
     names = names or [next(entry.name for entry in loop.plant.parameters.values() if entry.size is None)]
-    return {name: _declared(loop, name) for name in names}
+    return {name: declared_value(loop, name) for name in names}
 
 
 def _measures(contact: str, speed: str, drives: Sequence[str], window: float) -> dict[str, Measure]:
@@ -313,7 +363,7 @@ def _factors(name: str, given: Any) -> list[float]:
     return numbers(name, np.atleast_1d(given).ravel(), above=0)
 
 
-def _declared(loop: ClosedLoop, name: str) -> float:
+def declared_value(loop: ClosedLoop, name: str) -> float:
     """The value of a number of the loop; raises SceneError for a start value, and for an input that varies in time."""
     number = loop.free(name)
     if number.kind == "start":
@@ -323,7 +373,7 @@ def _declared(loop: ClosedLoop, name: str) -> float:
     return number.value
 
 
-def _as_run(law: Any, late: float, seed: int) -> Any:
+def as_run(law: Any, late: float, seed: int) -> Any:
     """A law with a factor of its delay and a seed of its noise."""
     if not isinstance(law, Sampled):
         if late != 1.0:

@@ -1,0 +1,113 @@
+"""The smallest error that breaks a loop against the border of Routh and Hurwitz, against margins, and against runs on their own."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from controllers import PI, SoftTorque
+from models import BitRock, wells
+from toolbox import Sampled, SceneError, closed_loop, compose, margins, simulate
+from toolbox.halving import halved
+from toolbox.robustness import smallest_error
+from toolbox.robustness.joint_errors import PRECISION
+from toolbox.robustness.steady_loop import smooth_start
+
+pytestmark = pytest.mark.timeout(120)
+
+SPEED = 5.0
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+
+
+@pytest.fixture(scope="module")
+def loop(rig):
+    return closed_loop(rig, PI(4_000.0, 1_500.0, reference=SPEED))
+
+
+def routh(loop, changed):
+    """Whether a string of two inertias under PI is stable by the criterion of Routh, with factors of its numbers, written from the equations alone.
+
+    J_0 w_0' = u - k phi - d (w_0 - w_1) - c_0 w_0,   J_1 w_1' = k phi + d (w_0 - w_1) - (c_1 + slope of the rock) w_1,   u' = -P w_0' - I w_0
+    """
+    known = {name: number.value * changed.get(name, 1.0) for name, number in loop.numbers().items()}
+    slope = -0.9 * known["bit.weight"] * known["bit.radius"] * 0.3 * math.exp(-0.9 * SPEED)
+    k, d = known["chain.stiffness.0"], known["chain.damping.0"]
+    top = [known["chain.inertia.0"], d + known["chain.top_drag"] + known["pi.proportional"], k + known["pi.integral"]]
+    bit = [known["chain.inertia.1"], d + known["chain.bit_drag"] + slope, k]
+    a = np.polysub(np.polymul(top, bit), np.polymul([d, k], [d, k]))  # without the free angle
+    first = a[1] * a[2] - a[0] * a[3]
+    return bool((a > 0).all() and first > 0 and a[3] * first - a[1] ** 2 * a[4] > 0)
+
+
+RANGES = {"bit.weight": 1.0, "chain.stiffness.0": 0.5, "proportional": 0.9}
+NAMES = ("bit.weight", "chain.stiffness.0", "pi.proportional")
+
+
+def test_the_smallest_joint_error_is_the_border_of_routh(loop):
+    """Of the corners of the box one reaches the border first; the criterion of Routh knows where."""
+    found = smallest_error(loop, RANGES, 40.0, mean_within=10.0, ripple_within=10.0)
+
+    def stable(size, corner):
+        return routh(loop, {name: 1.0 + size * part * RANGES.get(name, 0.9) for name, part in zip(NAMES, corner, strict=True)})
+
+    assert stable(0.0, (1, 1, 1))
+    borders = {
+        c: halved(lambda r, c=c: not stable(r, c), 0.0, 1.0, 1e-9)[1] for c in itertools.product((-1, 1), repeat=3) if not stable(1.0, c)
+    }
+    nearest = min(borders, key=borders.get)
+    assert borders[nearest] < 0.9 and len(borders) < 8
+    assert borders[nearest] <= found.linear_size <= borders[nearest] + PRECISION
+    assert found.linear_error == pytest.approx(np.array(nearest) * found.linear_size)
+    assert 0.0 < found.guaranteed <= borders[nearest]  # what holds for every error holds for this one
+    assert found.size <= found.linear_size + PRECISION  # and a machine on which smooth running grows has failed
+
+
+def test_the_error_found_breaks_the_machine_and_a_smaller_one_does_not(loop):
+    found = smallest_error(loop, {"bit.weight": ("60 kN", "160 kN"), "chain.inertia.0": 0.5}, 60.0)
+    assert math.isfinite(found.size) and found.held < found.size <= found.held + PRECISION and found.size == max(map(abs, found.error))
+    assert "sticks and slips" in found.why and "weight [kN]" in str(found)
+    for size, sticks in ((found.size, True), (0.9 * found.held, False)):
+        values = {number.name: number.value(size * np.sign(part)) for number, part in zip(found.numbers, found.error, strict=True)}
+        other = loop
+        for name, value in values.items():
+            other = other.at(name, value)
+        run = simulate(other.but(start=smooth_start(loop)), 60.0)
+        assert (run.time_in("bit", "stick", after=42.0) > 0.0) is sticks
+
+
+def test_an_error_of_the_delay_alone_is_the_delay_margin(rig):
+    loop = closed_loop(rig, Sampled(SoftTorque(reference=9.0), 0.05, 0.05))
+    margin = margins(loop, measured=False).delay_margin
+    found = smallest_error(loop, {"delay": (0.05, 0.05 + 1.25 * margin)}, 20.0, mean_within=10.0, ripple_within=10.0)
+    assert found.linear_size == pytest.approx(0.8, abs=PRECISION)
+    assert found.values["delay"] == pytest.approx(0.05 + 1.25 * margin * found.size)
+    assert 0.2 < found.guaranteed < 0.8  # a factor of any phase is more than a delay
+
+
+def test_nothing_within_the_ranges_is_said(rig):
+    loop = closed_loop(rig, SoftTorque(reference=9.0))
+    found = smallest_error(loop, {"bit.weight": 0.02}, 20.0)
+    assert found.size == math.inf and found.error == () and found.values == {} and found.held == 1.0
+    assert "nothing within the ranges" in str(found) and "stays stable within them" in str(found) and found.guaranteed > 1.0
+
+
+def test_mistakes_are_told(rig, loop):
+    for ranges, word in (
+        ({}, "1 to 7 numbers"),
+        ({"bit.weight": ("100 kN", "120 kN")}, "around the declared 97347 N"),
+        ({"bit.weight": "97 kN"}, r"\(low, high\)"),
+        ({"bit.wieght": 0.1}, "bit.weight"),
+        ({"delay": ("0 ms", "40 ms")}, "sampled laws of one delay"),
+        ({"bit.weight": (-1.0, 1e5)}, "must be >= 0"),
+    ):
+        with pytest.raises(SceneError, match=word):
+            smallest_error(loop, ranges, 10.0)
+    with pytest.raises(SceneError, match="must be a success on the declared machine, but it is not: .*stick"):
+        smallest_error(closed_loop(rig, PI(4_000.0, 1_500.0, reference=3.0)), {"bit.weight": 0.1}, 60.0)

@@ -1,0 +1,462 @@
+"""How wrong the model may be: the smallest joint error of several numbers that breaks a closed loop.
+
+An error is measured in parts of declared ranges: e = (e_1 ... e_n) with every e_i in [-1, 1] is the machine whose number i is at its declared value for
+e_i = 0, at the high end of its range for 1 and at the low end for -1, and its size is the largest |e_i|, so that all numbers are wrong at once by as much as
+each of them wishes. Three sizes answer the question, each by its own means:
+
+- that of the smallest error with which *the machine itself* fails, from given starts, judged as `worst_case` judges;
+- that of the smallest error with which *smooth running* grows, by the exact rate of growth on the machine with this error. It is never smaller than it is
+  for runs, which also fail in other ways;
+- a size *below which no error* makes smooth running grow, to first order in the errors: with the linear loop q+ = S q, S = S_0 + sum e_i S_i, S_i = L_i R_i,
+
+      M(w) = R (I - Lambda S_0)^-1 Lambda L,   Lambda = diag(1 / s, 1):   size >= 1 / max_w mu(M) >= 1 / max_w min_D |D M D^-1|
+
+  where an error of the delay by d is a factor 1 + delta of every command with |delta| <= w d (K. Zhou, J. Doyle, K. Glover, Robust and Optimal Control,
+  Prentice Hall 1996, chapter 11). As D scales knows nothing of errors being real, it may be a good deal lower than need be.
+
+The search goes outwards through the corners and the axes of the box, all of one size side by side in lanes, halves the step in which the first fails, and
+turns single numbers back where that fails at a smaller size. A search shows that an error breaks the loop, not that no smaller one does.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import mapping
+from toolbox.errors import SceneError, SimulationError
+from toolbox.files import tables
+from toolbox.files.printing import columns
+from toolbox.files.results import Result
+from toolbox.files.unit_systems import asked_in, reading
+from toolbox.files.units import NumberOrText, in_si
+from toolbox.halving import halved
+from toolbox.measuring.judge import told_growth
+from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
+from toolbox.modelling.closing import described
+from toolbox.modelling.laws import Sampled
+from toolbox.onsets.coming_to import Settled
+from toolbox.robustness.disk_margins import balancing, frequencies, peak
+from toolbox.robustness.loop import NoDerivative
+from toolbox.robustness.steady_loop import steady_loop
+from toolbox.robustness.worst_case import DELAY, Outcome, Trials, as_run, declared_value
+from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.simulation.simulate import simulate
+
+SIZES = 8
+"""Steps of the size of errors in which the search goes outwards."""
+
+PRECISION = 0.01
+"""What the size of the smallest error is found to, in parts of the ranges."""
+
+MOST = 7
+"""Numbers that may be wrong at once, at most: there are 2^n corners."""
+
+ROUNDS = 3
+"""How often single numbers are turned back."""
+
+Error = tuple[float, ...]
+"""An error in parts of the ranges."""
+
+
+@dataclass(frozen=True)
+class WrongNumber:
+    """One number of a loop and the range within which it may be wrong.
+
+    Attributes
+    ----------
+    name, unit
+        Its name, and its unit in SI.
+    declared, low, high
+        Its declared value and the ends of its range, in the unit.
+    """
+
+    name: str
+    unit: str
+    declared: float
+    low: float
+    high: float
+
+    def value(self, part: float) -> float:
+        """Its value at an error in parts of the range."""
+        return self.declared + part * (self.high - self.declared if part > 0 else self.declared - self.low)
+
+
+@dataclass(frozen=True)
+class SmallestError(Result):
+    """The smallest joint error that breaks a loop: `print(found)` shows it beside the linear ones, `found.plot()` draws it in the ranges.
+
+    Attributes
+    ----------
+    title
+        The laws and how they run.
+    way
+        From where the runs begin, which contact is judged, and when.
+    numbers
+        What may be wrong, and within which range.
+    size
+        Size of the smallest error that was found to break the machine, in parts of the ranges [1]; infinite where none within them does.
+    error
+        This error, in parts of the range of each number; empty where there is none.
+    why
+        What the machine does with it: the outcome of a run on its own, outside of the lanes, by the judge.
+    held
+        Largest size at which every error that was tried was a success [1].
+    runs
+        Runs that the search took.
+    linear_size, linear_error
+        The same for smooth running that grows, by the exact rate; nan and empty where there is no rate.
+    guaranteed
+        Size below which no error makes smooth running grow, to first order [1]; nan where there is no linear loop.
+    asked
+        {unit: unit that was typed}: the units in which `print` answers.
+    """
+
+    title: str
+    way: str
+    numbers: tuple[WrongNumber, ...]
+    size: float
+    error: tuple[float, ...]
+    why: str
+    held: float
+    runs: int
+    linear_size: float
+    linear_error: tuple[float, ...]
+    guaranteed: float
+    asked: Mapping[str, str]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """{number: its value [SI] in the smallest error that breaks the machine}; empty where there is none."""
+        return {number.name: number.value(part) for number, part in zip(self.numbers, self.error, strict=bool(self.error))}
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """The table as text: one line per number."""
+        lines: list[tuple[str, ...]] = [("number", "declared", "from", "to", "the machine breaks at", "smooth running grows at")]
+        for i, number in enumerate(self.numbers):
+            read = reading(number.unit, self.asked)
+            shown = [f"{value * read.factor:.4g}" for value in (number.declared, number.low, number.high)]
+            for parts in (self.error, self.linear_error):
+                shown.append(f"{number.value(parts[i]) * read.factor:.4g} ({100 * parts[i]:+.3g} %)" if parts else "-")
+            lines.append((number.name + (f" [{read.tail.strip()}]" if read.tail else ""), *shown))
+        return lines
+
+    def __str__(self) -> str:
+        broken = f"{self.size:.3g} of the ranges, all at once: {self.why}" if self.error else "nothing within the ranges"
+        lines = [f"Smallest error that breaks {self.title}: {broken}", f"  {self.way}", *columns(self.rows)]
+        lines.append(f"  every error that was tried up to {self.held:.3g} of the ranges is a success ({self.runs} runs)")
+        if not math.isnan(self.linear_size):
+            grows = "stays stable within them" if math.isinf(self.linear_size) else f"grows from {self.linear_size:.3g} on"
+            lines.append(f"  smooth running {grows}")
+        if not math.isnan(self.guaranteed):
+            lines.append(f"  no error below {self.guaranteed:.3g} makes it grow, to first order (mu)")
+        return "\n".join(lines)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write one row per number as CSV in SI units, whole or not at all; returns the path."""
+        headings = ["number", "unit", "declared", "low", "high", "error", "value", "linear error", "linear value"]
+        rows = []
+        for i, number in enumerate(self.numbers):
+            parts = [each[i] if each else math.nan for each in (self.error, self.linear_error)]
+            found = [value for part in parts for value in (part, number.value(part))]
+            rows.append([number.name, number.unit, number.declared, number.low, number.high, *found])
+        return tables.write(path, headings, rows)
+
+    def plot(self, ax: Any = None) -> Any:
+        """The errors found in the range of each number; see `toolbox.robustness.figures.error_diagram`. Returns the ax."""
+        from toolbox.robustness.figures import error_diagram
+
+        sizes = {"every run succeeds": self.held, "guaranteed (mu)": self.guaranteed}
+        found = {"the machine breaks": self.error, "smooth running grows": self.linear_error}
+        return error_diagram([number.name for number in self.numbers], found, sizes, ax=ax)
+
+
+@takes_loop
+def smallest_error(
+    loop: ClosedLoop,
+    ranges: Mapping[str, Any],
+    duration: NumberOrText,
+    *,
+    starts: Sequence[Mapping[str, Any]] | None = None,
+    after: NumberOrText | None = None,
+    target: NumberOrText | None = None,
+    mean_within: float = 0.02,
+    ripple_within: float = 0.05,
+) -> SmallestError:
+    """Find the smallest joint error of several numbers with which a closed loop fails, in parts of the range of each.
+
+    Parameters
+    ----------
+    loop
+        A loop. A law is designed on the declared plant, and errors do not change its design.
+    ranges
+        {number of the loop: (low, high)}, in SI or text with units, with the declared value within; or a part of the declared value to either side,
+        such as 0.2. "delay" is that of the sampled laws. At most 7 numbers.
+    duration
+        Length of a run [s].
+    starts
+        Start values {state: value} of each run, for instance from `cycle_phases`; by default smooth running, which needs constant inputs.
+    after, target, mean_within, ripple_within
+        When a run is a success, as in `worst_case`.
+
+    Returns
+    -------
+    SmallestError
+        The error, what the machine does with it, and what the linear loop says.
+
+    Raises
+    ------
+    SceneError
+        If a name or a range is none, or the loop fails on the declared machine.
+    """
+    numbers, asked = _wrong_numbers(loop, ranges)
+    trials = Trials.of(loop, duration, starts=starts, after=after, target=target, allowed=(mean_within, ripple_within))
+    search = _Search(numbers)
+
+    def fail(errors: Sequence[Error]) -> list[bool]:
+        cases = {str(error): _factors(numbers, error) for error in errors}
+        return [not outcome.excess <= 1.0 for outcome in trials.of_cases(cases).by_error.values()]
+
+    def grow(errors: Sequence[Error]) -> list[bool]:
+        return [_rate(trials, numbers, error) > 0.0 for error in errors]
+
+    nothing = (0.0,) * len(numbers)
+    if fail([nothing])[0]:
+        raise SceneError(f"Argument `loop` must be a success on the declared machine, but it is not: {_alone(trials, numbers, nothing)}.")
+    rate = _rate(trials, numbers, nothing)
+    linear: Error = ()
+    linear_size = math.nan
+    if not math.isnan(rate):
+        linear, linear_size, _ = search(grow)
+    before = search.tried
+    error, size, held = search(fail)
+    return SmallestError(
+        title="; ".join(map(described, loop.laws)),
+        way=trials.way,
+        numbers=numbers,
+        size=size,
+        error=error,
+        why=_alone(trials, numbers, error) if error else "",
+        held=held,
+        runs=(search.tried - before + 1) * len(trials.begins),
+        linear_size=linear_size,
+        linear_error=linear,
+        guaranteed=_guaranteed(loop, numbers),
+        asked={**loop.asked, **asked},
+    )
+
+
+def _wrong_numbers(loop: ClosedLoop, ranges: Mapping[str, Any]) -> tuple[tuple[WrongNumber, ...], dict[str, str]]:
+    """The numbers with their ranges, and {unit: unit that was typed}. Raises SceneError for one that is none, or is not around the declared value."""
+    given = mapping("ranges", ranges)
+    if not 1 <= len(given) <= MOST:
+        raise SceneError(f"Argument `ranges` must hold 1 to {MOST} numbers, but it holds {len(given)}.")
+    found: list[WrongNumber] = []
+    asked: dict[str, str] = {}
+    for name, between in given.items():
+        if name == DELAY:
+            late = [law.delay for law in loop.laws if isinstance(law, Sampled)]
+            if not late or len(set(late)) > 1 or not late[0] > 0.0:
+                raise SceneError(f"Argument `ranges` must hold `{DELAY}` only for sampled laws of one delay > 0 s, but theirs are {late}.")
+            full, unit, declared = DELAY, "s", float(late[0])
+        else:
+            number = loop.free(name)
+            full, unit, declared = number.name, number.unit, declared_value(loop, name)
+        if declared == 0.0:
+            raise SceneError(f"Argument `ranges` must hold numbers that are not 0, but `{full}` is.")
+        if isinstance(between, int | float) and not isinstance(between, bool):
+            between = tuple(sorted((declared * (1.0 - between), declared * (1.0 + between))))
+        typed = in_si(tuple(between), unit, full) if isinstance(between, tuple | list) else ()
+        ends = [float(each) for each in typed]
+        if len(ends) != 2 or not ends[0] <= declared <= ends[1] or not ends[0] < ends[1]:
+            raise SceneError(
+                f"Argument `ranges` must hold (low, high) around the declared {declared:g} {unit} of `{full}`, or a part of it, but it holds {between!r}."
+            )
+        for end in ends if name != DELAY else ():
+            loop.number(full).check(end)
+        if name == DELAY and ends[0] < 0.0:
+            raise SceneError(f"Argument `ranges` must hold delays >= 0 s, but it holds {between!r}.")
+        found.append(WrongNumber(full, unit, declared, *ends))
+        if unit != "s":
+            asked.setdefault(unit, asked_in(typed, unit))
+    return tuple(found), asked
+
+
+def _factors(numbers: Sequence[WrongNumber], error: Error) -> dict[str, float]:
+    return {number.name: number.value(part) / number.declared for number, part in zip(numbers, error, strict=True)}
+
+
+def _machine(loop: ClosedLoop, numbers: Sequence[WrongNumber], error: Error) -> ClosedLoop:
+    """The loop with an error."""
+    for number, part in zip(numbers, error, strict=True):
+        if number.name == DELAY:
+            loop = loop.with_laws(as_run(law, number.value(part) / number.declared, getattr(law, "seed", 0)) for law in loop.laws)
+    for number, part in zip(numbers, error, strict=True):
+        if number.name != DELAY:
+            loop = loop.at(number.name, number.value(part))
+    return loop
+
+
+def _rate(trials: Trials, numbers: Sequence[WrongNumber], error: Error) -> float:
+    """Rate at which a small disturbance of smooth running grows on the machine with an error [1/s]; nan where it is not known."""
+    label, contact = str(error), judged_contact(trials.loop)
+    if label not in trials.known:
+        machine = _machine(trials.loop, numbers, error)
+        trials.known[label] = Settled.of(machine, contact, judged_speed(trials.loop, contact), trials.window)
+    settled = trials.known[label]
+    return math.nan if settled is None else settled.rate
+
+
+def _alone(trials: Trials, numbers: Sequence[WrongNumber], error: Error) -> str:
+    """What the machine with an error does from the start that is the worst, in words: one run outside of the lanes, and the judge."""
+    worst: Outcome = trials.of_cases({str(error): _factors(numbers, error)}).worst
+    loop = _machine(trials.loop, numbers, error)
+    loop = loop.but(start=states_of(trials.begins[worst.start], loop.plant))
+    contact = judged_contact(loop)
+    try:
+        run = simulate(loop, trials.duration)
+    except SimulationError as failure:
+        return str(failure)
+    settled = Settled.of(loop, contact, judged_speed(loop, contact), trials.window)
+    judged = settled and settled.judged(run)
+    words = [judged.regime] if judged else []
+    if settled is not None and settled.rate > 0.0:
+        words.append(f"smooth running {told_growth(settled.rate)}")
+    stuck = run.time_in(contact, "stick", after=trials.window)
+    if stuck > 0.0:
+        words.append(f"{100.0 * stuck / (trials.duration - trials.window):.2g} % of the window stuck")
+    if not math.isnan(worst.ripple):
+        words.append(f"ripple {100.0 * worst.ripple:.2g} % ({100.0 * trials.allowed[1]:.2g} % allowed)")
+    return ", ".join(words)
+
+
+# --------------------------------------------------------------------------------------------------------------------------------------- the search
+@dataclass
+class _Search:
+    """The smallest error that is broken, by a function [error] -> [whether it is] that answers many at once. tried: errors asked about so far."""
+
+    numbers: Sequence[WrongNumber]
+    tried: int = 0
+
+    def __call__(self, broken: Callable[[Sequence[Error]], list[bool]]) -> tuple[Error, float, float]:
+        """(error, its size, largest size at which all that was tried held); an empty error of infinite size where there is none."""
+        low, high, left = 0.0, 1.0, self._directions()
+        for k in range(1, SIZES + 1):
+            high = k / SIZES
+            failed = self._broken(broken, left, high)
+            if failed:
+                break
+            low = high
+        else:
+            return (), math.inf, 1.0
+        best, low, high = self._nearest(broken, failed, low, high)
+        for _ in range(ROUNDS):
+            inner = [
+                (*best[:i], part, *best[i + 1 :])
+                for i, number in enumerate(self.numbers)
+                for part in (-1.0, -0.5, 0.0, 0.5, 1.0)
+                if part != best[i] and (part >= 0.0 or number.low < number.declared) and (part <= 0.0 or number.high > number.declared)
+            ]
+            inner = [direction for direction in inner if max(map(abs, direction)) == 1.0]
+            failed = self._broken(broken, inner, high - PRECISION) if inner and high > PRECISION else []
+            if not failed:
+                break
+            best, low, high = self._nearest(broken, failed, 0.0, high - PRECISION)
+        return tuple(part * high for part in best), high, low
+
+    def _nearest(
+        self, broken: Callable[[Sequence[Error]], list[bool]], failed: list[Error], low: float, high: float
+    ) -> tuple[Error, float, float]:
+        """(direction, size at which nothing breaks, size at which it does) of the first of directions that are broken at `high`; all are halved at once."""
+        left = [failed]
+
+        def breaks(size: float) -> bool:
+            inner = self._broken(broken, left[-1], size)
+            left.extend([inner] if inner else [])
+            return bool(inner)
+
+        low, high = halved(breaks, low, high, 0.0, PRECISION)
+        return left[-1][0], low, high
+
+    def _broken(self, broken: Callable[[Sequence[Error]], list[bool]], directions: Sequence[Error], size: float) -> list[Error]:
+        self.tried += len(directions)
+        failed = broken([tuple(part * size for part in direction) for direction in directions])
+        return [direction for direction, each in zip(directions, failed, strict=True) if each]
+
+    def _directions(self) -> list[Error]:
+        """The corners and the axes of the box; a side without a range has none."""
+        sides = [
+            tuple(({-1.0} if each.low < each.declared else set()) | ({1.0} if each.high > each.declared else set()))
+            for each in self.numbers
+        ]
+        n = len(sides)
+        axes = [tuple(part if i == j else 0.0 for j in range(n)) for i, parts in enumerate(sides) for part in sorted(parts)]
+        return list(dict.fromkeys([*itertools.product(*map(sorted, sides)), *axes]))
+
+
+# ---------------------------------------------------------------------------------------------------------------------------------------- the bound
+STEP = 0.02
+"""Part of the range over which the slope of the linear loop by an error is taken."""
+
+
+def _guaranteed(loop: ClosedLoop, numbers: Sequence[WrongNumber]) -> float:
+    """The size below which no error makes smooth running grow, to first order; nan where there is no linear loop."""
+    try:
+        linear = steady_loop(loop).loop(0.0)
+        if not linear.stable:
+            return 0.0
+        n, k = linear.B.shape
+        left, right, whole = [np.zeros((n + k, 0))], [np.zeros((0, n + k))], np.block([[linear.A, linear.B], [linear.C, linear.D]])
+        for i, number in enumerate(numbers):
+            if number.name == DELAY:
+                continue
+            slopes = []
+            for part in (STEP, -STEP):
+                near = tuple(part if j == i else 0.0 for j in range(len(numbers)))
+                if number.value(part) != number.declared:
+                    there = steady_loop(_machine(loop, numbers, near)).loop(0.0)
+                    slopes.append((np.block([[there.A, there.B], [there.C, there.D]]) - whole) / STEP)
+            slope = max(slopes, key=lambda each: float(np.linalg.norm(each)))
+            u, sizes, v = np.linalg.svd(slope)
+            rank = int((sizes > 1e-4 * sizes[0]).sum()) if sizes[0] > 0.0 else 0
+            left.append(u[:, :rank] * sizes[:rank])
+            right.append(v[:rank])
+    except (NoDerivative, SceneError):
+        return math.nan
+    L, R = np.hstack(left), np.vstack(right)
+    late = next((max(each.high - each.declared, each.declared - each.low) for each in numbers if each.name == DELAY), 0.0)
+
+    def bound(w: np.ndarray) -> np.ndarray:
+        point = 1j * w if linear.period is None else np.exp(1j * w * linear.period)
+        return np.array([_scaled(_seen(whole, L, R, n, z, f * late)) for z, f in zip(point, w, strict=True)])
+
+    largest, _ = peak(bound, frequencies(linear))
+    return 1.0 / largest if largest > 0.0 else math.inf
+
+
+def _seen(whole: np.ndarray, L: np.ndarray, R: np.ndarray, n: int, z: complex, late: float) -> np.ndarray:
+    """M at a point z: from what errors put in to what they act on; late: largest |delta| of the delay, 0 where it is exact."""
+    size = whole.shape[0]
+    inverse = np.concatenate([np.full(n, 1.0 / z), np.ones(size - n)])
+    entering = inverse[:, None] * L
+    leaving = R
+    if late > 0.0:  # w = v - p is what the delay acts on
+        one = np.eye(size, dtype=complex)[:, n:]
+        entering, leaving = np.hstack([entering, late * one]), np.vstack([R, one.T])
+    seen: np.ndarray = leaving @ np.linalg.solve(np.eye(size) - inverse[:, None] * whole, entering)
+    if late > 0.0:
+        seen[R.shape[0] :, L.shape[1] :] -= late * np.eye(size - n)
+    return seen
+
+
+def _scaled(matrix: np.ndarray) -> float:
+    """The largest singular value of D M D^-1 with a D that balances M: an upper bound of mu for every D."""
+    d = balancing(matrix)
+    return float(np.linalg.norm(d[:, None] * matrix / d, 2))

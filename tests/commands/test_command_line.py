@@ -4,6 +4,7 @@ import csv
 import errno
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -400,7 +401,7 @@ def test_help_and_version_are_printed(capsys):
         assert "stickslip" in capsys.readouterr().out
 
 
-COMMANDS = ("study", "simulate", "compare", "onset", "sweep", "map", "tune", "fit", "tradeoff", "list")
+COMMANDS = ("study", "simulate", "compare", "onset", "sweep", "map", "chance", "tune", "fit", "posterior", "tradeoff", "list")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -419,7 +420,7 @@ def test_the_help_names_every_command_and_the_exit_codes(root, capsys):
     printed = capsys.readouterr().out
     page = (root / "docs" / "commands.md").read_text()
     for command in COMMANDS:
-        assert f"\n    {command} " in printed and f"`stickslip {command} " in page
+        assert re.search(rf"\n    {command}\s", printed) and f"`stickslip {command} " in page
     assert "exit codes: 0 done; 1" in printed
     assert all(f"\n| {code} | " in page for code in (0, 1, 2, 130, 143))
 
@@ -441,6 +442,10 @@ JANSEN = "studies/scenes/jansen_2.toml"
             ["tune", "--controller", "stif PI", "--free", "pi.integral=1:2", "--objective", "stuck", "--out", "OUT"],
             "did you mean `stiff PI`",
         ),
+        (["chance", "--over", "bit.radus=0.1:0.2:2", "--uncertain", "bit.weight=97 kN +- 8 kN"], "did you mean `bit.radius`"),
+        (["chance", "--over", "bit.radius=0.1:0.2:2"], "`--uncertain` must be given, or `--posterior`"),
+        (["posterior", "--prior", "bit.weight=97 kN", "--measured", "severity=1 +- 0.1"], "`--prior` must be NAME=LOW:HIGH"),
+        (["posterior", "--prior", "bit.weight=9e4:1e5"], "`--compare` must be given with DATA, or `--measured`"),
         (["tradeoff", "--controller", "stif PI"], "did you mean `stiff PI`"),
         (["fit", "nothing.csv", "--free", "bit.weight"], "There is no table"),
     ],

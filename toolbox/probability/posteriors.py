@@ -9,6 +9,7 @@ so that no trajectory is built. The sampler is that of `toolbox.probability.temp
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray, number, short, whole
 from toolbox.errors import SceneError
+from toolbox.files.journal import Journal
 from toolbox.files.printing import columns
 from toolbox.files.results import Result
 from toolbox.files.unit_systems import reading
@@ -30,7 +32,9 @@ from toolbox.probability.distributions import Draws, Normal, distribution, quant
 from toolbox.probability.tempering import tempered
 from toolbox.scenes.judged import judged_measures
 from toolbox.sweeps.designs import Variations
+from toolbox.sweeps.store import folder_of
 from toolbox.sweeps.sweep import sweep
+from toolbox.sweeps.variants import fingerprints, shared_run
 
 STANDARD = math.log(2.0 * math.pi) / 2.0
 
@@ -157,6 +161,7 @@ def posterior(
     draws: int = 256,
     accuracy: float = 1e-4,
     seed: int = 0,
+    out: str | Path | None = None,
 ) -> Posterior:
     """Find what numbers of a machine may be, given what was measured of its runs.
 
@@ -181,6 +186,8 @@ def posterior(
         Of the runs.
     seed
         Of the random numbers.
+    out
+        A folder that keeps the likelihoods as they come: the same call goes on where an earlier one was interrupted.
 
     Returns
     -------
@@ -190,7 +197,7 @@ def posterior(
     Raises
     ------
     SceneError
-        If a name is unknown, or if what is given is no distribution.
+        If a name is unknown, if what is given is no distribution, or if `out` holds another search.
     SimulationError
         If no draw of the prior gives a run with what was measured.
     """
@@ -213,12 +220,23 @@ def posterior(
         cumulative = ndtr(points)
         return np.stack([quantiles(each, k, cumulative[:, i]) for i, (each, k) in enumerate(zip(unknowns, known, strict=True))], axis=1)
 
+    journal = None if out is None else _journal(Path(out), loop, (names, numbers_at(np.zeros((1, len(names))))), length, accuracy,
+                                                measured=[values.tolist(), deviations.tolist(), str(list(chosen.items()))],
+                                                priors=[str(known)], draws=[draws], seed=[seed])  # fmt: skip
+    calls = itertools.count()
+
     def likelihood(points: FloatArray) -> FloatArray:
+        call = next(calls)  # the sampler asks the same each time, so that the place among its questions tells which one it is
+        if journal is not None and (call,) in journal.known:
+            return np.array([-math.inf if each is None else each for each in journal.known[call,]])
         rows = numbers_at(points)
         found = sweep(loop, Variations(names, rows, (len(rows),)), length, measures=asked, accuracy=accuracy)
         apart = (np.stack([found[name] for name in data], axis=1) - values) / deviations
         logs = -(0.5 * apart**2 + np.log(deviations) + STANDARD).sum(axis=1)
-        return np.where(np.isfinite(logs), logs, -np.inf)
+        logs = np.where(np.isfinite(logs), logs, -np.inf)
+        if journal is not None:
+            journal.add((call,), [each if math.isfinite(each) else None for each in logs.tolist()])
+        return logs
 
     with progress_bar(1.0, "posterior", unit="likelihood") as bar:
         sampled = tempered(likelihood, len(names), draws, np.random.default_rng(seed), lambda exponent: bar.update(exponent - bar.n))
@@ -228,6 +246,16 @@ def posterior(
         priors={each.name: told(each.name, given) for each, given in zip(unknowns, priors.values(), strict=True)}, runs=sampled.runs,
         stages=sampled.stages, asked={each.unit: unit for each, k in zip(unknowns, known, strict=True) if (unit := k.asked(each.unit))},
     )  # fmt: skip
+
+
+def _journal(
+    folder: Path, loop: ClosedLoop, at: tuple[tuple[str, ...], FloatArray], length: float, accuracy: float, **more: Any
+) -> Journal:
+    """The likelihoods that are known in a folder; at: names of the unknowns and a row of values;  more: what else makes the search."""
+    folder_of(folder)
+    names, row = at
+    run = shared_run(loop, Variations(names, row, (1,)), length, accuracy=accuracy)
+    return Journal(folder / "posterior.jsonl", fingerprints(run, names, duration=[length], **more), word="out")
 
 
 def _measured(data: Mapping[str, Any], units: Mapping[str, str]) -> tuple[FloatArray, FloatArray]:
@@ -255,7 +283,7 @@ def windowed(signal: str, times: Any, values: Any, deviation: float, length: Num
     deviation
         Standard deviation of what is left in the mean of a window, in SI; greater than zero.
     length
-        Of a window [s], or text with a unit.
+        Of a window [s], or text with a unit; the last window ends with the last sample.
 
     Returns
     -------
@@ -274,11 +302,14 @@ def windowed(signal: str, times: Any, values: Any, deviation: float, length: Num
         raise SceneError(f"Argument `values` must hold one number for each of the times, but its shape is {y.shape} and theirs {t.shape}.")
     use = np.isfinite(t) & np.isfinite(y) & (t >= 0)
     place = np.floor(t[use] / length).astype(int)
+    last = float(t[use].max()) if use.any() else 0.0
     data, read = {}, {}
     for k in np.unique(place).tolist():
+        if k * length >= last:
+            continue  # a window of one instant
         name = f"{signal} from {k * length:.6g} s"
         data[name] = Normal(float(y[use][place == k].mean()), deviation)
-        read[name] = mean(signal, k * length, (k + 1) * length)
+        read[name] = mean(signal, k * length, min((k + 1) * length, last))
     if not data:
         raise SceneError("Argument `values` must hold at least one finite sample at a time >= 0 s, but it holds none.")
     return data, read

@@ -205,8 +205,9 @@ class Chance(Result):
         if self.draws >= least:
             for label, found in self.lowest().items():
                 told = ", ".join("none" if math.isnan(v) else f"{v * read[0].factor:.4g}" for v in np.atleast_1d(found).tolist())
+                told += read[0].tail * bool(np.isfinite(found).any())
                 beside = f", by {self.names[1]} from lowest to last" if len(self.names) > 1 else ""
-                lines.append(f"  lowest {self.names[0]} that is free with 95 %, {label}: {told}{read[0].tail}{beside}")
+                lines.append(f"  lowest {self.names[0]} that is free with 95 %, {label}: {told}{beside}")
         else:
             lines.append(f"  no set-point can be shown to be free with 95 % by fewer than {least} draws")
         return "\n".join(lines)

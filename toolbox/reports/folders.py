@@ -114,6 +114,8 @@ ALL: Sequence[Kind] = (
     Kind("study.txt", "Study", "comparison", _study),
     Kind("onset.txt", "Onset of stick-slip", "onset", _onset),
     Kind("map.txt", "Severity map", "map"),
+    Kind("chance.txt", "Chance of stick-slip", "chance"),
+    Kind("posterior.txt", "Posterior", "posterior"),
     Kind("drives.txt", "Lowest set-points", "drives"),
     Kind("tune.txt", "Tuning", "tune"),
     Kind("fit.txt", "Calibration", "fit"),

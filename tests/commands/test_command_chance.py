@@ -1,0 +1,82 @@
+"""The commands `stickslip chance` and `stickslip posterior`: from a scene to probabilities, and from a recording to what they rest on."""
+
+import json
+
+import numpy as np
+import pytest
+
+import toolbox.probability.chances as chances
+from toolbox import simulate
+from toolbox.commands.command_line import main
+from toolbox.probability import Chance, Posterior, Uniform, chance
+from toolbox.scenes.scene import Scene
+
+RIG = """
+title = "Two inertias"
+duration = "60 s"
+reference = "95 rpm"
+[[plant]]
+part = "wells.JANSEN_2"
+[[plant]]
+part = "BitRock"
+weight = "90 kN"
+[[controllers]]
+label = "constant torque"
+inputs = { "top.torque" = "9 kN m" }
+[[controllers]]
+label = "stiff PI"
+law = "StiffPI"
+"""
+
+ASKED = ["--over", "top.reference=60 rpm:140 rpm:2", "--uncertain", "bit.weight=90 kN +- 9 %", "--uncertain", "bit.friction.static=0.7:0.9"]
+ASKED += ["--controller", "stiff PI", "--draws", "20"]
+
+
+@pytest.fixture
+def rig(tmp_path):
+    (tmp_path / "rig.toml").write_text(RIG)
+    return tmp_path / "rig.toml"
+
+
+def test_chances_are_those_of_the_function_in_the_units_that_were_typed(rig, tmp_path, capsys, monkeypatch):
+    out = tmp_path / "out"
+    assert main(["chance", str(rig), *ASKED, "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "top.reference [rpm]" in printed and "bit.friction.static known as 0.7 to 0.9" in printed
+    found = Chance.load(out / "chance.npz")
+    assert (out / "chance.txt").read_text() == f"{found}\n"
+    uncertain = {"bit.weight": "90 kN +- 9 %", "bit.friction.static": Uniform(0.7, 0.9)}
+    same = chance(Scene.load(rig)["stiff PI"], {"top.reference": ["60 rpm", "140 rpm"]}, uncertain, draws=20)
+    assert np.array_equal(found.outcomes["stiff PI"], same.outcomes["as it is"]) and 0 < found.chances["stiff PI"].mean() < 1
+    names = {"chance.txt", "chance.csv", "chance.npz", "chance.png", "chance_01.jsonl", "scene.toml", "origin.json"}
+    assert {path.name for path in out.iterdir()} == names
+    assert "chance.npz" in (out / "origin.json").read_text()
+    monkeypatch.setattr(chances._Search, "_block", None)  # what is known is not asked again
+    assert main(["chance", str(rig), *ASKED, "--out", str(out)]) == 0
+    assert main(["chance", str(rig), *ASKED, "--seed", "1", "--out", str(out)]) == 2
+
+
+def test_a_recording_becomes_a_posterior_and_that_becomes_chances(rig, tmp_path, capsys):
+    scene = Scene.load(rig)
+    run = simulate(scene["constant torque"].at("bit.weight", 80e3), "30 s", output_times=np.linspace(0.0, 30.0, 601))
+    rows = zip(run.time, run["top.torque"], run["top.speed"] * 60 / (2 * np.pi), strict=True)
+    table = "time [s],torque [N m],speed [rpm]\n" + "".join(f"{t:.9g},{u:.9g},{w:.9g}\n" for t, u, w in rows)
+    (tmp_path / "rig.csv").write_text(table)
+    columns = ["--column", "top.torque=torque", "--column", "top.speed=speed"]
+    compared = ["--compare", "top.speed=0.3 rad/s", "--prior", "bit.weight=50kN:110kN", "--draws", "64"]
+    assert main(["posterior", str(rig), str(tmp_path / "rig.csv"), *columns, *compared, "--out", str(tmp_path / "known")]) == 0
+    assert "Posterior of Two inertias: 64 draws" in capsys.readouterr().out
+    known = Posterior.load(tmp_path / "known" / "posterior.npz")["bit.weight"]
+    assert abs(known.mean() - 80e3) < 3 * known.std() + 200.0 and known.std() < 5e3
+    again = ["chance", str(rig), "--posterior", str(tmp_path / "known" / "posterior.npz"), "--over", "top.reference=6:8:2", "--draws", "8"]
+    assert main([*again, "--controller", "stiff PI", "--json"]) == 0
+    assert np.shape(json.loads(capsys.readouterr().out)["outcomes"]["stiff PI"]) == (2, 8)
+
+
+def test_what_a_posterior_cannot_compare_is_refused(rig, tmp_path, capsys):
+    (tmp_path / "rig.csv").write_text("time [s],top.torque [N m],top.speed [rad/s]\n0,1,1\n1,1,1\n2,1,1\n")
+    given = ["posterior", str(rig), str(tmp_path / "rig.csv"), "--prior", "bit.weight=50kN:110kN", "--compare"]
+    assert main([*given, "top.torque=1 N m"]) == 2
+    assert "names `top.torque`; there are: top.speed" in capsys.readouterr().err
+    assert main([*given, "top.speed"]) == 2
+    assert "`--compare` must be SIGNAL=DEVIATION" in capsys.readouterr().err

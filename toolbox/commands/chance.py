@@ -1,0 +1,136 @@
+"""stickslip chance: the chance of stick-slip over one or two numbers, where other numbers are known as distributions only."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from toolbox.arguments import numbers
+from toolbox.commands import figures
+from toolbox.commands.recording import results
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, ranges, show
+from toolbox.errors import SceneError, SimulationError
+from toolbox.files.unit_systems import asked_in
+
+if TYPE_CHECKING:
+    from toolbox.probability.distributions import Draws
+
+FILES = ("chance.txt", "chance.csv", "chance.npz", "chance.png", "scene.toml")
+
+GOES_ON = "interrupted; the same call goes on from here."
+
+DISTRIBUTIONS = "a normal distribution NAME='97 kN +- 8 kN' or NAME='97 kN +- 8 %%', or a uniform one NAME=LOW:HIGH"
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip chance`."""
+    verb = commands.add_parser(
+        "chance",
+        parents=[common("folder for table, figure and data; that of an interrupted search is continued")],
+        help="chance of stick-slip over one or two numbers, where others are known as distributions only",
+        description="Simulate every controller of a scene at all points with the same draws of what is uncertain, and print the chance of stick-slip with its "
+        "bounds by Clopper and Pearson, and the lowest set-point that is free with 95 %. Every run begins where the scene begins.",
+        epilog="example: stickslip chance studies/scenes/jansen_2.toml --over top.reference='40 rpm:140 rpm:11' --uncertain bit.weight='97 kN +- 8 kN' "
+        "--uncertain bit.friction.static=0.7:0.9 --controller 'stiff PI' --draws 200 --out chances",
+    )
+    verb.add_argument(
+        "--over",
+        action="append",
+        required=True,
+        metavar="NAME=LOW:HIGH:N",
+        help="what varies, with its number of values; once or twice, the set-point first",
+    )
+    verb.add_argument(
+        "--uncertain", action="append", default=[], metavar="NAME=WHAT", help=f"what is not known: {DISTRIBUTIONS}; may be repeated"
+    )
+    verb.add_argument(
+        "--posterior", type=Path, metavar="FILE.npz", help="what `stickslip posterior` found of these numbers, in place of --uncertain"
+    )
+    verb.add_argument("--draws", type=int, default=200, metavar="N", help="machines at every point (200)")
+    verb.add_argument("--duration", metavar="T", help="of a run; forty swings after the start without")
+    verb.add_argument("--accuracy", type=float, default=1e-4, metavar="X", help="of the runs (1e-4)")
+    verb.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the bounds (0.95)")
+    verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the draws (0)")
+    verb.set_defaults(action=run, spelled={"uncertain": "--uncertain"}, words=lambda given: GOES_ON if given.out else "interrupted.")
+
+
+def distributions(option: str, texts: Sequence[str]) -> dict[str, Any]:
+    """{name: distribution} of texts NAME=MEAN +- DEVIATION and NAME=LOW:HIGH; raises SceneError for other forms, and for a name that is there twice."""
+    from toolbox.probability.distributions import Uniform, distribution
+
+    found: dict[str, Any] = {}
+    for text in texts:
+        name, equals, what = (part.strip() for part in text.partition("="))
+        if not name or not equals:
+            raise SceneError(f"Argument `{option}` must be NAME='97 kN +- 8 kN' or NAME=LOW:HIGH, but it is `{text}`.")
+        if name in found:
+            raise SceneError(f"Argument `{option}` must name every number once, but `{name}` is there twice.")
+        if re.search(r"\+-|\+/-|±", what):
+            found[name] = distribution(name, what)
+        else:
+            found[name] = Uniform(*ranges(option, [text])[name])
+    return found
+
+
+def run(given: argparse.Namespace) -> int:
+    """Find the chances. Returns the exit code."""
+    import numpy as np
+
+    from toolbox.probability.chances import chance
+    from toolbox.scenes.scene import Scene
+
+    scene = Scene.load(given.scene)
+    loops = {label: scene[label] for label in (scene.case(each).label for each in given.controller or scene.labels)}
+    first = next(iter(loops.values()))
+    over: dict[str, Any] = {}
+    asked: dict[str, str] = {}
+    for name, (low, high, count) in ranges("--over", given.over, counted=True).items():
+        ends = numbers(name, (low, high), first.number(name).unit)
+        if not ends[0] < ends[1] and count > 1:
+            raise SceneError(f"Argument `{name}` must be a range LOW:HIGH with LOW < HIGH, but it is {low}:{high}.")
+        over[name] = np.linspace(ends[0], ends[1], count).tolist()
+        if unit := asked_in(ends, ""):
+            asked[first.number(name).unit] = unit
+    try:
+        found = chance(
+            loops,
+            over,
+            _uncertain(given),
+            draws=given.draws,
+            duration=given.duration,
+            accuracy=given.accuracy,
+            confidence=given.confidence,
+            seed=given.seed,
+            out=given.out,
+        )
+    except SimulationError as error:
+        return complaint(str(error), 1)
+    found = dataclasses.replace(found, title=scene.title, asked={**found.asked, **asked})
+    given.found = found
+    with results(given, drawn_as(FILES, given.format), earlier("chance.txt", "^Chance of stick-slip: ", FILES), last=False) as folder:
+        if folder is not None:
+            (folder / "chance.txt").write_text(f"{found}\n", encoding="utf-8")
+            found.save(folder / "chance.csv")
+            found.save(folder / "chance.npz")
+            figures.draw_found(found, scene.title, folder / f"chance.{given.format}")
+            scene.save(folder / "scene.toml")
+    show(str(found))
+    if given.out:
+        print(f"\nTable, figure and data are in {given.out}")
+    return 0
+
+
+def _uncertain(given: argparse.Namespace) -> dict[str, Any] | Draws:
+    """What is not known, as `chance` takes it."""
+    from toolbox.probability.posteriors import Posterior
+
+    if bool(given.uncertain) == bool(given.posterior):
+        raise SceneError(
+            "Argument `--uncertain` must be given, or `--posterior`, "
+            + ("but not both." if given.uncertain else "because without them every run at a point is the same.")
+        )
+    return Posterior.load(given.posterior).drawn if given.posterior else distributions("--uncertain", given.uncertain)

@@ -1,0 +1,154 @@
+"""stickslip posterior: what numbers of a machine may be, given what was measured of it."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from toolbox.arguments import number
+from toolbox.commands import figures
+from toolbox.commands.chance import DISTRIBUTIONS, GOES_ON, distributions
+from toolbox.commands.recording import results
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, plain, show
+from toolbox.errors import SceneError, SimulationError
+
+if TYPE_CHECKING:
+    from toolbox.modelling.closed_loop import ClosedLoop
+
+FILES = ("posterior.txt", "posterior.csv", "posterior.npz", "posterior.png", "scene.toml")
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip posterior`."""
+    verb = commands.add_parser(
+        "posterior",
+        parents=[
+            common(
+                "folder for report, draws and figure; that of an interrupted search is continued",
+                scene="the machine; its inputs and start hold where nothing is measured",
+                controller="the controller of the scene that was running; the plant alone without, where signals are compared",
+            )
+        ],
+        help="what numbers of a machine may be, given what was measured, as draws, and the evidence of its laws",
+        description="Sample the posterior of numbers of a scene. Signals of the data that are inputs of the machine drive the runs; means in windows of other "
+        "signals are compared with them (--compare), or measures of a run with their values (--measured), without data. The draws (posterior.npz) are what "
+        "`stickslip chance --posterior` takes.",
+        epilog="example: stickslip posterior studies/scenes/jansen_2.toml rig.csv --prior bit.friction.static=0.6:1 --prior bit.weight='80 kN +- 15 kN' "
+        "--compare bit.speed='0.5 rad/s' --window '1 s' --out known;   stickslip posterior studies/scenes/jansen_2.toml --controller 'stiff PI' "
+        "--prior bit.weight=50kN:110kN --measured stuck_ratio='0.31 +- 0.02' --measured severity='1.9 +- 0.1'",
+    )
+    verb.add_argument("data", type=Path, nargs="?", metavar="DATA", help="measured signals: CSV or TOML with units in headings, or MAT")
+    verb.add_argument(
+        "--prior",
+        action="append",
+        required=True,
+        metavar="NAME=WHAT",
+        help=f"an unknown and what is known of it before: {DISTRIBUTIONS}; may be repeated",
+    )
+    verb.add_argument(
+        "--compare",
+        action="append",
+        default=[],
+        metavar="SIGNAL=DEVIATION",
+        help="a measured signal, and the standard deviation of the mean of a window, errors of the model included; may be repeated",
+    )
+    verb.add_argument(
+        "--measured",
+        action="append",
+        default=[],
+        metavar="MEASURE=WHAT",
+        help="a measure of `stickslip list measures` and its value, such as severity='1.9 +- 0.1'; may be repeated",
+    )
+    verb.add_argument("--window", default="1 s", metavar="T", help="length of the windows ('1 s')")
+    verb.add_argument(
+        "--column", metavar="SIGNAL=HEADING", action="append", default=[], help="what a signal, or time, is called in the data"
+    )
+    verb.add_argument("--duration", metavar="T", help="of the runs; by default that of the data, else of the scene")
+    verb.add_argument("--draws", type=int, default=256, metavar="N", help="of the posterior (256)")
+    verb.add_argument("--accuracy", type=float, default=1e-4, metavar="X", help="of the runs (1e-4)")
+    verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the random numbers (0)")
+    verb.set_defaults(
+        action=run,
+        spelled={"priors": "--prior", "data": "--measured", "columns": "--column"},
+        words=lambda given: GOES_ON if given.out else "interrupted.",
+    )
+
+
+def run(given: argparse.Namespace) -> int:
+    """Sample the posterior. Returns the exit code."""
+    from toolbox.modelling.closed_loop import closed_loop
+    from toolbox.probability.posteriors import posterior
+    from toolbox.scenes.scene import Scene
+
+    scene = Scene.load(given.scene)
+    loop = scene[given.controller or scene.labels[0]]
+    if bool(given.compare) == bool(given.measured) or bool(given.compare) != bool(given.data):
+        raise SceneError("Argument `--compare` must be given with DATA, or `--measured` without, but not both.")
+    if given.compare:
+        if given.controller is None:
+            loop = dataclasses.replace(loop, laws=(), inputs={name: v for name, v in loop.inputs.items() if name in scene.inputs})
+        driving, data, measures, length = _compared(given, loop)
+        loop = closed_loop(loop, inputs=driving)
+    else:
+        data, measures, length = distributions("--measured", given.measured), {}, None
+    try:
+        found = posterior(
+            loop,
+            data,
+            distributions("--prior", given.prior),
+            length if given.duration is None else plain(given.duration),
+            measures=measures,
+            draws=given.draws,
+            accuracy=given.accuracy,
+            seed=given.seed,
+            out=given.out,
+        )
+    except SimulationError as error:
+        return complaint(str(error), 1)
+    given.found = found = dataclasses.replace(found, title=scene.title)
+    with results(given, drawn_as(FILES, given.format), earlier("posterior.txt", "^Posterior of ", FILES), last=False) as folder:
+        if folder is not None:
+            (folder / "posterior.txt").write_text(f"{found}\n", encoding="utf-8")
+            found.save(folder / "posterior.csv")
+            found.save(folder / "posterior.npz")
+            figures.draw_found(found, scene.title, folder / f"posterior.{given.format}")
+            scene.save(folder / "scene.toml")
+    show(str(found))
+    if given.out:
+        print(f"\nReport, draws and figure are in {given.out}")
+    return 0
+
+
+def _compared(given: argparse.Namespace, loop: ClosedLoop) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], float]:
+    """(measured inputs, data, measures, length of the recording) of a call with DATA."""
+    from toolbox.calibration.recording import Recording
+    from toolbox.probability.posteriors import windowed
+
+    columns = dict(_pairs("--column", "SIGNAL=HEADING", given.column))
+    bare = dataclasses.replace(loop, inputs={})
+    recording = Recording.of(given.data, bare.system, columns or None)
+    driving = {name: (recording.time, values) for name, values in recording.signals.items() if name in bare.system.inputs}
+    data: dict[str, Any] = {}
+    measures: dict[str, Any] = {}
+    for name, deviation in _pairs("--compare", "SIGNAL=DEVIATION", given.compare):
+        if name not in recording.signals or name in driving:
+            others = ", ".join(each for each in recording.signals if each not in driving)
+            raise SceneError(
+                f"Argument `--compare` must name measured signals that drive nothing, but it names `{name}`; there are: {others}."
+            )
+        size = number("--compare", plain(deviation), bare.system.unit(name), above=0)
+        more, read = windowed(name, recording.time, recording.signals[name], size, plain(given.window))
+        data |= more
+        measures |= read
+    return driving, data, measures, float(recording.time[-1])
+
+
+def _pairs(option: str, form: str, texts: list[str]) -> list[tuple[str, str]]:
+    """(name, what stands behind it) of texts NAME=WHAT."""
+    parts = [text.partition("=") for text in texts]
+    for text, (name, equals, what) in zip(texts, parts, strict=True):
+        if not (name.strip() and equals and what.strip()):
+            raise SceneError(f"Argument `{option}` must be {form}, but it is `{text}`.")
+    return [(name.strip(), what.strip()) for name, _, what in parts]

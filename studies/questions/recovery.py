@@ -1,0 +1,219 @@
+"""What does it cost that a law lifts its own set-point: in steps of it, in recoveries, below what it can hold, at steps of the weight, after a stall?
+
+Every law of `LAWS` acts inside `controllers.Lifting` on the rig of `studies.protocol`, at 4 and 6 rad/s, sampled every 10 ms, 30 ms late, with a noise of
+0.01 rad/s on the top speed. Columns, each the worst of its runs:
+
+up        highest top speed after the set-point is doubled in smooth running, in parts of the new one
+down      seconds of stick after it is halved again
+top       highest top speed after the takeover from a stiff drive inside stick-slip, at eight phases of its cycle, in parts of what is asked
+calm      until the bit sticks for the last time [s]
+back      until the top is at most 10 % above what is asked, for good [s]
+flag      until the law gives up, at set-points of 2 and 3 rad/s [s]: the first flag; '-' where smooth running is held
+lifted    share of half an hour there with the set-point more than 10 % above what is asked
+x 1.3, x 1.5   seconds of stick in the last 100 of the 350 that follow a step of the weight by so much at 6 rad/s, and seconds until the last stick
+stall     highest top speed from 15 s after the end of a minute in which the weight is four times as high and the bit stands, in parts of what is asked
+
+    python -m studies recovery [--out FOLDER] [--only LABEL ...] [--jobs N]       (half a minute of processor time; the table, recovery.csv, recovery.png)
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from controllers import PI, Lifting, SoftTorque
+from studies import gains
+from studies.protocol import LIMITS, PLANT, WEIGHT, trial
+from studies.questions.drives import write_rows
+from toolbox import Controller, Sampled, Trajectory, inputs, measure, plot, simulate, units
+from toolbox.figures.style import name_axis
+from toolbox.files.printing import columns
+from toolbox.robustness.groups import Machine
+from toolbox.robustness.set_points import Trial
+from toolbox.sweeps.executors import Workers
+
+ASKED = (4.0, 6.0)
+"""Set-points [rad/s]."""
+BELOW = (2.0, 3.0)
+"""Set-points that hardly any law holds [rad/s]."""
+ABOVE = 1.1
+"""Speeds above this part of what is asked are not at the set-point."""
+PHASES = tuple(k / 8 for k in range(8))
+SMOOTH, AT, OVER = 10.0, 150.0, 250.0
+"""A set-point [rad/s] at which every law runs smoothly from rest; when the first thing happens, and the second [s]."""
+STALL, AGAIN = 60.0, 15.0
+"""Length of a stall, and from when after its end on the top speed counts [s]."""
+HELD = 4.0
+"""Factor of the weight in a stall: the torque at rest is more than the drive has."""
+SHOWN = ("soft torque", "LQG, tuned")
+
+
+def inner_laws() -> dict[str, Controller]:
+    """The laws that are lifted, by label."""
+    tuned = {f"{name}, tuned": gains.tuned(f"{name}, lifting").law for name in ("Z-torque", "impedance", "LQG")}
+    return {"soft torque": SoftTorque(**LIMITS), "PI": PI(**LIMITS), **tuned}
+
+
+def lifted(label: str, **numbers: Any) -> Trial:
+    """How a law of `inner_laws` is tried inside `Lifting`, with other numbers of it."""
+    return trial(label, Lifting(inner_laws()[label], **numbers))
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """A line of the table: speeds in parts of what is asked, times [s], shares [1]; pairs are of the two set-points or steps."""
+
+    label: str
+    up: float
+    down: float
+    top: tuple[float, float]
+    calm: tuple[float, float]
+    back: tuple[float, float]
+    flag: tuple[float, float]
+    lifted: tuple[float, float]
+    weight: tuple[float, float]
+    held: tuple[float, float]
+    stall: float
+
+
+def smooth(law: Trial, reference: float, duration: float, asked: Sequence[tuple[float, float]] = (), weight: Any = WEIGHT) -> Trajectory:
+    """A run from rest over a high set-point into smooth running at one; asked: (time, set-point) of steps."""
+    times, speeds = [0.0, 80.0, 110.0], [SMOOTH, SMOOTH, reference]
+    for time, speed in asked:
+        times, speeds = [*times, time, time], [*speeds, speeds[-1], speed]
+    clock = Sampled(law.of(reference), law.period, law.clock.delay, noise={"top.speed": 0.01}, seed=7)
+    return simulate(PLANT, duration, controller=clock, inputs={"top.reference": (times, speeds), "bit.weight": weight})
+
+
+def highest(run: Trajectory, begin: float, end: float = np.inf) -> float:
+    """Highest top speed between two times [rad/s]."""
+    return float(run["top.speed"][(run.time > begin) & (run.time < end)].max())
+
+
+def last_stick(run: Trajectory, after: float) -> float:
+    """How long after a time the bit sticks for the last time [s]; 0 where it does not."""
+    ends = [end for _, end in measure.stick_intervals(run, "bit", after=after)]
+    return ends[-1] - after if ends else 0.0
+
+
+def stepped(law: Trial, reference: float) -> tuple[float, float]:
+    """(highest top speed over the set-point that is doubled, seconds of stick after it is halved)."""
+    run = smooth(law, reference, 350.0, [(AT, 2.0 * reference), (OVER, reference)])
+    return highest(run, AT, OVER) / (2.0 * reference), run.time_in("bit", "stick", after=OVER)
+
+
+def recovered(law: Trial, reference: float, phase: float) -> tuple[float, float, float]:
+    """(highest top speed over what is asked, time until the last stick, time until the top is no longer 10 % too fast) of a takeover."""
+    run, at = law.run(Machine("declared"), reference, seed=7, phase=phase), law.takeover(reference, phase)
+    fast = run.time[(run.time > at) & (run["top.speed"] > ABOVE * reference)]
+    return highest(run, at) / reference, last_stick(run, at), float(fast[-1]) - at if fast.size else 0.0
+
+
+def given_up(law: Trial, reference: float) -> tuple[float, float]:
+    """(time of the first flag, share of half an hour that is lifted) from inside stick-slip; the first is nan where smooth running is held at the end."""
+    at = law.takeover(reference)
+    run = law.run(Machine("declared"), reference, seed=7, duration=at + 1800.0)
+    flags = run.time[run["lifting.gave_up"] > 0.0]
+    fast, late = run["lifting.reference"] > ABOVE * reference, run.time > run.end - 300.0
+    high = np.trapezoid(fast, run.time) / 1800.0
+    never = np.inf if fast[late].any() or run.time_in("bit", "stick", after=run.end - 300.0) > 0.0 else np.nan
+    return float(flags[0]) - at if flags.size else never, float(high)
+
+
+def weighed(law: Trial, factor: float) -> tuple[float, float]:
+    """(seconds of stick in the last 100 s, time until the last stick) after a step of the weight at the higher set-point."""
+    run = smooth(law, ASKED[1], AT + 350.0, weight=inputs.step(WEIGHT, factor * WEIGHT, AT))
+    return run.time_in("bit", "stick", after=run.end - 100.0), last_stick(run, AT)
+
+
+def stalled(law: Trial, reference: float) -> tuple[Trajectory, float]:
+    """(run, highest top speed over what is asked from 15 s after the end of the stall)."""
+    end = AT + STALL
+    weight = ((0.0, AT, AT + 1.0, end, end + 1.0), (WEIGHT, WEIGHT, HELD * WEIGHT, HELD * WEIGHT, WEIGHT))
+    run = smooth(law, reference, end + 200.0, weight=weight)
+    return run, highest(run, end + AGAIN) / reference
+
+
+def recovery(label: str, **numbers: Any) -> Recovery:
+    """The line of a law; numbers: of `Lifting`."""
+    law = lifted(label, **numbers)
+    up, down = np.max([stepped(law, reference) for reference in ASKED], axis=0)
+    found = [np.max([recovered(law, reference, phase) for phase in PHASES], axis=0) for reference in ASKED]
+    top, calm, back = zip(*np.array(found).tolist(), strict=True)
+    flag, above = zip(*[given_up(law, reference) for reference in BELOW], strict=True)
+    stuck, held = zip(*[weighed(law, factor) for factor in (1.3, 1.5)], strict=True)
+    stall = max(stalled(law, reference)[1] for reference in ASKED)
+    return Recovery(label, float(up), float(down), top, calm, back, flag, above, stuck, held, stall)
+
+
+def table(rows: Sequence[Recovery]) -> str:
+    """The rows as text."""
+
+    def pair(values: Sequence[float], form: str, factor: float = 1.0) -> str:
+        return " / ".join("-" if np.isnan(value) else "never" if np.isinf(value) else f"{factor * value:{form}}" for value in values)
+
+    lines: list[tuple[str, ...]] = [
+        ("lifted law", "up", "down", "top", "calm [s]", "back [s]", "flag [s]", "lifted [%]", "x 1.3, 1.5 [s]", "last [s]", "stall")
+    ]
+    for each in rows:
+        lines.append((
+            each.label, f"{each.up:.2f}", f"{each.down:.1f}", pair(each.top, ".2f"), pair(each.calm, ".0f"), pair(each.back, ".0f"),
+            pair(each.flag, ".0f"), pair(each.lifted, ".1f", 100.0), pair(each.weight, ".1f"), pair(each.held, ".0f"), f"{each.stall:.2f}",
+        ))  # fmt: skip
+    return "\n".join(columns(lines, left=(0,)))
+
+
+def picture(path: Path, shown: Sequence[str] = SHOWN) -> None:
+    """Top speeds over time at the lower set-point: a recovery from inside stick-slip, and what follows a stall; thin, the lifted set-points."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    asked = ASKED[0]
+    with pyplot.rc_context(plot.PAPER), units("metric"):
+        figure, axes = pyplot.subplots(1, 2, figsize=(10.0, 3.2), layout="constrained", sharey=True)
+        for label, style in zip(shown, plot.LINES, strict=False):
+            law = lifted(label)
+            for ax, run, begin in (
+                (axes[0], law.run(Machine("declared"), asked, seed=7), law.takeover(asked)),
+                (axes[1], stalled(law, asked)[0], AT),
+            ):
+                times = np.linspace(begin, min(begin + 160.0, run.end), 3000)
+                ax.plot(times - begin, run.at(times)["top.speed"], label=label, **style)
+                ax.plot(times - begin, run.at(times)["lifting.reference"], **{**style, "linewidth": 0.7})
+        for ax, title in zip(axes, ("taken over in stick-slip", f"the bit held for {STALL:.0f} s"), strict=True):
+            ax.axhline(asked, color="0.5", linewidth=0.8, linestyle=":")
+            ax.set_xlabel("time [s]")
+            ax.set_title(title, fontsize=9.0, loc="left")
+        name_axis(axes[0].yaxis, "top speed", "rad/s")
+        axes[0].legend(frameon=False, fontsize=8.0)
+        figure.savefig(path, dpi=180)
+        pyplot.close(figure)
+
+
+def main() -> None:
+    """Print the table, and with --out write it and its picture."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--only", nargs="+", choices=list(inner_laws()), default=list(inner_laws()), metavar="LABEL")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    given = parser.parse_args()
+    with Workers(given.jobs) as workers:
+        rows = list(workers.map(recovery, given.only))
+    print(table(rows))
+    if given.out:
+        given.out.mkdir(parents=True, exist_ok=True)
+        write_rows(rows, given.out / "recovery.csv")
+        picture(given.out / "recovery.png")
+        print(f"\nThe table and its picture are in {given.out}")
+
+
+if __name__ == "__main__":
+    main()

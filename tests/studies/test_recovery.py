@@ -1,0 +1,55 @@
+"""The study of what a recovery costs: its measures tell what runs of one's own show, and its table what was measured."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from controllers import Lifting, StiffPI
+from studies.protocol import LIMITS, trial
+from studies.questions import recovery
+from toolbox.robustness.groups import Machine
+
+
+def test_a_recovery_is_told_as_its_run_shows_it_and_a_law_that_never_recovers_is_told_so():
+    law = recovery.lifted("soft torque")
+    top, calm, back = recovery.recovered(law, 4.0, 0.25)
+    run, at = law.run(Machine("declared"), 4.0, seed=7, phase=0.25), law.takeover(4.0, 0.25)
+    assert run.time_in("bit", "stick", until=at) > 1.0  # there is something to be ended
+    assert run.time_in("bit", "stick", after=at + calm) == 0.0 < run.time_in("bit", "stick", after=at + calm - 0.1)
+    after = run.at(np.arange(at + back + 0.01, run.end, 0.01))["top.speed"]
+    assert after.max() < 1.1 * 4.0 < run["top.speed"].max() == pytest.approx(top * 4.0)
+    alone = trial("stiff PI", StiffPI(**LIMITS))
+    assert recovery.recovered(alone, 4.0, 0.25)[1] > 150.0
+
+
+def test_below_what_a_law_holds_the_flag_and_the_share_of_the_time_lifted_are_told():
+    flag, lifted = recovery.given_up(recovery.lifted("soft torque"), 2.0)
+    assert 20.0 < flag < 400.0 and 0.01 < lifted < 0.15
+    stubborn = recovery.given_up(recovery.lifted("soft torque", tries=1e6, highest=50.0), 2.0)
+    assert stubborn[0] == np.inf and stubborn[1] > 0.4
+
+
+def test_steps_of_set_point_and_weight_and_a_stall_are_measured_on_the_run():
+    law = recovery.lifted("PI")
+    up, down = recovery.stepped(law, 4.0)
+    assert 0.99 < up < 1.12 and down == 0.0
+    assert recovery.weighed(law, 1.3)[0] == 0.0
+    bare = dataclasses.replace(law, loop=trial("PI", law.clock.law.law).loop)
+    assert recovery.weighed(bare, 1.3)[0] > 1.0
+    run, top = recovery.stalled(law, 6.0)
+    assert run.time_in("bit", "stick", after=recovery.AT + 2.0, until=recovery.AT + recovery.STALL) == pytest.approx(58.0)
+    assert top == pytest.approx(run["top.speed"][run.time > 225.0].max() / 6.0)
+    assert isinstance(law.clock.law, Lifting)
+
+
+def test_the_table_has_a_line_for_each_law_and_the_picture_is_drawn(tmp_path):
+    row = recovery.Recovery(
+        "soft torque", 1.03, 0.0, (2.9, 2.3), (24.0, 16.0), (59.0, 48.0), (74.0, np.inf), (0.024, 0.06), (0.0, 0.0), (11.0, 18.0), 3.5
+    )
+    lines = recovery.table([row, dataclasses.replace(row, label="LQG, tuned", flag=(np.nan, 3.0))]).splitlines()
+    assert "74 / never" in lines[-2] and "2.4 / 6.0" in lines[-2] and "- / 3" in lines[-1]
+    recovery.picture(tmp_path / "recovery.png", ["PI"])
+    assert (tmp_path / "recovery.png").stat().st_size > 10_000

@@ -34,13 +34,14 @@ from toolbox import Controller, HybridSystem, Sampled, closed_loop, compose
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import program_of
 from toolbox.lanes.lanes import has_series, run_lanes
-from toolbox.lanes.loop import begin, scalar_address
+from toolbox.lanes.loop import begin
 from toolbox.measuring import measures
 from toolbox.simulation.carry_out import formulas_of
 from toolbox.simulation.methods import Explicit, TaylorSeries
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
 from toolbox.simulation.work_arrays import work_arrays
+from toolbox.stepping.event_stepper import loop_of
 from toolbox.sweeps import batch
 from toolbox.sweeps.batch import Task, finished, numbers_of_run
 
@@ -105,7 +106,7 @@ def first_scenarios(run: Run, parameters: np.ndarray, starts: np.ndarray) -> tup
     work.ints[work_layout.NODES] = 0
     few = len(parameters)
     results = np.zeros(few, np.int64), np.zeros(few, np.int64), np.zeros_like(starts), np.zeros((few, ROOM))
-    fixed = scalar_address(work), work, work.p.copy(), work.memory.copy()
+    fixed = loop_of(work).address, work, work.p.copy(), work.memory.copy()
     one_by_one(*fixed, parameters[:1], starts[:1], *results)
     return lambda: one_by_one(*fixed, parameters, starts, *results), results
 

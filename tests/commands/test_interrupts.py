@@ -223,13 +223,12 @@ command_line.main = main
 """
 
 LOADING = """
-from numba.core.dispatcher import Dispatcher
-inner = Dispatcher.compile
-def compile(self, signature):
-    if "advance" in self.__name__:
-        open("begun", "w").close()
-    return inner(self, signature)
-Dispatcher.compile = compile
+from toolbox.translation.compiled import Compiled
+inner = Compiled.ready
+def ready(self):
+    open("begun", "w").close()
+    return inner(self)
+Compiled.ready = ready
 """
 
 

@@ -448,7 +448,7 @@ def no_compiler(monkeypatch):
 
     def start():
         monkeypatch.setattr("toolbox.compilation.kernel.compiled_for", lambda *_: pytest.fail("compiled again"))
-        monkeypatch.setattr(emit, "_object_code", lambda *_: pytest.fail("compiled again"))
+        monkeypatch.setattr(emit, "object_code", lambda *_: pytest.fail("compiled again"))
 
     return start
 

@@ -243,7 +243,7 @@ def test_a_number_of_a_designed_law_is_changed_where_it_acts_as_in_a_sweep():
 def test_another_number_compiles_nothing(monkeypatch):
     tune(rig(), "stiff", "severity", {"pi.proportional": (1e3, 1e5)}, runs=10)
     monkeypatch.setattr("toolbox.compilation.kernel.compiled_for", lambda *_: pytest.fail("compiled again"))
-    monkeypatch.setattr("toolbox.compilation.emitter._object_code", lambda *_: pytest.fail("compiled again"))
+    monkeypatch.setattr("toolbox.compilation.emitter.object_code", lambda *_: pytest.fail("compiled again"))
     found = tune(rig(), "stiff", "severity", {"pi.integral": (1e2, 1e4)}, runs=10, seed=4)
     assert len(found.trials) >= 8 and not any(trial.failed for trial in found.trials)
 

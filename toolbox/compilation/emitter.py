@@ -15,8 +15,9 @@ import os
 import struct
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -312,7 +313,7 @@ def compiled(text: str, names: Sequence[str], instructions: int, large: int = LA
     be joined in
     vectors, which pays where there are many and costs time where there are few.
     """
-    with _COMPILING:  # else two threads load the same code
+    with COMPILING:
         key, library = _library(text, names, instructions > large, side_by_side)
         _KEPT[key] = library
         return {name: library[name] for name in names}
@@ -322,24 +323,21 @@ def compiled_for(
     text: str, names: Sequence[str], instructions: int, passing: bool, side_by_side: bool = False
 ) -> tuple[dict[str, int], Any]:
     """Addresses as of `compiled`; with `passing`, of code that lives as long as the second value: whoever calls them has to hold it."""
-    with _COMPILING:
+    with COMPILING:
         key, library = _library(text, names, instructions > LARGE, side_by_side)
         if not passing:
             _KEPT[key] = library
         return {name: library[name] for name in names}, library
 
 
-_COMPILING = threading.Lock()
+COMPILING = threading.Lock()
+"""Else two threads load the same code."""
 
 
 def _library(text: str, names: Sequence[str], large: bool, side_by_side: bool) -> tuple[str, Any]:
     """(key, loaded code) of a module."""
     import llvmlite.binding as llvm
 
-    if not _MACHINE:
-        llvm.initialize_native_target()
-        llvm.initialize_native_asmprinter()
-        _MACHINE.append(llvm.Target.from_default_triple())
     host = f"{llvm.llvm_version_info} {' '.join(_processor(llvm))} {sys.platform}"
     key = hashlib.sha256(f"{host} {large}{' joined' if side_by_side else ''}\n{text}".encode()).hexdigest()[:32]
     found = _LOADED.get(key)
@@ -347,20 +345,28 @@ def _library(text: str, names: Sequence[str], large: bool, side_by_side: bool) -
         path = cache_directory() / "objects" / f"{key}.o"
         image = kept(path)
         if image is None:
-            image = _object_code(llvm, text, large, side_by_side)
+            image = object_code(text, _processor(llvm), large, side_by_side)
             if keep(path, image):
                 _make_room(path.parent)
-        library = llvm.JITLibraryBuilder().add_object_img(image).add_current_process()
-        for symbol in LIBM:
-            library = library.import_symbol(symbol, _libm_address(symbol))
-        for symbol, address in _dense_systems(text).items():
-            library = library.import_symbol(symbol, address)
-        for name in names:
-            library = library.export_symbol(name)
-        if not _LINKER:
-            _LINKER.append(llvm.create_lljit_compiler(use_jit_link=False))  # one for all: each takes a third of a megabyte
-        found = _LOADED[key] = library.link(_LINKER[0], f"kernel-{key}-{next(_NUMBERS)}")
+        found = _LOADED[key] = linked(f"kernel-{key}", image, names, _dense_systems(text))
     return key, found
+
+
+def linked(title: str, image: bytes, names: Sequence[str], others: Mapping[str, int] = MappingProxyType({})) -> Any:
+    """Object code made ready to be called: its functions `names`, which can call those of libm and others at the addresses given."""
+    import llvmlite.binding as llvm
+
+    library = llvm.JITLibraryBuilder().add_object_img(image).add_current_process()
+    for symbol in LIBM:
+        library = library.import_symbol(symbol, _libm_address(symbol))
+    for symbol, address in others.items():
+        library = library.import_symbol(symbol, address)
+    for name in names:
+        library = library.export_symbol(name)
+    if not _LINKER:
+        _target()
+        _LINKER.append(llvm.create_lljit_compiler(use_jit_link=False))  # one for all: each takes a third of a megabyte
+    return library.link(_LINKER[0], f"{title}-{next(_NUMBERS)}")
 
 
 def _dense_systems(text: str) -> dict[str, int]:
@@ -379,9 +385,23 @@ def _processor(llvm: Any) -> tuple[str, str]:
     return name or llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten() if features is None else features
 
 
-def _object_code(llvm: Any, text: str, large: bool, side_by_side: bool) -> bytes:
-    name, features = _processor(llvm)
-    machine = _MACHINE[0].create_target_machine(
+def _target() -> Any:
+    """This machine, for which code is written."""
+    import llvmlite.binding as llvm
+
+    if not _MACHINE:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        _MACHINE.append(llvm.Target.from_default_triple())
+    return _MACHINE[0]
+
+
+def object_code(text: str, processor: tuple[str, str], large: bool = False, side_by_side: bool = False) -> bytes:
+    """The text of an LLVM module as object code for a processor, given by its name and features; see `compiled`."""
+    import llvmlite.binding as llvm
+
+    name, features = processor
+    machine = _target().create_target_machine(
         cpu=name,
         features=features,
         opt=0 if large else 2,

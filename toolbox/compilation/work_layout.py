@@ -116,6 +116,42 @@ class Work(NamedTuple):
     queue: np.ndarray
 
 
+KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Work._fields, ("float64", 1)) | {
+    "ints": ("int64", 1), "group": ("int64", 1), "slot": ("int64", 1), "kind": ("int64", 1), "attached": ("int64", 1), "loader": ("int64", 1),
+    "excited": ("int64", 1), "armed": ("bool", 1), "fired": ("bool", 1), "zero": ("bool", 1), "forced": ("bool", 1), "bounced": ("bool", 1),
+    "rec_x": ("float64", 2), "rec_m": ("int8", 2), "rec_p": ("float64", 2), "ev_i": ("int32", 1), "ev_m": ("int8", 2), "jump_first": ("int64", 1),
+    "jump_index": ("int64", 1), "samplers": ("int64", 2), "clocks": ("float64", 2), "keys": ("uint64", 1), "queue": ("float64", 3),
+}  # fmt: skip
+"""{field of `Work`: (dtype, number of dimensions)}."""
+
+
+class Between(NamedTuple):
+    """Arrays for states between the nodes of a run: those of `Nodes`, what a step needs (x, k, m, a projected x, y), and which states are wanted.
+
+    ints: as in `Work`;  p: the whole parameter vector;  row, times: the node that each wanted time is a step from;  states: filled with them.
+    """
+
+    ints: np.ndarray
+    node_t: np.ndarray
+    node_x: np.ndarray
+    node_m: np.ndarray
+    node_p: np.ndarray
+    x: np.ndarray
+    k: np.ndarray
+    m: np.ndarray
+    projected: np.ndarray
+    y: np.ndarray
+    p: np.ndarray
+    row: np.ndarray
+    times: np.ndarray
+    states: np.ndarray
+
+
+BETWEEN_KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Between._fields, ("float64", 1)) | {
+    "ints": ("int64", 1), "node_x": ("float64", 2), "node_m": ("int8", 2), "node_p": ("float64", 2), "row": ("int64", 1), "states": ("float64", 2),
+}  # fmt: skip
+
+
 class Nodes(NamedTuple):
     """The recorded nodes of a run: time, shape (nt,), and one row each of the states, the modes and what is held."""
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 from toolbox.compilation import work_layout as layout
-from toolbox.compilation.calls import call
 from toolbox.stepping.calendar import inputs_changed, jumps, samples
 from toolbox.stepping.events import after_event, project_event
 from toolbox.stepping.guards import accept, close_to_zero, guard_size, held_quietly
+from toolbox.translation.words import call
 
 HAPPENED = -1
 """What `event_mode` returns where something has changed: the importer asks again."""

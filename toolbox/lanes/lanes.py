@@ -69,8 +69,10 @@ class Lanes:
     def __init__(self, run: Run, measures: Sequence[Measure] = (), width: int | None = None):
         from toolbox.compilation.notices import announced
         from toolbox.lanes import loop as lanes_loop
+        from toolbox.lanes import scalar_parts
         from toolbox.lanes.kernel import block
         from toolbox.lanes.samples import noise_table
+        from toolbox.stepping.event_stepper import loop_of
 
         system = run.system
         if run.laws:
@@ -97,8 +99,8 @@ class Lanes:
         self.noise = noise_table(self.work, run.duration)
         self.held = self.work.p[self.program.held_slot : self.program.held_slot + system.held.numel()].copy()
         self.rows = np.array([self.block.rows[name] for name in ITEMS], np.int64)
-        made, scalar = self.block, lanes_loop.scalar_address(self.work)
-        self.code = BlockCode(made.address, made.settle, made.observe, made.sample, scalar)
+        made, parts = self.block, (loop_of(self.work), scalar_parts.event, scalar_parts.measured, scalar_parts.spread)
+        self.code = BlockCode(made.address, made.settle, made.observe, made.sample, *(part.address for part in parts))
         if not lanes_loop.run.signatures:  # the first use in this process
             announced("loop of lanes", lanes_loop.run)
             self.run(np.zeros((0, self.values)), np.zeros((0, self.states)))

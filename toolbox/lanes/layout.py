@@ -48,13 +48,16 @@ MOST_STEPS = 20_000_000
 
 
 class BlockCode(NamedTuple):
-    """Addresses of the functions of a block (0 for none): of the pass, the settling of events, the signals, the samples and the scalar loop."""
+    """Addresses of the functions of a block (0 for none): of the pass, the settling of events, the signals, the samples, the scalar loop and parts of it."""
 
     advance: int
     settle: int
     observe: int
     sample: int
     scalar: int
+    event: int
+    measured: int
+    spread: int
 
 
 class BlockArrays(NamedTuple):

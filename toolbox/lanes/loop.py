@@ -1,8 +1,8 @@
 """The loop over blocks of lanes, compiled once per machine: it fills lanes with scenarios and looks after the instants that a pass leaves to it.
 
-An event that a lane has stepped to is handled here by the functions of `toolbox.stepping.event_stepper`; whatever else a pass does not carry, such as a guard
-that starts at zero, an impact or a dip of a guard inside a step, is one step of the scalar loop from where the lane stands, after which the lane goes on in
-its block. So the lanes know every kind of element, and switch as the scalar loop does.
+An event that a lane has stepped to is handled here by functions of the scalar loop (`toolbox.lanes.scalar_parts`); whatever else a pass does
+not carry, such as a guard that starts at zero, an impact or a dip of a guard inside a step, is one step of the scalar loop from where the lane stands, after
+which the lane goes on in its block. So the lanes know every kind of element, and switch as the scalar loop does.
 """
 
 from __future__ import annotations
@@ -16,11 +16,9 @@ from toolbox.compilation import work_layout
 from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.numba_cache import cached, inlined
 from toolbox.lanes import layout
+from toolbox.lanes.scalar_parts import call_part
 from toolbox.lanes.transfers import gather_history, gather_point, gather_samples, next_stop, put_parameters, scatter, scatter_samples
 from toolbox.measuring.measuring_loop import note_end
-from toolbox.stepping.event_stepper import advance
-from toolbox.stepping.events import after_event, project_event
-from toolbox.stepping.step_control import measure_round_off, spread_round_off
 
 
 @intrinsic
@@ -57,31 +55,6 @@ def call_sample(typingctx, address, block, clocks, noise, queue):  # pragma: no 
     return types.void(types.int64, block, clocks, noise, queue), codegen
 
 
-@intrinsic
-def _call_scalar(typingctx, address, w, series):  # pragma: no cover - compiled
-    """Call `toolbox.stepping.event_stepper.advance` at a raw address: called by name it would be compiled anew as a part of this file, which takes a minute."""
-
-    def codegen(context, builder, sig, args):
-        from llvmlite import ir
-
-        kind = ir.FunctionType(ir.IntType(64), [context.get_value_type(kind) for kind in sig.args[1:]])
-        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
-
-    return types.int64(types.int64, w, series), codegen
-
-
-def scalar_address(w):
-    """Address of `toolbox.stepping.event_stepper.advance` for the arrays `w`, whose steps are Taylor series or not."""
-    from numba import typeof
-
-    signature = (typeof(w), types.boolean if w.ints[work_layout.SERIES] else types.none)
-    found = advance.overloads.get(signature)
-    if found is None:
-        advance.compile(signature)
-        found = advance.overloads[signature]
-    return found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
-
-
 @inlined
 def _observe(b, lanes, lane, views, observe, w, t):
     """Measure the signals of a lane over a step that the scalar loop has taken: Simpson's integral and parabolas over 64 parts, from steps of their own."""
@@ -110,14 +83,6 @@ def _observe(b, lanes, lane, views, observe, w, t):
                     block[place, lane] = min(block[place, lane], low)
                     block[place + 1, lane] = max(block[place + 1, lane], high)
                     block[place + 2, lane] += weight * value
-
-
-@inlined
-def _event(w, t):
-    """What the scalar loop does with an event that has been stepped to; returns its status."""
-    project_event(w, t, False)
-    status = after_event(w, t)
-    return work_layout.PAUSED if status == work_layout.DONE else status
 
 
 @inlined
@@ -168,10 +133,10 @@ def _alone(scalar, w, steps):
     w.ints[work_layout.BUDGET], w.ints[work_layout.RECORDS], w.ints[work_layout.OPENED] = steps, 0, 0
     taken = w.ints[work_layout.ACCEPTED]
     while w.ints[work_layout.SERIES] != 0:
-        status = _call_scalar(scalar, owned(w), True)
+        status = call_part(scalar, owned(w), None)
         if steps == 0 or status != work_layout.PAUSED or w.ints[work_layout.ACCEPTED] > taken:
             return status
-    return _call_scalar(scalar, owned(w), None)
+    return call_part(scalar, owned(w), None)
 
 
 @inlined
@@ -237,13 +202,13 @@ def _note_settled(b, found, asked, lanes, lane, w):
 
 
 @inlined
-def _round_off_again(b, lane, w):
+def _round_off_again(code, b, lane, w):
     """Measure the round-off of a lane anew; returns whether it goes on."""
     block, rows, n = b.block, b.rows, w.ints[work_layout.N]
-    measure_round_off(w)
+    call_part(code.measured, owned(w), None)
     for i in range(n):
         w.scale[i] = block[rows[layout.SCALE] + i, lane]
-    spread_round_off(w, block[layout.WANTED_ROW, lane])
+    call_part(code.spread, owned(w), block[layout.WANTED_ROW, lane])
     for i in range(n):
         block[rows[layout.NOISE] + i, lane] = w.noise[i]
     block[layout.FLAG_ROW, lane] = layout.GOES_ON
@@ -279,7 +244,7 @@ def _look_after(code, b, given, found, lanes, lane, w, flag):
     if code.sample != 0:
         gather_samples(b.block, b.rows, lane, w, b.queue)
     if flag == layout.ROUND_OFF:
-        return layout.GOING if _round_off_again(b, lane, w) else work_layout.PAUSED
+        return layout.GOING if _round_off_again(code, b, lane, w) else work_layout.PAUSED
     if flag == layout.STOP and t >= w.reals[work_layout.END] and code.sample == 0:
         return work_layout.DONE
     gather_history(b.block, b.rows, lane, w)
@@ -290,7 +255,7 @@ def _look_after(code, b, given, found, lanes, lane, w, flag):
     )
     if flag == layout.EVENT:
         w.ints[work_layout.LOCATED] = np.int64(b.block[layout.LOCATED_ROW, lane])
-        return _event(w, t)
+        return call_part(code.event, owned(w), t)
     found.counts[s, 4] += flag == layout.ALONE
     status = _step_alone(code, b, lanes, lane, w, flag, given.edges, given.windows.shape[0])
     put_parameters(b.block, b.rows, lane, w, lanes.p)

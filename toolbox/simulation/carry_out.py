@@ -30,28 +30,23 @@ from toolbox.simulation.stiffness import FIRST_LOOK, pays, progress
 from toolbox.simulation.trajectory import Stepped, Trajectory
 from toolbox.simulation.work_arrays import grown, work_arrays
 
-_LOADED: list[Any] = []
-
 
 def compiled_loop(run: Run, program: Program) -> Any:
-    """The loop that steps with this program: loaded by a run of no duration in each process.
+    """The loop that steps with this program, loaded.
 
     Says so on stderr where this machine has to compile it first.
     """
     run_on: Any
     if program.formulas.locates:
-        from toolbox.stepping.event_stepper import advance, run_on  # here, because numba is slow to import
+        from toolbox.stepping.event_stepper import advance_plain, advance_series, run_on  # here, because LLVM is slow to import
 
-        name = "event loop"
+        name, loop = "event loop", advance_series if program.formulas.series else advance_plain
     else:
         from toolbox.stepping.time_stepper import advance
 
-        name, run_on = "loop of time stepping", advance
-    key = (advance, program.formulas.series)  # steps of Taylor series have machine code of their own
-    if key not in _LOADED:
-        _LOADED.append(key)
-        announced(name, advance)
-        run_on(work_arrays(dataclasses.replace(run, duration=0.0, output_times=None), program))
+        name, loop, run_on = "loop of time stepping", advance, advance
+    announced(name, loop)
+    loop.ready()
     return attended(run_on, program)
 
 

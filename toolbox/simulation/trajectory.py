@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import FloatArray, short
-from toolbox.compilation.work_layout import Nodes
+from toolbox.compilation.work_layout import Between
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.modelling.closing import kind_of
 from toolbox.modelling.components import law_of
@@ -267,9 +267,12 @@ class Trajectory(Recorded, Samples[FloatArray]):
         kernel = self.program.kernel
         n, guards = kernel.states, kernel.guards
         states = np.empty((times.size, self.states.shape[1]))
-        nodes = Nodes(self.time, self.states, self.mode, self.held)
-        sizes = (n, kernel.slopes, max(kernel.elements, 1), n, max(4 * n + 2 * guards, 3 * n + 4 * guards))
-        loop.evaluate(self.program.ints, nodes, tuple(np.zeros(size) for size in sizes), self.parameters.copy(), row, times, states)
+        work = Between(
+            ints=self.program.ints, node_t=self.time, node_x=self.states, node_m=self.mode, node_p=self.held, x=np.zeros(n), k=np.zeros(kernel.slopes),
+            m=np.zeros(max(kernel.elements, 1)), projected=np.zeros(n), y=np.zeros(max(4 * n + 2 * guards, 3 * n + 4 * guards)), p=self.parameters.copy(),
+            row=row, times=times, states=states,
+        )  # fmt: skip
+        loop.evaluate(Between._make(np.ascontiguousarray(each) for each in work))
         return states
 
     @cached_property

@@ -7,11 +7,10 @@ import math
 import numpy as np
 
 from toolbox.compilation import work_layout as layout
-from toolbox.compilation.calls import call
-from toolbox.compilation.numba_cache import inlined
 from toolbox.stepping.guards import bounds_hold, nudge, refresh, two_directions
 from toolbox.stepping.modes import settle, turn_switches
 from toolbox.stepping.noise import normal
+from toolbox.translation.words import call, inlined
 
 
 @inlined

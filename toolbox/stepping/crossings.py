@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation import work_layout as layout
-from toolbox.compilation.calls import call
-from toolbox.compilation.numba_cache import inlined
 from toolbox.stepping.guards import close_to_zero, guard_size
+from toolbox.translation.words import call, inlined
 
 
 @inlined

@@ -17,8 +17,6 @@ from __future__ import annotations
 from typing import Any
 
 from toolbox.compilation import work_layout as layout
-from toolbox.compilation.calls import call, lent, owned
-from toolbox.compilation.numba_cache import cached, inlined
 from toolbox.stepping.calendar import inputs_changed, jumps, next_stop, outputs_before, record, samples
 from toolbox.stepping.crossings import dip_inside, hermite_minimum, locate, rising_fraction, watch
 from toolbox.stepping.events import after_event, project_event
@@ -27,6 +25,8 @@ from toolbox.stepping.modes import begin
 from toolbox.stepping.quiet_samples import REFRESHED, cut_short, from_sample_to_sample, samples_rule
 from toolbox.stepping.series_steps import checked_end, open_series, watch_series
 from toolbox.stepping.step_control import exp2, first_step, log2, measure_round_off, outgrown, scaled_error, spread_round_off
+from toolbox.translation.compiled import Compiled
+from toolbox.translation.words import call, inlined, lent, owned
 
 GO_ON = -1
 """What `_due` returns, instead of a status of `advance`, where the run goes on with a step."""
@@ -209,7 +209,6 @@ def _crossed(w, t, h, t_new, error, node, series):
     return False, event, h, t_new, error
 
 
-@cached(_nrt=False)
 def advance(w, series):
     """Run until the end time, a full buffer, a sample of a Python controller, the step budget, or a failure; can be called again.
 
@@ -314,50 +313,59 @@ def advance(w, series):
                 record(w, t_new, w.x)
 
 
+advance_plain = Compiled(advance, layout.KINDS, None)
+"""The loop of steps that are no Taylor series, as machine code."""
+
+advance_series = Compiled(advance, layout.KINDS, True)
+"""The loop of Taylor series."""
+
+
+def loop_of(work: Any) -> Compiled:
+    """The loop of the steps that the work arrays ask for."""
+    return advance_series if work.ints[layout.SERIES] else advance_plain
+
+
 def run_on(work: Any) -> Any:
     """Run as `advance` does, by the loop of the steps that the work arrays ask for."""
-    return advance(work, True if work.ints[layout.SERIES] else None)
+    return loop_of(work)(work)
 
 
-@cached
-def evaluate(ints, nodes, scratch, p, row, times, x_out):
-    """States at `times`, each by one step from its node `row`.
-
-    ints: as in `Work`;  scratch: arrays for x, k, m, a projected x, and y;  p: the whole parameter vector.
-    """
-    n, ne, first_held = ints[layout.N], ints[layout.NE], ints[layout.FIRST_HELD]
-    step, projection, field, series = ints[layout.STEP], ints[layout.PROJECT], ints[layout.FIELD], ints[layout.SERIES]
-    node_t, node_x, node_m, node_p = nodes
-    x, k, m, new, y = scratch
+def _evaluate(w):
+    """States at `times`, each by one step from its node `row`."""
+    n, ne, first_held = w.ints[layout.N], w.ints[layout.NE], w.ints[layout.FIRST_HELD]
     last = -1
-    for q in range(times.size):
-        r = row[q]
+    for q in range(w.times.size):
+        r = w.row[q]
         if r != last:
-            for i in range(node_x.shape[1]):
-                x[i] = node_x[r, i]
+            for i in range(w.node_x.shape[1]):
+                w.x[i] = w.node_x[r, i]
             for i in range(ne):
-                m[i] = node_m[r, i]
-            for i in range(node_p.shape[1]):
-                p[first_held + i] = node_p[r, i]
-            if series != 0:
-                length = node_t[r + 1] - node_t[r] if r + 1 < node_t.size else times[q] - node_t[r]
-                call(series, node_t[r], length, x, k, p, m, k)
+                w.m[i] = w.node_m[r, i]
+            for i in range(w.node_p.shape[1]):
+                w.p[first_held + i] = w.node_p[r, i]
+            if w.ints[layout.SERIES] != 0:
+                length = w.node_t[r + 1] - w.node_t[r] if r + 1 < w.node_t.size else w.times[q] - w.node_t[r]
+                call(w.ints[layout.SERIES], w.node_t[r], length, w.x, w.k, w.p, w.m, w.k)
             else:
-                call(field, node_t[r], 0.0, x, k, p, m, y)
+                call(w.ints[layout.FIELD], w.node_t[r], 0.0, w.x, w.k, w.p, w.m, w.y)
                 for i in range(n):
-                    k[i] = y[n + i]
+                    w.k[i] = w.y[n + i]
             last = r
-        h = times[q] - node_t[r]
+        h = w.times[q] - w.node_t[r]
         if h == 0.0:
-            for i in range(x_out.shape[1]):
-                x_out[q, i] = x[i]
+            for i in range(w.states.shape[1]):
+                w.states[q, i] = w.x[i]
             continue
-        call(step, node_t[r], h, x, k, p, m, y)
+        call(w.ints[layout.STEP], w.node_t[r], h, w.x, w.k, w.p, w.m, w.y)
         for i in range(ne):
-            if m[i] == 0.0:
+            if w.m[i] == 0.0:
                 for j in range(n):
-                    new[j] = y[j]
-                call(projection, times[q], 0.0, new, k, p, m, y)
+                    w.projected[j] = w.y[j]
+                call(w.ints[layout.PROJECT], w.times[q], 0.0, w.projected, w.k, w.p, w.m, w.y)
                 break
-        for i in range(x_out.shape[1]):
-            x_out[q, i] = y[i]
+        for i in range(w.states.shape[1]):
+            w.states[q, i] = w.y[i]
+
+
+evaluate = Compiled(_evaluate, layout.BETWEEN_KINDS)
+"""States between the nodes of a run (`toolbox.compilation.work_layout.Between`), as machine code."""

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from toolbox.compilation import work_layout as layout
-from toolbox.compilation.calls import call
-from toolbox.compilation.numba_cache import inlined
 from toolbox.stepping.guards import flies, guard_size, project, two_directions
 from toolbox.stepping.modes import fire, mark
 from toolbox.stepping.step_control import first_step, measure_round_off
+from toolbox.translation.words import call, inlined
 
 
 @inlined

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from toolbox.compilation import work_layout as layout
-from toolbox.compilation.calls import call
-from toolbox.compilation.numba_cache import inlined
+from toolbox.translation.words import call, inlined
 
 
 @inlined

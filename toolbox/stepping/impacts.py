@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation import work_layout as layout
-from toolbox.compilation.calls import call, lent
-from toolbox.compilation.numba_cache import called, inlined
 from toolbox.stepping.guards import guard_size, nudge, project
+from toolbox.translation.words import call, called, inlined, lent
 
 
 @inlined

@@ -7,10 +7,9 @@ import math
 import numpy as np
 
 from toolbox.compilation import work_layout as layout
-from toolbox.compilation.calls import call, lent, owned
-from toolbox.compilation.numba_cache import called, inlined
 from toolbox.stepping.guards import bounds_hold, flies, guard_size, nudge, project, refresh, two_directions
 from toolbox.stepping.impacts import impact
+from toolbox.translation.words import call, called, inlined, lent, owned
 
 
 @inlined

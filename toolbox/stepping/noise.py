@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from toolbox.compilation.numba_cache import cached, inlined
+from toolbox.translation.compiled import Compiled
+from toolbox.translation.words import inlined
 
 
 @inlined
@@ -17,20 +18,25 @@ def scrambled(z):
     return z ^ (z >> np.uint64(31))
 
 
-@cached
 def _key(seed, name):
     return scrambled(scrambled(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15)) ^ np.uint64(name))
 
 
+_key_of = Compiled(_key, "u", "u", gives="u")
+
+
 def channel_key(seed: int, name: int) -> np.uint64:
     """The key of a noise channel from a seed and the number of its name. A numpy scalar: a plain int would reach compiled code as a signed number."""
-    return np.uint64(_key(seed, name))
+    return np.uint64(_key_of(seed, name))
 
 
-@cached
-def normal(key, sample):
+def _normal(key, sample):
     """A standard normal number that is a function of a channel's key and the number of the sample alone (splitmix64, Box and Muller)."""
     counter = key + np.uint64(2 * sample + 1) * np.uint64(0x9E3779B97F4A7C15)
     radius = (float(scrambled(counter) >> np.uint64(11)) + 0.5) * 2.0**-53
     angle = float(scrambled(counter + np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(11)) * 2.0**-53
     return math.sqrt(-2.0 * math.log(radius)) * math.cos(2.0 * math.pi * angle)
+
+
+normal = Compiled(_normal, "u", "i", gives="f")
+"""A standard normal number of a channel's key and the number of a sample, as machine code."""

@@ -8,12 +8,11 @@ the numbers are the same to the last bit.
 from __future__ import annotations
 
 from toolbox.compilation import work_layout as layout
-from toolbox.compilation.calls import call, lent
-from toolbox.compilation.numba_cache import called, inlined
 from toolbox.stepping.calendar import next_stop, record, samples
 from toolbox.stepping.crossings import watch
 from toolbox.stepping.guards import accept, held_quietly, project
 from toolbox.stepping.step_control import scaled_error
+from toolbox.translation.words import call, called, inlined, lent
 
 REFRESHED = 32
 """Accepted steps after which the loop measures round-off again."""

@@ -18,11 +18,10 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation import work_layout as layout
-from toolbox.compilation.calls import call, lent, owned
-from toolbox.compilation.numba_cache import called, inlined
 from toolbox.stepping.crossings import first_descent
 from toolbox.stepping.guards import close_to_zero, guard_size
 from toolbox.stepping.step_control import exp2, log2, measure_round_off, spread_round_off
+from toolbox.translation.words import call, called, inlined, lent, owned
 
 SHARE = 2.0
 """Size of the last term of a state in parts of the error that a step may add."""
@@ -126,7 +125,7 @@ def _first_fall(w, h, j, shift, length):
     return 2.0, 2.0
 
 
-@called(fastmath={"contract"})
+@called
 def _value(c, degree, s):
     """Value and slope of a polynomial."""
     value, slope = c[degree], 0.0

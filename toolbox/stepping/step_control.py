@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from toolbox.compilation import work_layout as layout
-from toolbox.compilation.calls import call, lent, owned
-from toolbox.compilation.numba_cache import called, inlined
 from toolbox.stepping.guards import nudge
+from toolbox.translation.words import call, called, inlined, lent, owned
 
 STAGES = 10.0
 """Stages of a step, about: the noise of a slope is in every one of them, that of the first alone leaves a tenth of it in the states."""

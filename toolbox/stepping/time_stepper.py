@@ -1,7 +1,6 @@
 """The loop of time stepping: fixed steps, modes by pivoting, samples, inputs and outputs, compiled once per machine (see `toolbox.compilation.moreau_jean`).
 
-It shares the arrays and the small functions of the event loop. It is kept under the number of that file's text, too (see
-`toolbox.compilation.numba_cache`).
+It shares the arrays and the small functions of the event loop.
 """
 
 from __future__ import annotations
@@ -9,11 +8,11 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation import work_layout as layout
-from toolbox.compilation.calls import call, lent, owned
-from toolbox.compilation.numba_cache import cached, inlined
 from toolbox.stepping.calendar import jumps, next_stop, record, samples
 from toolbox.stepping.guards import project
 from toolbox.stepping.modes import begin
+from toolbox.translation.compiled import Compiled
+from toolbox.translation.words import call, inlined, lent, owned
 
 
 @inlined
@@ -117,8 +116,7 @@ def _step(w, t, h):
     return True
 
 
-@cached(_nrt=False)
-def advance(w):
+def _advance(w):
     """Step until the end time, a full buffer, a sample of a Python controller or the step budget; can be called again."""
     w = lent(w)
     n, ne = w.ints[layout.N], w.ints[layout.NE]
@@ -217,3 +215,7 @@ def advance(w):
         project(w, t_new)
         if every > 0 and (switched or w.ints[layout.ACCEPTED] % every == 0):
             record(w, t_new, w.x)
+
+
+advance = Compiled(_advance, layout.KINDS)
+"""The loop of time stepping as machine code."""

@@ -10,8 +10,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from toolbox.compilation.calls import call, lent, owned
 from toolbox.translation.kinds import CASTS, FUNCTIONS, STORED, Array, Kind, NotTranslatable, Value, joined, known
+from toolbox.translation.words import call, lent, owned
 
 COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.Lt: operator.lt,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import ast
 from collections.abc import Sequence
 
-from toolbox.compilation.calls import lent, owned
 from toolbox.translation.expressions import Expressions
 from toolbox.translation.kinds import Array, Kind, NotTranslatable, Value, joined, known
+from toolbox.translation.words import lent, owned
 
 
 def _stores(body: list[ast.stmt], name: str) -> bool:

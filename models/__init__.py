@@ -57,8 +57,10 @@ if TYPE_CHECKING:
     from models.hysteretic_bit_rock import SmoothHystereticBitRock as SmoothHystereticBitRock
     from models.lateral import WhirlingCollar as WhirlingCollar
     from models.lateral import whirl_ratio as whirl_ratio
+    from models.pipe_sizes import inner_diameter as inner_diameter
     from models.rate_and_state import RateAndState as RateAndState
     from models.sections import Section as Section
+    from models.sections import ToolJoint as ToolJoint
     from models.sections import read_sections as read_sections
     from models.shaft import shaft_frequencies as shaft_frequencies
     from models.sliders import InclinedSlider as InclinedSlider

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from models.pipe_sizes import inner_diameter
 from toolbox import SceneError
-from toolbox.authoring import Column, Table, is_finite_number, read_table, suggest
+from toolbox.authoring import Column, NumberOrText, Table, in_si, is_finite_number, number, read_table, suggest
 
 
 class Material(NamedTuple):
@@ -28,64 +29,151 @@ MATERIALS = {
 
 
 @dataclass(frozen=True)
+class ToolJoint:
+    """Tool joints of a pipe: thicker pieces, one at every joint of pipe; SI units, or text with units.
+
+    Parameters
+    ----------
+    outer, inner
+        Diameters [m].
+    length
+        Length of box and pin together [m].
+    every
+        Length of a joint of pipe from shoulder to shoulder [m], which is the distance between two of them.
+
+    Raises
+    ------
+    SceneError
+        Where a number is no positive finite number, the inner diameter is not below the outer one, or the length not below the distance.
+    """
+
+    outer: NumberOrText
+    inner: NumberOrText
+    length: NumberOrText
+    every: NumberOrText = 9.6
+
+    def __post_init__(self) -> None:
+        _in_si(self, ("outer", "inner", "length", "every"))
+        for larger, smaller in (("outer", "inner"), ("every", "length")):
+            number(smaller, getattr(self, smaller), "m", above=0, below=number(larger, getattr(self, larger), "m", above=0))
+
+    @property
+    def part(self) -> float:
+        """Part of the string that it is [1]."""
+        return self.length / self.every
+
+
+@dataclass(frozen=True)
 class Section:
-    """A run of pipe of one size; diameters, SI units. Textbook values of a circular tube:
+    """A run of pipe of one size; SI units, or text with units. Textbook values of a circular tube:
 
         A = pi (OD^2 - ID^2) / 4,   J = pi (OD^4 - ID^4) / 32,   c = sqrt(G / rho),   zeta = J sqrt(G rho)
 
-    Raises SceneError where a number is no positive finite number (the inner diameter may be 0) or the inner diameter is not below the outer one.
+    With tool joints, which are a part q of the length, values are those of waves much longer than a joint: masses and inertias in parallel, compliances in
+    series, and what rubs on the hole is the tool joint:
+
+        A = (1 - q) A_pipe + q A_joint,   rho J = rho ((1 - q) J_pipe + q J_joint),   1 / G J = ((1 - q) / J_pipe + q / J_joint) / G
+
+    Parameters
+    ----------
+    length, outer, inner
+        Length and diameters of the pipe [m]; the inner one of an API drill pipe is `inner_diameter("5 in", "19.5 lb/ft")`.
+    density, shear_modulus
+        Of the material [kg/m3], [Pa].
+    mass
+        Mass per length as it hangs [kg/m], with upsets and tool joints, as catalogues give it ("adjusted weight"); text such as "23.5 lb/ft" or
+        "23.5 ppf". By default that of the diameters. What is more than these say is taken to turn at their radius of gyration.
+    tool_joint
+        Its tool joints.
+
+    Raises
+    ------
+    SceneError
+        Where a number is no positive finite number (the inner diameter may be 0) or the inner diameter is not below the outer one.
     """
 
-    length: float
-    outer: float
-    inner: float
-    density: float = MATERIALS["steel"].density
-    shear_modulus: float = MATERIALS["steel"].shear_modulus
+    length: NumberOrText
+    outer: NumberOrText
+    inner: NumberOrText
+    density: NumberOrText = MATERIALS["steel"].density
+    shear_modulus: NumberOrText = MATERIALS["steel"].shear_modulus
+    mass: NumberOrText | None = None
+    tool_joint: ToolJoint | None = None
 
     def __post_init__(self) -> None:
+        _in_si(self, UNITS)
         fault = _fault(vars(self))
         if fault:
             raise SceneError(f"Argument `{fault[0]}` of Section: {fault[1]}")
+        if not isinstance(self.tool_joint, ToolJoint | None):
+            raise SceneError(f"Argument `tool_joint` of Section: it must be a ToolJoint, but it is {self.tool_joint!r}.")
 
     @property
     def area(self) -> float:
-        """Area of the metal [m2]."""
-        return math.pi * (self.outer**2 - self.inner**2) / 4
+        """Area of the metal [m2], the mean along the section."""
+        pipe = math.pi * (self.outer**2 - self.inner**2) / 4
+        joint = self.tool_joint
+        return pipe if joint is None else (1 - joint.part) * pipe + joint.part * math.pi * (joint.outer**2 - joint.inner**2) / 4
 
     @property
     def polar_moment(self) -> float:
-        """Polar second moment J of the metal [m4]."""
-        return math.pi * (self.outer**4 - self.inner**4) / 32
+        """Polar second moment J of the metal of the pipe between its tool joints [m4]."""
+        return _polar_moment(self)
 
     @property
     def inertia(self) -> float:
         """Inertia per length, rho J [kg m]."""
-        return self.density * self.polar_moment
+        joint, inertia = self.tool_joint, self.density * self.polar_moment
+        if joint is not None:
+            inertia = (1 - joint.part) * inertia + joint.part * self.density * _polar_moment(joint)
+        return inertia if self.mass is None else inertia * self.mass / (self.density * self.area)
 
     @property
     def rigidity(self) -> float:
         """Torsional rigidity G J [N m2]."""
-        return self.shear_modulus * self.polar_moment
+        joint, pipe = self.tool_joint, self.shear_modulus * self.polar_moment
+        return pipe if joint is None else 1 / ((1 - joint.part) / pipe + joint.part / (self.shear_modulus * _polar_moment(joint)))
 
     @property
     def wave_speed(self) -> float:
         """Speed of torsional waves c [m/s]."""
-        return math.sqrt(self.shear_modulus / self.density)
+        return math.sqrt(self.rigidity / self.inertia)
 
     @property
     def impedance(self) -> float:
         """Torsional impedance zeta = torque / speed of a wave [N m s/rad]."""
-        return self.polar_moment * math.sqrt(self.shear_modulus * self.density)
+        return math.sqrt(self.rigidity * self.inertia)
+
+    @property
+    def contact_radius(self) -> float:
+        """Radius at which it rubs on its hole [m]: that of the tool joints where there are some."""
+        return (self.outer if self.tool_joint is None else max(self.outer, self.tool_joint.outer)) / 2
 
     def weight(self, mud_density: float = 0.0) -> float:
         """Weight per length in mud of that density inside and outside, (rho - rho_mud) g A [N/m]; g = 9.80665 m/s2."""
-        return (self.density - mud_density) * 9.80665 * self.area
+        metal = self.area if self.mass is None else self.mass / self.density
+        return (self.density - mud_density) * 9.80665 * metal
+
+
+def _polar_moment(tube: Section | ToolJoint) -> float:
+    return math.pi * (tube.outer**4 - tube.inner**4) / 32
+
+
+UNITS = {"length": "m", "outer": "m", "inner": "m", "density": "kg/m3", "shear_modulus": "Pa", "mass": "kg/m"}
+
+
+def _in_si(tube: Section | ToolJoint, names: Iterable[str]) -> None:
+    """Set fields that were given as text to their numbers in SI."""
+    for name in names:
+        object.__setattr__(tube, name, in_si(getattr(tube, name), UNITS.get(name, "m"), name))
 
 
 def _fault(values: Mapping[str, Any]) -> tuple[str, str] | None:
     """(field, what it must be) of the first mistake in the fields of a section."""
-    for name, unit in (("length", "m"), ("outer", "m"), ("inner", "m"), ("density", "kg/m3"), ("shear_modulus", "Pa")):
-        value = values[name]
+    for name, unit in UNITS.items():
+        value: Any = values.get(name)
+        if name == "mass" and value is None:
+            continue
         if not is_finite_number(value):
             return name, f"it must be a finite number, but it is {value!r}."
         if name == "inner" and value < 0:
@@ -102,22 +190,34 @@ COLUMNS = (
     Column("from", "m", required=False),
     Column("to", "m", required=False),
     Column("OD", "m", ("outer diameter",)),
-    Column("ID", "m", ("inner diameter",)),
+    Column("ID", "m", ("inner diameter",), required=False),
+    Column("nominal weight", "kg/m", required=False, blank=True),
+    Column("weight", "kg/m", ("adjusted weight",), required=False, blank=True),
+    Column("tool joint OD", "m", required=False, blank=True),
+    Column("tool joint ID", "m", required=False, blank=True),
+    Column("tool joint length", "m", required=False, blank=True),
+    Column("joint length", "m", required=False, blank=True),
     Column("material", None, required=False),
     Column("density", "kg/m3", required=False),
     Column("shear modulus", "Pa", required=False),
     Column("name", None, required=False),
 )
-"""What a table of sections may have; either `length`, or `from` and `to`; either `material`, or `density` and `shear modulus`."""
+"""What a table of sections may have; either `length`, or `from` and `to`; either `material`, or `density` and `shear modulus`; `ID` or `nominal weight`."""
 
-_COLUMN_OF = {"outer": "OD", "inner": "ID", "shear_modulus": "shear modulus"}
+_COLUMN_OF = {"outer": "OD", "inner": "ID", "shear_modulus": "shear modulus", "mass": "weight"}
+
+
+JOINT_COLUMNS = {"outer": "tool joint OD", "inner": "tool joint ID", "length": "tool joint length", "every": "joint length"}
+"""{field of a tool joint: its column}; who gives one gives all."""
 
 
 def read_sections(path: str | Path) -> tuple[Section, ...]:
     """Read the sections of a string from a CSV or TOML table, top first.
 
     Columns are `length [m]`, or `from [m]` and `to [m]` (measured depths, without gaps); `OD [m]`, `ID [m]`; `material` (a name of MATERIALS), or `density
-    [kg/m3]` and `shear modulus [Pa]`; and optionally `name`. Units may differ, and the order is free. Raises SceneError naming file, row and column.
+    [kg/m3]` and `shear modulus [Pa]`; and optionally `name`. An API drill pipe may have its `nominal weight [lb/ft]` instead of `ID`. `weight [lb/ft]` is
+    that of pipe with upsets and tool joints as it hangs; `tool joint OD [in]`, `tool joint ID [in]`, `tool joint length [in]` and `joint length [ft]`
+    describe these; cells of all five may be empty. Units may differ, and the order is free. Raises SceneError naming file, row and column.
     """
     table = read_table(path, COLUMNS)
     sections: list[Section] = []
@@ -138,11 +238,11 @@ def read_sections(path: str | Path) -> tuple[Section, ...]:
             material = MATERIALS[row["material"]]
         else:
             material = Material(row["density"], row["shear modulus"])
-        values = {"length": length, "outer": row["OD"], "inner": row["ID"]} | material._asdict()
+        values = {"length": length, "outer": row["OD"], "inner": _inner(table, i, row), "mass": row.get("weight")} | material._asdict()
         fault = _fault(values)
         if fault:
             raise table.error(i, length_column if fault[0] == "length" else _COLUMN_OF.get(fault[0], fault[0]), fault[1])
-        sections.append(Section(**values))
+        sections.append(Section(**values, tool_joint=_tool_joint(table, i, row)))
     return tuple(sections)
 
 
@@ -151,3 +251,27 @@ def _one_of(table: Table, i: int, row: Mapping[str, Any], first: str, pair: tupl
     count = sum(name in row for name in pair)
     if (first in row) != (count == 0) or count == 1:
         raise table.error(i, first, f"a row must have either `{first}` or `{pair[0]}` and `{pair[1]}`.")
+
+
+def _inner(table: Table, i: int, row: Mapping[str, Any]) -> float:
+    """The inner diameter of a row, as it is given or by the nominal weight."""
+    if ("ID" in row) == ("nominal weight" in row):
+        raise table.error(i, "ID", "a row must have either `ID` or `nominal weight`.")
+    if "ID" in row:
+        return float(row["ID"])
+    try:
+        return inner_diameter(row["OD"], row["nominal weight"])
+    except SceneError as error:
+        raise table.error(i, "nominal weight", str(error)) from None
+
+
+def _tool_joint(table: Table, i: int, row: Mapping[str, Any]) -> ToolJoint | None:
+    """The tool joints of a row; None where it has no column of them."""
+    given = {field: row[column] for field, column in JOINT_COLUMNS.items() if column in row}
+    missing = next((column for field, column in JOINT_COLUMNS.items() if given and field not in given), None)
+    if missing:
+        raise table.error(i, missing, f"a row with a tool joint must have {', '.join(f'`{each}`' for each in JOINT_COLUMNS.values())}.")
+    try:
+        return ToolJoint(**given) if given else None
+    except SceneError as error:
+        raise table.error(i, "tool joint OD", str(error)) from None

@@ -9,26 +9,27 @@ from pathlib import Path
 import numpy as np
 
 from toolbox import SceneError
-from toolbox.authoring import Column, finite_array, read_table
+from toolbox.authoring import Column, NumberOrText, finite_array, in_si, read_table
 
 
 @dataclass(frozen=True)
 class Survey:
-    """Measured depth [m], inclination from the vertical [rad] and azimuth [rad] at stations, the first at depth 0.
+    """Measured depth [m], inclination from the vertical [rad] and azimuth [rad] at stations, the first at depth 0; numbers may be text: ("0 ft", "1 km").
 
     Between stations the hole is an arc of a circle (minimum curvature): its tangent turns from one station to the next at a constant rate about one axis.
     Coordinates are north, east, down; s is an array of measured depths. Raises SceneError where stations are fewer than two, do not begin
     at 0 m, do not increase, or an inclination is outside 0 ... pi. Source: textbook (minimum curvature method).
     """
 
-    depth: tuple[float, ...]
-    inclination: tuple[float, ...]
-    azimuth: tuple[float, ...]
+    depth: tuple[NumberOrText, ...]
+    inclination: tuple[NumberOrText, ...]
+    azimuth: tuple[NumberOrText, ...]
 
     def __post_init__(self) -> None:
         size = None
-        for name in ("depth", "inclination", "azimuth"):
-            values = getattr(self, name)
+        for name, unit in (("depth", "m"), ("inclination", "rad"), ("azimuth", "rad")):
+            given = getattr(self, name)
+            values = in_si(given, unit, name) if isinstance(given, tuple | list) else given
             array = finite_array(values)
             if array is None or array.ndim != 1 or (size is not None and array.size != size):
                 raise SceneError(

@@ -52,7 +52,7 @@ class DrillString(TorsionalChain):
     ) -> DrillString:
         """Make the chain of a string from its sections (top first) and, for friction along it, the survey of its hole.
 
-            J rho w_t + tau_x = -drag_rate rho J w - F,   |F| <= mu n r_o,   n = side force per length, r_o = OD / 2
+            J rho w_t + tau_x = -drag_rate rho J w - F,   |F| <= mu n r_o,   n = side force per length, r_o = OD / 2 of tool joint or pipe
 
         Parameters
         ----------
@@ -123,7 +123,7 @@ class DrillString(TorsionalChain):
 
             def torque(s: np.ndarray) -> np.ndarray:
                 force = side_force(pipes, hole, s, mud_density=mud_density, weight_on_bit=weight_on_bit, doglegs=doglegs)
-                return force * lumping.along([section.outer / 2 for section in pipes], s)
+                return force * lumping.along([section.contact_radius for section in pipes], s)
 
             load = lumping.shared(torque, hole.depth)
             if on_bottom:

@@ -21,7 +21,9 @@ from models import (
     Drop,
     Section,
     Survey,
+    ToolJoint,
     TorsionalChain,
+    inner_diameter,
     read_sections,
     shaft_frequencies,
     wells,
@@ -49,6 +51,94 @@ def test_numbers_of_a_string_may_be_typed_with_units_and_be_those_of_numpy():
         DrillString.from_tables([PIPE], top_inertia=1.0, band=None)  # type: ignore[arg-type]
     with pytest.raises(SceneError, match="`elements` must be an integer >= 1 and <= 10000, but it is True"):
         DrillString.from_tables([PIPE], top_inertia=1.0, elements=True)
+
+
+# --- pipe as catalogues have it
+
+INCH, PPF = 0.0254, 0.45359237 / 0.3048
+
+PLAIN_END = {  # weight of the tube alone [lb/ft] in the tables of API Specification 5DP, by size and nominal weight
+    (2.375, 4.85): 4.43, (2.375, 6.65): 6.26, (2.875, 6.85): 6.16, (2.875, 10.40): 9.72, (3.5, 9.50): 8.81, (3.5, 13.30): 12.31, (3.5, 15.50): 14.63,
+    (4.0, 11.85): 10.46, (4.0, 14.00): 12.93, (4.0, 15.70): 14.69, (4.5, 13.75): 12.24, (4.5, 16.60): 14.98, (4.5, 20.00): 18.69, (5.0, 16.25): 14.87,
+    (5.0, 19.50): 17.93, (5.0, 25.60): 24.03, (5.5, 19.20): 16.87, (5.5, 21.90): 19.81, (5.5, 24.70): 22.54, (6.625, 25.20): 22.19, (6.625, 27.70): 24.21,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("outer", "nominal"), PLAIN_END)
+def test_the_inner_diameter_of_a_nominal_weight_gives_the_plain_end_weight_of_the_tables(outer, nominal):
+    inner = inner_diameter(f"{outer} in", f"{nominal} ppf")
+    tube = Section("1 ft", f"{outer} in", inner)
+    assert tube.weight() / G / PPF == pytest.approx(PLAIN_END[outer, nominal], rel=2.5e-3)  # the tables take 7833 to 7850 kg/m3
+
+
+def test_five_inch_pipe_has_the_numbers_of_its_data_sheet():
+    """Data sheet of 5 in 19.50 lb/ft S-135 with NC50 6.625 x 3.25 in: Workstrings International (2011)."""
+    pipe = Section("5000 ft", "5 in", inner_diameter("127 mm", "29 kg/m"))
+    assert pipe.length == pytest.approx(1524.0) and pipe.inner == pytest.approx(4.276 * INCH)
+    assert pipe.area / INCH**2 == pytest.approx(5.275, abs=5e-4)
+    assert pipe.polar_moment / (pipe.outer / 2) / INCH**3 == pytest.approx(11.415, abs=5e-4)  # polar section modulus
+    joint = ToolJoint("6.625 in", "3.25 in", "21 in", every="31.7 ft")
+    string = dataclasses.replace(pipe, tool_joint=joint)
+    tube, upset = 17.932, math.pi / 4 * (6.625**2 - 3.25**2) * 7850.0 * INCH**2 / PPF
+    by_hand = (tube * (31.7 - 1.75) + upset * 1.75) / 31.7
+    assert string.weight() / G / PPF == pytest.approx(by_hand, rel=3e-3)
+    assert by_hand < 23.52 < 1.08 * by_hand  # the data sheet counts upsets and tapers, too
+    hung = dataclasses.replace(string, mass="23.52 ppf")
+    assert hung.weight() / G / PPF == pytest.approx(23.52) and hung.weight(1200.0) == pytest.approx(hung.weight() * (1 - 1200 / 7850))
+    assert hung.inertia / string.inertia == pytest.approx(23.52 / (string.weight() / G / PPF)) and hung.rigidity == string.rigidity
+    assert string.contact_radius == pytest.approx(6.625 * INCH / 2) and pipe.contact_radius == pytest.approx(2.5 * INCH)
+
+
+def test_a_string_with_tool_joints_swings_as_one_whose_joints_are_sections_of_their_own():
+    joint = ToolJoint("6.625 in", "3.25 in", "21 in", every="31.7 ft")
+    pipe = Section(200 * joint.every, "5 in", "4.276 in", tool_joint=joint)
+    piece, upset = Section(joint.every - joint.length, 0.127, pipe.inner), Section(joint.length, joint.outer, joint.inner)
+    apart = [piece, upset] * 200
+    for value in ("area", "inertia"):
+        assert pipe.length * getattr(pipe, value) == pytest.approx(total(apart, lambda s, value=value: getattr(s, value)), rel=1e-12)
+    assert pipe.length / pipe.rigidity == pytest.approx(total(apart, lambda s: 1 / s.rigidity), rel=1e-12)
+    exact = shaft_frequencies(apart, 4, top_inertia=math.inf)
+    np.testing.assert_allclose(shaft_frequencies([pipe], 4, top_inertia=math.inf), exact, rtol=2e-3)
+    plain = shaft_frequencies([dataclasses.replace(pipe, tool_joint=None)], 4, top_inertia=math.inf)
+    assert (abs(plain / exact - 1) > 0.02).all()  # joints left out are seen
+    lumped = DrillString.from_tables([pipe], top_inertia=1e12, elements=40)
+    np.testing.assert_allclose(chain_frequencies(lumped.inertia, lumped.stiffness)[:4], exact, rtol=1e-2)
+
+
+def test_a_table_may_have_the_columns_of_a_tally(tmp_path):
+    table = tmp_path / "string.csv"
+    table.write_text(
+        "name,length [ft],OD [in],nominal weight [lb/ft],weight [ppf],tool joint OD [in],tool joint ID [in],tool joint length [in],joint length [ft],material\n"
+        "pipe,5000,5,19.5,23.52,6.625,3.25,21,31.7,steel\n"
+        "pipe,1000,4.5,16.6,,,,,,steel\n"
+    )
+    first, second = read_sections(table)
+    joint = ToolJoint("6.625 in", "3.25 in", "21 in", every="31.7 ft")
+    whole = Section("5000 ft", "5 in", "4.276 in", mass="23.52 lb/ft", tool_joint=joint)
+    assert first.inertia == pytest.approx(whole.inertia, rel=1e-12) and first.rigidity == pytest.approx(whole.rigidity, rel=1e-12)
+    assert second.mass is None and second.tool_joint is None and second.inner == pytest.approx(3.826 * INCH)
+    for old, new, word in (
+        (",31.7,steel", ",,steel", "column `joint length .ft.`: a row with a tool joint must have"),
+        (",19.5,", ",18.5,", "row 1 .*must be that of an API drill pipe of 5 in, in lb/ft 16.25, 19.5, 25.6, but it is 18.5"),
+        (",19.5,", ",,", "either `ID` or `nominal weight`"),
+        (",6.625,3.25", ",3.25,6.625", "`inner` must be > 0 m and < 0.08255 m|must be"),
+        ("[ppf]", "[psi]", "must be in kg/m"),
+    ):
+        bad = tmp_path / "bad.csv"
+        bad.write_text(table.read_text().replace(old, new, 1))
+        with pytest.raises(SceneError, match=word):
+            read_sections(bad)
+
+
+def test_a_survey_may_be_typed_in_degrees_and_feet():
+    typed = Survey(("0 ft", "1000 ft", "2000 ft"), ("0 deg", "0 deg", "60 deg"), (0.0, "90 deg", "90 deg"))
+    assert typed.depth == pytest.approx((0.0, 304.8, 609.6)) and typed.inclination[2] == pytest.approx(math.pi / 3)
+    with pytest.raises(SceneError, match="must be in rad"):
+        Survey((0.0, 1.0), ("0 m", 0.0), (0.0, 0.0))
+    with pytest.raises(SceneError, match="`outer` of Section.*must be > 0 m|`outer`"):
+        Section("1 ft", "-5 in", 0.0)
+    with pytest.raises(SceneError, match="must be a ToolJoint"):
+        Section(1.0, 0.1, 0.05, tool_joint="6 in")
 
 
 # --- survey

@@ -23,12 +23,13 @@ _HEADING = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
 
 @dataclass(frozen=True)
 class Column:
-    """A column that a table may have: its name, its SI unit (None where it holds text) and other names it goes by."""
+    """A column that a table may have: its name, its SI unit (None where it holds text) and other names it goes by; whether cells may be blank."""
 
     name: str
     unit: str | None
     also: tuple[str, ...] = ()
     required: bool = True
+    blank: bool = False
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -
                 where = f"Table `{path}`" if path.suffix.lower() != ".toml" else f"Table `{path}`, {place},"
                 there = ", ".join(f"`{heading}`" for heading in cells)
                 raise SceneError(f"{where} must have a column `{column.name}{unit}`, but it has {there}.")
-        found.append(values)
+        found.append(_filled(values))
     return Table(path, tuple(found), tuple(place for place, _ in rows), headings)
 
 
@@ -122,6 +123,11 @@ def write(path: str | Path, headings: Sequence[str], rows: Iterable[Sequence[Any
     with replaced(Path(path)) as file:
         file.write(text.getvalue().encode())
     return Path(path)
+
+
+def _filled(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The cells of a row that are not blank."""
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _fault(path: Path, place: str, heading: str, words: str) -> SceneError:
@@ -177,6 +183,8 @@ def _toml(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:
 def _value(path: Path, place: str, heading: str, unit: str | None, column: Column, cell: Any) -> Any:
     from toolbox.files.units import parse
 
+    if column.blank and cell == "":
+        return None
     if cell == "" or cell is None:
         raise _fault(path, place, heading, "the cell must not be empty.")
     if column.unit is None:

@@ -46,8 +46,10 @@ HABITS = {
     "klbs": "klbf",
     "t": "t_force",
     "ft-lb": "lbf ft",
+    "ppf": "lb/ft",
+    "ppg": "lb/gal",
 }
-"""What drillers write for a speed of rotation, a force or a torque, where that is what is wanted."""
+"""What drillers write for a speed of rotation, a force, a torque, the weight of a pipe or that of mud, where that is what is wanted."""
 
 MISTAKEN = {
     "rad/s": ("rpm",), "rad": ("deg",), "m": ("mm", "in"), "N": ("kN", "klbf"), "N m": ("kN m", "klbf ft"), "N m/rad": ("kN m/rad",),

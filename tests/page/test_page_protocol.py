@@ -20,7 +20,9 @@ from toolbox import Scene, closed_loop, compose, simulate
 from toolbox.errors import SceneError
 from toolbox.onsets.verdicts import verdict_of
 from toolbox.page import explore
+from toolbox.page.served import SOON, page_of
 from toolbox.page.server import FILES, LONGEST
+from toolbox.simulation.run import Budget
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 
@@ -287,3 +289,18 @@ def test_memory_stays_flat(page):
         tracemalloc.stop()
     assert sizes[1][0] - sizes[0][0] < 10e6  # 300 runs, of which each holds a megabyte and twelve are kept
     assert sizes[1][1] - sizes[0][1] < 2000
+
+
+@pytest.mark.parametrize("name", ["brake_laws", "popp_rudolph", "den_hartog", "hoisting", "breaking_circulation", "creep_groan"])
+def test_a_scene_whose_inputs_vary_in_time_opens(name):
+    served = page_of(Scene.load(SCENES / f"{name}.toml"), None, None, 0)
+    told = served._answer("scene", {})
+    served.server.server_close()
+    assert json.dumps(told, allow_nan=False) and any(law["moving"] for law in told["laws"].values())
+
+
+def test_a_run_that_takes_longer_than_a_moment_is_said_to_and_then_given(page, monkeypatch):
+    monkeypatch.setattr("toolbox.page.served.Budget", lambda seconds: Budget(steps=5) if seconds == SOON else Budget(seconds=seconds))
+    setting = {"label": "soft torque", "changes": {"bit.weight": 87_654.0}}
+    assert "takes a while" in ask(page, "run", setting=setting, soon=True)["waiting"]
+    assert ask(page, "run", setting=setting)["whole"]

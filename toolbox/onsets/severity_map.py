@@ -468,5 +468,10 @@ def _notes(search: JudgedRuns[complex], rows: Sequence[Sequence[Judged]]) -> lis
     for name, row in zip(("smooth running", "inside stick-slip"), rows, strict=True):
         undecided = sum(each.regime == judge.NOT_DECIDED for each in row)
         if undecided:
-            notes.append(f"From {name}, {undecided} points were not decided within {search.budget * search.period:.4g} s.")
+            what = "1 point was" if undecided == 1 else f"{undecided} points were"
+            seconds = search.budget * search.period
+            longest = f"{seconds / 60:.0f} min" if seconds >= 600 else f"{seconds:.3g} s"
+            notes.append(
+                f"From {name}, {what} not decided within {longest} of simulated time: there the motion neither came back nor died out."
+            )
     return notes

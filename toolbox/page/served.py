@@ -11,11 +11,12 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from html import escape
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import number
-from toolbox.errors import SceneError, SimulationError
+from toolbox.errors import BudgetError, SceneError, SimulationError
 from toolbox.files.unit_systems import units
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
@@ -38,6 +39,9 @@ KEPT = 12
 
 SOON = 0.3
 """Seconds after which a run that is not finished is shown as far as it is."""
+
+LEAVING = 5.0
+"""Seconds that the end of a page waits for the run that is being made ready."""
 
 PATIENCE = 120.0
 """Seconds that a run may take."""
@@ -75,6 +79,7 @@ class Page:
             "python": self._python,
         }
         self.server = Server(self._answer, port)
+        self.warming: threading.Thread | None = None
 
     @property
     def address(self) -> str:
@@ -87,6 +92,8 @@ class Page:
         self._closed = True
         self.server.shutdown()
         self.server.server_close()
+        if self.warming is not None:
+            self.warming.join(LEAVING)
 
     def __enter__(self) -> Page:
         return self
@@ -149,7 +156,7 @@ class Page:
             moving = {name: None for name, value in loop.values.items() if not isinstance(value, float)}
             laws[label] = {
                 "controls": [control.told() for control in look["controls"].values()], "axes": look["axes"], "able": able,
-                "values": {name: control.number.value for name, control in look["controls"].items()}, "moving": [*moving],
+                "values": {name: each.number.value for name, each in look["controls"].items() if isfinite(each.number.value)}, "moving": [*moving],
                 "without": {name: answers.taken(loop, taking) for name, taking in loop.overridden.items()}, "disturbances": disturbances,
             }  # fmt: skip
         title = self.scene.title if self.scene is not None else next(iter(self.loops.values())).title
@@ -177,8 +184,14 @@ class Page:
         return run, loop, without, True
 
     def _run(self, told: dict[str, Any]) -> dict[str, Any]:
-        """Traces and verdict of a setting."""
-        run, loop, without, whole = self._simulated(told, bool(told.get("soon")))
+        """Traces and verdict of a setting; of one that is asked for soon and has nothing to show yet, that it takes a while."""
+        soon = bool(told.get("soon"))
+        try:
+            run, loop, without, whole = self._simulated(told, soon)
+        except BudgetError as failure:
+            if not soon:
+                raise
+            return {"waiting": f"The run takes a while: {failure}"}
         label = told["setting"]["label"]
         look = self._look(label)
         if "signals" not in look:
@@ -217,7 +230,7 @@ class Page:
         loop = loop.but(inputs={name: answers.at_last(value) for name, value in loop.values.items()})
 
         def step() -> None:
-            if self._maps.get(page) is not mine:
+            if self._closed or self._maps.get(page) is not mine:
                 raise _Cancelled
 
         def stages() -> Iterator[dict[str, Any]]:
@@ -249,10 +262,13 @@ class Page:
         told: dict[str, Any] = {"page": "", "setting": {"label": next(iter(self.loops)), "changes": {}, "disturbance": ""}}
         with contextlib.suppress(SceneError, SimulationError):
             self._answer("run", told)
+            if self._closed:
+                return
             names = self._look(told["setting"]["label"])["axes"]
             if len(names) == 2:
                 next(self._answer("map", told | {"axes": names}), None)
-            self._answer("further", told)
+            if not self._closed:
+                self._answer("further", told)
         for label in [*self.loops][1:]:
             with contextlib.suppress(SceneError, SimulationError):
                 if not self._closed:
@@ -319,7 +335,7 @@ def explore(loop: ClosedLoop | HybridSystem | Scene, duration: NumberOrText | No
     else:
         judged = _judged(as_loop(loop), duration)
         page = Page({judged.label or "loop": judged}, None, None, None, PORT if port is None else port)
-    in_background(page.server, page.warm)
+    page.warming = in_background(page.server, page.warm)
     return page
 
 

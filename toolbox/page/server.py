@@ -180,7 +180,9 @@ def _free(port: int) -> int:
     return 0
 
 
-def in_background(server: Server, warm: Callable[[], None]) -> None:
-    """Serve in a thread that ends with the process, and get ready what is asked first in another."""
+def in_background(server: Server, warm: Callable[[], None]) -> threading.Thread:
+    """Serve in a thread that ends with the process, and get ready what is asked first in another, which is returned."""
     threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.2}, name="page", daemon=True).start()
-    threading.Thread(target=warm, name="page-warm", daemon=True).start()
+    warming = threading.Thread(target=warm, name="page-warm", daemon=True)
+    warming.start()
+    return warming

@@ -75,9 +75,10 @@ async function run() {
     try {
       let found = await (await ask("run", { setting: sent, soon: slow })).json();
       if (found.error) { refused(found.error, mine); continue; }
-      receive(found, sent, mine);
+      if (found.waiting) { if (mine !== asked) { answered = mine; continue; } } else receive(found, sent, mine);
       if (!found.whole && mine === asked) {
-        say("The run is shown as far as it is, " + short(found.end) + " s; the rest follows.");
+        slow = true;
+        say(found.waiting || "The run is shown as far as it is, " + short(found.end) + " s; the rest follows.");
         found = await (await ask("run", { setting: sent })).json();
         if (mine === asked) { if (found.error) refused(found.error, mine); else receive(found, sent, mine); }
       }
@@ -285,7 +286,7 @@ function drawTraces() {
 function tracePanel(group, k) {
   const box = find("panels"), limited = group.some((signal) => signal.limits.some((end) => end !== null));
   const options = {
-    width: box.clientWidth, height: k ? 150 : 210, cursor: { sync: { key: "time" }, drag: { x: true, y: false } },
+    width: box.clientWidth, height: k ? 150 : 210, cursor: { sync: { key: "time" }, drag: { x: true, y: false }, bind: { dblclick: () => () => { whole(); return null; } } },
     scales: { x: { time: false }, y: { range: (plot, low, high) => {
       const ends = pinned ? pinned.signals.filter((each) => plot.group && plot.group.some((signal) => signal.name === each.name)).map((each) => extent(each.floats)) : [];
       const all = [low, high, ...ends.flat()].filter((value) => value !== null && isFinite(value));
@@ -361,6 +362,16 @@ function tracePanel(group, k) {
   return plot;
 }
 
+// The whole run again, whose points take the place of those of the window.
+function whole() {
+  tracePanel.syncing = true;
+  for (const plot of plots) {
+    plot.zoomed = false;
+    plot.setData([live.timeFloats, ...plot.group.map((signal) => live.signals.find((each) => each.name === signal.name).floats)], true);
+  }
+  tracePanel.syncing = false;
+}
+
 // Traces of the window that one looks at closer, with as many points as the whole run had.
 let closing = 0;
 function closer() {
@@ -398,6 +409,7 @@ function drawSpectrum() {
 }
 
 function showMotion() {
+  if (!live) return;
   drawMotion(find("motion"), live, cursorTime);
   find("clock").textContent = "at " + cursorTime.toFixed(2) + " s";
   find("time").max = live.end;
@@ -407,6 +419,7 @@ function showMotion() {
 
 function play() {
   const button = find("play");
+  if (!live) return;
   if (playing) { cancelAnimationFrame(playing); playing = null; button.setAttribute("aria-pressed", "false"); button.textContent = "Play"; return; }
   button.setAttribute("aria-pressed", "true");
   button.textContent = "Stop";
@@ -414,12 +427,13 @@ function play() {
   const rate = Math.min(1, live.end / 20);  // what is over in a second is shown slowly
   let before = performance.now();
   const frame = (now) => {
+    playing = requestAnimationFrame(frame);
     cursorTime += (now - before) / 1000 * rate;
     before = now;
+    if (!live) return;
     if (cursorTime > live.end) cursorTime = live.after;
     showMotion();
     if (plots[0]) plots.forEach((plot) => plot.setCursor({ left: plot.valToPos(cursorTime, "x"), top: 10 }, false));
-    playing = requestAnimationFrame(frame);
   };
   playing = requestAnimationFrame(frame);
 }
@@ -449,13 +463,19 @@ function drawMapNow() {
   } else { find("where").textContent = ""; if (!map || !map.error) find("map-words").textContent = "The map is being computed."; }
 }
 
-// What to do, in a sentence, from the borders along the number that goes across.
+// What to do, in a sentence, from the nearest border of stick-slip along the number that goes across: it ends above it, or below it.
 function advice(here, names) {
-  const ends = crossings(map.borders.sticking, here[1]), [low] = mapRanges()[0], unit = map.units[0] === "1" ? "" : " " + map.units[0];
+  const ends = crossings(map.borders.sticking, here[1]), unit = map.units[0] === "1" ? "" : " " + map.units[0], about = map.last ? "" : "about ";
   if (!ends.length) return "";
-  const last = ends[ends.length - 1], margin = here[0] - last;
-  if (map.regions[map.where[map.where.length - 1][nearest(map.axes[1], here[1])]] !== "free") return "";
-  return margin > 0 ? "Above the border: stick-slip ends at " + short(last) + unit + ", " + short(margin) + unit + " below this " + names[0] + "." : "Raise " + names[0] + " above " + short(last) + unit + " and stick-slip ends, at this " + names[1] + ".";
+  const end = ends[nearest(ends, here[0])], column = map.axes[0], j = nearest(map.axes[1], here[1]);
+  const free = (i) => map.regions[map.where[i][j]] === "free";
+  let over = column.findIndex((value) => value > end), under = over - 1;
+  if (over < 1) return "";
+  while (under > 0 && over < column.length - 1 && free(under) === free(over)) { under -= 1; over += 1; }  // the row of points is beside this value
+  if (free(under) === free(over)) return "";
+  const above = free(over), inside = above ? here[0] > end : here[0] < end, away = short(Math.abs(here[0] - end)) + unit;
+  if (inside) return "Here stick-slip dies out: it lasts " + (above ? "below " : "above ") + names[0] + " " + about + short(end) + unit + ", " + away + " from here.";
+  return (above ? "Raise " : "Lower ") + names[0] + (above ? " above " : " below ") + about + short(end) + unit + " and stick-slip ends, at this " + names[1] + ".";
 }
 
 const nearest = (row, value) => row.reduce((best, each, i) => Math.abs(each - value) < Math.abs(row[best] - value) ? i : best, 0);
@@ -606,6 +626,7 @@ function listen() {
   find("undo").addEventListener("click", () => { if (history.length) setTo(history.pop()); find("undo").disabled = !history.length; });
   find("reset").addEventListener("click", () => { history.push(copied(setting)); setTo({ label: setting.label, changes: {}, disturbance: "" }); });
   find("pin").addEventListener("click", () => {
+    if (!live) return;
     pinned = pinned ? null : { ...live, words: wordsOf(live.setting) };
     find("pin").setAttribute("aria-pressed", String(Boolean(pinned)));
     find("pin").textContent = pinned ? "Unpin" : "Pin";

@@ -264,7 +264,7 @@ def test_loops_of_several_files_follow_all_of_them():
         files(condensing.regulated) >= {"controllers.condensing", "toolbox.prediction.rollout_loop"}
         and len(files(condensing.regulated)) == 3
     )
-    assert files(lanes_loop.run) >= {"toolbox.lanes.loop", "toolbox.measuring.measuring_loop"} and len(files(lanes_loop.run)) >= 3
+    assert files(lanes_loop.run) >= {"toolbox.lanes.loop", "toolbox.measuring.stay_loop"} and len(files(lanes_loop.run)) >= 3
 
 
 def test_without_a_folder_that_can_be_written_and_without_compiling_functions_work():

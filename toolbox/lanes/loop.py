@@ -18,7 +18,7 @@ from toolbox.compilation.numba_cache import cached, inlined
 from toolbox.lanes import layout
 from toolbox.lanes.scalar_parts import call_part
 from toolbox.lanes.transfers import gather_history, gather_point, gather_samples, next_stop, put_parameters, scatter, scatter_samples
-from toolbox.measuring.measuring_loop import note_end
+from toolbox.measuring.stay_loop import note_end
 
 
 @intrinsic

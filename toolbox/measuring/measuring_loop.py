@@ -1,63 +1,54 @@
-"""The compiled loops of `toolbox.measuring.measures`: over the nodes of a run for its signals, over its events for stays and switches."""
+"""The compiled loops of `toolbox.measuring.measures` over the nodes of a run for its signals."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from toolbox.compilation.calls import call
-from toolbox.compilation.numba_cache import cached, inlined
+from toolbox.compilation.program import Program
+from toolbox.translation.compiled import Compiled
+from toolbox.translation.words import call
 
 DEPTH = 12
 """A step is halved at most so often, so that it has at most 4096 pieces, whatever the signal."""
 
+FEW = 4
+"""The same of a step in which slopes are not finite at both ends of a piece."""
 
-class Reader(NamedTuple):
-    """What is read in a run: machine code and sizes of its program.
+(N, NE, SIGNALS, FIRST_HELD, RECORDS, FIELD, STEP, PROJECT, OUTPUTS, SERIES, INTS) = range(11)
+"""Indices into `Reading.ints`: sizes, how many nodes are recorded, and addresses of machine code; `OUTPUTS` gives the signals with two derivatives,
+`SERIES` the coefficients of Taylor steps, 0 for others."""
 
-    addresses: of field, step, project, the signals with two derivatives, and the coefficients of Taylor steps or 0;  slopes: size of what a step takes
-    as slopes;  signals: their number;  p: parameters of the run, with what is held at a
-    node behind `first_held`;  tolerance: of a piece, relative to the size of a signal.
+
+class Reading(NamedTuple):
+    """What is read of a run, and space for a step and its pieces.
+
+    ints: see above;  tolerance: of a piece, relative to the size of a signal, shape (1,);  p: parameters of the run, with what is held at a node behind
+    FIRST_HELD;
+    time, state, mode, held: recorded nodes;  windows: (begin, end) of each;
+    lowest, highest, when_lowest, when_highest, integral: extrema of signals, their times and their integrals, shape (rows, signals), to which is added;
+    ends: signals at the last node;  size: of the signals so far;
+    x, k, m: the node that a step begins with;  y, new: at an instant within it;  left, stack: signals where a piece begins, and where those that wait end,
+    at the times stack_t.
     """
 
-    addresses: np.ndarray
-    states: int
-    elements: int
-    guards: int
-    slopes: int
-    signals: int
+    ints: np.ndarray
+    tolerance: np.ndarray
     p: np.ndarray
-    first_held: int
-    tolerance: float
-
-
-class Nodes(NamedTuple):
-    """Recorded nodes: time, states, modes and held parameters."""
-
     time: np.ndarray
     state: np.ndarray
     mode: np.ndarray
     held: np.ndarray
-
-
-class Extremes(NamedTuple):
-    """Extrema of signals, their times and their integrals, shape (rows, signals), to which is added."""
-
+    windows: np.ndarray
     lowest: np.ndarray
     highest: np.ndarray
     when_lowest: np.ndarray
     when_highest: np.ndarray
     integral: np.ndarray
-
-
-class Pieces(NamedTuple):
-    """Space for a step and its pieces.
-
-    x, k, m: the node that a step begins with;  y, new: at an instant within it;  left, stack: signals where a piece begins, and where those that wait end,
-    at the times stack_t;  size: of the signals so far.
-    """
-
+    ends: np.ndarray
+    size: np.ndarray
     x: np.ndarray
     k: np.ndarray
     m: np.ndarray
@@ -66,119 +57,92 @@ class Pieces(NamedTuple):
     left: np.ndarray
     stack_t: np.ndarray
     stack: np.ndarray
-    size: np.ndarray
 
 
-class Events(NamedTuple):
-    """Recorded events: time, element, and modes before and after."""
-
-    time: np.ndarray
-    element: np.ndarray
-    modes: np.ndarray
-
-
-class StayCounts(NamedTuple):
-    """Stays and switches, to which is added.
-
-    asked: rows (element, mode, begin, end of the window), one per measure;  since: begin of the current stay of each element;  spent, number, latest,
-    switches: seconds, stays, end of the last stay, and switches, one per measure.
-    """
-
-    asked: np.ndarray
-    since: np.ndarray
-    spent: np.ndarray
-    number: np.ndarray
-    latest: np.ndarray
-    switches: np.ndarray
+KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Reading._fields, ("float64", 1)) | {
+    "ints": ("int64", 1), "mode": ("int8", 2),
+    **dict.fromkeys(("state", "held", "windows", "lowest", "highest", "when_lowest", "when_highest", "integral", "stack"), ("float64", 2)),
+}  # fmt: skip
+"""{field of `Reading`: (dtype, number of dimensions)}."""
 
 
-@inlined(_nrt=True)
-def _pieces(reader, size):
-    """Space for the steps of a run."""
-    n, count = reader.states, reader.signals
-    y = np.zeros(max(4 * n + 2 * reader.guards, 3 * n + 4 * reader.guards) + 4)
-    stack = np.empty((DEPTH + 1, 3 * count))
-    return Pieces(
-        np.zeros(n),
-        np.zeros(reader.slopes),
-        np.zeros(reader.elements + 1),
-        y,
-        np.zeros(n),
-        np.empty(3 * count),
-        np.empty(DEPTH + 1),
-        stack,
-        size,
-    )
+def reading(program: Program, outputs: int, count: int, tolerance: float, p: np.ndarray, **arrays: np.ndarray) -> Reading:
+    """The arrays of a reader of so many signals, whose machine code is at the address `outputs`; arrays: those that depend on the run."""
+    kernel = program.kernel
+    ints = np.zeros(INTS, np.int64)
+    field, step, project, *_, series = kernel.addresses
+    ints[[N, NE, SIGNALS, FIRST_HELD]] = kernel.states, kernel.elements, count, program.first_held
+    ints[[FIELD, STEP, PROJECT, OUTPUTS, SERIES]] = field, step, project, outputs, series
+    n, guards = kernel.states, kernel.guards
+    room: dict[str, np.ndarray] = {
+        "x": np.zeros(n), "k": np.zeros(kernel.slopes), "m": np.zeros(kernel.elements + 1), "new": np.zeros(n),
+        "y": np.zeros(max(4 * n + 2 * guards, 3 * n + 4 * guards) + 4), "left": np.empty(3 * count), "stack_t": np.empty(DEPTH + 1),
+        "stack": np.empty((DEPTH + 1, 3 * count)), "size": np.zeros(count), "ends": np.zeros(count),
+    }  # fmt: skip
+    return Reading(**{"ints": ints, "tolerance": np.array([tolerance]), "p": p, **room, **arrays})
 
 
-@inlined
-def _begin_step(reader, nodes, r, pieces):
+def _begin_step(w, r):
     """Put a node where a step begins."""
-    for i in range(nodes.state.shape[1]):
-        pieces.x[i] = nodes.state[r, i]
-    for i in range(reader.elements):
-        pieces.m[i] = nodes.mode[r, i]
-    for i in range(nodes.held.shape[1]):
-        reader.p[reader.first_held + i] = nodes.held[r, i]
+    for i in range(w.state.shape[1]):
+        w.x[i] = w.state[r, i]
+    for i in range(w.ints[NE]):
+        w.m[i] = w.mode[r, i]
+    for i in range(w.held.shape[1]):
+        w.p[w.ints[FIRST_HELD] + i] = w.held[r, i]
 
 
-@inlined
-def _slope(reader, t, h, pieces):
+def _slope(w, t, h):
     """Put the slope of the states where a step of length h begins."""
-    if reader.addresses[4] != 0:
-        call(reader.addresses[4], t, h, pieces.x, pieces.k, reader.p, pieces.m, pieces.k)
+    if w.ints[SERIES] != 0:
+        call(w.ints[SERIES], t, h, w.x, w.k, w.p, w.m, w.k)
         return
-    call(reader.addresses[0], t, 0.0, pieces.x, pieces.k, reader.p, pieces.m, pieces.y)
-    for i in range(reader.states):
-        pieces.k[i] = pieces.y[reader.states + i]
+    call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.y)
+    for i in range(w.ints[N]):
+        w.k[i] = w.y[w.ints[N] + i]
 
 
-@inlined
-def _state_at(reader, pieces, t, h):
+def _state_at(w, t, h):
     """Leave the state at t + h in `y`, by one step from where a step begins."""
-    call(reader.addresses[1], t, h, pieces.x, pieces.k, reader.p, pieces.m, pieces.y)
-    for i in range(reader.elements):
-        if pieces.m[i] == 0.0:
-            for j in range(reader.states):
-                pieces.new[j] = pieces.y[j]
-            call(reader.addresses[2], t + h, 0.0, pieces.new, pieces.k, reader.p, pieces.m, pieces.y)
+    call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+    for i in range(w.ints[NE]):
+        if w.m[i] == 0.0:
+            for j in range(w.ints[N]):
+                w.new[j] = w.y[j]
+            call(w.ints[PROJECT], t + h, 0.0, w.new, w.k, w.p, w.m, w.y)
             return
 
 
-@inlined
-def _signals_at(reader, pieces, t, x, out):
+def _signals_at(w, t, x, out):
     """The signals with two derivatives at an instant."""
-    call(reader.addresses[3], t, 0.0, x, pieces.k, reader.p, pieces.m, out)
+    call(w.ints[OUTPUTS], t, 0.0, x, w.k, w.p, w.m, out)
 
 
-@inlined
-def _fits_one(a, b, h, s, count, size, tolerance):
+def _fits_one(w, b, h, s, tolerance):
     """Whether the cubic of signal s through both ends of a piece is within a tolerance, in parts of the size of the signal, of the quintic."""
+    a, count = w.left, w.ints[SIGNALS]
     rise, d0, d1 = b[s] - a[s], h * a[count + s], h * b[count + s]
     off = abs(h * h * a[2 * count + s] - (6.0 * rise - 4.0 * d0 - 2.0 * d1))
     off += abs(h * h * b[2 * count + s] - (-6.0 * rise + 2.0 * d0 + 4.0 * d1))
-    return 0.0173 * off <= tolerance * max(size[s], abs(a[s]), abs(b[s]))
+    return 0.0173 * off <= tolerance * max(w.size[s], abs(a[s]), abs(b[s]))
 
 
-@cached
-def _fits(a, b, h, count, size, tolerance):
+def _fits(w, b, h):
     """Whether the cubic through both ends of a piece is near enough to the quintic."""
     fits = True
-    for s in range(count):
-        fits = fits and _fits_one(a, b, h, s, count, size, tolerance)
+    for s in range(w.ints[SIGNALS]):
+        fits = fits and _fits_one(w, b, h, s, w.tolerance[0])
     return fits
 
 
-@cached
-def _depth(a, b, count):
-    """How often the step about a piece may be halved: seldom where slopes are not finite at both ends, as those of a root that stays at zero."""
-    for s in range(count, 3 * count):
-        if not np.isfinite(a[s]) and not np.isfinite(b[s]):
-            return 4
-    return DEPTH
+def _most(w, b):
+    """How many pieces the step about a piece may have: few where slopes are not finite at both ends, as those of a root that stays at zero."""
+    for s in range(w.ints[SIGNALS], 3 * w.ints[SIGNALS]):
+        if not math.isfinite(w.left[s]) and not math.isfinite(b[s]):
+            return 2.0**FEW
+    return 2.0**DEPTH
 
 
-@cached
 def _highest(f0, d0, c0, f1, d1, c1, best):
     """Largest of `best` and the quintic on [0, 1] with these values, slopes and curvatures at its ends (Bernstein form), and where; -1 for `best`."""
     where = -1.0
@@ -224,166 +188,120 @@ def _highest(f0, d0, c0, f1, d1, c1, best):
     return best, where
 
 
-@inlined
-def _straightened(left, right, h, count, size):
+def _straightened(w, right, h):
     """Where slopes are not finite, as of a root at zero, or so large that they cannot be those of a piece so short, as of a length that grows from zero, or
     of a stiff state that follows others within the accuracy of the run, a piece is straight."""
+    count = w.ints[SIGNALS]
     for s in range(count):
-        if not _fits_one(left, right, h, s, count, size, 1e-4):
-            slope = (right[s] - left[s]) / h
-            left[count + s] = right[count + s] = slope
-            left[2 * count + s] = right[2 * count + s] = 0.0
+        if not _fits_one(w, right, h, s, 1e-4):
+            slope = (right[s] - w.left[s]) / h
+            w.left[count + s], right[count + s] = slope, slope
+            w.left[2 * count + s], right[2 * count + s] = 0.0, 0.0
 
 
-@inlined
-def _take_in(left, right, at, end, count, size, found, row):
+def _take_in(w, right, at, end, row):
     """Extrema and integrals of signals over a piece from `at` to `end`."""
-    h = end - at
+    h, count = end - at, w.ints[SIGNALS]
     for s in range(count):
-        f0, d0, c0 = left[s], h * left[count + s], h * h * left[2 * count + s]
+        f0, d0, c0 = w.left[s], h * w.left[count + s], h * h * w.left[2 * count + s]
         f1, d1, c1 = right[s], h * right[count + s], h * h * right[2 * count + s]
-        size[s] = max(size[s], abs(f0), abs(f1))
-        found.integral[row, s] += h * (0.5 * (f0 + f1) + 0.1 * (d0 - d1) + (c0 + c1) / 120.0)
-        found.highest[row, s], where = _highest(f0, d0, c0, f1, d1, c1, found.highest[row, s])
+        w.size[s] = max(w.size[s], abs(f0), abs(f1))
+        w.integral[row, s] += h * (0.5 * (f0 + f1) + 0.1 * (d0 - d1) + (c0 + c1) / 120.0)
+        w.highest[row, s], where = _highest(f0, d0, c0, f1, d1, c1, w.highest[row, s])
         if where >= 0.0:
-            found.when_highest[row, s] = end if where == 1.0 else at + where * h
-        low, where = _highest(-f0, -d0, -c0, -f1, -d1, -c1, -found.lowest[row, s])
-        found.lowest[row, s] = -low
+            w.when_highest[row, s] = end if where == 1.0 else at + where * h
+        low, where = _highest(-f0, -d0, -c0, -f1, -d1, -c1, -w.lowest[row, s])
+        w.lowest[row, s] = -low
         if where >= 0.0:
-            found.when_lowest[row, s] = end if where == 1.0 else at + where * h
+            w.when_lowest[row, s] = end if where == 1.0 else at + where * h
 
 
-@cached(_nrt=False)
-def _read_piece(reader, pieces, origin, begin, end, following, found, row):
+def _read_piece(w, origin, begin, end, following, row):
     """Extrema, their times and the integrals of signals from begin to end, inside one step that begins at `origin`, added to a row of what was found.
 
-    following: the state at `end` where that is the next node, else empty.
+    following: the node at `end` where that is one, else -1.
     """
-    count, left, stack_t, stack, y = reader.signals, pieces.left, pieces.stack_t, pieces.stack, pieces.y
+    count = w.ints[SIGNALS]
     if begin == origin:
-        _signals_at(reader, pieces, begin, pieces.x, left)
+        _signals_at(w, begin, w.x, w.left)
     else:
-        _state_at(reader, pieces, origin, begin - origin)
-        _signals_at(reader, pieces, begin, y, left)
-    if following.size:
-        for i in range(following.size):
-            y[i] = following[i]
-        for i in range(following.size, reader.states):
-            y[i] = 0.0
+        _state_at(w, origin, begin - origin)
+        _signals_at(w, begin, w.y, w.left)
+    if following >= 0:
+        for i in range(w.state.shape[1]):
+            w.y[i] = w.state[following, i]
+        for i in range(w.state.shape[1], w.ints[N]):
+            w.y[i] = 0.0
     else:
-        _state_at(reader, pieces, origin, end - origin)
-    _signals_at(reader, pieces, end, y, stack[0])
+        _state_at(w, origin, end - origin)
+    _signals_at(w, end, w.y, w.stack[0])
     at, top = begin, 0
-    stack_t[0] = end
+    w.stack_t[0] = end
     while top >= 0:
-        right = stack[top]
-        h = stack_t[top] - at
-        if not _fits(left, right, h, count, pieces.size, reader.tolerance):
+        h = w.stack_t[top] - at
+        if not _fits(w, w.stack[top], h):
             middle = at + 0.5 * h
-            if top < DEPTH and h > 1.5 * (end - begin) / 2 ** _depth(left, right, count) and at < middle < stack_t[top]:
+            if top < DEPTH and h > 1.5 * (end - begin) / _most(w, w.stack[top]) and at < middle < w.stack_t[top]:
                 top += 1
-                stack_t[top] = middle
-                _state_at(reader, pieces, origin, middle - origin)
-                _signals_at(reader, pieces, middle, y, stack[top])
+                w.stack_t[top] = middle
+                _state_at(w, origin, middle - origin)
+                _signals_at(w, middle, w.y, w.stack[top])
                 continue
-            _straightened(left, right, h, count, pieces.size)
-        _take_in(left, right, at, stack_t[top], count, pieces.size, found, row)
+            _straightened(w, w.stack[top], h)
+        _take_in(w, w.stack[top], at, w.stack_t[top], row)
         for j in range(3 * count):
-            left[j] = right[j]
-        at = stack_t[top]
+            w.left[j] = w.stack[top, j]
+        at = w.stack_t[top]
         top -= 1
 
 
-@cached
-def read_nodes(reader, nodes, records, windows, size, found, ends):
-    """Extrema and integrals of signals over the first `records` recorded nodes, added to what was `found`, shape (windows, signals).
-
-    windows: (begin, end) of each;  size: of the signals so far;  ends: signals at the last node.
-    """
-    pieces, time = _pieces(reader, size), nodes.time
-    for r in range(records):
-        last = r == records - 1
+def _read_nodes(w):
+    """Extrema and integrals of signals over the recorded nodes, added to what was found in the rows of the windows, and the signals at the last node."""
+    for r in range(w.ints[RECORDS]):
+        last = r == w.ints[RECORDS] - 1
         skip = not last
-        for w in range(windows.shape[0]):
-            if time[r] <= windows[w, 1] and (last or time[r + 1] >= windows[w, 0]):
+        for q in range(w.windows.shape[0]):
+            if w.time[r] <= w.windows[q, 1] and (last or w.time[r + 1] >= w.windows[q, 0]):
                 skip = False
         if skip:
             continue
-        _begin_step(reader, nodes, r, pieces)
+        _begin_step(w, r)
         if last:
-            _signals_at(reader, pieces, time[r], pieces.x, pieces.stack[0])
-            for s in range(reader.signals):
-                value = pieces.stack[0, s]
-                ends[s] = value
-                for w in range(windows.shape[0]):
-                    if windows[w, 0] <= time[r] <= windows[w, 1]:
-                        found.lowest[w, s] = min(found.lowest[w, s], value)
-                        found.highest[w, s] = max(found.highest[w, s], value)
+            _signals_at(w, w.time[r], w.x, w.stack[0])
+            for s in range(w.ints[SIGNALS]):
+                value = w.stack[0, s]
+                w.ends[s] = value
+                for q in range(w.windows.shape[0]):
+                    if w.windows[q, 0] <= w.time[r] <= w.windows[q, 1]:
+                        w.lowest[q, s] = min(w.lowest[q, s], value)
+                        w.highest[q, s] = max(w.highest[q, s], value)
             break
-        if time[r + 1] == time[r]:
+        if w.time[r + 1] == w.time[r]:
             continue
         known = False
-        for w in range(windows.shape[0]):
-            begin, end = max(time[r], windows[w, 0]), min(time[r + 1], windows[w, 1])
+        for q in range(w.windows.shape[0]):
+            begin, end = max(w.time[r], w.windows[q, 0]), min(w.time[r + 1], w.windows[q, 1])
             if begin >= end:
                 continue
             if not known:
-                _slope(reader, time[r], time[r + 1] - time[r], pieces)
+                _slope(w, w.time[r], w.time[r + 1] - w.time[r])
                 known = True
-            following = nodes.state[r + 1] if end == time[r + 1] else nodes.state[r, :0]
-            _read_piece(reader, pieces, time[r], begin, end, following, found, w)
+            _read_piece(w, w.time[r], begin, end, r + 1 if end == w.time[r + 1] else -1, q)
 
 
-@cached
-def read_steps(reader, nodes, begin, end, found):
-    """Extrema, their times and the integral of one signal in every step between recorded nodes, cut to the window from begin to end.
+def _read_steps(w):
+    """Extrema, their times and the integral of one signal in every step between recorded nodes, cut to the only window.
 
     The arrays have shape (steps, 1) and hold inf, -inf, nan, nan and 0 at first, which a step without length keeps.
     """
-    pieces, time = _pieces(reader, np.zeros(1)), nodes.time
-    for r in range(time.size - 1):
-        first, last = max(time[r], begin), min(time[r + 1], end)
+    for r in range(w.time.size - 1):
+        first, last = max(w.time[r], w.windows[0, 0]), min(w.time[r + 1], w.windows[0, 1])
         if first >= last:
             continue
-        _begin_step(reader, nodes, r, pieces)
-        _slope(reader, time[r], time[r + 1] - time[r], pieces)
-        following = nodes.state[r + 1] if last == time[r + 1] else nodes.state[r, :0]
-        _read_piece(reader, pieces, time[r], first, last, following, found, r)
+        _begin_step(w, r)
+        _slope(w, w.time[r], w.time[r + 1] - w.time[r])
+        _read_piece(w, w.time[r], first, last, r + 1 if last == w.time[r + 1] else -1, r)
 
 
-@cached(forceinline=True)
-def note_end(i, was, t, switched, since, asked, spent, number, latest, switches):
-    """Add a stay of element i in mode `was`, which ends at t, by a switch or with the run."""
-    for q in range(asked.shape[0]):
-        if asked[q, 0] != i:
-            continue
-        if switched and asked[q, 2] <= t <= asked[q, 3]:
-            switches[q] += 1
-        first, last = max(since[i], asked[q, 2]), min(t, asked[q, 3])
-        if was == asked[q, 1] and first < last:
-            spent[q] += last - first
-            if latest[q] != first:  # a stay that is left and taken up at one instant is one
-                number[q] += 1
-            latest[q] = last
-    since[i] = t
-
-
-@cached
-def read_events(events, count, finished, end, m, stays):
-    """Stays and switches from `count` recorded events, added to what `stays` holds; when `finished`, the last stays end at `end` in the modes m."""
-    asked, since = stays.asked, stays.since
-    for e in range(count):
-        note_end(
-            events.element[e],
-            events.modes[e, 0],
-            events.time[e],
-            True,
-            since,
-            asked,
-            stays.spent,
-            stays.number,
-            stays.latest,
-            stays.switches,
-        )
-    for i in range(since.size if finished else 0):
-        note_end(i, np.int8(m[i]), end, False, since, asked, stays.spent, stays.number, stays.latest, stays.switches)
+read_nodes = Compiled(_read_nodes, KINDS)
+read_steps = Compiled(_read_steps, KINDS)

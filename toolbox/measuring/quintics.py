@@ -77,22 +77,13 @@ def steps_of(nodes: Trajectory | SavedSteps, signal: str, begin: float, end: flo
         from toolbox.measuring import measuring_loop
 
         announced("reader of measures", measuring_loop.read_steps)
-        program, kernel = nodes.program, nodes.program.kernel
-        addresses = np.array([*kernel.addresses[:3], _compiled(program, (signal,)), kernel.addresses[-1]], np.int64)
-        reader = measuring_loop.Reader(
-            addresses,
-            kernel.states,
-            kernel.elements,
-            kernel.guards,
-            kernel.slopes,
-            1,
-            nodes.parameters.copy(),
-            program.first_held,
-            _tolerance(nodes.accuracy),
-        )
-        recorded = measuring_loop.Nodes(time, nodes.states[rows], nodes.mode[rows], nodes.held[rows])
-        found = measuring_loop.Extremes(lowest, highest, when_lowest, when_highest, integral)
-        measuring_loop.read_steps(reader, recorded, begin, end, found)
+        recorded = {"time": time, "state": nodes.states[rows], "mode": nodes.mode[rows], "held": nodes.held[rows]}
+        work = measuring_loop.reading(
+            nodes.program, _compiled(nodes.program, (signal,)), 1, _tolerance(nodes.accuracy), nodes.parameters.copy(), windows=np.array([[begin, end]]),
+            lowest=lowest, highest=highest, when_lowest=when_lowest, when_highest=when_highest, integral=integral,
+            **{name: np.ascontiguousarray(each) for name, each in recorded.items()},
+        )  # fmt: skip
+        measuring_loop.read_steps(work)
     long = np.flatnonzero(np.isfinite(when_highest[:, 0]))
     return Steps(
         np.maximum(time[long], begin), np.minimum(time[long + 1], end), first + long,

@@ -134,6 +134,9 @@ class Readings:
 
 
 # ---------------------------------------------------------------------------------------------------------------------------------- one by one
+_NO_NODES = np.empty((0, 1))
+
+
 class RunningMeasures:
     """Reads the measures of runs of one program, one run after the other: `begin()`, `read(work)` whenever the event loop returns, `values()`.
 
@@ -143,36 +146,25 @@ class RunningMeasures:
     def __init__(self, program: Program, measures: Sequence[Measure], duration: float, accuracy: float):
         from toolbox.measuring import measuring_loop
 
-        announced("reader of measures", measuring_loop.read_nodes, measuring_loop.read_events)
-        self.loops, self.program = measuring_loop, program
-        self.layout = Layout(program, measures, duration)
+        self.program, self.layout = program, Layout(program, measures, duration)
+        announced("reader of measures", measuring_loop.read_nodes)
+        if len(self.layout.asked):
+            from toolbox.measuring import stay_loop  # here, because numba is slow to import
+
+            announced("reader of stays", stay_loop.read_events)
         count = self.layout.count
         by_window = (len(self.layout.windows), count)  # what the reader of nodes fills a row at a time
         self.found = replace(
             Readings.of(self.layout), lowest=np.empty(by_window).T, highest=np.empty(by_window).T, integral=np.empty(by_window).T
         )
-        field, step, project, *_, series = program.kernel.addresses
-        addresses = np.array(
-            [field, step, project, _compiled(program, self.layout.signals, program.varying) if count else 0, series], np.int64
-        )
-        kernel = program.kernel
-        self.reader = measuring_loop.Reader(
-            addresses,
-            kernel.states,
-            kernel.elements,
-            kernel.guards,
-            kernel.slopes,
-            count,
-            np.empty(program.p_size),
-            program.first_held,
-            _tolerance(accuracy),
-        )
-        when = np.empty(by_window)
-        self.extremes = measuring_loop.Extremes(self.found.lowest.T, self.found.highest.T, when, when, self.found.integral.T)
-        self.size = np.zeros(count)
-        self.since = np.zeros(kernel.elements)
-        found = self.found
-        self.stays = measuring_loop.StayCounts(self.layout.asked, self.since, found.spent, found.number, found.latest, found.switches)
+        when, found = np.empty(by_window), self.found
+        outputs = _compiled(program, self.layout.signals, program.varying) if count else 0
+        self.reading = measuring_loop.reading(
+            program, outputs, count, _tolerance(accuracy), np.empty(program.p_size), windows=self.layout.windows, lowest=found.lowest.T, ends=found.ends,
+            highest=found.highest.T, when_lowest=when, when_highest=when, integral=found.integral.T, time=_NO_NODES[:, 0], state=_NO_NODES, held=_NO_NODES,
+            mode=_NO_NODES.astype(np.int8),
+        )  # fmt: skip
+        self.size, self.since = self.reading.size, np.zeros(program.kernel.elements)
 
     def begin(self) -> None:
         """Reset all accumulators before the next run."""
@@ -183,19 +175,23 @@ class RunningMeasures:
 
     def read(self, work: Any, finished: bool) -> None:
         """Read the nodes and events that the loop has recorded, and make room for more."""
-        ints, layout, loops = work.ints, self.layout, self.loops
+        from toolbox.measuring.measuring_loop import RECORDS, read_nodes
+
+        ints, layout = work.ints, self.layout
         if layout.count:
-            self.reader.p[:] = work.p
-            nodes = loops.Nodes(work.rec_t, work.rec_x, work.rec_m, work.rec_p)
-            loops.read_nodes(self.reader, nodes, ints[work_layout.RECORDS], layout.windows, self.size, self.extremes, self.found.ends)
+            self.reading.p[:], self.reading.ints[RECORDS] = work.p, ints[work_layout.RECORDS]
+            read_nodes(self.reading._replace(time=work.rec_t, state=work.rec_x, mode=work.rec_m, held=work.rec_p))
         r = ints[work_layout.RECORDS] - 1
         if r > 0:
             for array in (work.rec_t, work.rec_x, work.rec_m, work.rec_p):
                 array[0] = array[r]
             ints[work_layout.RECORDS] = 1
         if len(layout.asked):
-            events, end = loops.Events(work.ev_t, work.ev_i, work.ev_m), work.reals[work_layout.TIME]
-            loops.read_events(events, ints[work_layout.EVENTS], finished, end, work.m, self.stays)
+            from toolbox.measuring.stay_loop import Events, StayCounts, read_events
+
+            found, events = self.found, Events(work.ev_t, work.ev_i, work.ev_m)
+            stays = StayCounts(layout.asked, self.since, found.spent, found.number, found.latest, found.switches)
+            read_events(events, ints[work_layout.EVENTS], finished, work.reals[work_layout.TIME], work.m, stays)
         ints[work_layout.EVENTS] = 0
 
     def values(self) -> np.ndarray:

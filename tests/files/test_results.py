@@ -34,6 +34,7 @@ from toolbox.onsets.report import Onset
 from toolbox.probability import Chance, Normal, Posterior, Uniform, chance, posterior
 from toolbox.robustness import Group, LowestSetPoints, Machine, Margins, SmallestError, WorstCase, smallest_error
 from toolbox.scenes.work_precision import WorkPrecision
+from toolbox.tuning import Schedule, schedule
 from toolbox.tuning.results import Tuned
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
@@ -67,6 +68,13 @@ def of_smallest_error():
     return smallest_error(closed_loop(RIG, SoftTorque(reference="80 rpm")), {"bit.weight": ("90 kN", "150 kN")}, 20.0)
 
 
+def of_schedule():
+    def well(depth):
+        return compose(dataclasses.replace(wells.JANSEN_2, stiffness=(473.0 * 2000.0 / depth,)), BitRock(weight=97_347.0))
+
+    return schedule(well, ("1 km", "2 km"), SoftTorque(reference=12.0), 20.0)
+
+
 def of_work_precision():
     return work_precision(BELT, 2.0, methods=("explicit",), accuracies=(1e-3, 1e-6), repeats=1)
 
@@ -96,6 +104,7 @@ def of_posterior():
 MADE = {
     Onset: of_onset, Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, LowestSetPoints: of_lowest_set_point,
     SmallestError: of_smallest_error, WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit, Chance: of_chance, Posterior: of_posterior,
+    Schedule: of_schedule,
 }  # fmt: skip
 
 

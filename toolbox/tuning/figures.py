@@ -84,3 +84,45 @@ def tuning_diagram(
             ax.set_ylabel(names[1])
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False, borderaxespad=0.2)
     return ax
+
+
+def schedule_diagram(
+    labels: Sequence[str], depths: np.ndarray, gains: np.ndarray, found: Sequence[tuple[float, bool, float, bool]], axes: Any = None
+) -> Any:
+    """Every gain over depth, and the disk margin at the depths that were checked, with those at which runs fail. Returns the axes.
+
+    Parameters
+    ----------
+    labels: of the gains, with their units.
+    depths, gains: rows of the table [m], shape (depths, gains).
+    found: (depth, whether the table has a row there, disk margin, whether every run succeeds).
+    axes: one more axes than gains; None makes a figure.
+
+    Returns
+    -------
+    The axes.
+    """
+    with plt.rc_context(PAPER):
+        if axes is None:
+            _, axes = plt.subplots(
+                len(labels) + 1, 1, sharex=True, figsize=(0.75 * WIDTH, 1.2 + 1.3 * (len(labels) + 1)), layout="constrained"
+            )
+        axes = np.ravel(axes)
+        for ax, label, column in zip(axes, labels, gains.T, strict=False):
+            ax.plot(depths, column, marker="o", markersize=4.5, **LINES[0])
+            ax.set_ylabel(label.replace(" [", "\n["))
+        last = axes[-1]
+        depth, margin = np.array([each[0] for each in found]), np.array([each[2] for each in found])
+        rows, good = np.array([each[1] for each in found]), np.array([each[3] for each in found])
+        last.plot(depth, margin, **{**LINES[0], "linewidth": 0.8})
+        for where, fill, label in ((rows, LINES[0]["color"], "designed"), (~rows, "white", "interpolated")):
+            last.plot(
+                depth[where], margin[where], marker="o", markersize=4.5, color=LINES[0]["color"], markerfacecolor=fill, linestyle="none", label=label
+            )  # fmt: skip
+        if not good.all():
+            bad = np.where(np.isfinite(margin[~good]), margin[~good], 0.0)
+            last.plot(depth[~good], bad, marker="X", markersize=8.0, color=LINES[1]["color"], linestyle="none", label="runs fail")
+        last.set(xlabel="depth [m]", ylabel="disk margin\n[1]")
+        last.set_ylim(bottom=0.0)
+        last.legend(frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+    return axes

@@ -52,7 +52,7 @@ class Program:
     groups: np.ndarray
     group_count: int
     outputs: dict[Any, Any]
-    signals: dict[str | tuple[str, ...] | ExpressionKey, ca.Function]
+    signals: dict[str | tuple[str, ...] | ExpressionKey, Any]
     updates: list[tuple[ca.SX, ca.SX, ca.SX]]
     expressions: tuple[ca.SX, ...]
     form: Switching

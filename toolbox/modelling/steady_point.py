@@ -15,6 +15,7 @@ from toolbox.files.printing import columns
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.elements import Element
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.numeric import NumericFunction
 
 
 def _code(element: Element, word: str) -> float:
@@ -75,12 +76,13 @@ class Equilibrium:
         return "\n".join([title, *columns(rows, range(3))])
 
 
-def function_of(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], list[ca.SX]]) -> ca.Function:
-    """casadi Function (t, x, u, p, m) -> the expressions that `make` gives, kept for all plants of this structure."""
+def function_of(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], list[ca.SX]]) -> NumericFunction:
+    """Function (t, x, u, p, m) -> the expressions that `make` gives, kept for all plants of this structure."""
     found = plant.cache.get(("linear", *key))
     if found is None:
         symbols = [plant.t, plant.x, plant.u, plant.p, plant.m]
-        found = plant.cache["linear", *key] = ca.Function(key[0], symbols, [ca.densify(expression) for expression in make()])
+        function = ca.Function(key[0], symbols, [ca.densify(expression) for expression in make()])
+        found = plant.cache["linear", *key] = NumericFunction(function)
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -149,7 +150,7 @@ class Samples(Generic[Read]):
         system = self.program.system
         wanted = tuple(name for name in names if system.rows(name) is None)
         expressions = [system.expression(name) for name in wanted]
-        together = _evaluated(_function(self.program, wanted, ca.vertcat(*expressions)), self)
+        together = _function(self.program, wanted, ca.vertcat(*expressions)).over(self)
         found, end = {}, 0
         for name, expression in zip(wanted, expressions, strict=True):
             first, end = end, end + expression.numel()
@@ -158,10 +159,10 @@ class Samples(Generic[Read]):
 
     def computed(self, wanted: str | ca.SX) -> np.ndarray:
         """Values of a signal by name, or of an expression in the plant's symbols, at all times."""
-        function = output_function(self.program, wanted)
+        signal = _signal(self.program, wanted)
         if not self.time.size:
             return np.empty(0)
-        values = _evaluated(function, self)
+        values = signal.over(self)
         return values[:, 0] if values.shape[1] == 1 else values
 
 
@@ -169,36 +170,54 @@ BLOCK = 64
 """Times at which a function is evaluated in one call."""
 
 
-def _evaluated(function: ca.Function, samples: Samples[Any]) -> np.ndarray:
-    """Values (nt, rows) of a function of `output_function` at all times. Casadi reads and writes where they are: it copies one number after another."""
-    given = (samples.time, samples.states, samples.held, samples.mode)
-    time, states, held, mode = (np.ascontiguousarray(array, float) for array in given)
-    found = np.empty((time.size, function.numel_out(0)))
-    first = 0
-    for size in (BLOCK, 1):
-        if time.size - first < size:
-            continue
-        constants = np.tile(samples._constants, (size, 1))
-        repeated: Any = function.map(size) if size > 1 else function
-        buffer, evaluate = repeated.buffer()
-        while time.size - first >= size:
-            piece = slice(first, first + size)
-            for i, array in enumerate((time[piece], states[piece], constants, held[piece], mode[piece])):
-                buffer.set_arg(i, array.data)
-            buffer.set_res(0, found[piece].data)
-            evaluate()
-            first += size
-    return found
+class SignalFunction:
+    """A casadi function (t, x, constants, held, m) of a program, evaluated at many times at once. Threads may ask side by side: each has its own memory."""
+
+    def __init__(self, function: ca.Function):
+        self.function = function
+        self._own = threading.local()
+
+    def _buffer(self, size: int) -> tuple[Any, Callable[[], None]]:
+        """The buffer of the function at so many times at once, and what evaluates it; each made once."""
+        kept = self._own.__dict__
+        if str(size) not in kept:
+            repeated: Any = self.function.map(size) if size > 1 else self.function
+            kept[str(size)] = repeated.buffer()
+        return kept[str(size)]
+
+    def over(self, samples: Samples[Any]) -> np.ndarray:
+        """Values (nt, rows) at all times. Casadi reads and writes where they are: it copies one number after another."""
+        given = (samples.time, samples.states, samples.held, samples.mode)
+        time, states, held, mode = (np.ascontiguousarray(array, float) for array in given)
+        found = np.empty((time.size, self.function.numel_out(0)))
+        first = 0
+        for size in (BLOCK, 1):
+            if time.size - first < size:
+                continue
+            constants = np.tile(samples._constants, (size, 1))
+            buffer, evaluate = self._buffer(size)
+            while time.size - first >= size:
+                piece = slice(first, first + size)
+                for i, array in enumerate((time[piece], states[piece], constants, held[piece], mode[piece])):
+                    buffer.set_arg(i, array.data)
+                buffer.set_res(0, found[piece].data)
+                evaluate()
+                first += size
+        return found
 
 
 def output_function(program: Any, wanted: str | ca.SX) -> ca.Function:
     """casadi Function (t, x, constants, held, m) -> signal or expression of a program; raises SceneError for an unknown name."""
+    return _signal(program, wanted).function
+
+
+def _signal(program: Any, wanted: str | ca.SX) -> SignalFunction:
     if isinstance(wanted, ca.SX):
         return _function(program, ExpressionKey(wanted), wanted)
     return _function(program, wanted, program.system.expression(wanted))
 
 
-def _function(program: Any, key: str | tuple[str, ...] | ExpressionKey, expression: ca.SX) -> ca.Function:
+def _function(program: Any, key: str | tuple[str, ...] | ExpressionKey, expression: ca.SX) -> SignalFunction:
     system = program.system
     if key not in program.signals:
         p, u, force = program.expressions
@@ -208,7 +227,8 @@ def _function(program: Any, key: str | tuple[str, ...] | ExpressionKey, expressi
         if system.inputs:
             expression = ca.substitute(expression, system.u, u)
         first = program.first_held
-        program.signals[key] = ca.Function("signal", [system.t, system.x, p[:first], p[first:], system.m], [expression])
+        function = ca.Function("signal", [system.t, system.x, p[:first], p[first:], system.m], [expression])
+        program.signals[key] = SignalFunction(function)
     return program.signals[key]
 
 

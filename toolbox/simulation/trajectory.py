@@ -254,10 +254,13 @@ class Trajectory(Recorded, Samples[FloatArray]):
 
     def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> Samples[Any]:
         """Signals at times within the recorded steps that begin at the nodes `row`; at the end of a step what it came to, before any switch there."""
-        states = self._between(times, row)
         following = np.minimum(row + 1, self.time.size - 1)
         ends = (times == self.time[following]) & (row < following)
-        states[ends] = self.states[following[ends]]
+        known = np.where(ends, following, row)
+        within = times != self.time[known]
+        states = self.states[known]
+        if within.any():
+            states[within] = self._between(times[within], row[within])
         return Samples(self.program, times, states, self.mode[row], self.held[row], self.parameters, single)
 
     def _between(self, times: np.ndarray, row: np.ndarray) -> np.ndarray:
@@ -311,7 +314,10 @@ class Trajectory(Recorded, Samples[FloatArray]):
         if not isinstance(better, Trajectory):
             raise SceneError(f"Argument `better` must be a trajectory, as `simulate` returns it, but it is {short(better)}.")
         nodes = self.nodes
-        times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
+        times = nodes.time
+        if not self.program.system.updates:  # between samples, which are many, the largest difference is that at one of them
+            times = np.concatenate([times, 0.5 * (times[1:] + times[:-1])])
+        times = np.unique(times)
         times = times[times <= min(nodes.end, better.end)]
         late = 0.0
         if any(element.rigid for element in self.program.system.elements):

@@ -149,7 +149,10 @@ class EquilibriumBranch:
             flow, a = np.array(residual(0.0, x, u, plant.values, m)[0]).ravel(), np.array(slopes(0.0, x, u, plant.values, m)[0])
             if not (np.isfinite(flow).all() and np.isfinite(a).all()):
                 break
-            x = x + np.linalg.lstsq(np.eye(x.size) / step - a, flow, rcond=None)[0]
+            try:
+                x = x + np.linalg.solve(np.eye(x.size) / step - a, flow)
+            except np.linalg.LinAlgError:
+                x = x + np.linalg.lstsq(np.eye(x.size) / step - a, flow, rcond=None)[0]
             step *= 1.08
         return np.nan_to_num(x)
 

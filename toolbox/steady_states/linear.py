@@ -21,6 +21,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.components import structure_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
+from toolbox.modelling.numeric import NumericFunction
 from toolbox.modelling.start import place_start, place_starts
 from toolbox.modelling.steady_point import Equilibrium, _code, closed_signal, function_of
 from toolbox.simulation.samples import Samples
@@ -388,7 +389,7 @@ def _point(
     return t, x, u, m
 
 
-def _free(plant: HybridSystem) -> ca.Function:
+def _free(plant: HybridSystem) -> NumericFunction:
     """Function (t, x, u, p, m) -> flow without the forces of the elements, and its Jacobian by x."""
 
     def expressions() -> list[ca.SX]:
@@ -398,7 +399,7 @@ def _free(plant: HybridSystem) -> ca.Function:
     return function_of(plant, ("free",), expressions)
 
 
-def _frictionless(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.ndarray:
+def _frictionless(plant: HybridSystem, free: NumericFunction, u: np.ndarray) -> np.ndarray:
     """Where the plant would rest without the forces of its elements: a few Newton steps from zero."""
     x = plant.begin.copy()
     for _ in range(8):
@@ -412,7 +413,7 @@ def _frictionless(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.n
     return _descended(plant, free, u)
 
 
-def _descended(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.ndarray:
+def _descended(plant: HybridSystem, free: NumericFunction, u: np.ndarray) -> np.ndarray:
     """Where it would rest by steps that only go down: a law that cuts its command throws full Newton steps from one limit to the other."""
     from scipy.optimize import least_squares
 
@@ -425,7 +426,7 @@ def _descended(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.ndar
         return plant.begin.copy()
 
 
-def residual_functions(plant: HybridSystem) -> tuple[ca.Function, ca.Function]:
+def residual_functions(plant: HybridSystem) -> tuple[NumericFunction, NumericFunction]:
     """Functions (t, x, u, p, m) -> (flow, slip) and -> their Jacobians by x."""
     values = [plant.switching.field, plant.switching.slip]
     slopes = function_of(plant, ("slopes",), lambda: [ca.jacobian(value, plant.x) for value in values])

@@ -40,7 +40,7 @@ def friction_slopes(point: Equilibrium) -> dict[str, float]:
             return [ca.substitute(slope, plant.F, plant.switching.force)]
 
         function = function_of(plant, ("slope", element.name), expression)
-        slopes[element.name] = float(function(0.0, point.states, point.inputs, plant.values, m))
+        slopes[element.name] = float(function(0.0, point.states, point.inputs, plant.values, m)[0, 0])
     return slopes
 
 

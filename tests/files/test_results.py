@@ -32,7 +32,7 @@ from toolbox.measuring.measures import mean
 from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.report import Onset
 from toolbox.probability import Chance, Normal, Posterior, Uniform, chance, posterior
-from toolbox.robustness import Group, LowestSetPoints, Machine, Margins, SmallestError, WorstCase, smallest_error
+from toolbox.robustness import Group, LowestSetPoints, Machine, Margins, SmallestError, Windows, WorstCase, smallest_error, windows
 from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.tuning import Schedule, schedule
 from toolbox.tuning.results import Tuned
@@ -68,10 +68,16 @@ def of_smallest_error():
     return smallest_error(closed_loop(RIG, SoftTorque(reference="80 rpm")), {"bit.weight": ("90 kN", "150 kN")}, 20.0)
 
 
-def of_schedule():
-    def well(depth):
-        return compose(dataclasses.replace(wells.JANSEN_2, stiffness=(473.0 * 2000.0 / depth,)), BitRock(weight=97_347.0))
+def well(depth):
+    return compose(dataclasses.replace(wells.JANSEN_2, stiffness=(473.0 * 2000.0 / depth,)), BitRock(weight=97_347.0))
 
+
+def of_windows():
+    over = {"top.reference": ("40 rpm", "120 rpm"), "bit.weight": ("50 kN", "110 kN")}
+    return windows(well, ["2 km"], SoftTorque(reference=9.0), over, shape=(5, 3))
+
+
+def of_schedule():
     return schedule(well, ("1 km", "2 km"), SoftTorque(reference=12.0), 20.0)
 
 
@@ -104,7 +110,7 @@ def of_posterior():
 MADE = {
     Onset: of_onset, Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, LowestSetPoints: of_lowest_set_point,
     SmallestError: of_smallest_error, WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit, Chance: of_chance, Posterior: of_posterior,
-    Schedule: of_schedule,
+    Schedule: of_schedule, Windows: of_windows,
 }  # fmt: skip
 
 

@@ -6,6 +6,8 @@ from toolbox.faces import face
 
 if TYPE_CHECKING:
     from toolbox.robustness.absorber import absorber_limit as absorber_limit
+    from toolbox.robustness.depth_windows import Windows as Windows
+    from toolbox.robustness.depth_windows import windows as windows
     from toolbox.robustness.groups import Group as Group
     from toolbox.robustness.groups import Machine as Machine
     from toolbox.robustness.groups import Varying as Varying

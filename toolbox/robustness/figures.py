@@ -121,6 +121,44 @@ def error_diagram(numbers: Sequence[str], found: Mapping[str, Sequence[float]], 
     return ax
 
 
+def window_diagram(
+    labels: Sequence[str],
+    titles: Sequence[str],
+    along: np.ndarray,
+    smooth: np.ndarray,
+    free: np.ndarray,
+    at: np.ndarray,
+    ends: tuple[float, float],
+    axes: Any = None,
+) -> Any:
+    """The window of every depth: where the machine is free, where it is smooth only undisturbed, where it sticks and slips. Returns the axes.
+
+    labels: of the first and the second number;  titles: of the pictures;  along: values of the second number;  smooth, free: borders of the first one, shape
+    (pictures, along), -inf for the whole range and inf for nowhere;  at: working points;  ends: of the range of the first number.
+    """
+    with plt.rc_context(PAPER):
+        if axes is None:
+            _, axes = plt.subplots(1, len(titles), sharey=True, sharex=True, squeeze=False, figsize=(WIDTH, 2.6), layout="constrained")
+        axes = np.ravel(axes)
+        low, high = ends
+        for ax, title, lost, ended, point in zip(axes, titles, smooth, free, at, strict=False):
+            stable, calm = (np.clip(each, low, high) for each in (lost, np.maximum(lost, ended)))
+            ax.fill_betweenx(along, calm, high, color="0.93", label="free")
+            ax.fill_betweenx(along, stable, calm, color="0.75", label="smooth only undisturbed")
+            for each, label, style in (
+                (lost, "smooth running is lost", {**LINES[1], "marker": "D", "markersize": 3.5}),
+                (np.maximum(lost, ended), "stick-slip ends", {**LINES[0], "marker": "o", "markersize": 4.5}),
+            ):
+                ax.plot(np.where(np.isfinite(each), each, np.nan), along, label=label, **style)
+            if np.isfinite(point).all():
+                ax.plot(*point, marker="+", color="black", markersize=8, markeredgewidth=1.4, linestyle="none", label="working point")
+            ax.set(title=title, xlabel=labels[0].replace(" [", "\n["), xlim=ends)
+        axes[0].set_ylabel(labels[1])
+        handles, words = axes[0].get_legend_handles_labels()
+        axes[0].figure.legend(handles, words, frameon=False, fontsize=8.0, ncols=3, loc="outside upper center")
+    return axes
+
+
 MARKS = ("o", "D", "^", "s", "v", "P", "X", "*")
 
 

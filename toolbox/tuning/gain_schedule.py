@@ -26,10 +26,11 @@ from toolbox.files.results import LEFT_OUT, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring.judge import told_growth
-from toolbox.modelling.closed_loop import ClosedLoop, as_loop
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.closing import described
 from toolbox.modelling.components import numbers_of, rebuilt
 from toolbox.modelling.laws import Controller, Sampled
+from toolbox.robustness.depth_windows import closed_at
 from toolbox.robustness.margins import margins
 from toolbox.robustness.worst_case import Trials, cycle_phases
 from toolbox.simulation.simulate import simulate
@@ -222,7 +223,7 @@ def schedule(
     named = _named(loops[0])
     found, way = [], ""
     for depth in sorted({*places, *((a + b) / 2 for a, b in pairwise(places))}):
-        loop = _bare(well, depth)
+        loop = closed_at(well, depth)
         starts = None if before is None else _stuck(loop.but(laws=(before,)), duration)
         closed = loop.but(laws=(_law_at(base, places, every, depth),))
         trials = Trials.of(closed, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))
@@ -242,22 +243,12 @@ def schedule(
     )  # fmt: skip
 
 
-def _bare(well: Callable[[float], Any], depth: float) -> ClosedLoop:
-    """The loop of a depth without laws."""
-    loop = as_loop(well(depth), "well")
-    if loop.laws:
-        raise SceneError(
-            f"Argument `well` must give a plant, or a loop without laws, but at {depth:g} m it gives one with {described(loop.laws[0])}."
-        )
-    return loop
-
-
 def _designed(well: Callable[[float], Any], depth: float, law: Any) -> ClosedLoop:
     """The loop of a depth with the law that is designed there."""
     here = law if isinstance(law, (Controller, Sampled)) else law(depth) if callable(law) else None
     if not isinstance(here.law if isinstance(here, Sampled) else here, Controller):
         raise SceneError(f"Argument `law` must be a Controller, Sampled with one, or a function depth -> law, but it is {law!r}.")
-    return _bare(well, depth).but(laws=(here,))
+    return closed_at(well, depth).but(laws=(here,))
 
 
 def _law_at(law: Any, depths: Sequence[float], every: np.ndarray, depth: float) -> Any:

@@ -1,0 +1,257 @@
+"""The driller's window: at which speed and weight a law keeps a well smooth, over the depth of the well.
+
+At every depth both branches of the machine are mapped (`severity_map`). From the map is read, at several values of the second number, from which value of the
+first one on the machine is *free* up to the end of the range: smooth running is stable, and stick-slip that has begun ends by itself. Between that and where
+smooth running is lost a machine is smooth only as long as nothing disturbs it. Margins are those of the working point of the loop: how far its first number
+is above both borders, and the disk margin of its linear loop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import numbers
+from toolbox.errors import SceneError
+from toolbox.files import tables
+from toolbox.files.printing import columns
+from toolbox.files.results import LEFT_OUT, Result
+from toolbox.files.unit_systems import asked_in, reading
+from toolbox.files.units import NumberOrText, in_si
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop
+from toolbox.modelling.closing import described
+from toolbox.modelling.laws import Controller, Sampled
+from toolbox.onsets.map_loop import SMOOTH
+from toolbox.onsets.severity_map import MapSide, SeverityMap, severity_map
+from toolbox.robustness.margins import margins
+
+
+@dataclass(frozen=True)
+class Windows(Result):
+    """Windows over depth: `print(found)` shows one line per depth and weight, `found.plot()` draws one picture per depth.
+
+    Attributes
+    ----------
+    title
+        The law and how it runs.
+    names, units
+        The two numbers, and their units in SI.
+    lowest, highest
+        Ends of the range of the first number, in SI.
+    depths
+        Depths [m].
+    along
+        Values of the second number at which the windows are read, in SI.
+    smooth, free
+        Value of the first number from which on, up to `highest`, smooth running is stable, and from which on stick-slip ends as well; shape (depths, along), in
+        SI; -inf where it is so in the whole range, inf where nowhere up to its end.
+    at
+        Working point of the two numbers at every depth, shape (depths, 2), in SI.
+    margin
+        How far the first number of the working point is above where smooth running is lost and above where stick-slip ends, in parts of itself, shape
+        (depths, 2) [1]; inf where there is no border within the range, -inf where the point is not in the window at all.
+    disk_margin
+        Disk margin at the working point [1], shape (depths,); nan where there is no linear loop.
+    asked
+        {unit: unit that was typed}: the units in which `print` answers.
+    maps
+        The map of every depth, each with its own picture; empty in windows that were loaded.
+    """
+
+    title: str
+    names: tuple[str, str]
+    units: tuple[str, str]
+    lowest: float
+    highest: float
+    depths: tuple[float, ...]
+    along: np.ndarray
+    smooth: np.ndarray
+    free: np.ndarray
+    at: np.ndarray
+    margin: np.ndarray
+    disk_margin: np.ndarray
+    asked: Mapping[str, str]
+    maps: Any = field(default=(), repr=False, compare=False, metadata=LEFT_OUT)
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """The table as text: at every depth one line per value of the second number."""
+        first, second, deep = (reading(unit, self.asked) for unit in (*self.units, "m"))
+        lines: list[tuple[str, ...]] = [
+            (
+                f"depth [{deep.tail.strip()}]", f"{self.names[1]} [{second.tail.strip() or '1'}]", f"smooth from {self.names[0]} [{first.tail.strip() or '1'}]",
+                "free from", "margin, smooth", "margin, free", "disk margin",
+            )
+        ]  # fmt: skip
+        for i, depth in enumerate(self.depths):
+            shown = [_part(each) for each in self.margin[i]] + ["-" if math.isnan(self.disk_margin[i]) else f"{self.disk_margin[i]:.3g}"]
+            for j, value in enumerate(self.along):
+                borders = [_border(each[i, j], first.factor) for each in (self.smooth, self.free)]
+                head = f"{depth * deep.factor:.5g}" if j == 0 else ""
+                lines.append((head, f"{value * second.factor:.4g}", *borders, *(shown if j == 0 else ("", "", ""))))
+        return lines
+
+    def __str__(self) -> str:
+        first, second = (reading(unit, self.asked) for unit in self.units)
+        points = np.unique(self.at, axis=0)
+        point = ""
+        if len(points) == 1 and np.isfinite(points).all():
+            x, y = points[0]
+            point = f", working point {x * first.factor:.4g}{first.tail}, {y * second.factor:.4g}{second.tail}"
+        notes = [
+            f"  between {self.lowest * first.factor:.4g} and {self.highest * first.factor:.4g}{first.tail}{point}",
+            "  smooth: as long as nothing disturbs it; free: from stick-slip, too; all: in the whole range; none: nowhere up to its end",
+        ]
+        return "\n".join([f"Windows over depth of {self.title}", *notes, *columns(self.rows, ())])
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write one row per depth and value of the second number as CSV in SI units, whole or not at all; returns the path."""
+        headings = [
+            "depth [m]",
+            self.names[1],
+            f"smooth from {self.names[0]}",
+            f"free from {self.names[0]}",
+            "margin smooth",
+            "margin free",
+            "disk margin",
+        ]
+        rows = [
+            [depth, value, self.smooth[i, j], self.free[i, j], *self.margin[i].tolist(), self.disk_margin[i]]
+            for i, depth in enumerate(self.depths)
+            for j, value in enumerate(self.along.tolist())
+        ]
+        return tables.write(path, headings, rows)
+
+    def plot(self, axes: Any = None) -> Any:
+        """The window of every depth, one picture each; see `toolbox.robustness.figures.window_diagram`. Returns the axes."""
+        from toolbox.robustness.figures import window_diagram
+
+        first, second, deep = (reading(unit, self.asked) for unit in (*self.units, "m"))
+        labels = [f"{name} [{read.tail.strip() or '1'}]" for name, read in zip(self.names, (first, second), strict=True)]
+        size = np.array([first.factor, second.factor])
+        return window_diagram(
+            labels, [f"{depth * deep.factor:.5g}{deep.tail}" for depth in self.depths], self.along * size[1], self.smooth * size[0], self.free * size[0],
+            self.at * size, (self.lowest * size[0], self.highest * size[0]), axes=axes,
+        )  # fmt: skip
+
+
+def windows(
+    well: Callable[[float], Any],
+    depths: Iterable[NumberOrText],
+    law: Controller | Sampled | Callable[[float], Controller | Sampled],
+    over: Mapping[str, tuple[NumberOrText, NumberOrText]],
+    *,
+    along: Iterable[NumberOrText] | None = None,
+    shape: tuple[int, int] = (25, 13),
+    out: str | Path | None = None,
+) -> Windows:
+    """Find over the depth of a well at which speed and weight a law keeps it smooth, from which side, and with which margin.
+
+    Parameters
+    ----------
+    well
+        A function depth [m] -> plant, or loop without laws, such as one that cuts a string to that length.
+    depths
+        Depths, in metres or text with units.
+    law
+        The law, or a function depth [m] -> law: `schedule(...).law_at` is one.
+    over
+        The two ranges {name: (low, high)} of a map, the number whose lowest value is asked for first, such as the set-point, then the other one, such as
+        the weight.
+    along
+        Values of the second number at which windows are read, by default five over its range.
+    shape
+        Points of the map of a depth along both numbers.
+    out
+        A folder that keeps the points of all maps: windows that were interrupted go on where they were.
+
+    Returns
+    -------
+    Windows
+        The windows; `found.maps[i].plot()` draws both branches of a depth.
+
+    Raises
+    ------
+    SceneError
+        If an argument is none, or the loop of a depth cannot be mapped.
+    """
+    deep = in_si(list(depths), "m", "depths")
+    places = numbers("depths", deep, "m", at_least=0)
+    if not places:
+        raise SceneError("Argument `depths` must hold at least one depth, but it is empty.")
+    maps: list[SeverityMap] = []
+    points, disks = [], []
+    loop = None
+    for depth in places:
+        here = law(depth) if callable(law) and not isinstance(law, Controller | Sampled) else law
+        loop = closed_at(well, depth).but(laws=(here,))
+        folder = None if out is None else Path(out) / f"{depth:g}m"
+        found = severity_map(loop, over, shape=shape, out=folder)
+        maps.append(found)
+        points.append(found.at)
+        disks.append(margins(loop, measured=False).disk_margin)
+    assert loop is not None
+    second = loop.number(maps[0].names[1])
+    low, high = maps[0].axes[1][[0, -1]]
+    typed = np.linspace(low, high, 5).tolist() if along is None else in_si(list(along), second.unit, "along")
+    values = numbers("along", typed, second.unit, at_least=low, at_most=high)
+    at = np.array(points, float)
+    borders = [np.array([[_from(found, name, value) for value in values] for found in maps]) for name in ("smooth", "sticking")]
+    inside = [
+        [_from(found, name, y) if low <= y <= high else math.nan for name in ("smooth", "sticking")]
+        for found, (_, y) in zip(maps, at, strict=True)
+    ]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        margin = np.where(np.isneginf(inside), math.inf, (at[:, :1] - np.array(inside)) / at[:, :1])
+    margin = np.where(np.isposinf(inside), -math.inf, margin)
+    first = maps[0].axes[0]
+    return Windows(
+        title=described(loop.laws[0]),
+        names=maps[0].names,
+        units=maps[0].units,
+        lowest=float(first[0]),
+        highest=float(first[-1]),
+        depths=tuple(places),
+        along=np.array(values),
+        smooth=borders[0],
+        free=borders[1],
+        at=at,
+        margin=margin,
+        disk_margin=np.array(disks),
+        asked={**maps[0].asked, "m": asked_in(deep, "m")},
+        maps=tuple(maps),
+    )
+
+
+def closed_at(well: Callable[[float], Any], depth: float) -> ClosedLoop:
+    """The loop of a depth, without laws; raises SceneError for one with laws."""
+    loop = as_loop(well(depth), "well")
+    if loop.laws:
+        raise SceneError(
+            f"Argument `well` must give a plant, or a loop without laws, but at {depth:g} m it gives one with {described(loop.laws[0])}."
+        )
+    return loop
+
+
+def _from(found: SeverityMap, name: str, value: float) -> float:
+    """Value of the first number from which on a branch is smooth up to its end, at a value of the second; -inf for everywhere, inf for nowhere."""
+    side: MapSide = getattr(found, name)
+    near = int(np.abs(found.axes[1] - value).argmin())
+    column, crossings = side.verdict[:, near], found.border(name, value)
+    if not crossings.size:
+        return -math.inf if (column == SMOOTH).all() else math.inf
+    above = found.axes[0] > max([crossings[-1], *found.border(name, float(found.axes[1][near]))])
+    return float(crossings[-1]) if (column[above] == SMOOTH).all() else math.inf
+
+
+def _border(value: float, factor: float) -> str:
+    return "all" if value == -math.inf else "none" if value == math.inf else f"{value * factor:.4g}"
+
+
+def _part(value: float) -> str:
+    return "-" if math.isnan(value) else "all" if value == math.inf else "outside" if value == -math.inf else f"{100.0 * value:+.3g} %"

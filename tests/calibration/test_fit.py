@@ -179,8 +179,8 @@ GOOD = {"time": [0.0, 1.0, 2.0, 3.0], "bit.speed": [1.0, 2.0, 2.5, 2.0], "bit.to
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"bit.speed": [1.0, math.nan, 2.0, math.inf]}, "`bit.speed`, must hold finite numbers, but 2 are not, the first in sample 2"),
-        ({"time": [0.0, 1.0, 1.0, 2.0]}, "must increase, but sample 3 is at 1 s"),
+        ({"bit.speed": [1.0, math.nan, 2.0, math.inf]}, "`bit.speed`, must hold at least three values, but 2 of 4 samples are none"),
+        ({"time": [2.0, 1.0, 1.0, 1.0]}, "must increase, but only 1 of 4 do"),
         ({"bit.speed": [1.0, 2.0]}, "`bit.speed` has 2 samples and the time 4"),
         ({"bit.sped": [1.0] * 4}, "unknown column `bit.sped`: did you mean `bit.speed`"),
         ({"chain.speed": [1.0] * 4}, "choose one, e.g. `chain.speed.0`"),
@@ -243,11 +243,11 @@ def test_files_that_cannot_be_read_say_why(tmp_path):
     (tmp_path / "bad.mat").write_bytes(b"nothing of the kind")
     (tmp_path / "rig.csv").write_text("time [s],bit.speed\n0,1\n1,2\n2,3\n")
     for name, words in (
-        ("new.mat", "up to version 7"),
+        ("new.mat", "cannot be read as one of version 7.3"),
         ("bad.mat", "must be a MAT file"),
         ("bda.mat", "did you mean `bad.mat`"),
         ("rig.csv", "must name its unit, such as `bit.speed .rad/s.`"),
-        ("none.csv", "There is no table"),
+        ("none.csv", "There is no file"),
     ):
         with pytest.raises(SceneError, match=words):
             fit(RIG, tmp_path / name, FREE)

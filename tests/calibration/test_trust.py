@@ -4,23 +4,27 @@ import numpy as np
 import pytest
 
 from models import BlockOnBelt, Coulomb
-from toolbox import SceneError, compose, fit, simulate
+from toolbox import compose, fit, simulate
+from toolbox.calibration import Recording
 from toolbox.calibration.trust import residual_of
 
 SLIDER = compose(BlockOnBelt(mass=1.0, stiffness=0.0, belt_speed=0.0, friction=Coulomb(static=0.3, kinetic=0.3)))
 
 
 @pytest.mark.parametrize("null", [-999.25, -999.0, -9999.0])
-def test_null_values_of_logs_are_refused_by_column_and_sample_in_whatever_unit(null, tmp_path):
+def test_null_values_of_logs_are_marked_and_left_out_in_whatever_unit(null, tmp_path):
     speed = np.linspace(1.0, 2.0, 20)
     speed[[6, 9]] = null
-    with pytest.raises(SceneError, match=f"column `block.speed`, must hold measured numbers, but 2 are {null:g}, .* first in sample 7"):
-        fit(SLIDER, {"time": np.arange(20.0), "block.speed": speed, "belt.force": -np.ones(20)}, "belt.friction.kinetic", contact="belt")
+    given = {"time": np.arange(20.0), "block.speed": speed, "belt.force": -np.ones(20)}
     path = tmp_path / "log.csv"
     rows = "".join(f"{k},{100.0 * value if value > 0 else value!r},-1\n" for k, value in enumerate(speed.tolist()))
     path.write_text("time [s],block.speed [mm/s],belt.force [N]\n" + rows)
-    with pytest.raises(SceneError, match=r"column `block.speed \[mm/s\]`, must hold measured numbers, but 2 are"):
-        fit(SLIDER, path, "belt.friction.kinetic", contact="belt")
+    for data in (given, path):
+        recording = Recording.of(data, SLIDER)
+        assert recording.found("block.speed") == {"null": 2}
+        assert np.flatnonzero(np.isnan(recording.signals["block.speed"])).tolist() == [6, 9]
+        found = fit(SLIDER, recording, "belt.friction.kinetic", contact="belt")
+        assert "18 measured values" in found.measured
 
 
 def recorded(step):

@@ -11,7 +11,7 @@ from toolbox.faces import public_names
 
 FLOORS = (
     "errors", "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "translation", "stepping", "simulation", "contacts",
-    "measuring", "prediction", "steady_states",
+    "measuring", "prediction", "steady_states", "logs",
     "scenes", "lanes", "orbits", "sweeps", "onsets", "robustness", "calibration", "probability", "tuning", "export", "reports", "authoring",
     "page", "commands", "face",
 )  # fmt: skip

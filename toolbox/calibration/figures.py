@@ -58,3 +58,32 @@ def fitted(panels: Sequence[Panel], asked: Mapping[str, str]) -> Any:
         figure.legend(handles, labels, frameon=False, markerscale=3.0, loc="outside lower center", ncols=len(labels))
         figure.align_ylabels(axes)
     return axes
+
+
+def recorded(recording: Any) -> Any:
+    """Every channel of a recording over time, with the samples that were left out; returns the axes.
+
+    Parameters
+    ----------
+    recording: a `Recording`.
+    """
+    with plt.rc_context(PAPER):
+        count = len(recording.signals)
+        _, axes = plt.subplots(count, 1, sharex=True, squeeze=False, figsize=(WIDTH, 0.6 + 1.3 * count), layout="constrained")
+        apart = np.append(np.diff(recording.time) > recording.gap, False)
+        for ax, (name, values) in zip(axes[:, 0], recording.signals.items(), strict=True):
+            shown = np.where(apart, np.nan, values)  # no line over a gap
+            ax.plot(recording.time, shown, **{**LINES[0], "linewidth": 0.9})
+            low, high = np.nanmin(values), np.nanmax(values)
+            margin = 0.2 * ((high - low) or 1.0)
+            for flaw in recording.flaws:
+                if flaw.channel == name:
+                    at = np.clip(np.nan_to_num(flaw.values, nan=low - margin), low - margin, high + margin)
+                    ax.plot(flaw.times, at, "x", color=LINES[1]["color"], markersize=3.5, label="left out")
+            name_axis(ax.yaxis, in_words(name), recording.units.get(name, "1"), {})
+            for flaw in recording.flaws:
+                if flaw.kind == "gap" and flaw.channel == "time":
+                    for begin, lasting in zip(flaw.times, flaw.values, strict=True):
+                        ax.axvspan(begin, begin + lasting, color="0.88", linewidth=0)
+        axes[-1, 0].set_xlabel(TIME)
+    return axes[:, 0]

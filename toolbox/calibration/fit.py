@@ -33,6 +33,7 @@ from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, closed_loop, takes_loop
+from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.numbers import Number
 from toolbox.simulation.request import Request
@@ -125,7 +126,7 @@ def fit(
     else:
         bare = dataclasses.replace(loop, inputs={})  # what drives an input of the plant in closed loop is an output of the loop
         recording = Recording.of(data, bare.system, columns)
-        driving = {name: (recording.time, values) for name, values in recording.signals.items() if name in bare.system.inputs}
+        driving = _driving(recording, bare.system)
         driven = closed_loop(loop, inputs=driving)
         Request(driven, float(recording.time[-1]), accuracy=accuracy).checked()
         misfit = Simulated(driven, recording, [_free(driven, recording, name) for name in names], accuracy)
@@ -138,6 +139,22 @@ def fit(
     found = LeastSquares(misfit, names, units, first, lowest, highest, noise, starts, seed, confidence).fit()
     typed = [in_si(bounds[name], unit, name) for name, unit in zip(names, units, strict=True) if name in bounds]
     return dataclasses.replace(found, asked={**loop.asked, **asked_units(typed)})
+
+
+def _driving(recording: Recording, plant: HybridSystem) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """{input: (times, values)} of what was measured; raises SceneError where a gap in it would have to be bridged."""
+    measured = [name for name in recording.signals if name in plant.inputs]
+    if not measured:
+        return {}
+    stretches = recording.windows(measured)
+    if len(stretches) != 1:
+        found = ", ".join(f"{begin:.6g} .. {end:.6g} s" for begin, end in stretches[:8])
+        raise SceneError(
+            f"The data must hold what drives the machine, {' and '.join(f'`{name}`' for name in measured)}, without gaps, but it is there in "
+            f"{len(stretches)} stretches: choose among the windows {found}."
+        )
+    good = {name: np.isfinite(recording.signals[name]) for name in measured}
+    return {name: (recording.time[good[name]], recording.signals[name][good[name]]) for name in measured}
 
 
 def _parameter(loop: ClosedLoop, name: str) -> Number:

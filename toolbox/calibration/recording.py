@@ -1,70 +1,91 @@
-"""Measured signals: read from a CSV or TOML table, a MAT file, a mapping or a run, under the names and in the units of a plant."""
+"""Measured signals under the names and in the units of a plant, read from logs as they come, with everything told that is wrong with them."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import finite_array, mapping
+from toolbox.arguments import mapping, number
+from toolbox.calibration.channels import chosen, numbers_of, scalar_unit, source_of, times_of
 from toolbox.errors import SceneError, suggest
-from toolbox.files import tables as table
-from toolbox.files.mat import read_mat
-from toolbox.files.units import parse
+from toolbox.files.printing import columns as lines_of
+from toolbox.files.units import NumberOrText
+from toolbox.logs.cells import factor
+from toolbox.logs.flaws import KINDS, Flaw, increasing, is_null, marked, spacing
+from toolbox.logs.grids import Source
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.simulation.saved_run import SavedRun
-from toolbox.simulation.trajectory import Trajectory
-
-NULLS = (-999.25, -999.0, -9999.0, -9999.25, -99999.0)
-"""Numbers by which logs say that there is no value (the NULL of LAS files, and its relatives)."""
-
-_NAMED = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Signals of a machine at measured times.
+    """Signals of a machine at measured times: `print(recording)` tells what was found, `recording.plot()` draws it.
 
     Attributes
     ----------
     time
         Increasing times [s] from 0, shape (nt,).
     signals
-        {name in the plant: values in its SI unit, shape (nt,)}.
+        {name in the plant: values in its SI unit, shape (nt,)}; nan where a sample is no data.
     source
         Where they come from.
+    units
+        {name: unit}.
+    flaws
+        What was found to be wrong, and left out.
+    notes
+        How the log was read, in words.
     """
 
     time: np.ndarray
     signals: Mapping[str, np.ndarray]
     source: str
+    units: Mapping[str, str] = field(default_factory=dict)
+    flaws: tuple[Flaw, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @staticmethod
-    def of(data: Any, plant: HybridSystem, columns: Mapping[str, str] | None = None) -> Recording:
-        """Read a recording from a file, a mapping {name: values} or a run.
+    def of(
+        data: Any,
+        plant: HybridSystem,
+        columns: Mapping[str, str] | None = None,
+        *,
+        nulls: Sequence[float] = (),
+        keep: Sequence[str] = (),
+        decimal: str | None = None,
+    ) -> Recording:
+        """Read a recording from a file, a table of pandas, a mapping {name: values} or a run.
 
-        Files are CSV or TOML, as `toolbox.files.tables` reads them, or MAT up to version 7. Times are shifted to begin at 0.
+        Text (parted by commas, semicolons, tabulators or spaces) is read as it comes: decimal commas, thousands, lines above the headings, units in brackets
+        or in a line of their own, dates and epochs. TOML tables and MAT files are read, too, and with the extra `data` sheets (xlsx), parquet, LAS and MAT 7.3.
+        Times are shifted to begin at 0. Samples that are no data are marked, told, and never bridged.
 
         Parameters
         ----------
         data
-            Path of the file, the mapping, or the run.
+            Path of the file, the table, the mapping, or the run.
         plant
-            The plant whose signals are meant, if there is one.
+            The plant whose signals are meant.
         columns
-            {signal of the plant, or "time": what it is called in the data}; without it the data use the names of the plant. Units stand in the headings of a
-            table; in a MAT file, a mapping or a run numbers are SI unless `columns` says otherwise: {"bit.speed": "rpm_bit [rpm]"}. Columns that it does not
-            name are not read.
+            {signal of the plant, or "time": what it is called in the data}; without it the data use the names of the plant. A unit that the data do not name
+            is given there: {"bit.speed": "rpm_bit [rpm]"}. In a MAT file, a mapping, a table of pandas or a run numbers without a unit are SI. Columns that it
+            does not name are not read.
+        nulls
+            Further numbers that mean that there is no value, in the unit of the log.
+        keep
+            Kinds of flaws that are data here, such as "clipped" for a drive at its limit: clipped, drop-out, reversed, outlier.
+        decimal
+            "," or ".", where the log does not say it.
 
         Raises
         ------
         SceneError
-            If the file cannot be read, a column is unknown or missing, a unit does not fit, a number is not finite, times do not increase, or there are fewer
-            than three samples.
+            If the file cannot be read, a column is unknown or missing, a unit is missing or does not fit, or there are fewer than three samples.
+        ImportError
+            If the library of a format is not there; the message names the extra.
         """
         if isinstance(data, Recording):
             return data
@@ -73,130 +94,267 @@ class Recording:
             raise SceneError(f"Argument `columns` must name the column of every signal, but it is {columns!r}.")
         for name in columns or {}:
             if name != "time":
-                _scalar_unit(plant, name)
-        if isinstance(data, (str, Path)):
-            path = Path(data)
-            if path.suffix.lower() == ".mat":
-                values, source = _of_arrays(read_mat(path), f"File `{path}`", plant, columns), path.name
-            else:
-                values, source = _of_table(path, plant, columns), path.name
-        elif isinstance(data, (Trajectory, SavedRun)):
-            values, source = _of_arrays(_recorded(data, plant if columns is None else None), "Argument `data`", plant, columns), "a run"
-        elif hasattr(data, "keys") and hasattr(data, "__getitem__"):
-            values, source = _of_arrays({str(key): data[key] for key in data.keys()}, "Argument `data`", plant, columns), "given data"  # noqa: SIM118
-        else:
-            raise SceneError(
-                f"Argument `data` must be the path of a table or MAT file, a run, or a mapping of names to values, but it is {data!r}."
-            )
-        time = values.pop("time")
-        if time.size < 3:
-            raise SceneError(f"The data of {source} must hold at least three samples, but they hold {time.size}.")
-        late = np.flatnonzero(np.diff(time) <= 0)
-        if late.size:
-            k = int(late[0]) + 1
-            raise SceneError(
-                f"The times of {source} must increase, but sample {k + 1} is at {time[k]:.9g} s and the one before at {time[k - 1]:.9g} s."
-            )
-        if not values:
-            raise SceneError(f"The data of {source} must hold a signal beside the time, but there is none.")
-        return Recording(time - time[0], values, source)
+                scalar_unit(plant, name)
+        if unknown := [kind for kind in keep if kind not in KINDS]:
+            raise SceneError(f"Argument `keep` must hold kinds of flaws, but it has `{unknown[0]}`: {suggest(unknown[0], KINDS)}")
+        if decimal not in (None, ",", "."):
+            raise SceneError(f'Argument `decimal` must be "," or ".", but it is {decimal!r}.')
+        source, where, name = source_of(data, plant, columns, decimal)
+        return _recording(
+            source,
+            where,
+            name,
+            plant,
+            columns,
+            tuple(map(float, nulls)),
+            () if source.what == "run" else tuple(k for k in KINDS if k not in keep),
+        )
 
-    def between(self, begin: float, end: float) -> Recording:
+    def between(self, begin: NumberOrText, end: NumberOrText) -> Recording:
         """The samples between two times [s], whose clock then begins at 0."""
-        keep = (self.time >= begin) & (self.time <= end)
-        if keep.sum() < 3:
-            raise SceneError(f"The window {begin:g} .. {end:g} s must hold at least three samples, but it holds {keep.sum()}.")
-        return Recording(self.time[keep] - self.time[keep][0], {name: values[keep] for name, values in self.signals.items()}, self.source)
+        begin, end = number("begin", begin, "s"), number("end", end, "s")
+        inside = (self.time >= begin) & (self.time <= end)
+        if inside.sum() < 3:
+            raise SceneError(f"The window {begin:g} .. {end:g} s must hold at least three samples, but it holds {inside.sum()}.")
+        first = self.time[inside][0]
+        flaws = []
+        for flaw in self.flaws:
+            there = (flaw.times >= begin) & (flaw.times <= end)
+            if there.any():
+                flaws.append(Flaw(flaw.channel, flaw.kind, flaw.times[there] - first, flaw.values[there]))
+        signals = {name: values[inside] for name, values in self.signals.items()}
+        return Recording(self.time[inside] - first, signals, self.source, self.units, tuple(flaws), self.notes)
+
+    def windows(self, names: Sequence[str] | None = None, hole: int = 2) -> list[tuple[float, float]]:
+        """Stretches (begin, end) [s] in which the named signals, by default all, have no gap.
+
+        Parameters
+        ----------
+        names
+            The signals.
+        hole
+            Samples that may be missing in a row.
+        """
+        usual, _ = spacing(self.time)
+        good = np.all([np.isfinite(self.signals[self._known(name)]) for name in (self.signals if names is None else names)], axis=0)
+        places = np.flatnonzero(good)
+        apart = np.flatnonzero(np.diff(self.time[places]) > max((hole + 1.5) * usual, self.gap))
+        edges = [0, *(apart + 1).tolist(), places.size]
+        return [(float(self.time[places[a]]), float(self.time[places[b - 1]])) for a, b in itertools.pairwise(edges) if b - a >= 3]
+
+    @property
+    def interval(self) -> float:
+        """Usual time between samples [s]."""
+        return spacing(self.time)[0]
+
+    @property
+    def gap(self) -> float:
+        """Time between neighbours [s] from which on they are no neighbours."""
+        return spacing(self.time)[1]
+
+    def resampled(self, interval: NumberOrText) -> Recording:
+        """The recording at even times: means of the samples around each where they are denser, else on the line between neighbours, and nan inside of gaps.
+
+        Parameters
+        ----------
+        interval
+            Time between samples [s].
+        """
+        interval = number("interval", interval, "s", above=0)
+        times = np.arange(0.0, self.time[-1] + 0.5 * interval, interval)
+        dense = interval > 1.5 * self.interval
+        signals = {}
+        for name, values in self.signals.items():
+            good = np.isfinite(values)
+            if dense:
+                place = np.rint(self.time[good] / interval).astype(int)
+                inside = place < times.size
+                count = np.bincount(place[inside], minlength=times.size)
+                total = np.bincount(place[inside], values[good][inside], minlength=times.size)
+                signals[name] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+            else:
+                signals[name] = _at(times, self.time, values, self.gap)
+        return Recording(times, signals, self.source, self.units, self.flaws, (*self.notes, f"resampled every {interval:g} s"))
+
+    def shift(self, name: str, against: str, most: NumberOrText = 5.0) -> float:
+        """By how much [s] a channel comes later than another: where their changes correlate most, between samples by a parabola.
+
+        It is the shift of a clock where both channels follow the same thing; between a cause and its effect it holds the delay of the machine, too.
+
+        Parameters
+        ----------
+        name, against
+            The channels.
+        most
+            Largest shift [s].
+
+        Raises
+        ------
+        SceneError
+            If the channels change too little together to tell.
+        """
+        most = number("most", most, "s", above=0)
+        step = self.interval
+        times = np.arange(0.0, self.time[-1], step)
+        one, two = (_at(times, self.time, self.signals[self._known(each)], self.gap) for each in (name, against))
+        one, two = np.diff(one), np.diff(two)
+        lags = np.arange(-int(most / step), int(most / step) + 1)
+        found = []
+        for lag in lags.tolist():
+            a, b = (one[lag:], two[: one.size - lag]) if lag >= 0 else (one[:lag], two[-lag:])
+            both = np.isfinite(a) & np.isfinite(b)
+            deviation = a[both].std() * b[both].std() if both.sum() > 10 else 0.0
+            found.append(np.mean((a[both] - a[both].mean()) * (b[both] - b[both].mean())) / deviation if deviation else 0.0)
+        strength = np.abs(found)
+        best = int(np.argmax(strength))
+        if strength[best] < 0.2 or best in (0, lags.size - 1):
+            raise SceneError(
+                f"The channels `{name}` and `{against}` must change together to tell their shift, but their changes correlate by {strength[best]:.2f} "
+                f"at most within {most:g} s: name channels that follow the same thing."
+            )
+        left, top, right = strength[best - 1 : best + 2]
+        bend = left - 2.0 * top + right
+        return float(step * (lags[best] + (0.5 * (left - right) / bend if bend else 0.0)))
+
+    def shifted(self, shifts: Mapping[str, NumberOrText]) -> Recording:
+        """The recording with channels moved earlier by their shifts {name: s}, on the same times; nan where they were not measured then."""
+        signals = dict(self.signals)
+        for name, value in shifts.items():
+            seconds = number(f"shifts.{name}", value, "s")
+            signals[self._known(name)] = _at(self.time, self.time - seconds, self.signals[name], self.gap)
+        words = ", ".join(f"{name} by {number(name, value, 's'):g} s" for name, value in shifts.items())
+        return Recording(self.time, signals, self.source, self.units, self.flaws, (*self.notes, f"moved earlier: {words}"))
+
+    def _known(self, name: str) -> str:
+        if name not in self.signals:
+            raise SceneError(f"There is no channel `{name}`: {suggest(name, self.signals)}")
+        return name
+
+    def __str__(self) -> str:
+        usual = self.interval
+        lines = [
+            f"Recording of {self.source}: {self.time.size} samples over {self.time[-1]:.6g} s, usually every {usual:.4g} s ({1 / usual:.4g} Hz)"
+        ]
+        lines += [f"  {note}" for note in self.notes]
+        rows: list[list[str]] = [["channel", "unit", "samples", "lowest", "highest", "left out"]]
+        for name, values in self.signals.items():
+            good = values[np.isfinite(values)]
+            ends = [f"{good.min():.5g}", f"{good.max():.5g}"] if good.size else ["-", "-"]
+            rows.append([name, self.units.get(name, ""), f"{good.size}", *ends, self._told(name) or "none"])
+        lines += lines_of(rows, left=(0, 1, 5))
+        told = self._told("time")
+        return "\n".join([*lines, f"  time: {told}" if told else "  time: increases, no gaps"])
+
+    __repr__ = __str__
+
+    def _told(self, channel: str) -> str:
+        words = []
+        for flaw in self.flaws:
+            if flaw.channel == channel:
+                lasting = f" of {flaw.values.min():.4g} to {flaw.values.max():.4g} s" if flaw.kind == "gap" else ""
+                words.append(f"{flaw.count} {flaw.kind}{lasting} (first at {flaw.times[0]:.4g} s)")
+        return ", ".join(words)
+
+    def found(self, channel: str) -> dict[str, int]:
+        """{kind of flaw: how many samples} of a channel, or of "time"."""
+        return {flaw.kind: flaw.count for flaw in self.flaws if flaw.channel == channel}
+
+    def plot(self) -> Any:
+        """Draw every channel over time, with what was left out. Returns the axes."""
+        from toolbox.calibration.figures import recorded  # here, because matplotlib is slow to import
+
+        return recorded(self)
 
 
-def _scalar_unit(plant: HybridSystem, name: str) -> str:
-    """Unit of a scalar signal or input; raises SceneError for an unknown name and for a vector."""
-    unit = plant.signal_unit(name)
-    rows = plant.rows(name)
-    size = rows[1] if rows is not None else None
-    if size is not None or (rows is None and name in plant.signals and plant.signals[name][0].numel() > 1):
-        raise SceneError(f"Argument `columns` must name scalars, but `{name}` has several entries: choose one, e.g. `{name}.0`.")
-    return unit
+def _at(times: np.ndarray, own: np.ndarray, values: np.ndarray, gap: float) -> np.ndarray:
+    """Values on the line between neighbours, nan where they are farther apart than a gap, and outside."""
+    good = np.isfinite(values)
+    if good.sum() < 2:
+        return np.full(times.size, np.nan)
+    t, v = own[good], values[good]
+    found = np.interp(times, t, v, left=np.nan, right=np.nan)
+    after = np.clip(np.searchsorted(t, times), 1, t.size - 1)
+    exact = np.isclose(t[after], times, rtol=0, atol=1e-9) | np.isclose(t[after - 1], times, rtol=0, atol=1e-9)
+    return np.where((t[after] - t[after - 1] <= gap) | exact, found, np.nan)
 
 
-def _known(plant: HybridSystem) -> list[str]:
-    """Names that a column may have where none are given: scalar signals, entries of vector states and inputs."""
-    names = [name for name, (expression, _) in plant.signals.items() if expression.numel() == 1]
-    entries = [f"{name}.{i}" for name, (_, size, _) in plant.states.items() if size for i in range(size)]
-    return [*names, *entries, *plant.inputs]
+def _recording(
+    source: Source,
+    where: str,
+    name: str,
+    plant: HybridSystem,
+    columns: Mapping[str, str] | None,
+    nulls: tuple[float, ...],
+    kinds: tuple[str, ...],
+) -> Recording:
+    columns_of = chosen(source, where, plant, columns)
+    size = int(np.size(columns_of["time"][0].cells))
+    time, notes = times_of(source, *columns_of.pop("time"), where)
+    if not columns_of:
+        raise SceneError(f"The data of {name} must hold a signal beside the time, but there is none.")
+    if size < 3:
+        raise SceneError(f"The data of {name} must hold at least three samples, but they hold {size}.")
+    nulls = (*nulls, *source.nulls)
+    order = increasing(time)
+    if order.size < 3 or order.size < 0.5 * np.isfinite(time).sum():
+        raise SceneError(
+            f"The times of {name} must increase, but only {order.size} of {time.size} do: where several samples have one time, write times with more digits; "
+            "where the table is upside down, turn it."
+        )
+    flaws = _time_flaws(time, order)
+    own = time[order] - time[order[0]]
+    signals, units = {}, {}
+    for signal, (column, unit) in columns_of.items():
+        wanted = scalar_unit(plant, signal)
+        here = f"{where}, column `{column.name}`,"
+        if np.size(column.cells) != size:
+            raise SceneError(
+                f"{where} must have columns of one length, but `{column.name}` has {np.size(column.cells)} samples and the time {size}."
+            )
+        raw, said = numbers_of(column.cells, source.mark, here)
+        if said:
+            notes.append(f"`{column.name}`: {said}")
+        none = is_null(raw, nulls)
+        if unit is None and not source.bare and wanted != "1":
+            raise SceneError(
+                f"{here} must name its unit, such as `{column.name} [{wanted}]`: write it there, or give it "
+                f'as "{signal}": "{column.name} [{wanted}]" in `columns`.'
+            )
+        scale = 1.0 if unit is None or (unit == "1" and wanted == "1") else factor(unit, wanted, column.name)
+        values = np.where(none, np.nan, raw * scale)[order]
+        if np.isfinite(values).sum() < 3:
+            raise SceneError(f"{here} must hold at least three values, but {int(none.sum())} of {size} samples are none.")
+        flaws += _flaws_of(signal, own, values, np.where(none, raw, np.nan)[order], none[order], kinds)
+        signals[signal], units[signal] = values, wanted
+    if source.what == "run":
+        flaws = [flaw for flaw in flaws if flaw.kind != "gap"]
+    return Recording(own, signals, name, units, tuple(flaws), tuple(source.notes + notes))
 
 
-def _of_table(path: Path, plant: HybridSystem, columns: Mapping[str, str] | None) -> dict[str, np.ndarray]:
-    wanted = [table.Column("time", "s", ((columns or {}).get("time", "time"),))]
-    if columns is None:
-        wanted += [table.Column(name, plant.unit(name), required=False) for name in _known(plant)]
-    else:
-        for name, heading in columns.items():
-            if name != "time":
-                wanted.append(table.Column(name, plant.signal_unit(name), (heading,)))
-    found = table.read(path, wanted, others=columns is not None)
-    values = {name: np.array([row[name] for row in found.rows]) for name in found.rows[0]}
-    for name, array in values.items():
-        match = _NAMED.fullmatch(found.headings[name])
-        factor = parse(f"1 {match[2]}", "s" if name == "time" else plant.unit(name), name) if match and match[2] else 1.0
-        _check_nulls(array / factor, f"Table `{path}`, column `{found.headings[name]}`,")
-    return values
-
-
-def _check_nulls(numbers: np.ndarray, where: str) -> None:
-    """Raise SceneError for the numbers by which logs say that they have none."""
-    for null in NULLS:
-        places = np.flatnonzero(np.isclose(numbers, null, rtol=1e-12, atol=0.0))
+def _time_flaws(time: np.ndarray, order: np.ndarray) -> list[Flaw]:
+    flaws = []
+    kept = time[order]
+    begin = kept[0]
+    lost = np.setdiff1d(np.flatnonzero(np.isfinite(time)), order)
+    again = np.isin(time[lost], kept)
+    none = np.flatnonzero(~np.isfinite(time))
+    for kind, places in (("repeated", lost[again]), ("backward", lost[~again])):
         if places.size:
-            raise SceneError(
-                f"{where} must hold measured numbers, but {places.size} are {null:g}, the sign of logs for none, the first in sample {int(places[0]) + 1}: "
-                "leave those samples out."
-            )
+            flaws.append(Flaw("time", kind, time[places] - begin, time[places] - begin))
+    if none.size:
+        beside = kept[np.clip(np.searchsorted(order, none), 0, order.size - 1)]
+        flaws.append(Flaw("time", "null", beside - begin, np.full(none.size, np.nan)))
+    steps = np.diff(kept)
+    apart = np.flatnonzero(steps > spacing(kept)[1])
+    if apart.size:
+        flaws.append(Flaw("time", "gap", kept[apart] - begin, steps[apart]))
+    return flaws
 
 
-def _recorded(run: Trajectory | SavedRun, plant: HybridSystem | None) -> dict[str, np.ndarray]:
-    """The recorded signals of a run, those that a plant knows where one is given, as `Trajectory.to_csv` writes them: right-hand limits at events."""
-    once = np.append(np.diff(run.time) > 0.0, True)[: run.time.size]
-    found = {"time": run.time[once]}
-    for name in run.names:
-        values = run[name][once]
-        entries = {name: values} if values.ndim == 1 else {f"{name}.{i}": column for i, column in enumerate(values.T)}
-        found |= {each: array for each, array in entries.items() if plant is None or plant.has_signal(each)}
-    return found
-
-
-def _of_arrays(given: Mapping[str, Any], where: str, plant: HybridSystem, columns: Mapping[str, str] | None) -> dict[str, np.ndarray]:
-    asked = {"time": "time", **(columns if columns is not None else {name: name for name in given})}
-    values: dict[str, np.ndarray] = {}
-    for name, label in asked.items():
-        match = _NAMED.fullmatch(label)
-        column, unit = (match[1], match[2]) if match else (label, None)
-        if column not in given:
-            raise SceneError(f"{where} must have `{column}`, but it is not there: {suggest(column, given)}")
-        if name != "time" and columns is None and not plant.has_signal(name):
-            raise SceneError(f"{where} has the unknown column `{name}`: {suggest(name, _known(plant))}")
-        own = "s" if name == "time" else _scalar_unit(plant, name)
-        numbers = _numbers(given[column], f"{where}, column `{column}`,")
-        _check_nulls(numbers, f"{where}, column `{column}`,")
-        values[name] = numbers * (1.0 if unit is None else parse(f"1 {unit}", own, column))
-    sizes = {name: array.size for name, array in values.items()}
-    for name, size in sizes.items():
-        if size != sizes["time"]:
-            raise SceneError(
-                f"{where} must have columns of one length, but `{asked[name]}` has {size} samples and the time {sizes['time']}."
-            )
-    return values
-
-
-def _numbers(value: Any, where: str) -> np.ndarray:
-    try:
-        array = np.squeeze(np.asarray(value))
-    except (TypeError, ValueError):
-        array = np.empty(0, object)
-    if array.ndim != 1 or array.dtype.kind not in "iuf":
-        raise SceneError(f"{where} must be one row of numbers, but it is an array of shape {array.shape} and kind {array.dtype}.")
-    numbers = finite_array(array)
-    if numbers is None:
-        bad = np.flatnonzero(~np.isfinite(array))
-        raise SceneError(f"{where} must hold finite numbers, but {bad.size} are not, the first in sample {int(bad[0]) + 1}.")
-    return numbers
+def _flaws_of(signal: str, time: np.ndarray, values: np.ndarray, raw: np.ndarray, none: np.ndarray, kinds: tuple[str, ...]) -> list[Flaw]:
+    """The flaws of a channel, whose values become nan there."""
+    flaws = [Flaw(signal, "null", time[none], raw[none])] if none.any() else []
+    for kind, places in marked(values, kinds).items():
+        flaws.append(Flaw(signal, kind, time[places], values[places].copy()))
+        values[places] = np.nan
+    return flaws

@@ -58,8 +58,9 @@ class Simulated:
     def __post_init__(self) -> None:
         self.names = [number.name for number in self.numbers]
         self.outputs = [name for name in self.recording.signals if name not in self.loop.inputs]
-        self.time = dict.fromkeys(self.outputs, self.recording.time)
-        self.measured = {name: self.recording.signals[name] for name in self.outputs}
+        self.good = {name: np.isfinite(self.recording.signals[name]) for name in self.outputs}
+        self.time = {name: self.recording.time[good] for name, good in self.good.items()}
+        self.measured = {name: self.recording.signals[name][good] for name, good in self.good.items()}
         self.exact = True
 
     def horizons(self) -> list[Simulated]:
@@ -82,8 +83,11 @@ class Simulated:
         measured = [name for name in self.recording.signals if isinstance(given.get(name), Table)]
         if not measured:
             return None
-        keep = np.unique(np.append(np.arange(0, self.recording.time.size, 2), self.recording.time.size - 1))
-        fewer = {name: Table(given[name].times[keep], given[name].values[keep]) for name in measured}
+        fewer = {}
+        for name in measured:
+            size = given[name].times.size
+            keep = np.unique(np.append(np.arange(0, size, 2), size - 1))
+            fewer[name] = Table(given[name].times[keep], given[name].values[keep])
         return Simulated(self.loop.but(inputs={**self.loop.inputs, **fewer}), self.recording, self.numbers, self.accuracy)
 
     def trial(self) -> Simulated:
@@ -110,16 +114,18 @@ class Simulated:
 
     def panels(self, left: Mapping[str, np.ndarray]) -> tuple[Panel, ...]:
         """What was measured beside the model; left: model less measured."""
-        never, nothing = np.zeros(self.recording.time.size, bool), np.empty((2, 0))
+        nothing = np.empty((2, 0))
         values = ((name, self.plant.unit(name), self.measured[name], self.measured[name] + left[name]) for name in self.outputs)
-        return tuple(Panel(name, unit, TIME, self.time[name], measured, model, never, nothing) for name, unit, measured, model in values)
+        return tuple(
+            Panel(name, unit, TIME, self.time[name], measured, model, np.zeros(measured.size, bool), nothing) for name, unit, measured, model in values
+        )
 
     def allowed(self, values: np.ndarray) -> None:
         """Raise SceneError where the numbers contradict each other."""
         self.at(values).closed  # noqa: B018
 
     def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
-        """Simulated outputs at the measured times; where a signal jumps within half a sampling interval of a sample, the nearer side counts.
+        """Simulated outputs at the times of samples that are data; where a signal jumps within half a sampling interval of a sample, the nearer side counts.
 
         Else every sample that a switch passes would be a step of the misfit, and their edges would hold the search before its optimum.
         """
@@ -136,16 +142,17 @@ class Simulated:
                 if abs(time[k] - t) < near[k]:
                     for name, value in found.items():
                         jump = (at[name][after] - at[name][before]) * (-1.0 if time[k] >= t else 1.0)
-                        if abs(value[k] + jump - self.measured[name][k]) < abs(value[k] - self.measured[name][k]):
+                        there = self.recording.signals[name][k]
+                        if abs(value[k] + jump - there) < abs(value[k] - there):
                             value[k] += jump
-        return found
+        return {name: value[self.good[name]] for name, value in found.items()}
 
     def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of `model` with respect to the free numbers, shape (nt, k): exact, or central differences where a run has none."""
         if self.exact:
             try:
                 slopes = sensitivity(self.run(values), list(self.names))
-                return {name: slopes[name] for name in self.outputs}
+                return {name: slopes[name][self.good[name]] for name in self.outputs}
             except GrazingError:
                 pass
             except SceneError:  # a law in Python, or one that reads an encoder
@@ -195,18 +202,21 @@ class MeasuredLoop:
 
         self._last: tuple[bytes, np.ndarray] = (b"", plant.values)
         self._side = np.zeros(recording.time.size)
+        known = np.all([np.isfinite(values) for values in recording.signals.values()], axis=0)
         self.slip = np.broadcast_to(self._of(self._law, plant.values)[0][0], recording.time.size)
-        self.still = 0.01 * float(np.abs(self.slip).max()) if still is None else still
-        moving = np.abs(self.slip) > self.still
+        self.still = 0.01 * float(np.abs(self.slip[known]).max(initial=0.0)) if still is None else still
+        moving = known & (np.abs(self.slip) > self.still)
         if not moving.any():
             raise SceneError(
                 f"The data must hold samples in which `{contact}` slips faster than {self.still:g} {element.slip_unit}, but there are none."
             )
         self._side = np.sign(np.where(moving, self.slip, np.append(self.slip[1:], 0.0)))
         values, release = recording.signals[self.output].copy(), []
+        cut = ~known | np.insert(np.diff(recording.time) > recording.gap, 0, False)  # no stick phase reaches over it
         toward = np.broadcast_to(np.sign(self._of(self._law, plant.values)[3][0]), values.size)
-        for k in np.flatnonzero(moving[1:] & ~moving[:-1]) if self._jumps(element) else []:
-            first = 1 + int(np.max(np.flatnonzero(moving[: k + 1]), initial=-1))
+        for k in np.flatnonzero(moving[1:] & ~moving[:-1] & ~cut[1:]) if self._jumps(element) else []:
+            first = 1 + int(np.max(np.flatnonzero((moving | ~known)[: k + 1]), initial=-1))
+            first = max(first, int(np.max(np.flatnonzero(cut[: k + 1] & known[: k + 1]), initial=0)))
             if k + 1 - first >= BREAKAWAY_SAMPLES:  # a shorter one is noise where slip begins or ends
                 top, value = _peak(recording.time[first : k + 1], values[first : k + 1], toward[k])
                 values[first + top] = value
@@ -226,7 +236,7 @@ class MeasuredLoop:
         """What was measured beside the law; left: law less measured."""
         name, element = self.output, self.plant.elements[self.place]
         measured = self.measured[name]
-        still = np.setdiff1d(np.arange(self.slip.size), self.rows)
+        still = np.setdiff1d(np.flatnonzero(np.isfinite(self.slip + self.recording.signals[name])), self.rows)
         resting = np.stack([self.slip[still], self.recording.signals[name][still]])
         over = f"slip of {element.name} [{element.slip_unit}]"
         return (Panel(name, self.plant.unit(name), over, self.slip[self.rows], measured, measured + left[name], self.released, resting),)

@@ -1,0 +1,200 @@
+"""Columns of a log as channels of a plant: which column is which signal, its numbers, and its times."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError, suggest
+from toolbox.logs.cells import epoch, factor, is_time, plain_number, seconds_of
+from toolbox.logs.grids import NONE, Column, Source, named
+from toolbox.logs.sources import from_file, from_frame, from_mapping
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.simulation.saved_run import SavedRun
+from toolbox.simulation.trajectory import Trajectory
+
+TIMES = (
+    "time",
+    "t",
+    "timestamp",
+    "datetime",
+    "date time",
+    "date_time",
+    "zeit",
+    "time index",
+    "utc",
+    "time_utc",
+    "etim",
+    "tim",
+    "epoch",
+    "elapsed",
+)
+"""Names, in small letters, by which a column is the time where none is said to be."""
+
+
+def scalar_unit(plant: HybridSystem, name: str) -> str:
+    """Unit of a scalar signal or input; raises SceneError for an unknown name and for a vector."""
+    unit = plant.signal_unit(name)
+    rows = plant.rows(name)
+    size = rows[1] if rows is not None else None
+    if size is not None or (rows is None and name in plant.signals and plant.signals[name][0].numel() > 1):
+        raise SceneError(f"Argument `columns` must name scalars, but `{name}` has several entries: choose one, e.g. `{name}.0`.")
+    return unit
+
+
+def _names(plant: HybridSystem) -> list[str]:
+    """Names that a column may have where none are given: scalar signals, entries of vector states and inputs."""
+    names = [name for name, (expression, _) in plant.signals.items() if expression.numel() == 1]
+    entries = [f"{name}.{i}" for name, (_, size, _) in plant.states.items() if size for i in range(size)]
+    return [*names, *entries, *plant.inputs]
+
+
+def source_of(data: Any, plant: HybridSystem, columns: Mapping[str, str] | None, decimal: str | None) -> tuple[Source, str, str]:
+    """(columns, what errors call the data, what the recording calls them)."""
+    if isinstance(data, (str, Path)):
+        path = Path(data)
+        if path.suffix.lower() == ".toml":
+            return _of_toml(path, plant, columns), f"Table `{path}`", path.name
+        source = from_file(path, decimal)
+        return source, f"File `{path}`" if path.suffix.lower() == ".mat" else f"Table `{path}`", path.name
+    if isinstance(data, (Trajectory, SavedRun)):
+        source = from_mapping(_recorded(data, plant if columns is None else None))
+        source.what = "run"
+        return source, "Argument `data`", "a run"
+    if hasattr(data, "columns") and hasattr(data, "index"):
+        return from_frame(data, bare=True), "Argument `data`", "a table of pandas"
+    if hasattr(data, "keys") and hasattr(data, "__getitem__"):
+        return from_mapping({str(key): data[key] for key in data.keys()}), "Argument `data`", "given data"  # noqa: SIM118
+    raise SceneError(f"Argument `data` must be the path of a log, a run, or a mapping of names to values, but it is {data!r}.")
+
+
+def _of_toml(path: Path, plant: HybridSystem, columns: Mapping[str, str] | None) -> Source:
+    """A table in TOML, whose numbers are in SI already."""
+    from toolbox.files import tables as table
+
+    wanted = [table.Column("time", "s", ((columns or {}).get("time", "time"),))]
+    if columns is None:
+        wanted += [table.Column(name, plant.unit(name), required=False) for name in _names(plant)]
+    else:
+        wanted += [table.Column(name, plant.signal_unit(name), (heading,)) for name, heading in columns.items() if name != "time"]
+    found = table.read(path, wanted, others=columns is not None)
+    return Source(
+        [Column((columns or {}).get(name, name), None, [row[name] for row in found.rows]) for name in found.rows[0]], "table", bare=True
+    )
+
+
+def _recorded(run: Trajectory | SavedRun, plant: HybridSystem | None) -> dict[str, np.ndarray]:
+    """The recorded signals of a run, those that a plant knows where one is given, as `Trajectory.to_csv` writes them: right-hand limits at events."""
+    once = np.append(np.diff(run.time) > 0.0, True)[: run.time.size]
+    found = {"time": run.time[once]}
+    for name in run.names:
+        values = run[name][once]
+        entries = {name: values} if values.ndim == 1 else {f"{name}.{i}": column for i, column in enumerate(values.T)}
+        found |= {each: array for each, array in entries.items() if plant is None or plant.has_signal(each)}
+    return found
+
+
+def chosen(source: Source, where: str, plant: HybridSystem, columns: Mapping[str, str] | None) -> dict[str, tuple[Column, str | None]]:
+    """{signal, or "time": (its column, unit)}; raises SceneError for names that are not there."""
+    known: dict[str, Column] = {}
+    for column in source.columns:
+        known.setdefault(_plain(column.name), column)
+    found: dict[str, tuple[Column, str | None]] = {}
+    time = (columns or {}).get("time")
+    if time is None:
+        heading = next((each for each in TIMES if each in known), None)
+        day = next((each for each in ("date", "datum") if each in known), None)
+        if heading is None:
+            raise SceneError(f'{where} must have a column `time`, but it has {_listed(source)}: name it by "time" in `columns`.')
+        found["time"] = (known[heading], known[heading].unit)
+        if day is not None and all(is_time(cell) for cell in list(known[heading].cells)[:3]):
+            both = [f"{_day(a)} {b}" for a, b in zip(known[day].cells, known[heading].cells, strict=True)]
+            found["time"] = (Column(f"{known[day].name} {known[heading].name}", None, both), None)
+    else:
+        found["time"] = _looked_up(known, time, where)
+    if columns is not None:
+        return found | {name: _looked_up(known, heading, where) for name, heading in columns.items() if name != "time"}
+    mine = {_plain(name): name for name in _names(plant)}
+    taken = {column.name for column in (found["time"][0],)}
+    for word, column in known.items():
+        if column.name in taken or column.name.startswith("#"):
+            continue
+        if word not in mine:
+            name = column.name
+            if plant.has_signal(name):
+                scalar_unit(plant, name)
+            raise SceneError(f"{where} has the unknown column `{name}`: {suggest(name, _names(plant))}")
+        found[mine[word]] = (column, column.unit)
+    return found
+
+
+def _day(cell: Any) -> str:
+    return cell.date().isoformat() if isinstance(cell, datetime.datetime) else str(cell)
+
+
+def _plain(name: str) -> str:
+    return " ".join(name.split()).casefold()
+
+
+def _listed(source: Source) -> str:
+    return ", ".join(f"`{column.name}`" for column in source.columns[:30])
+
+
+def _looked_up(known: Mapping[str, Column], label: str, where: str) -> tuple[Column, str | None]:
+    name, unit = (label, None) if _plain(label) in known else named(label)
+    column = known.get(_plain(name))
+    if column is None:
+        raise SceneError(f"{where} must have `{name}`, but it is not there: {suggest(name, [each.name for each in known.values()])}")
+    if unit is not None and column.unit is not None and _plain(unit) != _plain(column.unit):
+        raise SceneError(
+            f"{where} must have `{name}` in {unit} as `columns` says, but its heading says {column.unit}: leave the unit out of `columns`."
+        )
+    return column, unit if unit is not None else column.unit
+
+
+def numbers_of(cells: Any, mark: str, where: str) -> tuple[np.ndarray, str]:
+    """(numbers, nan where a cell has none, and what was passed over in words)."""
+    try:
+        array = np.squeeze(np.asarray(cells))
+    except (TypeError, ValueError):
+        array = np.empty(0, object)
+    if array.ndim != 1 or array.dtype.kind not in "iufOUS":
+        raise SceneError(f"{where} must be one row of numbers, but it is an array of shape {array.shape} and kind {array.dtype}.")
+    if array.dtype.kind in "iuf":
+        return array.astype(float), ""
+    numbers = np.array([plain_number(cell, mark) for cell in array.tolist()])
+    words = [str(cell).strip() for cell, value in zip(array.tolist(), numbers, strict=True) if value != value and isinstance(cell, str)]
+    odd = sorted({word for word in words if word.lower() not in NONE})
+    if array.size and len([word for word in words if word.lower() not in NONE]) > 0.5 * array.size:
+        raise SceneError(f"{where} must be one row of numbers, but it holds text such as `{odd[0]}`.")
+    return numbers, f"text such as `{odd[0]}` is none" if odd else ""
+
+
+def times_of(source: Source, column: Column, unit: str | None, where: str) -> tuple[np.ndarray, list[str]]:
+    """(times [s], how they were read)."""
+    here = f"{where}, column `{column.name}`,"
+    cells = column.cells
+    array = np.asarray(cells)
+    if array.dtype.kind == "M":
+        return np.where(np.isnat(array), np.nan, array.astype("datetime64[ns]").astype(np.int64) / 1e9), ["time: dates"]
+    if array.dtype.kind in "OUS":
+        given = [cell for cell in array.ravel().tolist() if cell is not None and cell == cell and str(cell).strip()]
+        if given and np.mean([is_time(cell) for cell in given[:50]]) > 0.5:
+            found, words = seconds_of(array.ravel().tolist(), here)
+            return found, [f"time: {words}"]
+    numbers, said = numbers_of(array if array.dtype.kind in "OUS" else cells, source.mark, here)
+    numbers = np.where(np.abs(np.nan_to_num(numbers)) >= 1e29, np.nan, numbers)
+    numbers = np.where(np.isin(numbers, (-999.25, -32768.0)), np.nan, numbers)
+    notes = [f"time: {said}"] if said else []
+    count = epoch(numbers) if unit is None or "epoch" in unit.lower() else None
+    if count is not None and not (source.bare and count == 1.0 and np.nanmax(numbers) < 1e8):
+        return numbers * count, [*notes, f"time: epoch in {({1.0: 's', 1e-3: 'ms', 1e-6: 'us', 1e-9: 'ns'})[count]}"]
+    if unit is None and not source.bare:
+        raise SceneError(
+            f'{here} must name its unit, such as `{column.name} [s]`: write it there, or give it as "time": "{column.name} [s]" in `columns`.'
+        )
+    return numbers * (1.0 if unit is None else factor(unit, "s", column.name)), notes

@@ -1,0 +1,174 @@
+"""Cells of a log as numbers, times and units: decimal commas, thousands, dates, clocks, epochs, and the spellings of the field."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.files.units import parse
+
+SPELLINGS = {
+    "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "minutes": "min", "hr": "h", "hrs": "h", "kdan": "10 kN",
+    "c/min": "rpm", "u/min": "rpm", "r/min": "rpm", "1/min": "rpm", "rev/min": "rpm", "1000lbf": "klbf", "1000lb": "klbf", "k-lbs": "klbf", "k-lb": "klbf",
+    "kips": "klbf", "kip": "klbf", "1000ft.lbf": "klbf ft", "1000ftlbf": "klbf ft", "kft.lbf": "klbf ft", "kft-lb": "klbf ft", "kft-lbs": "klbf ft",
+    "kft-lbf": "klbf ft", "kft.lb": "klbf ft", "kftlb": "klbf ft", "kftlbf": "klbf ft", "kft*lbf": "klbf ft",
+    "klb-ft": "klbf ft", "klb.ft": "klbf ft", "kip-ft": "klbf ft",
+    "ft.lb": "lbf ft", "ft-lb": "lbf ft", "ft-lbs": "lbf ft", "ft.lbs": "lbf ft", "ftlb": "lbf ft", "ftlbf": "lbf ft", "lb-ft": "lbf ft", "lb.ft": "lbf ft",
+    "lbft": "lbf ft", "ton": "t", "tons": "t", "tonne": "t", "tonnes": "t", "mkgf": "kgf m", "kgf.m": "kgf m", "ft/hr": "ft/h", "m/hr": "m/h",
+    "knm": "kN m", "kn.m": "kN m", "kn-m": "kN m", "n.m": "N m", "nm": "N m",
+}  # fmt: skip
+"""{spelling in small letters without spaces: unit as the toolbox writes it} of logs; tried where a unit as it stands does not fit."""
+
+EPOCHS = ((1e8, 5e9, 1.0), (1e11, 5e12, 1e-3), (1e14, 5e15, 1e-6), (1e17, 5e18, 1e-9))
+"""(from, to, seconds) of numbers that count seconds, milliseconds, microseconds or nanoseconds since 1970."""
+
+DAY = 86_400.0
+
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d{1,3})?")
+_CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?\s*([ap]m)?", re.IGNORECASE)
+_DATE = re.compile(r"(\d{1,2})([/.-])(\d{1,2})\2(\d{4}|\d{2})(?:[ T]+(.*))?")
+
+
+def factor(unit: str, wanted: str, name: str) -> float:
+    """How many of the wanted unit one of a log's is; raises SceneError where it is unknown or measures something else."""
+    try:
+        return parse(f"1 {unit}", wanted, name)
+    except SceneError:
+        usual = SPELLINGS.get("".join(unit.split()).lower().replace("·", "."))
+        with contextlib.suppress(SceneError):
+            if usual is not None:
+                return parse(usual if usual[0].isdigit() else f"1 {usual}", wanted, name)
+        raise
+
+
+def is_unit(text: str) -> bool:
+    """Whether text between brackets is a unit, and not a word of the name."""
+    text = text.strip()
+    if text in ("", "-", "1", "%"):
+        return True
+    if "".join(text.split()).lower() in SPELLINGS:
+        return True
+    for wanted in ("1", "s", "rad", "rad/s", "m", "m/s", "N", "N m", "Pa", "kg", "K", "W", "V", "A", "Hz", "m3/s", "rad/s2", "m/s2"):
+        with contextlib.suppress(SceneError):
+            parse(f"1 {text}", wanted, "unit")
+            return True
+    return False
+
+
+def decimal_mark(cells: Sequence[str]) -> str | None:
+    """The decimal mark of a log by its cells: "." or ","; None where commas may part thousands as well as decimals."""
+    commas = [cell for cell in cells if "," in cell and re.fullmatch(r"[+-]?[\d.,' \u00a0\u202f]+(?:[eE][+-]?\d+)?", cell)]
+    if not commas:
+        return "."
+    if any("." in cell and cell.rindex(".") > cell.rindex(",") for cell in commas) or any(cell.count(",") > 1 for cell in commas):
+        return "."
+    if any("." in cell or not re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", cell) for cell in commas):
+        return ","
+    if any("." in cell and re.fullmatch(r"[+-]?\d+\.\d+", cell) for cell in cells):
+        return "."  # others have a point
+    return None
+
+
+def plain_number(cell: Any, mark: str = ".") -> float:
+    """The number in a cell, nan for anything else."""
+    if isinstance(cell, (int, float, np.number)) and not isinstance(cell, bool):
+        return float(cell)
+    text = str(cell).strip().strip("'\"").replace("\u00a0", "").replace("\u202f", "").replace("\u2212", "-")
+    if mark == ",":
+        text = text.replace(".", "").replace(",", ".") if "," in text or re.fullmatch(r"[+-]?[1-9]\d{0,2}(\.\d{3})+", text) else text
+    elif "," in text and re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?", text):
+        text = text.replace(",", "")
+    if re.fullmatch(r"[+-]?\d{1,3}([ ']\d{3})+(\.\d*)?", text):
+        text = text.replace(" ", "").replace("'", "")
+    return float(text.replace("d", "e").replace("D", "E")) if _NUMBER.fullmatch(text) else np.nan
+
+
+def is_time(cell: Any) -> bool:
+    """Whether a cell is a date or a time of day."""
+    if isinstance(cell, (datetime.datetime, datetime.date, datetime.time, np.datetime64)):
+        return True
+    text = str(cell).strip()
+    if _CLOCK.fullmatch(text) or _DATE.fullmatch(text):
+        return True
+    if not re.match(r"\d{4}-?\d{2}-?\d{2}", text) or _NUMBER.fullmatch(text):
+        return False
+    with contextlib.suppress(ValueError):
+        datetime.datetime.fromisoformat(text.replace(",", "."))
+        return True
+    return False
+
+
+def seconds_of(cells: Sequence[Any], where: str) -> tuple[np.ndarray, str]:
+    """(times [s], what they were in words) of dates, times of day or epochs; nan where a cell has none.
+
+    Raises SceneError where day and month cannot be told apart, or some have a zone and others none.
+    """
+    shown = [cell if isinstance(cell, str) else _text(cell) for cell in cells]
+    dates = [match for text in shown if (match := _DATE.fullmatch(text.strip()))]
+    first_is_day = True
+    if dates and any(match[2] == "/" for match in dates):
+        day, month = max(int(match[1]) for match in dates) > 12, max(int(match[3]) for match in dates) > 12
+        if not day and not month and any(match[1] != match[3] for match in dates):
+            raise SceneError(
+                f"{where} must have dates whose day and month can be told apart, but `{shown[0]}` may be either: write them as 2024-12-31."
+            )
+        first_is_day = not month
+    found = np.array([_seconds(text.strip(), first_is_day) for text in shown])
+    zones = {bool(re.search(r"(?:Z|[+-]\d{2}:?\d{2})$", text.strip())) for text in shown if ":" in text}
+    if len(zones) > 1:
+        raise SceneError(f"{where} must have times all with a zone or all without, but some have one: write all in UTC.")
+    if all(_CLOCK.fullmatch(text.strip()) for text in shown if text.strip()):
+        back = np.flatnonzero(np.diff(found) < -DAY / 2)  # midnight
+        for k in back:
+            found[k + 1 :] += DAY
+        return found, "time of day" + (f", past midnight {back.size} time(s)" if back.size else "")
+    return found, "dates with a zone" if zones == {True} else "dates without a zone"
+
+
+def _text(cell: Any) -> str:
+    if isinstance(cell, np.datetime64):
+        return "" if np.isnat(cell) else str(cell.astype("datetime64[us]"))
+    if isinstance(cell, (datetime.datetime, datetime.date, datetime.time)) and cell == cell:
+        return cell.isoformat()
+    return "" if cell is None or cell != cell else str(cell)
+
+
+def _clock(text: str) -> float:
+    match = _CLOCK.fullmatch(text.strip())
+    if match is None:
+        return np.nan
+    hour = int(match[1]) % 12 + 12 * (match[4].lower() == "pm") if match[4] else int(match[1])
+    return 3600.0 * hour + 60.0 * int(match[2]) + float((match[3] or "0").replace(",", "."))
+
+
+def _seconds(text: str, first_is_day: bool) -> float:
+    if _CLOCK.fullmatch(text):
+        return _clock(text)
+    match = _DATE.fullmatch(text)
+    if match is not None:
+        day, month = (int(match[1]), int(match[3])) if first_is_day else (int(match[3]), int(match[1]))
+        year = int(match[4]) + (2000 if len(match[4]) == 2 else 0)
+        try:
+            midnight = datetime.datetime(year, month, day, tzinfo=datetime.UTC).timestamp()
+        except ValueError:
+            return np.nan
+        return midnight + (_clock(match[5]) if match[5] else 0.0)
+    text = re.sub(r"([.,]\d{6})\d+", r"\1", text.replace(",", ".")).replace(" UTC", "Z")
+    try:
+        moment = datetime.datetime.fromisoformat(text)
+    except ValueError:
+        return np.nan
+    return (moment if moment.tzinfo else moment.replace(tzinfo=datetime.UTC)).timestamp()
+
+
+def epoch(numbers: np.ndarray) -> float | None:
+    """Seconds of one count, where numbers count from 1970; None for others."""
+    finite = numbers[np.isfinite(numbers)]
+    middle = float(np.median(finite)) if finite.size else 0.0
+    return next((size for low, high, size in EPOCHS if low < middle < high), None)

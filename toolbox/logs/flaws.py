@@ -1,0 +1,228 @@
+"""What is wrong with samples of a log: found by rules that a machine which sticks and slips does not meet, told, and marked.
+
+    null        a number that means none (-999.25, -32768, 1e30, those declared), an empty cell, text
+    repeated    a time that was there already;  backward: a time before those that were there
+    gap         neighbours farther apart than the samples are
+    clipped     the largest or smallest value of a channel that else never repeats, several times in a row
+    drop-out    exactly zero between values that are far from it
+    reversed    a value whose opposite fits between its neighbours, and which does not itself
+    outlier     a few values far from both sides
+
+Why no filter by size alone: speed in stick-slip leaves the mean by many of its deviations, and friction jumps. A jump keeps one side and a slip takes many
+samples, which a median over neighbours tells from what stands alone.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass, field
+
+import numpy as np
+
+NULLS = (-999.25, -999.0, -9999.0, -9999.25, -99999.0, -32768.0)
+"""Numbers by which logs say that there is no value (the NULL of LAS files, and its relatives)."""
+
+HUGE = 1e29
+"""Numbers from here on mean none, as 1e30 does."""
+
+FEW = 0.05
+"""Rules that look at neighbours mark at most this part of a channel: beyond it the channel is not understood, and stands as it is."""
+
+ALONE = 5
+"""Samples in a row, at most, that may be outliers or reversed."""
+
+KINDS = ("null", "clipped", "drop-out", "reversed", "outlier")
+"""Kinds of values that are marked."""
+
+
+@dataclass(frozen=True)
+class Flaw:
+    """Samples of one channel that are no data.
+
+    Attributes
+    ----------
+    channel
+        The channel, or "time".
+    kind
+        What is wrong with them.
+    times, values
+        When, and what stood there, shapes (n,); values of a gap are how long it lasts [s].
+    """
+
+    channel: str
+    kind: str
+    times: np.ndarray = field(repr=False)
+    values: np.ndarray = field(repr=False)
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return int(self.times.size)
+
+
+def is_null(numbers: np.ndarray, nulls: tuple[float, ...] = ()) -> np.ndarray:
+    """Where numbers, in the unit of the log, mean that there is none."""
+    marked = ~np.isfinite(numbers) | (np.abs(np.nan_to_num(numbers, nan=0.0, posinf=0.0, neginf=0.0)) >= HUGE)
+    for null in (*NULLS, *nulls):
+        marked |= np.isclose(numbers, null, rtol=1e-9, atol=0.0)
+    return marked
+
+
+def increasing(times: np.ndarray) -> np.ndarray:
+    """Places of the most samples whose times increase; those before and after a wrong time stay."""
+    places = np.flatnonzero(np.isfinite(times))
+    if (np.diff(times[places]) > 0).all():
+        return places
+    ends: list[float] = []
+    last: list[int] = []
+    before = np.full(times.size, -1)
+    for k in places.tolist():
+        at = bisect_left(ends, times[k])
+        before[k] = last[at - 1] if at else -1
+        if at == len(ends):
+            ends.append(float(times[k]))
+            last.append(k)
+        elif times[k] < ends[at]:
+            ends[at], last[at] = float(times[k]), k
+    kept, k = [], last[-1] if last else -1
+    while k >= 0:
+        kept.append(k)
+        k = int(before[k])
+    return np.array(kept[::-1], int)
+
+
+def spacing(times: np.ndarray) -> tuple[float, float]:
+    """(usual interval [s], what neighbours are at most apart without a gap): of even samples less than two intervals."""
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    if np.mean(np.abs(steps - usual) < 0.3 * usual) > 0.7:
+        return usual, 1.75 * usual
+    return usual, 10.0 * float(np.quantile(steps, 0.95))
+
+
+def marked(values: np.ndarray, kinds: tuple[str, ...] = KINDS) -> dict[str, np.ndarray]:
+    """{kind: where} of a channel whose nulls are nan: samples that are no data, each of one kind."""
+    found: dict[str, np.ndarray] = {}
+    values = values.copy()
+    for kind, rule in (("clipped", _clipped), ("drop-out", _dropped), ("reversed", _reversed), ("outlier", _outliers)):
+        if kind not in kinds:
+            continue
+        there = rule(values)
+        if there.any() and (kind == "drop-out" or there.mean() <= FEW):
+            found[kind] = there
+            values[there] = np.nan
+    return found
+
+
+def _groups(mask: np.ndarray) -> list[tuple[int, int]]:
+    """(first, one past the last) of each row of neighbours."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _clipped(values: np.ndarray) -> np.ndarray:
+    """Three or more of the largest or smallest value in a row, in a channel whose other neighbours differ."""
+    out = np.zeros(values.size, bool)
+    finite = values[np.isfinite(values)]
+    if finite.size < 10:
+        return out
+    same = np.diff(finite) == 0
+    typical = 0.5 * float(np.median(np.abs(np.diff(finite))))
+    for extreme in (finite.max(), finite.min()):
+        at = values == extreme
+        groups = [(a, b) for a, b in _groups(at) if b - a >= 3 and _met_abruptly(values, a, b, typical)]
+        inside = (finite[1:] == extreme) & (finite[:-1] == extreme)
+        others = same[~inside]
+        if extreme == 0 or not groups or at.all() or (others.size and others.mean() > 0.02) or others.size < 5:
+            continue
+        if len(groups) >= 2 or max(b - a for a, b in groups) >= 5:
+            out |= at
+    return out
+
+
+def _met_abruptly(values: np.ndarray, first: int, end: int, typical: float) -> bool:
+    """Whether a row of equal samples is met at the usual rate, and not by a rounded top that levels off."""
+    sides = [abs(values[k] - values[first]) for k in (first - 1, end) if 0 <= k < values.size and np.isfinite(values[k])]
+    return bool(sides) and float(np.mean(sides)) > typical
+
+
+def _span(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    low, high = np.quantile(finite, (0.02, 0.98)) if finite.size else (0.0, 0.0)
+    return float(high - low)
+
+
+def _dropped(values: np.ndarray) -> np.ndarray:
+    zero = values == 0.0
+    out = np.zeros(values.size, bool)
+    if not zero.any() or zero.all():
+        return out
+    others = np.where(zero, np.nan, values)
+    steps = np.abs(np.diff(others))
+    steps = steps[np.isfinite(steps)]
+    typical = float(np.quantile(steps, 0.995)) if steps.size else 0.0
+    size = float(np.nanquantile(np.abs(others), 0.5))
+    least = max(3.0 * typical, 0.1 * size)
+    for a, b in _groups(zero):
+        beside = [values[k] for k in (a - 1, b) if 0 <= k < values.size and np.isfinite(values[k])]
+        if beside and all(abs(value) > least for value in beside):
+            out[a:b] = True
+    return out
+
+
+def _between(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """What the neighbours that are not marked say of the marked samples: a straight line between them."""
+    good = np.isfinite(values) & ~mask
+    out = values.copy()
+    places = np.arange(values.size)
+    if good.sum() >= 2:
+        out[mask] = np.interp(places[mask], places[good], values[good])
+    return out
+
+
+def _standing_apart(values: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """(where a few samples jump away and back by more than `least`, and what their neighbours say of them)."""
+    good = np.flatnonzero(np.isfinite(values))
+    kept = values[good]
+    away = np.zeros(kept.size, bool)
+    jumps = np.diff(kept)
+    big = np.flatnonzero(np.abs(jumps) > least)
+    for i, first in enumerate(big.tolist()):
+        for last in big[i + 1 : i + 1 + ALONE].tolist():
+            inside = last - first
+            if inside > ALONE:
+                break
+            before, after = kept[first], kept[last + 1]
+            apart = kept[first + 1 : last + 1]
+            if (
+                jumps[first] * jumps[last] < 0
+                and abs(after - before) < 0.5 * least
+                and np.all(np.abs(apart - 0.5 * (before + after)) > least)
+            ):
+                away[first + 1 : last + 1] = True
+                break
+    out = np.zeros(values.size, bool)
+    out[good[away]] = True
+    return out, _between(values, out)
+
+
+def _reversed(values: np.ndarray) -> np.ndarray:
+    """Samples that stand apart from their neighbours, and whose opposite does not."""
+    away, meant = _standing_apart(values, max(4.0 * _noise(values), 0.05 * float(np.nanmax(np.abs(values), initial=0.0))))
+    closeness = np.abs(values + meant)
+    return away & (values * meant < 0) & (closeness < 0.25 * np.abs(values - meant))
+
+
+def _outliers(values: np.ndarray) -> np.ndarray:
+    span = _span(values)
+    if not span:
+        return np.zeros(values.size, bool)
+    away, _ = _standing_apart(values, max(8.0 * _noise(values), 0.6 * span))
+    return away
+
+
+def _noise(values: np.ndarray) -> float:
+    """Deviation of the samples from the line between their neighbours, by its median."""
+    finite = values[np.isfinite(values)]
+    second = np.abs(finite[1:-1] - 0.5 * (finite[2:] + finite[:-2]))
+    return float(1.4826 * np.median(second)) if second.size else 0.0

@@ -1,0 +1,169 @@
+"""Where a table begins in the text or the sheet of a recorder, what parts its cells, and which lines are its headings and units."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from toolbox.errors import SceneError
+from toolbox.logs.cells import decimal_mark, is_time, is_unit, plain_number
+
+MARKS = ("\t", ";", "|", ",", None)
+"""What may part cells; None for spaces."""
+
+LOOKED_AT = 400
+"""Rows by whose cells the marks of a log are told."""
+
+NONE = ("", "-", "--", "---", "nan", "na", "n/a", "null", "none", "#n/a", "nil", "no data", "bad", "missing", "***")
+"""Cells by which a log says that there is no value, in small letters."""
+
+_UNIT = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*")
+
+
+@dataclass
+class Column:
+    """A column of a log: its name, unit (None where the log has none) and cells, numbers or text."""
+
+    name: str
+    unit: str | None
+    cells: Any
+
+
+@dataclass
+class Source:
+    """What a log holds. bare: numbers without a unit are SI;  notes: what was found, in words;  mark: decimal mark of its text;  nulls: those it declares."""
+
+    columns: list[Column]
+    what: str
+    bare: bool = False
+    mark: str = "."
+    notes: list[str] = field(default_factory=list)
+    nulls: tuple[float, ...] = ()
+
+
+def named(heading: str) -> tuple[str, str | None]:
+    """(name, unit) of a heading such as `WOB [klbf]` or `Torque (surface) (kN m)`; brackets that hold no unit are part of the name."""
+    match = _UNIT.fullmatch(" ".join(heading.split()))
+    inside = None if match is None else match[2] if match[2] is not None else match[3]
+    if match is None or inside is None or not match[1] or not is_unit(inside):
+        return " ".join(heading.split()), None
+    return match[1], inside.strip().replace("-", "1") if inside.strip() in ("-", "") else inside.strip()
+
+
+def of_text(text: str, where: str, decimal: str | None = None) -> Source:
+    """The columns of a table in text.
+
+    Raises SceneError where no table is found, it has no headings, or commas may be decimal as well as of thousands.
+    """
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    mark, width = _parted(lines, where)
+    rows = _rows(lines, mark)
+    seen = [cell for row in rows[-LOOKED_AT:] if len(row) == width for cell in row]
+    point = decimal or ("." if mark == "," and not any(re.fullmatch(r"[+-]?\d+,\d+", cell) for cell in seen) else decimal_mark(seen))
+    if point is None:
+        raise SceneError(
+            f'{where} must tell thousands from decimals, but `{next(cell for cell in seen if "," in cell)}` may be either: give `decimal=","` or `decimal="."`.'
+        )
+    source = of_rows(rows, where, point)
+    words = {"\t": "tabulators", ";": "semicolons", "|": "bars", ",": "commas", None: "spaces"}[mark]
+    source.notes.insert(0, f"cells parted by {words}" + (", decimal comma" if point == "," else ""))
+    return source
+
+
+def of_rows(rows: Sequence[Sequence[Any]], where: str, mark: str = ".") -> Source:
+    """The columns of a table in rows of cells, text or numbers: preamble, headings, units and data."""
+    width = Counter(len(row) for row in rows[-LOOKED_AT:]).most_common(1)[0][0]
+    first = _first_of_data(rows, width, mark)
+    if first is None or first == 0:
+        raise SceneError(
+            f"{where} must have a line of headings above its numbers, but it has none: write one, such as `time [s],bit.speed [rpm]`."
+        )
+    above = [list(map(_heading, row)) for row in rows[:first]]
+    units: list[str] | None = None
+    head = above[-1]
+    if len(above) > 1 and len(above[-2]) == width and _are_units(above[-1]) and sum(map(bool, above[-2])) >= sum(map(bool, above[-1])):
+        units, head = [cell.strip("[]() ") for cell in above[-1]], above[-2]
+    if len(head) != width:
+        raise SceneError(f"{where} must have a heading for each of its {width} columns, but the line above the numbers has {len(head)}.")
+    preamble = first - 1 - (units is not None)
+    data = rows[first:]
+    whole = [row for row in data if len(row) == width]
+    columns, there = [], Counter[str]()
+    for i, heading in enumerate(head):
+        name, unit = named(heading)
+        if units is not None and unit is None:
+            unit = units[i] if units[i] not in ("", "-", "1") else None if not units[i] else "1"
+        there[name] += 1
+        if name:
+            columns.append(Column(name if there[name] == 1 else f"{name} ({there[name]})", unit, [row[i] for row in whole]))
+    notes = [f"{preamble} line(s) above the headings passed over"] if preamble > 0 else []
+    notes += [f"`{name}` is there {count} times: the second is called `{name} (2)`" for name, count in there.items() if count > 1 and name]
+    if len(whole) < len(data):
+        notes.append(f"{len(data) - len(whole)} line(s) of another length than the others left out")
+    return Source(columns, "table", mark=mark, notes=notes, nulls=_declared(rows[:first]))
+
+
+def _heading(cell: Any) -> str:
+    return "" if cell is None or cell != cell else str(cell).strip().strip("\ufeff").strip('"')
+
+
+def _declared(above: Sequence[Sequence[Any]]) -> tuple[float, ...]:
+    """Numbers that lines above the headings declare to mean no value."""
+    found = (
+        re.search(r"\b(?:null|no ?data|missing)\b[^\d+-]*([+-]?\d+(?:\.\d+)?)", " ".join(map(_heading, row)), re.IGNORECASE)
+        for row in above
+    )
+    return tuple(float(match[1]) for match in found if match)
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    given = [cell.strip("[]() ") for cell in cells if cell]
+    dates = re.compile(r"[ymdhs:./\- tfZ]+", re.IGNORECASE)
+    return bool(given) and all(is_unit(cell) or dates.fullmatch(cell) for cell in given)
+
+
+def _rows(lines: Sequence[str], mark: str | None) -> list[list[str]]:
+    if mark is None:
+        return [line.split() for line in lines]
+    rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=mark)]
+    if len(rows) > 2 and all(not row[-1] for row in rows[-LOOKED_AT:] if row):  # a mark at the end of every line
+        rows = [row[:-1] if row and not row[-1] else row for row in rows]
+    return rows
+
+
+def _is_value(cell: Any, mark: str) -> bool:
+    return isinstance(cell, (int, float)) or plain_number(cell, mark) == plain_number(cell, mark) or is_time(cell)
+
+
+def _parted(lines: Sequence[str], where: str) -> tuple[str | None, int]:
+    """(what parts the cells, how many there are in a row): what gives most cells that are numbers in rows of one length."""
+    last = lines[-LOOKED_AT:]
+    best: tuple[float, str | None, int] = (0.0, None, 0)
+    for mark in MARKS:
+        rows = _rows(last, mark)
+        width, count = Counter(map(len, rows)).most_common(1)[0] if rows else (0, 0)
+        if width < 2:
+            continue
+        cells = [cell for row in rows if len(row) == width for cell in row]
+        good = sum(cell.lower() in NONE or _is_value(cell, "." if mark == "," else ",") or _is_value(cell, ".") for cell in cells)
+        score = good / len(cells) * count / len(rows) - (0.05 if mark is None else 0.02 if mark == "," else 0.0)
+        if score > best[0] + 1e-9:
+            best = score, mark, width
+    if best[0] < 0.3:
+        raise SceneError(
+            f"{where} must hold a table of numbers whose cells are parted by commas, semicolons, tabulators or spaces, but none was found."
+        )
+    return best[1], best[2]
+
+
+def _first_of_data(rows: Sequence[Sequence[Any]], width: int, mark: str) -> int | None:
+    """The first row that holds values: of the width of most, and at least half of its cells that are not empty are numbers or times."""
+    for k, row in enumerate(rows):
+        cells = [cell for cell in row if _heading(cell)]
+        if len(row) == width and cells and sum(_is_value(cell, mark) for cell in cells) > 0.5 * len(cells):
+            return k
+    return None

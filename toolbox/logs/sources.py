@@ -1,0 +1,163 @@
+"""Files of logs by their kind, each read by the library of its format: text, sheets and parquet by pandas, LAS by lasio, MAT 7.3 by pymatreader."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.files.mat import read_mat
+from toolbox.files.reading import TEXT, content
+from toolbox.logs.grids import Column, Source, named, of_rows, of_text
+
+EXTRA = "pip install 'stickslip-toolbox[data]'"
+
+WITSML = (
+    "is WITSML, which is not read: write the text of its `mnemonicList` as the first line of a CSV file, that of its `unitList` as the second, "
+    "and those of its `data` below, and read that"
+)
+
+
+def from_file(path: Path, decimal: str | None = None) -> Source:
+    """The columns of a file. Raises SceneError where it cannot be read, and ImportError that names the extra where its library is not there."""
+    kind, where = path.suffix.lower(), f"File `{path}`"
+    if kind == ".mat":
+        return _of_mat(path)
+    held = content(path, TEXT)
+    if not held.strip():
+        raise SceneError(f"{where} must hold a table, but it is empty.")
+    if kind in (".xlsx", ".xls", ".ods", ".parquet"):
+        return _by_pandas(path, kind, held)
+    text = decoded(held)
+    start = text.lstrip()[:4000].lower()
+    if kind == ".xml" or start.startswith(("<?xml", "<log", "<witsml")):
+        raise SceneError(f"{where} {WITSML if 'witsml' in start or '<log' in start else 'is XML, which is not read: save it as CSV'}.")
+    if kind == ".las" or start.startswith("~v"):
+        return _of_las(path, text)
+    if "\0" in text:
+        raise SceneError(f"{where} must be a table in text, a sheet (xlsx), parquet, LAS or MAT file, but it is none of these.")
+    return of_text(text, where, decimal)
+
+
+def decoded(held: bytes) -> str:
+    """Text in UTF-8, UTF-16 with its mark, or else the alphabet of Western Windows, which every file is."""
+    if held[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return held.decode("utf-16", errors="replace")
+    try:
+        return held.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return held.decode("cp1252", errors="replace")
+
+
+def from_mapping(given: Mapping[str, Any]) -> Source:
+    """Columns of a mapping of names to values, whose numbers are SI where their name has no unit."""
+    columns = []
+    for heading, cells in given.items():
+        name, unit = named(heading) if "[" in heading else (heading, None)
+        columns.append(Column(name, unit, cells))
+    return Source(columns, "given data", bare=True)
+
+
+def from_frame(table: Any, bare: bool) -> Source:
+    """Columns of a table of pandas; the index is the time where no column is called so."""
+    columns = [Column(*named(str(heading)), table[heading].to_numpy()) for heading in table.columns]
+    index, words = table.index, [str(column.name).lower() for column in columns]
+    plain = index.name is None and type(index).__name__ == "RangeIndex"
+    if not plain and "time" not in words and index.nlevels == 1:
+        if hasattr(index, "total_seconds"):
+            columns.insert(0, Column("time", "s", index.total_seconds().to_numpy()))
+        else:
+            name, unit = named(str(index.name)) if index.name else ("time", None)
+            columns.insert(0, Column(name if index.name else "time", unit, _zoned(index)))
+    for i, column in enumerate(columns):
+        columns[i].cells = _plain(column.cells)
+    return Source(columns, "table of pandas", bare=bare)
+
+
+def _zoned(index: Any) -> Any:
+    return index.tz_convert("UTC").tz_localize(None).to_numpy() if getattr(index, "tz", None) is not None else index.to_numpy()
+
+
+def _plain(cells: Any) -> Any:
+    """Cells of pandas as those of numpy: spans of time in seconds, what has a zone in UTC."""
+    array = np.asarray(cells)
+    if array.dtype.kind == "m":
+        return array / np.timedelta64(1, "s")
+    return array
+
+
+def _by_pandas(path: Path, kind: str, held: bytes) -> Source:
+    try:
+        import pandas
+
+        if kind == ".parquet":
+            return from_frame(pandas.read_parquet(io.BytesIO(held)), bare=False)
+        sheets = pandas.read_excel(io.BytesIO(held), header=None, sheet_name=None)
+    except ImportError as error:
+        raise ImportError(f"A file such as `{path.name}` is read by pandas with pyarrow and openpyxl, but {error}: {EXTRA}") from None
+    except (ValueError, OSError, KeyError, zipfile.BadZipFile) as error:
+        raise SceneError(
+            f"File `{path}` must be {'parquet' if kind == '.parquet' else 'a sheet'}, but it cannot be read: {error}."
+        ) from None
+    full = {name: sheet for name, sheet in sheets.items() if sheet.shape[0] > 1 and sheet.shape[1] > 1}
+    if not full:
+        raise SceneError(f"File `{path}` must hold a table, but its sheets are empty.")
+    name, sheet = max(full.items(), key=lambda pair: pair[1].size)
+    source = of_rows(sheet.astype(object).where(sheet.notna(), None).values.tolist(), f"File `{path}`, sheet `{name}`,")
+    source.notes.insert(0, f"sheet `{name}`" + (f" of {len(sheets)}, the largest" if len(sheets) > 1 else ""))
+    return source
+
+
+def _of_las(path: Path, text: str) -> Source:
+    try:
+        import lasio
+    except ImportError:
+        raise ImportError(f"LAS files such as `{path.name}` are read by lasio, which is not there: {EXTRA}") from None
+    try:
+        las = lasio.read(io.StringIO(text), null_policy="none")
+    except Exception as error:  # lasio has no common base for what it raises
+        raise SceneError(f"File `{path}` must be a LAS file, but it cannot be read: {error}.") from None
+    columns = [Column(curve.mnemonic, curve.unit or None, curve.data) for curve in las.curves]
+    if (
+        columns
+        and (columns[0].unit or "").lower() in ("m", "ft", "f", "feet", "meter")
+        and columns[0].name.lower()[:4] in ("dept", "md", "tvd", "dmea")
+    ):
+        times = [column.name for column in columns if column.name.lower() in ("time", "etim", "tim")]
+        if not times:
+            raise SceneError(
+                f"File `{path}` must be a log over time, but it is one over depth (`{columns[0].name}`): export the log over time."
+            )
+    nulls = tuple(float(item.value) for item in las.well if item.mnemonic.upper() == "NULL" and isinstance(item.value, (int, float)))
+    return Source(columns, "LAS file", nulls=nulls)
+
+
+def _of_mat(path: Path) -> Source:
+    head = content(path)[:128]
+    if head[:4] != b"\x89HDF" and head[124:128] not in (b"\0\2IM", b"\2\0MI"):
+        return from_mapping(read_mat(path))
+    try:
+        import pymatreader
+    except ImportError:
+        raise ImportError(
+            f"`{path.name}` is a MAT file of version 7.3, read by pymatreader, which is not there: {EXTRA}, or save it with `-v7`."
+        ) from None
+    try:
+        found = pymatreader.read_mat(str(path))
+    except Exception as error:  # of h5py, which has no common base
+        raise SceneError(f"File `{path}` must be a MAT file, but it cannot be read as one of version 7.3: {error}. Save it with `-v7`.") from None
+    return from_mapping(dict(_flat(found)))
+
+
+def _flat(found: Mapping[str, Any], before: str = "") -> Any:
+    """(name, values) of the arrays in structures, `log.wob`."""
+    for name, value in found.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{before}{name}.")
+        elif isinstance(value, (np.ndarray, list)) and np.size(value) > 1:
+            yield before + name, value

@@ -239,15 +239,27 @@ def matrix_read(path: Path) -> Any:
 
 
 def csv_said(path: Path) -> Any:
-    """What the table says, read in another way."""
-    lines = [line for line in path.read_text("utf-8-sig").splitlines() if not line.lstrip().startswith("#")]
-    headings, *rows = ([cell.strip() for cell in line.split(max(",;\t", key=lines[0].count))] for line in lines if line.strip(" \t,;"))
+    """What the rows of the table say, read in another way; nan for a cell that is no number."""
+
+    def number(cell: str) -> float:
+        try:
+            return float(cell)
+        except ValueError:
+            return np.nan
+
+    held = path.read_bytes()
+    try:
+        text = held.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = held.decode("cp1252", errors="replace")
+    lines = [line for line in text.splitlines() if line.strip(" \t,;") and not line.lstrip().startswith("#")]
+    headings, *rows = ([cell.strip() for cell in line.split(max(",;\t", key=lines[0].count))] for line in lines)
+    rows = [row for row in rows if len(row) == len(headings)]
     found = {}
-    for heading, column in zip(headings, np.array(rows, float).T, strict=True):
+    for heading, column in zip(headings, np.array([[number(cell) for cell in row] for row in rows]).T, strict=True):
         name, _, unit = heading.rstrip("] ").partition("[")
         found[name.strip().casefold()] = column * {"m/s": 1.0, "mm": 1e-3, "m": 1.0, "s": 1.0}.get(unit.strip(), np.nan)
-    time = found.pop("time")
-    return time - time[0], found
+    return found.pop("time"), found
 
 
 def mtx_said(path: Path) -> Any:
@@ -264,10 +276,16 @@ def mtx_said(path: Path) -> Any:
 
 
 def same_table(found: Any, said: Any) -> bool:
-    """Whether a recording holds what a table says, to round-off."""
-    time, columns = said
-    pairs = [(np.frombuffer(found[0]), time), *((np.frombuffer(values), columns[name]) for name, values in found[1].items())]
-    return all(one.shape == other.shape and np.allclose(one, other, rtol=1e-12, atol=1e-300) for one, other in pairs)
+    """Whether every sample that a recording holds stands in the table at its time; what it left out may be any."""
+    there, columns = said
+    time, kept = np.frombuffer(found[0]), {name: np.frombuffer(values) for name, values in found[1].items()}
+
+    def stands(t: float, k: int) -> bool:
+        rows = np.abs(there - t) < 1e-9  # several where a time is repeated
+        return all(np.isnan(v[k]) or np.isclose(columns[name][rows], v[k], rtol=1e-12, atol=1e-300).any() for name, v in kept.items())
+
+    begins = there[np.isfinite(there)]  # one of them was the first that was kept
+    return any(all(stands(begin + t, k) for k, t in enumerate(time)) for begin in begins)
 
 
 SAID: dict[str, Callable[[Path, Any], bool]] = {

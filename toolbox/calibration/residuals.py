@@ -117,7 +117,8 @@ class Simulated:
         nothing = np.empty((2, 0))
         values = ((name, self.plant.unit(name), self.measured[name], self.measured[name] + left[name]) for name in self.outputs)
         return tuple(
-            Panel(name, unit, TIME, self.time[name], measured, model, np.zeros(measured.size, bool), nothing) for name, unit, measured, model in values
+            Panel(name, unit, TIME, self.time[name], measured, model, np.zeros(measured.size, bool), nothing)
+            for name, unit, measured, model in values
         )
 
     def allowed(self, values: np.ndarray) -> None:

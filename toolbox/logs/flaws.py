@@ -26,7 +26,7 @@ HUGE = 1e29
 """Numbers from here on mean none, as 1e30 does."""
 
 FEW = 0.05
-"""Rules that look at neighbours mark at most this part of a channel: beyond it the channel is not understood, and stands as it is."""
+"""Rules for single samples mark at most this part of a channel: beyond it the channel is not understood, and stands as it is."""
 
 ALONE = 5
 """Samples in a row, at most, that may be outliers or reversed."""
@@ -108,7 +108,7 @@ def marked(values: np.ndarray, kinds: tuple[str, ...] = KINDS) -> dict[str, np.n
         if kind not in kinds:
             continue
         there = rule(values)
-        if there.any() and (kind == "drop-out" or there.mean() <= FEW):
+        if there.any() and (kind in ("clipped", "drop-out") or there.mean() <= FEW):
             found[kind] = there
             values[there] = np.nan
     return found
@@ -196,7 +196,7 @@ def _standing_apart(values: np.ndarray, least: float) -> tuple[np.ndarray, np.nd
             apart = kept[first + 1 : last + 1]
             if (
                 jumps[first] * jumps[last] < 0
-                and abs(after - before) < 0.5 * least
+                and abs(after - before) < 0.5 * min(abs(jumps[first]), abs(jumps[last]))
                 and np.all(np.abs(apart - 0.5 * (before + after)) > least)
             ):
                 away[first + 1 : last + 1] = True

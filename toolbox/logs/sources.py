@@ -119,7 +119,7 @@ def _of_las(path: Path, text: str) -> Source:
     except ImportError:
         raise ImportError(f"LAS files such as `{path.name}` are read by lasio, which is not there: {EXTRA}") from None
     try:
-        las = lasio.read(io.StringIO(text), null_policy="none")
+        las = lasio.read(io.StringIO(text), null_policy="none", engine="normal")
     except Exception as error:  # lasio has no common base for what it raises
         raise SceneError(f"File `{path}` must be a LAS file, but it cannot be read: {error}.") from None
     columns = [Column(curve.mnemonic, curve.unit or None, curve.data) for curve in las.curves]
@@ -133,7 +133,9 @@ def _of_las(path: Path, text: str) -> Source:
             raise SceneError(
                 f"File `{path}` must be a log over time, but it is one over depth (`{columns[0].name}`): export the log over time."
             )
-    nulls = tuple(float(item.value) for item in las.well if item.mnemonic.upper() == "NULL" and isinstance(item.value, (int, float)))
+    nulls = tuple(
+        float(item.value) for item in las.well if item.mnemonic.upper() == "NULL" and isinstance(item.value, (int, float, np.number))
+    )
     return Source(columns, "LAS file", nulls=nulls)
 
 
@@ -150,7 +152,9 @@ def _of_mat(path: Path) -> Source:
     try:
         found = pymatreader.read_mat(str(path))
     except Exception as error:  # of h5py, which has no common base
-        raise SceneError(f"File `{path}` must be a MAT file, but it cannot be read as one of version 7.3: {error}. Save it with `-v7`.") from None
+        raise SceneError(
+            f"File `{path}` must be a MAT file, but it cannot be read as one of version 7.3: {error}. Save it with `-v7`."
+        ) from None
     return from_mapping(dict(_flat(found)))
 
 

@@ -28,6 +28,9 @@ HUGE = 1e29
 FEW = 0.05
 """Rules for single samples mark at most this part of a channel: beyond it the channel is not understood, and stands as it is."""
 
+SATURATED = 0.25
+"""A channel that is at its end for longer is a machine at rest, or is no measurement at all: only a part of it can be clipped."""
+
 ALONE = 5
 """Samples in a row, at most, that may be outliers or reversed."""
 
@@ -137,7 +140,7 @@ def _clipped(values: np.ndarray) -> np.ndarray:
             continue
         if len(groups) >= 2 or max(b - a for a, b in groups) >= 5:
             out |= at
-    return out
+    return out if out.mean() <= SATURATED else np.zeros(values.size, bool)
 
 
 def _met_abruptly(values: np.ndarray, first: int, end: int, typical: float) -> bool:

@@ -76,19 +76,7 @@ def of_text(text: str, where: str, decimal: str | None = None) -> Source:
 
 def of_rows(rows: Sequence[Sequence[Any]], where: str, mark: str = ".") -> Source:
     """The columns of a table in rows of cells, text or numbers: preamble, headings, units and data."""
-    width = Counter(len(row) for row in rows[-LOOKED_AT:]).most_common(1)[0][0]
-    first = _first_of_data(rows, width, mark)
-    if first is None or first == 0:
-        raise SceneError(
-            f"{where} must have a line of headings above its numbers, but it has none: write one, such as `time [s],bit.speed [rpm]`."
-        )
-    above = [list(map(_heading, row)) for row in rows[:first]]
-    units: list[str] | None = None
-    head = above[-1]
-    if len(above) > 1 and len(above[-2]) == width and _are_units(above[-1]) and sum(map(bool, above[-2])) >= sum(map(bool, above[-1])):
-        units, head = [cell.strip("[]() ") for cell in above[-1]], above[-2]
-    if len(head) != width:
-        raise SceneError(f"{where} must have a heading for each of its {width} columns, but the line above the numbers has {len(head)}.")
+    width, first, head, units = _headed(rows, where, mark)
     preamble = first - 1 - (units is not None)
     data = rows[first:]
     whole = [row for row in data if len(row) == width]
@@ -105,6 +93,24 @@ def of_rows(rows: Sequence[Sequence[Any]], where: str, mark: str = ".") -> Sourc
     if len(whole) < len(data):
         notes.append(f"{len(data) - len(whole)} line(s) of another length than the others left out")
     return Source(columns, "table", mark=mark, notes=notes, nulls=_declared(rows[:first]))
+
+
+def _headed(rows: Sequence[Sequence[Any]], where: str, mark: str) -> tuple[int, int, list[str], list[str] | None]:
+    """(columns, first row of data, headings, units of a line of their own)."""
+    width = Counter(len(row) for row in rows[-LOOKED_AT:]).most_common(1)[0][0]
+    first = _first_of_data(rows, width, mark)
+    if first is None or first == 0:
+        raise SceneError(
+            f"{where} must have a line of headings above its numbers, but it has none: write one, such as `time [s],bit.speed [rpm]`."
+        )
+    above = [list(map(_heading, row)) for row in rows[:first]]
+    units: list[str] | None = None
+    head = above[-1]
+    if len(above) > 1 and len(above[-2]) == width and _are_units(above[-1]) and sum(map(bool, above[-2])) >= sum(map(bool, above[-1])):
+        units, head = [cell.strip("[]() ") for cell in above[-1]], above[-2]
+    if len(head) != width:
+        raise SceneError(f"{where} must have a heading for each of its {width} columns, but the line above the numbers has {len(head)}.")
+    return width, first, head, units
 
 
 def _heading(cell: Any) -> str:

@@ -179,19 +179,24 @@ static int communication_step(Unit *u, double until, int stop) {
   return status == @UPPER@_DONE ? 1 : 2;
 }
 
+/* Whether a time is the present one for an importer, whose sums of steps may end some last bits before it. */
+static int now(const @NAME@ *w, double t) {
+  return t < INFINITY && fabs(t - w->reals[AT_TIME]) <= 1e-12 * fmax(1.0, fabs(t));
+}
+
 /* What is due in event mode. *again: something has changed, ask again; *next: time of the next sample or jump, else infinite. */
 static int events_here(Unit *u, int *again, double *next) {
   @NAME@ *w = &u->machine;
   const double stop = loop_next_stop(w);
   int status;
-  if (stop < INFINITY && fabs(stop - w->reals[AT_TIME]) <= 1e-12 * fmax(1.0, fabs(stop))) w->reals[AT_TIME] = stop; /* importers may come an ulp early */
+  if (now(w, stop)) w->reals[AT_TIME] = stop;
   w->ints[AT_EVENTS] = 0;
   @NAME@_jump(w);
   status = (int)loop_event_mode(w, u->entered);
   u->entered = u->fresh = 0;
   if (status > 0) return refused(u, @NAME@_status_text(status));
-  *again = status < 0;
   *next = loop_next_stop(w);
+  *again = status < 0 || now(w, *next); /* a sample and a delayed output an ulp apart are one instant: no importer can step from one to the other */
   return 1;
 }
 

@@ -1,0 +1,114 @@
+"""What do a million calls of 1 ms cost on a test bench, and what is the most that one of them does?
+
+A plant in C is stepped 1000 s on, 1 ms a call, as a real-time target does it: mean processor time of a call, the most steps of the engine and the most
+switches in one call, calls that had to be made again because they had done all that one call may, and by how much the memory of the process grew after
+the first thousand calls. At the end the same from Python, by `stepper`.
+
+    python -m studies million_calls [SCENE ...] [--calls 1000000]        (needs a C compiler)
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import subprocess
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from studies.benchmarks.machines_in_c import COMPILER, FAST
+from toolbox import Scene, export_c, stepper
+from toolbox.modelling.closed_loop import ClosedLoop
+
+SCENES = ("block_on_belt", "jansen_2", "bit_bounce", "creep_groan", "aarsnes_shor")
+
+PROGRAM = """
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/resource.h>
+#include <time.h>
+#include "@.h"
+static @ machine;
+static long memory(void) {
+  struct rusage used;
+  getrusage(RUSAGE_SELF, &used);
+  return used.ru_maxrss;
+}
+int main(int count, char **word) {
+  const long calls = atol(word[count - 1]);
+  long k, most_steps = 0, most_events = 0, again = 0, first = 0;
+  clock_t begin = clock();
+  @_start(&machine);
+  for (k = 1; k <= calls; ++k) {
+    const long before = (long)@_engine_steps(&machine);
+    long events = 0, steps;
+    int status;
+    while ((status = @_step(&machine, 1e-3 * (double)k)) == 3) {
+      ++again;
+      events += @_events(&machine);
+    }
+    events += @_events(&machine);
+    if (status != 0) {
+      printf("%s at call %ld\\n", @_status_text(status), k);
+      return 1;
+    }
+    steps = (long)@_engine_steps(&machine) - before;
+    if (steps > most_steps) most_steps = steps;
+    if (events > most_events) most_events = events;
+    if (k == 1000) first = memory();
+  }
+  printf("%g %ld %ld %ld %ld\\n", (double)(clock() - begin) / CLOCKS_PER_SEC / (double)calls, most_steps, most_events, again, memory() - first);
+  return 0;
+}
+"""
+
+
+def in_c(loop: ClosedLoop, folder: Path, calls: int) -> tuple[float, int, int, int, int]:
+    """(processor time of a call [s], most steps, most switches, calls made again, growth of memory [KiB]). Raises RuntimeError where the machine stops."""
+    source, _ = export_c(loop, folder / "plant", part="loop")
+    (source.parent / "bench.c").write_text(PROGRAM.replace("@", "plant"))
+    program = source.parent / "bench"
+    if COMPILER is None:
+        raise RuntimeError("A C compiler is needed, but there is neither `gcc` nor `cc`.")
+    subprocess.run([COMPILER, *FAST, str(source), str(source.parent / "bench.c"), "-lm", "-o", str(program)], check=True)
+    done = subprocess.run([str(program), str(calls)], capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(done.stdout.strip())
+    mean, *counts = done.stdout.split()
+    steps, events, again, grown = map(int, counts)
+    return float(mean), steps, events, again, grown
+
+
+def in_python(loop: ClosedLoop, calls: int) -> tuple[float, int, int]:
+    """(processor time of a call of `stepper` [s], most switches, growth of memory [KiB])."""
+    machine = stepper(loop, 1e-3, outputs=loop.system.signals and next(iter(loop.system.signals)))
+    most, first, begin = 0, 0, time.process_time()
+    for k in range(calls):
+        machine.step()
+        most = max(most, len(machine.events))
+        if k == 1000:
+            first = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return (time.process_time() - begin) / calls, most, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - first
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("scenes", nargs="*", default=SCENES, metavar="SCENE", help="shipped scenes of equations; five without")
+    parser.add_argument("--calls", type=int, default=1_000_000, help="calls of 1 ms")
+    given = parser.parse_args(arguments)
+    print(f"{'scene':<20}{'a call':>10}{'most steps':>12}{'switches':>10}{'again':>7}{'memory grew':>13}")
+    for name in given.scenes:
+        scene = Scene.load(Path("studies/scenes") / f"{name}.toml")
+        loop = scene[scene.labels[0]]
+        with tempfile.TemporaryDirectory() as folder:
+            mean, steps, events, again, grown = in_c(loop, Path(folder), given.calls)
+        print(f"{name:<20}{1e6 * mean:>7.2f} us{steps:>12}{events:>10}{again:>7}{grown:>9} KiB", flush=True)
+    scene = Scene.load(Path("studies/scenes") / f"{given.scenes[0]}.toml")
+    mean, events, grown = in_python(scene[scene.labels[0]], given.calls)
+    print(f"{given.scenes[0]}, from Python: {1e6 * mean:.2f} us a call, at most {events} switches in one, memory grew by {grown} KiB")
+
+
+if __name__ == "__main__":
+    main()

@@ -29,6 +29,13 @@ from toolbox.inputs import sine
 from toolbox.modelling import OptionalQuantity
 
 
+def declared_load(plant: HybridSystem, load: str) -> float:
+    """The default [N] of an input of a plant; raises SceneError where it is none."""
+    if load not in plant.inputs:
+        raise SceneError(f"Argument `load` must be an input of the plant, but `{load}` is none of {', '.join(plant.inputs)}.")
+    return float(np.array(plant.input_defaults(plant.values)).ravel()[list(plant.inputs).index(load)])
+
+
 @dataclass(frozen=True, kw_only=True)
 class LoadDither(Controller):
     """What the dithers of a normal load share: they drive `load` with mean (1 + depth wave), |wave| <= 1.
@@ -51,10 +58,7 @@ class LoadDither(Controller):
         """The law with the mean load read from the plant."""
         if self.mean is not None or self.over is not None:
             return self
-        if self.load not in plant.inputs:
-            raise SceneError(f"Argument `load` must be an input of the plant, but `{self.load}` is none of {', '.join(plant.inputs)}.")
-        place = list(plant.inputs).index(self.load)
-        return replace(self, mean=float(np.array(plant.input_defaults(plant.values)).ravel()[place]))
+        return replace(self, mean=declared_load(plant, self.load))
 
     def loaded(self, signal: Any, wave: Any) -> dict[str, tuple[Any, str]]:
         """The load under a wave between -1 and 1."""

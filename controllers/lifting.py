@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 
 from controllers.bumpless import acting, begun
+from controllers.dither import declared_load
 from controllers.observers import Kalman
 from controllers.observers.linear import StringObserver
 from controllers.string_model import lumped_string
@@ -22,8 +23,8 @@ SWING, STILL = 0.8, 0.5
 """Amplitudes of the string's torque over its impedance, in parts of the set-point: from the first on a dip may be a stick, below the second the bit is calm."""
 APART, CALM, WATCHED = 20.0, 0.5, 54.0
 """Periods of the string: between two dips that are one evidence, of calm until the set-point comes down, and until a relapse is a new event."""
-STEEPER, CHANGED = 0.5, 0.05
-"""What is added to a lift that does not help, in parts of the set-point; change of the set-point that counts as new."""
+CHANGED = 0.05
+"""Change of the set-point that counts as new, in parts of it."""
 
 
 @dataclass(frozen=True)
@@ -33,29 +34,39 @@ class Lifting(Controller):
         a dip:  bit speed < 0.35 L  and  sqrt(2 var(torque of the string)) > 0.8 L zeta,   after a bit speed > 0.5 L;   L = lifted set-point
 
     A Kalman filter on the declared string gives bit speed and torque from the top speed and the torque command; the variance is one over a period of
-    the string. Two dips within 20 periods are the evidence. L then rises to `first` times what is asked; two dips more add 0.5 each time. Once the amplitude
-    stays below half of L for half a period, L comes down. Two dips on the way down, or within 54 periods after it, are a relapse: L rises to what calmed the
-    bit before, and after n relapses it comes down 1 + n^2 / 2 times more slowly. After `tries` relapses, or where `highest` does not help, the law gives up: it
-    comes down and lifts no more until what is asked changes by 5 %. A weight that varies is no evidence: it makes no dips with so large a swing. Another
-    set-point is followed at the same rates, so that a step of it is none either.
+    the string. Two dips within 20 periods are the evidence. L then rises to `first` times what is asked; two dips more add `further` each time. Once the
+    amplitude stays below half of L for half a period, L comes down. Two dips on the way down, or within 54 periods after it, are a relapse: L rises to what
+    calmed the bit before, and after n relapses it comes down 1 + n^2 / 2 times more slowly. After `tries` relapses, or where `highest` does not help, the law
+    gives up: it comes down and lifts no more until what is asked changes by 5 %. A weight that varies is no evidence: it makes no dips with so large a swing.
+    Another set-point is followed at the same rates, so that a step of it is none either.
 
     Why: a stick-slip that lives beside smooth running at one set-point does not at a higher one, where the rock is flatter. The price is speed: while
-    lifted the bit turns faster than asked. It helps where the law inside holds smooth running at what is asked and damps the string, and gives up where it
-    does not: a stiff drive leaves the string swinging for minutes.
+    lifted the top turns at twice what is asked and more, for half a minute to a minute (`python -m studies recovery`). It helps where the law inside holds
+    smooth running at what is asked and damps the string, and gives up where it does not: a stiff drive leaves the string swinging for minutes.
+
+    With `relief` the law takes weight off as well, as an auto-driller can: while the set-point is lifted the weight goes down by that share at the rate
+    `off`, and then comes back at `back`. A smaller, slower lift is then enough, such as `first=1.3, further=0.25, rise=0.2, relief=0.4`; the price is less
+    weight for two minutes. The law then drives `bit.weight`, and reads the weight that is asked from `weight.reference`, of which `weight` is the default.
 
     `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. Recorded
-    are `lifting.reference` (L), `lifting.lifts` (their number), `lifting.gave_up` (the set-point at which it did, else 0) and `lifting.held` (how
-    far above the set-point the bit calmed last). Sampled only. Around a law that is designed as a callable, such as a predictive one, the whole is a
-    callable; `run.laws[0].inside` holds that law. Source: the practice of lifting the rotary speed against stick-slip; the rule is a choice of this file.
+    are `lifting.reference` (L), `lifting.lifts` (their number), `lifting.gave_up` (the set-point at which it did, else 0), `lifting.held` (how far above the
+    set-point the bit calmed last), and with `relief` `lifting.relief` (the share that is off). Sampled only. Around a law that is designed as a callable, such
+    as a predictive one, the whole is a callable; `run.laws[0].inside` holds that law. Source: the practice of lifting the rotary speed against stick-slip; the
+    rule is a choice of this file.
     """
 
     law: Controller = field(default_factory=Controller)
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
     first: Quantity = quantity(2.0, "1", "first lifted set-point in parts of what is asked", above=1)
+    further: Quantity = quantity(0.5, "1", "what is added to a lift that does not help, in parts of what is asked", above=0)
     highest: Quantity = quantity(4.0, "1", "highest one", above=1)
     rise: Quantity = quantity(0.5, "rad/s2", "rate at which the set-point is lifted", above=0)
     fall: Quantity = quantity(0.3, "rad/s2", "rate at which it is lowered", above=0)
     tries: Quantity = quantity(2.0, "1", "relapses until it gives up", at_least=0)
+    relief: OptionalQuantity = quantity(None, "1", "share of the weight that is taken off; none unless given", above=0, at_most=1)
+    off: Quantity = quantity(0.05, "1/s", "rate at which weight is taken off, in parts of it", above=0)
+    back: Quantity = quantity(0.01, "1/s", "rate at which it comes back", above=0)
+    weight: OptionalQuantity = quantity(None, "N", "weight that is asked, default of `weight.reference`; filled in by design", at_least=0)
     string_period: OptionalQuantity = quantity(
         None, "s", "period of the string below a drive that does not swing; filled in by design", above=0
     )
@@ -69,8 +80,8 @@ class Lifting(Controller):
 
     @property
     def drives(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What the inner law drives."""
-        return self.law.drives
+        """What the inner law drives, and the weight where some is taken off."""
+        return self.law.drives if self.relief is None else (*self.law.drives, "bit.weight")
 
     def design(self, plant: HybridSystem) -> Controller:
         """The law with inner law and observer designed on the plant, and with the period and impedance of its string where they are not given."""
@@ -79,6 +90,8 @@ class Lifting(Controller):
             string = lumped_string(plant, "Lifting", "`string_period` and `string_impedance`")
             filled = {"string_period": 2.0 * math.pi / string.frequency, "string_impedance": string.impedance}
             filled = {name: value for name, value in filled.items() if getattr(self, name) is None}
+        if self.relief is not None and self.weight is None:
+            filled["weight"] = declared_load(plant, "bit.weight")
         return dataclasses.replace(self, law=self.law.design(plant), observer=self.observer.design(plant), **filled)
 
     def sampled(self, signal, period):
@@ -109,7 +122,7 @@ class Lifting(Controller):
         relapse = evidence * (1.0 - up) * watches
         ends = evidence * ca.if_else(up, level >= most, relapse * (relapses >= self.tries))
         lifts_now = evidence * (1.0 - ends)
-        higher_by = ca.if_else(up, level + STEEPER * asked, ca.if_else(relapse, held, (self.first - 1.0) * asked))
+        higher_by = ca.if_else(up, level + self.further * asked, ca.if_else(relapse, held, (self.first - 1.0) * asked))
         calms = up * (calm <= 0.0) * (1.0 - evidence)
         aim = ca.if_else(lifts_now, ca.fmin(higher_by, most), ca.if_else(ends + calms, 0.0, ca.if_else(up, level, 0.0)))
         rises = aim > extra
@@ -134,6 +147,13 @@ class Lifting(Controller):
             relapses: ca.if_else(watches, relapses + relapse, 0.0),
             lifts: ca.if_else(lifts > 0.5, lifts, 0.0) + lifts_now * (1.0 - up),
         }
-        update = Update({**inside.memory, **memory}, {**inside.outputs, "lifting.reference": (lifted, "rad/s")})
+        outputs = {**inside.outputs, "lifting.reference": (lifted, "rad/s")}
+        if self.relief is not None:
+            taken, full = state("lifting.relief", "1"), signal("weight.reference", "N", default=self.weight)
+            memory[taken] = ca.if_else(
+                aim > nothing, ca.fmin(taken + self.off * period, self.relief), ca.fmax(taken - self.back * period, 0.0)
+            )
+            outputs["bit.weight"] = (full * (1.0 - taken), "N")
+        update = Update({**inside.memory, **memory}, outputs)
         load = self.observer.seen(self.observer.begun(speed, torque))["top.load"][0] / self.string_impedance
         return begun(update, signal, "lifting", {x: self.observer.begun(speed, torque), asked: wanted, mean: load, square: load * load})

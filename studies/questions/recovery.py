@@ -1,7 +1,7 @@
 """What does it cost that a law lifts its own set-point: in steps of it, in recoveries, below what it can hold, at steps of the weight, after a stall?
 
-Every law of `LAWS` acts inside `controllers.Lifting` on the rig of `studies.protocol`, at 4 and 6 rad/s, sampled every 10 ms, 30 ms late, with a noise of
-0.01 rad/s on the top speed. Columns, each the worst of its runs:
+Every law of `inner_laws` acts inside `controllers.Lifting`, as it is and with the weight as a second actuator (`RELIEVING`), on the rig of `studies.protocol`,
+at 4 and 6 rad/s, sampled every 10 ms, 30 ms late, with a noise of 0.01 rad/s on the top speed. Columns, each the worst of its runs:
 
 up        highest top speed after the set-point is doubled in smooth running, in parts of the new one
 down      seconds of stick after it is halved again
@@ -11,9 +11,10 @@ back      until the top is at most 10 % above what is asked, for good [s]
 flag      until the law gives up, at set-points of 2 and 3 rad/s [s]: the first flag; '-' where smooth running is held
 lifted    share of half an hour there with the set-point more than 10 % above what is asked
 x 1.3, x 1.5   seconds of stick in the last 100 of the 350 that follow a step of the weight by so much at 6 rad/s, and seconds until the last stick
+weight off   mean share of the weight that is given up in the three minutes after a takeover, of laws that take weight off
 stall     highest top speed from 15 s after the end of a minute in which the weight is four times as high and the bit stands, in parts of what is asked
 
-    python -m studies recovery [--out FOLDER] [--only LABEL ...] [--jobs N]       (half a minute of processor time; the table, recovery.csv, recovery.png)
+    python -m studies recovery [--out FOLDER] [--only LABEL ...] [--jobs N]       (a minute of processor time; the table, recovery.csv, recovery.png)
 """
 
 from __future__ import annotations
@@ -51,7 +52,11 @@ STALL, AGAIN = 60.0, 15.0
 """Length of a stall, and from when after its end on the top speed counts [s]."""
 HELD = 4.0
 """Factor of the weight in a stall: the torque at rest is more than the drive has."""
-SHOWN = ("soft torque", "LQG, tuned")
+RELIEVING = {"first": 1.3, "further": 0.25, "rise": 0.2, "relief": 0.4}
+"""Numbers of a lift that takes weight off as well: it is smaller and slower than one that does not."""
+RELIEF = ", weight off"
+"""What the labels of these laws end with."""
+SHOWN = ("impedance, tuned", f"impedance, tuned{RELIEF}")
 
 
 def inner_laws() -> dict[str, Controller]:
@@ -60,9 +65,15 @@ def inner_laws() -> dict[str, Controller]:
     return {"soft torque": SoftTorque(**LIMITS), "PI": PI(**LIMITS), **tuned}
 
 
+def labels() -> list[str]:
+    """All rows of the table."""
+    return [f"{label}{end}" for end in ("", RELIEF) for label in inner_laws()]
+
+
 def lifted(label: str, **numbers: Any) -> Trial:
-    """How a law of `inner_laws` is tried inside `Lifting`, with other numbers of it."""
-    return trial(label, Lifting(inner_laws()[label], **numbers))
+    """How a law of `labels` is tried inside `Lifting`, with other numbers of it."""
+    given = RELIEVING if label.endswith(RELIEF) else {}
+    return trial(label, Lifting(inner_laws()[label.removesuffix(RELIEF)], **{**given, **numbers}))
 
 
 @dataclass(frozen=True)
@@ -80,6 +91,7 @@ class Recovery:
     weight: tuple[float, float]
     held: tuple[float, float]
     stall: float
+    relief: float
 
 
 def smooth(law: Trial, reference: float, duration: float, asked: Sequence[tuple[float, float]] = (), weight: Any = WEIGHT) -> Trajectory:
@@ -88,7 +100,7 @@ def smooth(law: Trial, reference: float, duration: float, asked: Sequence[tuple[
     for time, speed in asked:
         times, speeds = [*times, time, time], [*speeds, speeds[-1], speed]
     clock = Sampled(law.of(reference), law.period, law.clock.delay, noise={"top.speed": 0.01}, seed=7)
-    return simulate(PLANT, duration, controller=clock, inputs={"top.reference": (times, speeds), "bit.weight": weight})
+    return simulate(PLANT, duration, controller=clock, inputs={"top.reference": (times, speeds), law.place("bit.weight"): weight})
 
 
 def highest(run: Trajectory, begin: float, end: float = np.inf) -> float:
@@ -108,11 +120,12 @@ def stepped(law: Trial, reference: float) -> tuple[float, float]:
     return highest(run, AT, OVER) / (2.0 * reference), run.time_in("bit", "stick", after=OVER)
 
 
-def recovered(law: Trial, reference: float, phase: float) -> tuple[float, float, float]:
-    """(highest top speed over what is asked, time until the last stick, time until the top is no longer 10 % too fast) of a takeover."""
+def recovered(law: Trial, reference: float, phase: float) -> tuple[float, float, float, float]:
+    """(highest top speed over what is asked, time until the last stick, time until the top is no longer 10 % too fast, weight given up) of a takeover."""
     run, at = law.run(Machine("declared"), reference, seed=7, phase=phase), law.takeover(reference, phase)
     fast = run.time[(run.time > at) & (run["top.speed"] > ABOVE * reference)]
-    return highest(run, at) / reference, last_stick(run, at), float(fast[-1]) - at if fast.size else 0.0
+    off = measure.extent(run, "lifting.relief", at).mean if getattr(law.clock.law, "relief", None) else 0.0
+    return highest(run, at) / reference, last_stick(run, at), float(fast[-1]) - at if fast.size else 0.0, off
 
 
 def given_up(law: Trial, reference: float) -> tuple[float, float]:
@@ -145,11 +158,11 @@ def recovery(label: str, **numbers: Any) -> Recovery:
     law = lifted(label, **numbers)
     up, down = np.max([stepped(law, reference) for reference in ASKED], axis=0)
     found = [np.max([recovered(law, reference, phase) for phase in PHASES], axis=0) for reference in ASKED]
-    top, calm, back = zip(*np.array(found).tolist(), strict=True)
+    top, calm, back, off = zip(*np.array(found).tolist(), strict=True)
     flag, above = zip(*[given_up(law, reference) for reference in BELOW], strict=True)
     stuck, held = zip(*[weighed(law, factor) for factor in (1.3, 1.5)], strict=True)
     stall = max(stalled(law, reference)[1] for reference in ASKED)
-    return Recovery(label, float(up), float(down), top, calm, back, flag, above, stuck, held, stall)
+    return Recovery(label, float(up), float(down), top, calm, back, flag, above, stuck, held, stall, max(off))
 
 
 def table(rows: Sequence[Recovery]) -> str:
@@ -159,12 +172,26 @@ def table(rows: Sequence[Recovery]) -> str:
         return " / ".join("-" if np.isnan(value) else "never" if np.isinf(value) else f"{factor * value:{form}}" for value in values)
 
     lines: list[tuple[str, ...]] = [
-        ("lifted law", "up", "down", "top", "calm [s]", "back [s]", "flag [s]", "lifted [%]", "x 1.3, 1.5 [s]", "last [s]", "stall")
+        (
+            "lifted law",
+            "up",
+            "down",
+            "top",
+            "calm [s]",
+            "back [s]",
+            "flag [s]",
+            "lifted [%]",
+            "x 1.3, 1.5 [s]",
+            "last [s]",
+            "stall",
+            "weight off",
+        )
     ]
     for each in rows:
         lines.append((
             each.label, f"{each.up:.2f}", f"{each.down:.1f}", pair(each.top, ".2f"), pair(each.calm, ".0f"), pair(each.back, ".0f"),
             pair(each.flag, ".0f"), pair(each.lifted, ".1f", 100.0), pair(each.weight, ".1f"), pair(each.held, ".0f"), f"{each.stall:.2f}",
+            f"{100 * each.relief:.0f} %" if each.relief else "-",
         ))  # fmt: skip
     return "\n".join(columns(lines, left=(0,)))
 
@@ -202,7 +229,7 @@ def main() -> None:
     """Print the table, and with --out write it and its picture."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--out", type=Path)
-    parser.add_argument("--only", nargs="+", choices=list(inner_laws()), default=list(inner_laws()), metavar="LABEL")
+    parser.add_argument("--only", nargs="+", choices=labels(), default=labels(), metavar="LABEL")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
     with Workers(given.jobs) as workers:

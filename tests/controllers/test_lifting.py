@@ -139,3 +139,34 @@ def test_what_is_no_law_is_refused():
         simulate(RIG, 1.0, controller=dataclasses.replace(Lifting(law=z_torque()), law=3), sample_time=0.01)
     with pytest.raises(SceneError, match="`observer` must be a StringObserver"):
         simulate(RIG, 1.0, controller=Lifting(law=z_torque(), observer=3), sample_time=0.01)
+
+
+RELIEVING = {"first": 1.3, "further": 0.25, "rise": 0.2, "relief": 0.4}
+
+
+def test_with_weight_as_a_second_actuator_a_smaller_lift_ends_the_stick_slip_and_all_of_the_weight_comes_back():
+    law = PI(reference=SPEED, **gains.stored("impedance, lifting"), **LIMITS)
+    tops = {}
+    for name, numbers in (("lift", {}), ("lift and relief", RELIEVING)):
+        run = inside(Lifting(law=law, reference=SPEED, **numbers), parameters=None)
+        assert run.time_in("bit", "stick", after=70.0) == 0.0
+        tops[name] = run["top.speed"][run.time > 40.0].max() / SPEED
+    assert tops["lift and relief"] < 2.0 < tops["lift"]
+    times = np.arange(45.0, 239.0, 0.05) + 0.001
+    taken, weight = (run.at(times)[name] for name in ("lifting.relief", "bit.weight"))
+    np.testing.assert_allclose(weight, 97_347.0 * (1.0 - taken), rtol=1e-12)
+    assert taken.max() == pytest.approx(0.4, rel=1e-9) and taken[-1] == 0.0
+    rates = np.diff(taken) / 0.05
+    assert rates.max() == pytest.approx(0.05, rel=0.21) and rates.min() == pytest.approx(-0.01, rel=0.21)
+
+
+def test_the_weight_that_is_asked_is_a_signal_and_without_relief_the_weight_is_not_driven():
+    law = Lifting(law=PI(reference=6.0, **LIMITS), reference=6.0, **RELIEVING)
+    asked = inputs.step(97_347.0, 1.3 * 97_347.0, 150.0)
+    run = simulate(RIG, 400.0, controller=sampled(law), inputs={"top.reference": SMOOTH, "weight.reference": asked})
+    assert run["bit.weight"][-1] == pytest.approx(1.3 * 97_347.0, rel=1e-12)
+    assert run["bit.weight"][(run.time > 160.0)].min() == pytest.approx(0.6 * 1.3 * 97_347.0, rel=1e-9)
+    assert run.time_in("bit", "stick", after=300.0) == 0.0
+    assert Lifting(law=law.law).drives == ("top.torque",) and law.drives == ("top.torque", "bit.weight")
+    with pytest.raises(SceneError, match="relief"):
+        simulate(RIG, 1.0, controller=Lifting(law=law.law, relief=1.5), sample_time=0.01)

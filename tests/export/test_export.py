@@ -20,6 +20,7 @@ from controllers import (
     IdealSlidingMode,
     ImpedanceSuperTwisting,
     ImplicitSlidingMode,
+    Lifting,
     LinearMPC,
     SlidingMode,
     SoftTorque,
@@ -90,6 +91,8 @@ LAWS = {
     "LQG": LQG(reference=8.0, late=2, **LIMITS),
     "HInfinity": HInfinity(reference=8.0),
     "Observed": Observed(SlidingMode(reference=8.0, **LIMITS), Kalman()),
+    "Lifting": Lifting(PI(reference=8.0, **LIMITS)),
+    "Lifting with relief": Lifting(PI(reference=8.0, **LIMITS), relief=0.4),
 }
 
 
@@ -103,13 +106,14 @@ def test_the_c_of_a_law_answers_a_closed_loop_run_like_the_law_in_the_loop(tmp_p
     run = simulate(
         PLANT, 30.0, controller=law, sample_time=PERIOD, output_times=grid, inputs={"top.reference": (times, (8.0, 8.0, 5.0, 5.0))}
     )
-    assert rows["u"] == ["top.torque"] and set(rows["y"]) >= {"top.speed"}
-    exported = CompiledLaw(c, len(rows["memory"]), 1)
+    assert set(rows["u"]) >= set(law.drives) and set(rows["y"]) >= {"top.speed"}
+    exported = CompiledLaw(c, len(rows["memory"]), len(rows["u"]))
     y = np.column_stack([value_of(run, name) for name in rows["y"]])
-    answers = np.array([exported(t, values) for t, values in zip(grid, y, strict=True)])[:-1, 0]
-    torque = run["top.torque"][:-1]  # the run ends before the sample at its end
-    assert np.ptp(torque) > 1000.0  # the run asks something of the law
-    assert np.abs(answers - torque).max() <= 1e-12 * np.abs(torque).max()
+    answers = np.array([exported(t, values) for t, values in zip(grid, y, strict=True)])[:-1]
+    for answer, name in zip(answers.T, rows["u"], strict=True):
+        held = run[name][:-1]  # the run ends before the sample at its end
+        assert np.ptp(held) > {"top.torque": 1000.0, "bit.weight": 1e4, "lifting.reference": 1.0}[name]  # the run asks something of the law
+        assert np.abs(answer - held).max() <= 1e-12 * np.abs(held).max()
     assert macros["DRIVE_READS"] == len(rows["y"]) and macros["DRIVE_MEMORY"] == len(rows["memory"]) and macros["DRIVE_PERIOD"] == PERIOD
 
 

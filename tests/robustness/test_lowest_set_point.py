@@ -15,7 +15,7 @@ from toolbox.commands.command_line import main
 from toolbox.modelling import Takeover
 from toolbox.robustness import Group, LowestSetPoints, Machine, Varying, machine_groups
 from toolbox.robustness.lowest_set_point import borders
-from toolbox.robustness.set_points import Trial
+from toolbox.robustness.set_points import Trial, verdict
 
 PLANT = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 LOOP = closed_loop(PLANT, Sampled(SoftTorque(), "10 ms", delay="30 ms"))
@@ -81,9 +81,9 @@ def test_smooth_running_that_grows_is_no_success_however_calm_the_window(speed):
     loop = closed_loop(PLANT, PI(), sample_time=0.01)
     lost = onset(loop, "top.reference", (3.5, 4.5), values=3, tolerance=0.1).loss
     assert 3.6 < lost < 4.4
-    grows = Trial(loop, StiffPI()).growing([Machine("declared")], speed)
-    assert bool(grows) == (speed < lost)
-    assert "grows" in grows or not grows
+    grows, name = Trial(loop, StiffPI()).growth([Machine("declared")], speed)
+    assert (grows > 0.0) == (speed < lost)
+    assert name == "declared"
 
 
 def test_a_machine_of_a_group_has_its_numbers_its_delay_and_its_weight_in_time():
@@ -158,3 +158,23 @@ def test_the_command_writes_the_table_and_goes_on_where_it_was(tmp_path, capsys)
     assert main(call) == 0
     again, progress = capsys.readouterr()
     assert again == out and progress == ""
+
+
+def test_a_law_that_takes_weight_off_is_tried_on_machines_with_other_weights_and_its_price_is_told():
+    law = Lifting(SoftTorque(), first=1.3, further=0.25, rise=0.2, relief=0.4)
+    trial = Trial(closed_loop(PLANT, Sampled(law, 0.01, 0.03)), StiffPI())
+    heavy = Machine("heavy", (("bit.weight", 1.1),))
+    assert float(trial.steady(heavy, 5.0).number("weight.reference").value) == pytest.approx(1.1 * 97_347.0)
+    outcome = trial.outcome(dataclasses.replace(BRIEF, machines=(heavy,), phases=(0.0,)), 6.0)
+    assert outcome.passed and outcome.lifts >= 1.0 and outcome.again == 0.0 and 0.02 < outcome.relief < 0.4
+    loop, _ = trial.takes_over(Machine("heave", weight=Varying(0.1, 0.1)), machine_groups(LOOP)["weight"], 6.0, "direct", 101, 20.0)
+    weight = simulate(loop, 300.0).at(np.arange(250.0, 300.0, 0.1))["bit.weight"]
+    assert np.ptp(weight) == pytest.approx(0.2 * 97_347.0, rel=0.02)
+
+
+def test_a_lift_that_comes_again_is_no_success_for_half_an_hour():
+    calm = {"stuck": 0.0, "speed": 6.0, "torque": 5e3, "square": 25e6, "limited": 0.0}
+    assert verdict({**calm, "again": 2.0, "lifted": 0.01}, 6.0, 0.01) == ""
+    assert verdict({**calm, "again": 2.0, "lifted": 0.01}, 6.0, 0.01, lasting=True) == "lifted again"
+    assert verdict({**calm, "again": 2.0, "lifted": 0.01}, 6.0, 0.01, varying=True, lasting=True) == ""
+    assert verdict({**calm, "again": 2.0, "lifted": 0.03}, 6.0, 0.01, varying=True) == "lifted 3.0 % of the time"

@@ -15,12 +15,13 @@ from toolbox.robustness.groups import Machine
 
 def test_a_recovery_is_told_as_its_run_shows_it_and_a_law_that_never_recovers_is_told_so():
     law = recovery.lifted("soft torque")
-    top, calm, back = recovery.recovered(law, 4.0, 0.25)
+    top, calm, back, off = recovery.recovered(law, 4.0, 0.25)
     run, at = law.run(Machine("declared"), 4.0, seed=7, phase=0.25), law.takeover(4.0, 0.25)
     assert run.time_in("bit", "stick", until=at) > 1.0  # there is something to be ended
     assert run.time_in("bit", "stick", after=at + calm) == 0.0 < run.time_in("bit", "stick", after=at + calm - 0.1)
     after = run.at(np.arange(at + back + 0.01, run.end, 0.01))["top.speed"]
     assert after.max() < 1.1 * 4.0 < run["top.speed"].max() == pytest.approx(top * 4.0)
+    assert off == 0.0 < recovery.recovered(recovery.lifted(f"soft torque{recovery.RELIEF}"), 4.0, 0.25)[3] < 0.4
     alone = trial("stiff PI", StiffPI(**LIMITS))
     assert recovery.recovered(alone, 4.0, 0.25)[1] > 150.0
 
@@ -47,7 +48,7 @@ def test_steps_of_set_point_and_weight_and_a_stall_are_measured_on_the_run():
 
 def test_the_table_has_a_line_for_each_law_and_the_picture_is_drawn(tmp_path):
     row = recovery.Recovery(
-        "soft torque", 1.03, 0.0, (2.9, 2.3), (24.0, 16.0), (59.0, 48.0), (74.0, np.inf), (0.024, 0.06), (0.0, 0.0), (11.0, 18.0), 3.5
+        "soft torque", 1.03, 0.0, (2.9, 2.3), (24.0, 16.0), (59.0, 48.0), (74.0, np.inf), (0.024, 0.06), (0.0, 0.0), (11.0, 18.0), 3.5, 0.0
     )
     lines = recovery.table([row, dataclasses.replace(row, label="LQG, tuned", flag=(np.nan, 3.0))]).splitlines()
     assert "74 / never" in lines[-2] and "2.4 / 6.0" in lines[-2] and "- / 3" in lines[-1]

@@ -347,12 +347,12 @@ class Takeover(Controller):
 
     The memory of `after` stays at its start values until then; that of `before`, recorded as `before.<name>`, stops. What only one of them gives is recorded
     throughout. There is no continuous form. Where one of them is designed as a callable, such as a predictive law, the whole is one, and `run.laws[0].inside`
-    holds that law. Raises SceneError where the two drive different signals.
+    holds that law. Raises SceneError where `before` drives what `after` does not.
 
     Parameters
     ----------
     before, after
-        Laws that drive the same signals.
+        Laws; what only `after` drives is until then as its memory at the start has it.
     at
         Time of the takeover [s].
     name
@@ -365,17 +365,19 @@ class Takeover(Controller):
 
     @property
     def drives(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What both laws drive."""
-        return self.before.drives
+        """What the law after drives, which the one before drives, too, or a part of it."""
+        return self.after.drives
 
     def design(self, plant: HybridSystem) -> Controller:
         """Both laws designed on the plant."""
         return dataclasses.replace(self, before=designed(self.before, plant), after=designed(self.after, plant))
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
-        if set(self.before.drives) != set(self.after.drives):
+        if not set(self.before.drives) <= set(self.after.drives):
             driven = [", ".join(law.drives) or "nothing" for law in (self.before, self.after)]
-            raise SceneError(f"The laws of a takeover must drive the same signals, but they drive {driven[0]} and {driven[1]}.")
+            raise SceneError(
+                f"The second law of a takeover must drive what the first one does, but they drive {driven[0]} and {driven[1]}."
+            )
         first, second = self.before.sampled(signal, period), self.after.sampled(signal, period)
         for variable in first.memory:
             variable.label = f"before.{variable.label}"

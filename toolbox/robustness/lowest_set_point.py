@@ -20,6 +20,7 @@ from toolbox.files.printing import columns
 from toolbox.files.results import Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
+from toolbox.measuring.judge import told_growth
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Controller
 from toolbox.robustness.groups import LASTING, NAMES, Group, machine_groups
@@ -83,8 +84,12 @@ class Held:
         Longest time before that with the top so far above [s]; of a raised set-point that includes the raising.
     fastest, torque
         Highest speed of the bit [rad/s] and highest torque of the drive [N m] after the takeover.
-    lifts
-        Most lifts in half an hour, for a law that lifts its set-point.
+    lifts, again
+        Most lifts from the takeover on, and most an hour after the recovery, for a law that lifts its set-point.
+    relief
+        Largest mean share of the weight that is taken off, for a law that does so [1].
+    growth
+        Largest rate at which a small disturbance of smooth running grows on a machine [1/s]; below 0 it dies.
     margin, margin_declared
         Smallest disk margin over the machines of the group, and that of the declared one, at that set-point [1]; nan for a law without a slope.
     weakest
@@ -98,6 +103,9 @@ class Held:
     fastest: float = math.nan
     torque: float = math.nan
     lifts: float = math.nan
+    again: float = math.nan
+    relief: float = math.nan
+    growth: float = math.nan
     margin: float = math.nan
     margin_declared: float = math.nan
     weakest: str = ""
@@ -150,7 +158,10 @@ def lowest(
             speed = round(high * step, 6)
             found = cells.outcome(trial, group.lasting if lasts else group, speed, way)
             declared, margin, weakest = trial.disk_margins(group.machines, speed)
-            return Held(speed, below, found.above, found.recovery, found.fastest, found.torque, found.lifts, margin, declared, weakest)
+            shared = {
+                each.name: getattr(found, each.name) for each in dataclasses.fields(Outcome) if each.name not in ("passed", "why", "runs")
+            }
+            return Held(speed, below, **shared, margin=margin, margin_declared=declared, weakest=weakest)
 
 
 def borders(
@@ -202,12 +213,14 @@ class LowestSetPoints(Result):
         """The table as text."""
         speed, torque = reading("rad/s", self.asked), reading("N m", self.asked)
         heads = ("law", "group", "way", f"lowest [{speed.unit}]", "disk margin", "declared", "above", "recovery", f"bit [{speed.unit}]")
-        lines: list[tuple[str, ...]] = [(*heads, f"torque [{torque.unit}]", "lifts", "what fails below")]
+        price = (f"torque [{torque.unit}]", "lifts", "lifts / h", "weight off", "disturbance", "what fails below")
+        lines: list[tuple[str, ...]] = [(*heads, *price)]
         for key, each in self.entries.items():
             said = [
                 _told(each.speed * speed.factor, ".3g"), _told(each.margin, ".2f"), _told(each.margin_declared, ".2f"),
                 _told(100.0 * each.above, ".1f", " %"), _told(each.recovery, ".0f", " s"), _told(each.fastest * speed.factor, ".3g"),
-                _told(each.torque * torque.factor, ".3g"), _told(each.lifts, ".0f"),
+                _told(each.torque * torque.factor, ".3g"), _told(each.lifts, ".0f"), _told(each.again, ".0f"),
+                _told(100.0 * each.relief, ".1f", " %"), told_growth(each.growth),
             ]  # fmt: skip
             lines.append((*key, *said, each.why))
         return lines
@@ -216,7 +229,7 @@ class LowestSetPoints(Result):
         factor, unit = reading("rad/s", self.asked)
         low, high, step = (f"{value * factor:.3g}" for value in (*self.between, self.step))
         title = f"Lowest set-points at which a law ends the stick-slip under {self.before} ({low} to {high} {unit}, steps of {step} {unit})"
-        return "\n".join([title, *columns(self.rows, left=(0, 1, 2, 11))])
+        return "\n".join([title, *columns(self.rows, left=(0, 1, 2, 14))])
 
     def to_csv(self, path: str | Path) -> Path:
         """Write the table as CSV in SI units, whole or not at all.

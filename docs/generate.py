@@ -24,8 +24,8 @@ THEMES = {
     "plant": ("Plant", "Parts, contacts and control laws, what they become when they are composed, and inputs in time.", "modelling"),
     "simulate": (
         "Simulate",
-        "Runs of a plant: methods, results, scenes, the page that turns their numbers, what accuracy costs, errors.",
-        "simulation contacts scenes files errors page",
+        "Runs of a plant: methods, results, scenes, the page that turns their numbers, spectrograms and films, what accuracy costs, errors.",
+        "simulation contacts scenes files errors page figures",
     ),
     "measure": ("Measure", "Numbers of a run, energy, and parameters from measurements.", "measuring calibration"),
     "analyse": (

@@ -25,7 +25,7 @@ SHOWN = {
     "disk_stack": "disk_stack.png", "disks": "two_disks.png", "dither": "dither.png", "drives": "drives.png", "elastic_pad": "elastic_pad.png",
     "elastic_sliders": "elastic_slider.gif", "maps": "map_string.png", "networks": "networks.png", "onset": "onset.png",
     "oscillators": "oscillators_belt.png", "pictures": "stick_slip.png", "robustness": "robustness.png", "sliders": "slider_adhesion.png",
-    "torus": "torus.png", "tune_drive": "tune_drive.png", "whirl": "whirl.png", "tradeoff": "work_precision.png",
+    "torus": "torus.png", "tune_drive": "tune_drive.png", "views": "stability_chart.png", "whirl": "whirl.png", "tradeoff": "work_precision.png",
 }  # fmt: skip
 """{study: its figure in the gallery}."""
 

@@ -6,6 +6,8 @@ from toolbox.faces import face
 
 if TYPE_CHECKING:
     from toolbox.robustness.absorber import absorber_limit as absorber_limit
+    from toolbox.robustness.charts import StabilityChart as StabilityChart
+    from toolbox.robustness.charts import stability_chart as stability_chart
     from toolbox.robustness.depth_windows import Windows as Windows
     from toolbox.robustness.depth_windows import windows as windows
     from toolbox.robustness.groups import Group as Group
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
     from toolbox.robustness.lowest_set_point import Held as Held
     from toolbox.robustness.lowest_set_point import LowestSetPoints as LowestSetPoints
     from toolbox.robustness.margins import Margins as Margins
+    from toolbox.robustness.responses import FrequencyResponse as FrequencyResponse
+    from toolbox.robustness.responses import frequency_response as frequency_response
     from toolbox.robustness.worst_case import WorstCase as WorstCase
     from toolbox.robustness.worst_case import cycle_phases as cycle_phases
 

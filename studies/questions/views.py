@@ -1,0 +1,94 @@
+"""What do the responses, the modes and the spectrum of one rig show? The figures of the pages on analysis, robustness and the page to explore.
+
+Two inertias of Jansen and van den Steen under 97.3 kN: frequency response of soft torque at 90 rpm, stability over both gains of a PI at 38 rpm, stick-slip
+under a stiff PI at 60 rpm as a spectrogram and as a film; and the modes of the inclined string of Aarsnes and Shor, off bottom.
+
+    python -m studies views [--out FOLDER] [--page]        (half a minute; --page: also the page in Chromium, by playwright)
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+from controllers import PI, SoftTorque, StiffPI
+from models import BitRock, wells
+from toolbox import Scene, closed_loop, compose, simulate, units
+from toolbox.figures import film, spectrogram
+from toolbox.robustness import FrequencyResponse, StabilityChart, frequency_response, stability_chart
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.steady_states import ModeShapes, mode_shapes
+
+FOLDER = Path(__file__).parents[1] / "figures"
+SCENES = Path(__file__).parents[1] / "scenes"
+RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+RANGES: dict[str, Any] = {"pi.proportional": (0.0, 3000.0), "pi.integral": (0.0, 1500.0)}
+
+
+def response() -> FrequencyResponse:
+    """Of soft torque at 90 rpm."""
+    return frequency_response(closed_loop(RIG, SoftTorque(reference="90 rpm")))
+
+
+def chart() -> StabilityChart:
+    """Over both gains of a PI at 38 rpm."""
+    return stability_chart(closed_loop(RIG, PI(proportional=1000.0, integral=500.0, reference="38 rpm")), RANGES)
+
+
+def modes() -> ModeShapes:
+    """Of the inclined string, under the PI that was published, which holds its top nearly fast."""
+    return mode_shapes(Scene.load(SCENES / "aarsnes_shor.toml")["published PI"])
+
+
+def stick_slip() -> Trajectory:
+    """Under a stiff PI at 60 rpm."""
+    return simulate(closed_loop(RIG, StiffPI(reference="60 rpm")), 120.0)
+
+
+def photograph(path: Path) -> None:
+    """The page of Jansen's rig under soft torque, in stick-slip, as a browser shows it."""
+    from playwright.sync_api import sync_playwright
+
+    from toolbox.page import explore
+
+    with explore(Scene.load(SCENES / "jansen_2.toml"), port=0) as page, sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        tab = browser.new_page(viewport={"width": 1280, "height": 980})
+        tab.goto(page.address)
+        tab.select_option("#law", "stiff PI")
+        end = time.monotonic() + 60.0
+        while not tab.evaluate("Boolean(map && map.last)") and time.monotonic() < end:
+            time.sleep(0.1)
+        tab.screenshot(path=path)
+        browser.close()
+
+
+def main() -> None:
+    """Write the figures."""
+    parser = argparse.ArgumentParser(prog="python -m studies views", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--out", type=Path, default=FOLDER, help="folder of the figures")
+    parser.add_argument("--page", action="store_true", help="also the page in a browser")
+    asked = parser.parse_args()
+    matplotlib.use("Agg")
+    asked.out.mkdir(parents=True, exist_ok=True)
+    with units("metric"):
+        found = response()
+        found.bode()[0].figure.savefig(asked.out / "bode.png")
+        found.nichols().figure.savefig(asked.out / "nichols.png")
+        chart().plot().figure.savefig(asked.out / "stability_chart.png")
+        modes().plot().figure.savefig(asked.out / "mode_shapes.png")
+        run = stick_slip()
+        spectrogram(run).figure.savefig(asked.out / "spectrogram.png")
+        film(run, asked.out / "film.gif", seconds=4.0)
+    if asked.page:
+        photograph(asked.out / "explore.png")
+    print(asked.out)
+
+
+if __name__ == "__main__":
+    main()

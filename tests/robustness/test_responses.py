@@ -1,0 +1,76 @@
+"""Frequency responses and charts over two gains against the transfer functions and poles that python-control gives."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from controllers import PI, SoftTorque
+from models import BitRock, wells
+from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, linearise
+from toolbox.robustness import frequency_response, stability_chart
+from toolbox.steady_states import pole_locus
+
+RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+PI_LOOP = closed_loop(RIG, PI(proportional=1000.0, integral=500.0, reference="38 rpm"))
+
+
+def test_the_response_is_that_of_the_drive_times_that_of_the_string():
+    found = frequency_response(PI_LOOP, np.geomspace(0.05, 20.0, 40))
+    s = 1j * found.omega
+    string = linearise(RIG, equilibrium(PI_LOOP), inputs="top.torque", outputs="top.speed")(s)
+    assert found.values["top.torque"] == pytest.approx((1000.0 + 500.0 / s) * string, rel=1e-9)
+
+
+def test_the_nearest_point_of_the_response_gives_the_disk_margin():
+    found = frequency_response(closed_loop(RIG, SoftTorque(reference="90 rpm")))
+    value = found.values["top.torque"]
+    assert 2.0 / np.abs((1 - value) / (1 + value)).max() == pytest.approx(found.margins.disk_margin, rel=1e-4)
+
+
+def test_a_sampled_law_ends_at_half_its_sampling_frequency():
+    late = closed_loop(RIG, Sampled(PI(proportional=1000.0, integral=500.0, reference="38 rpm"), "50 ms", delay="20 ms"))
+    assert frequency_response(late).omega[-1] == pytest.approx(np.pi / 0.05)
+    with pytest.raises(SceneError, match="half the sampling frequency, 62.83 rad/s"):
+        frequency_response(late, (1.0, 100.0))
+    with pytest.raises(SceneError, match="increasing"):
+        frequency_response(late, (2.0, 1.0))
+
+
+def test_the_pictures_show_the_margins(tmp_path):
+    found = frequency_response(closed_loop(RIG, SoftTorque(reference="90 rpm")))
+    _, phases = found.bode()
+    shown = [text.get_text() for text in phases.texts]
+    assert f" {np.degrees(found.margins['top.torque'].phase_margin):.3g}°" in shown
+    disk = found.nyquist().patches[0]
+    low, high = found.margins["top.torque"].disk_gains
+    assert disk.radius == pytest.approx((high - low) / 2)
+    assert found.nichols().lines[0].get_ydata() == pytest.approx(np.abs(found.values["top.torque"]))
+    assert np.loadtxt(found.to_csv(tmp_path / "response.csv"), delimiter=",", skiprows=1)[:, 1] == pytest.approx(
+        np.abs(found.values["top.torque"])
+    )
+    plt.close("all")
+
+
+def test_the_chart_has_the_growth_of_the_poles_and_no_margin_where_they_grow():
+    chart = stability_chart(PI_LOOP, {"pi.proportional": (100.0, 3000.0), "pi.integral": (50.0, 1500.0)}, shape=(4, 3))
+    for i, value in enumerate(chart.axes[0]):
+        poles = pole_locus(PI_LOOP.at("pi.proportional", value), "pi.integral", chart.axes[1])
+        assert chart.growth[i] == pytest.approx(poles.real.max(axis=1), rel=1e-6, abs=1e-9)
+    assert (chart.growth > 0).any() and ((chart.growth < 0) == (chart.disk_margin > 0)).all()
+    ax = chart.plot()
+    assert any(line.get_marker() == "o" and line.get_xydata().tolist() == [[1000.0, 500.0]] for line in ax.lines)
+    plt.close(ax.figure)
+
+
+def test_without_an_integral_part_there_is_no_steady_running_to_judge():
+    chart = stability_chart(PI_LOOP, {"pi.proportional": (500.0, 1500.0), "pi.integral": (0.0, 1000.0)}, shape=(3, 3))
+    assert np.isnan(chart.growth[:, 0]).all() and np.isfinite(chart.growth[:, 1:]).all()
+    assert "not known at 3" in str(chart)
+
+
+def test_charts_over_what_is_no_pair_of_ranges_are_refused():
+    for over, words in (({"pi.integral": (1, 2)}, "two numbers"), ({"pi.integral": (2, 1), "pi.proportional": (1, 2)}, "from 2 to 1")):
+        with pytest.raises(SceneError, match=words):
+            stability_chart(PI_LOOP, over)
+    with pytest.raises(SceneError, match="`shape`"):
+        stability_chart(PI_LOOP, {"pi.integral": (1, 2), "pi.proportional": (1, 2)}, shape=(2, 5))

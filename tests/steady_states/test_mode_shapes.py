@@ -1,0 +1,47 @@
+"""Modes of strings against closed forms."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from models import BitRock, TorsionalChain, wells
+from toolbox import SceneError, compose
+from toolbox.steady_states import mode_shapes
+
+N, K, J = 6, 4.0, 0.25
+
+
+def test_a_free_row_of_equal_inertias_has_the_modes_of_the_textbook():
+    """Frequencies 2 sqrt(k / J) sin(i pi / 2 n), shapes cos(i pi (j + 1/2) / n) (textbook)."""
+    found = mode_shapes(compose(TorsionalChain(inertia=(J,) * N, stiffness=(K,) * (N - 1), damping=(0.0,) * (N - 1))))
+    i = np.arange(1, N)
+    assert found.frequencies == pytest.approx(2 * np.sqrt(K / J) * np.sin(i * np.pi / (2 * N)) / (2 * np.pi))
+    assert np.abs(found.damping).max() < 1e-9
+    exact = np.cos(np.outer(i, np.arange(N) + 0.5) * np.pi / N)
+    exact /= np.abs(exact).max(axis=1)[:, None]
+    for shape, form in zip(found.shapes, exact, strict=True):
+        assert np.abs(shape) == pytest.approx(np.abs(form), abs=1e-9)
+        assert np.sign(shape * shape[0])[np.abs(form) > 1e-9] == pytest.approx(np.sign(form * form[0])[np.abs(form) > 1e-9])
+
+
+def test_a_held_bit_does_not_move_and_leaves_the_top_to_swing_on_the_string():
+    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+    held = mode_shapes(rig, mode={"bit": "stick"})
+    inertia, stiffness = wells.JANSEN_2.inertia[0], wells.JANSEN_2.stiffness[0]
+    assert abs(held.shapes[0][-1]) < 1e-9 and held.shapes[0][0] == 1.0
+    assert np.abs(held.poles[0]) == pytest.approx(np.sqrt(stiffness / inertia))
+
+
+def test_the_picture_tells_the_frequencies(tmp_path):
+    found = mode_shapes(compose(TorsionalChain(inertia=(J,) * N, stiffness=(K,) * (N - 1), damping=(0.01,) * (N - 1))))
+    ax = found.plot(most=3)
+    words = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert len(words) == 3 and words[0].startswith(f"{found.frequencies[0]:.3g} Hz")
+    assert "mode" in str(found) and found.to_csv(tmp_path / "modes.csv").read_text().count("\n") == N
+    plt.close(ax.figure)
+
+
+def test_what_has_no_shapes_is_refused():
+    rig = compose(TorsionalChain(inertia=(J,) * 3, stiffness=(K,) * 2, damping=(0.0,) * 2))
+    with pytest.raises(SceneError, match="vector of speeds, chain.speed, but it is 'chain.twist'"):
+        mode_shapes(rig, "chain.twist")

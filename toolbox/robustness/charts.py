@@ -1,0 +1,127 @@
+"""Where a loop is stable over two of its numbers, and with which disk margin."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray, number
+from toolbox.errors import NoSteadyState, SceneError, SimulationError
+from toolbox.files import tables
+from toolbox.files.units import NumberOrText
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.robustness.margins import margins
+
+
+@dataclass(frozen=True)
+class StabilityChart:
+    """Growth and disk margin of a loop over two numbers; `found.plot()` draws them.
+
+    Attributes
+    ----------
+    names, units
+        The two numbers, across and up.
+    axes
+        Their values, in SI.
+    growth
+        Largest real part of the poles [1/s] at every point, shape (across, up); nan where there is no steady running or no linear loop.
+    disk_margin
+        Disk margin of all commands together [1]; 0 where the loop is unstable.
+    at
+        The two numbers as they are declared.
+    asked
+        {unit: unit that was typed}.
+    """
+
+    names: tuple[str, str]
+    units: tuple[str, str]
+    axes: tuple[FloatArray, FloatArray]
+    growth: FloatArray
+    disk_margin: FloatArray
+    at: tuple[float, float]
+    asked: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def best(self) -> tuple[float, float]:
+        """The two numbers of the point with the largest disk margin."""
+        i, j = np.unravel_index(int(np.argmax(np.nan_to_num(self.disk_margin))), self.disk_margin.shape)
+        return float(self.axes[0][i]), float(self.axes[1][j])
+
+    def __str__(self) -> str:
+        known = np.isfinite(self.growth)
+        best = ", ".join(f"{name} = {value:.4g} {unit}" for name, value, unit in zip(self.names, self.best, self.units, strict=True))
+        return (
+            f"Stability over {self.names[0]} and {self.names[1]}: stable at {int((self.growth[known] < 0).sum())} of {self.growth.size} points"
+            f"{'' if known.all() else f', not known at {int((~known).sum())}'}; largest disk margin {np.nanmax(self.disk_margin):.3g} at {best}"
+        )
+
+    __repr__ = __str__
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write one row per point as CSV in SI units, whole or not at all; returns the path."""
+        rows = [[u, v, self.growth[i, j], self.disk_margin[i, j]] for i, u in enumerate(self.axes[0]) for j, v in enumerate(self.axes[1])]
+        return tables.write(path, [*self.names, "growth", "disk_margin"], rows)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw where the loop is stable, with lines of equal disk margin; returns the axes."""
+        from toolbox.robustness.response_figures import stability_diagram
+
+        return stability_diagram(self, ax)
+
+
+@takes_loop
+def stability_chart(
+    loop: ClosedLoop, over: Mapping[str, tuple[NumberOrText, NumberOrText]], *, shape: tuple[int, int] = (15, 15)
+) -> StabilityChart:
+    """Compute stability and disk margin of a loop at steady running over two of its numbers, such as both gains of a drive.
+
+    Parameters
+    ----------
+    loop
+        A loop with at least one law and constant inputs.
+    over
+        {number of the loop: (lowest, highest value)}, exactly two, the first across: `{"pi.proportional": (0, 5000), "pi.integral": (0, 3000)}`.
+    shape
+        Points across and up, at least 3 each.
+
+    Returns
+    -------
+    StabilityChart
+        Growth and disk margin at every point.
+
+    Raises
+    ------
+    SceneError
+        If `over` does not hold two numbers of the loop with a range, `shape` is too small, or no point has a linear loop.
+    """
+    if len(over) != 2:
+        raise SceneError(f"Argument `over` must hold two numbers with their ranges, but it holds {len(over)}.")
+    if len(shape) != 2 or min(shape) < 3:
+        raise SceneError(f"Argument `shape` must be two whole numbers >= 3, but it is {shape}.")
+    known = [loop.number(name) for name in over]
+    rows = []
+    for each, (low, high), points in zip(known, over.values(), shape, strict=True):
+        low, high = (number(f"over[{each.name!r}]", end, each.unit) for end in (low, high))
+        if not low < high:
+            raise SceneError(f"Argument `over` must hold (lowest, highest), but `{each.name}` goes from {low:g} to {high:g}.")
+        rows.append(np.linspace(low, high, points))
+    growth, disk = np.full(shape, math.nan), np.full(shape, math.nan)
+    reason = ""
+    for i, across in enumerate(rows[0]):
+        for j, up in enumerate(rows[1]):
+            with contextlib.suppress(NoSteadyState, SimulationError):
+                found = margins(loop.at(known[0].name, float(across)).at(known[1].name, float(up)), measured=False)
+                if found.loop is None:
+                    reason = found.reason
+                    continue
+                growth[i, j], disk[i, j] = found.loop.growth(), found.disk_margin if found.stable else 0.0
+    if np.isnan(growth).all():
+        raise SceneError(f"No point has a linear loop{f': {reason}' if reason else ''}.")
+    names, units = (known[0].name, known[1].name), (known[0].unit, known[1].unit)
+    return StabilityChart(names, units, (rows[0], rows[1]), growth, disk, (known[0].value, known[1].value), loop.asked)

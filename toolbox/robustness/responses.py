@@ -1,0 +1,104 @@
+"""The frequency response of a loop that is broken at its commands, drawn as Bode, Nyquist or Nichols diagram."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray, numbers
+from toolbox.errors import SceneError
+from toolbox.files import tables
+from toolbox.files.units import NumberOrText
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.robustness.disk_margins import frequencies
+from toolbox.robustness.margins import Margins, margins
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """What a loop that is broken at its commands answers to them: L(i w) of negative feedback, of each command with the others closed.
+
+    Attributes
+    ----------
+    omega
+        Frequencies [rad/s], increasing.
+    values
+        {command: complex L at the frequencies}.
+    margins
+        The margins of the same loop.
+    """
+
+    omega: FloatArray
+    values: Mapping[str, np.ndarray]
+    margins: Margins
+
+    def __str__(self) -> str:
+        return f"Frequency response from {self.omega[0]:.4g} to {self.omega[-1]:.4g} rad/s, {self.omega.size} frequencies\n{self.margins}"
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write frequency, gain and phase [rad] of every command as CSV, whole or not at all; returns the path."""
+        heads = ["frequency [rad/s]", *(f"{word} of {name}" for name in self.values for word in ("gain", "phase [rad]"))]
+        columns = [self.omega, *(row for value in self.values.values() for row in (np.abs(value), np.unwrap(np.angle(value))))]
+        return tables.write(path, heads, np.column_stack(columns).tolist())
+
+    def bode(self, axes: Any = None) -> Any:
+        """Draw gain and phase over frequency, with gain and phase margin; returns both axes."""
+        from toolbox.robustness.response_figures import bode_diagram
+
+        return bode_diagram(self, axes)
+
+    def nyquist(self, ax: Any = None) -> Any:
+        """Draw the response in the complex plane, with the disk around -1 that the disk margin keeps free; returns the axes."""
+        from toolbox.robustness.response_figures import nyquist_diagram
+
+        return nyquist_diagram(self, ax)
+
+    def nichols(self, ax: Any = None) -> Any:
+        """Draw gain over phase, with lines on which the closed loop has the same gain; returns the axes."""
+        from toolbox.robustness.response_figures import nichols_diagram
+
+        return nichols_diagram(self, ax)
+
+
+@takes_loop
+def frequency_response(loop: ClosedLoop, omega: Sequence[NumberOrText] | None = None) -> FrequencyResponse:
+    """Compute the frequency response of a closed loop at steady running, broken where the commands leave the laws.
+
+    Sampling, hold and delay count as they are: a sampled law ends at half its sampling frequency.
+
+    Parameters
+    ----------
+    loop
+        A loop with at least one law and constant inputs.
+    omega
+        Frequencies [rad/s], or text with a unit ("0.2 Hz"), positive and increasing. By default over all time scales of the loop, close around its poles.
+
+    Returns
+    -------
+    FrequencyResponse
+        The response of every command, which draws itself: `bode`, `nyquist`, `nichols`.
+
+    Raises
+    ------
+    SceneError
+        If an argument is wrong as in `margins`, there is no linear loop, or frequencies are not positive and increasing.
+    """
+    found = margins(loop, measured=False)
+    if found.loop is None:
+        raise SceneError(f"There is no linear loop, and so no frequency response: {found.reason}.")
+    alone = {name: found.loop.alone(i) for i, name in enumerate(found.loop.drives)}
+    if omega is None:
+        w = np.unique(np.concatenate([frequencies(each) for each in alone.values()]))
+    else:
+        w = np.asarray(numbers("omega", omega, "rad/s"), float)
+        if w.size < 2 or w[0] <= 0.0 or (np.diff(w) <= 0.0).any():
+            raise SceneError("Argument `omega` must hold at least two positive, increasing frequencies, but it does not.")
+        if found.loop.period is not None and w[-1] > np.pi / found.loop.period * (1 + 1e-9):
+            raise SceneError(
+                f"Argument `omega` must end at half the sampling frequency, {np.pi / found.loop.period:.4g} rad/s, but it ends at {w[-1]:.4g} rad/s."
+            )
+    return FrequencyResponse(w, {name: each.transfer(w)[:, 0, 0] for name, each in alone.items()}, found)

@@ -1,0 +1,147 @@
+"""The modes of a machine at steady running: frequencies, damping, and how every part of it moves in each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray
+from toolbox.errors import SceneError
+from toolbox.files import tables
+from toolbox.files.printing import columns
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.steady_states.linear import equilibrium
+from toolbox.steady_states.poles import flow_slopes
+
+
+@dataclass(frozen=True)
+class ModeShapes:
+    """Modes of a machine, the slowest first; `found.plot()` draws them.
+
+    Attributes
+    ----------
+    state
+        The rows of inertias or masses whose motion the shapes are, such as `chain.speed`.
+    poles
+        One pole of each pair [1/s], with a positive imaginary part.
+    shapes
+        Motion of every entry of the state, shape (modes, entries), real, the largest 1: how far each swings when the one that swings furthest is furthest.
+    """
+
+    state: str
+    poles: np.ndarray
+    shapes: FloatArray
+
+    @property
+    def frequencies(self) -> FloatArray:
+        """Frequencies at which the modes swing [Hz]."""
+        return self.poles.imag / (2.0 * math.pi)
+
+    @property
+    def damping(self) -> FloatArray:
+        """Damping ratios [1], negative where a mode grows."""
+        return -self.poles.real / np.abs(self.poles)
+
+    def __str__(self) -> str:
+        rows = [("mode", "Hz", "damping ratio", "grows [1/s]")]
+        rows += [
+            (f"{k + 1}", f"{hertz:.4g}", f"{ratio:.3g}", f"{pole.real:.3g}")
+            for k, (hertz, ratio, pole) in enumerate(zip(self.frequencies, self.damping, self.poles, strict=True))
+        ]
+        return "\n".join([f"Modes of `{self.state}`, {self.shapes.shape[1]} entries", *columns(rows)])
+
+    __repr__ = __str__
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write one row per mode as CSV: frequency, growth [1/s], shape; whole or not at all; returns the path."""
+        heads = ["frequency [Hz]", "growth [1/s]", *(f"{self.state}.{i}" for i in range(self.shapes.shape[1]))]
+        return tables.write(path, heads, np.column_stack([self.frequencies, self.poles.real, self.shapes]).tolist())
+
+    def plot(self, most: int = 5, ax: Any = None) -> Any:
+        """Draw the slowest modes over the entries, the first at the top; returns the axes.
+
+        Parameters
+        ----------
+        most
+            Modes that are drawn at most.
+        ax
+            Axes to draw into.
+        """
+        import matplotlib.pyplot as plt
+
+        from toolbox.figures.style import LINES, PAPER, WIDTH, in_words
+
+        count = self.shapes.shape[1]
+        with plt.rc_context(PAPER):
+            if ax is None:
+                _, ax = plt.subplots(figsize=(0.75 * WIDTH, 3.8), layout="constrained")
+            for k, (shape, hertz, ratio) in enumerate(zip(self.shapes[:most], self.frequencies, self.damping, strict=False)):
+                mark = {"marker": "o", "markersize": 3.5} if count <= 30 else {}
+                ax.plot(
+                    shape, np.arange(1, count + 1), label=f"{hertz:.3g} Hz, damping {100 * ratio:.2g} %", **LINES[k % len(LINES)], **mark
+                )
+            ax.axvline(0.0, color="0.7", linewidth=0.7, zorder=0)
+            ax.set(
+                xlim=(-1.1, 1.1),
+                ylim=(count + 0.3, 0.7),
+                xlabel="motion, the largest 1 [1]",
+                ylabel=f"entry of {in_words(self.state)}, from the top",
+            )
+            ax.yaxis.get_major_locator().set_params(integer=True)
+            ax.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        return ax
+
+
+@takes_loop
+def mode_shapes(loop: ClosedLoop, state: str | None = None, *, mode: Mapping[str, str] | None = None) -> ModeShapes:
+    """Compute how a machine swings around steady running: the modes of its linear form, with the law in its continuous form.
+
+    Parameters
+    ----------
+    loop
+        A loop with constant inputs, or a plant.
+    state
+        The vector of speeds whose shapes are wanted, such as `chain.speed`; by default the longest one with a unit of speed.
+    mode
+        {contact: "slip+", "slip-" or "stick"}, as in `equilibrium`: with `{"bit": "stick"}` the modes of a string whose bit is held.
+
+    Returns
+    -------
+    ModeShapes
+        Poles and shapes of all modes that swing, the slowest first.
+
+    Raises
+    ------
+    SceneError
+        If the state is no vector of the plant, or nothing swings.
+    NoSteadyState
+        If there is no steady running.
+    """
+    point = equilibrium(loop, mode=mode)
+    plant = point.plant
+    vectors = {name: size for name, (_, size, unit) in plant.states.items() if size is not None and unit in ("rad/s", "m/s")}
+    if state is None:
+        if not vectors:
+            raise SceneError("This plant has no vector of speeds, so that there are no shapes to show.")
+        state = max(vectors, key=lambda name: vectors[name])
+    if state not in vectors:
+        raise SceneError(
+            f"Argument `state` must name a vector of speeds, {', '.join(vectors) or 'of which there is none'}, but it is {state!r}."
+        )
+    first = plant.states[state][0]
+    values, motions = np.linalg.eig(flow_slopes(point))
+    swings = [k for k in np.argsort(np.abs(values)) if values[k].imag > 1e-6 * abs(values[k]) and abs(values[k]) > 1e-9]
+    rows = motions[first : first + vectors[state]].T
+    swings = [k for k in swings if np.abs(rows[k]).max() > 1e-9]
+    if not swings:
+        raise SceneError("Nothing swings around this steady state: no pole has an imaginary part.")
+    shapes = []
+    for k in swings:
+        largest = rows[k][np.argmax(np.abs(rows[k]))]
+        shapes.append((rows[k] / largest).real)
+    return ModeShapes(state, values[swings], np.array(shapes))

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from controllers.dither import SweptDither as SweptDither
     from controllers.dither import dither_map as dither_map
     from controllers.h_infinity import HInfinity as HInfinity
+    from controllers.held_speed import HeldSpeed as HeldSpeed
     from controllers.implicit_sliding_mode import ImplicitSlidingMode as ImplicitSlidingMode
     from controllers.lifting import Lifting as Lifting
     from controllers.linear_mpc import LinearMPC as LinearMPC

@@ -13,7 +13,7 @@ from scipy.linalg import expm
 
 import controllers
 import toolbox
-from controllers import LQG, LQR, PI, BrakePI, HInfinity, LinearMPC, NonlinearMPC, SoftTorque, StiffPI, observers
+from controllers import LQG, LQR, PI, BrakePI, HeldSpeed, HInfinity, LinearMPC, NonlinearMPC, SoftTorque, StiffPI, observers
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, HystereticBitRock, TorsionalChain, wells
 from studies.benchmarks.extremes import EXTREMES, belt, belt_arcs, scaled
 from toolbox import (
@@ -52,11 +52,11 @@ LAWS = sorted(
     and not issubclass(kind, (Observed, controllers.Lifting))  # which need another law to act on
 )
 PERIOD = {"LinearMPC": 0.1, "NonlinearMPC": 0.1, "BrakeMPC": 0.03}
-CONTINUOUS = ("IdealSlidingMode",)
+CONTINUOUS = ("IdealSlidingMode", "HeldSpeed")
 
 
 def plant_of(law):
-    return BRAKE if law.drives == BrakePI().drives else RIG
+    return BRAKE if law.drives in (BrakePI().drives, HeldSpeed().drives) else RIG
 
 
 def clocked(law, period=None):

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 from toolbox.arguments import numbers
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, ranges, show
+from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, plain, ranges, show
 from toolbox.errors import SceneError, SimulationError
+from toolbox.files.printing import columns
 from toolbox.files.unit_systems import asked_in
 from toolbox.messages import LOG
 
@@ -68,13 +69,32 @@ def add(commands: Any) -> None:
         description="Simulate every controller of a scene over two inputs or parameters, from smooth running and from inside stick-slip, find the linear and "
         "both simulated borders, print and draw them. The folder gets one folder per controller with figure, report and data (map.npz); an interrupted map "
         "that is called again goes on where it was.",
-        epilog="example: stickslip map studies/scenes/jansen_2.toml --x top.reference=3:14 --y bit.weight=50kN:110kN --controller 'stiff PI' --out mapped",
+        epilog="example: stickslip map studies/scenes/jansen_2.toml --x top.reference=3:14 --y bit.weight=50kN:110kN --controller 'stiff PI' --out mapped;   "
+        "groan of a brake: stickslip map studies/scenes/brake_stop.toml --law HeldSpeed --x disc.reference=0.05:5 --y brake.force=0.1kN:4kN "
+        "--off pad.friction.static,pad.friction.kinetic=20% --out groan",
     )
     chart.add_argument(
         "--x", required=True, metavar="NAME=LOW:HIGH", help="what varies along the first axis; SI, or with units (50kN:110kN)"
     )
     chart.add_argument("--y", required=True, metavar="NAME=LOW:HIGH", help="what varies along the second axis")
     chart.add_argument("--shape", default="50x50", metavar="NxM", help="points along both axes (50x50)")
+    chart.add_argument(
+        "--law",
+        metavar="NAME",
+        help="a law of `stickslip list` with its own numbers in place of the controllers of the scene, such as HeldSpeed for a brake",
+    )
+    chart.add_argument(
+        "--hold",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="an input that is constant in the map, where it varies in time in the scene",
+    )
+    chart.add_argument(
+        "--off",
+        metavar="NAME[,NAME...]=PART",
+        help="numbers that are lower and higher by this part together (20%%), on two more maps, and what is left of the declared one",
+    )
     chart.set_defaults(action=run_map, spelled={"over": "--x` and `--y"}, words=lambda given: GOES_ON)
 
 
@@ -168,7 +188,7 @@ def run_map(given: argparse.Namespace) -> int:
     from toolbox.onsets.severity_map import severity_map
     from toolbox.scenes.scene import Scene
 
-    scene = Scene.load(given.scene)
+    scene = _of_law(Scene.load(given.scene), given)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     shape = given.shape.split("x")
     if len(shape) != 2 or not all(word.isdigit() and int(word) >= 2 for word in shape):
@@ -177,21 +197,78 @@ def run_map(given: argparse.Namespace) -> int:
     failures: dict[str, Exception] = {}
     given.found = {}
     for label, stem in zip(labels, file_stems(labels), strict=True):
-        folder = given.out / stem
+        machines: dict[str, Any] = {}
         try:
-            found = severity_map(scene[label], over, shape=(int(shape[0]), int(shape[1])), out=folder)
+            for words, loop in _machines(scene[label], given.off).items():
+                folder = given.out / (stem if not words else f"{stem}_{words.split()[-2].replace('-', 'less').replace('+', 'more')}")
+                name = f"{label}, {words}" if words else label
+                found = severity_map(loop, over, shape=(int(shape[0]), int(shape[1])), out=folder)
+                machines[words] = given.found[name] = found
+                names = drawn_as(MAP_FILES, given.format)
+                with results(given, names, earlier("map.txt", "^Severity map of ", MAP_FILES), folder, last=False) as made:
+                    (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
+                    scene.save(made / "scene.toml")
+                    figures.draw_found(found, f"{scene.title}: {name}", made / f"map.{given.format}")
+                show(f"{found}\n" if not words else f"{words}\n{found}\n")
         except (SceneError, SimulationError) as error:
             failures[label] = error
             continue
-        given.found[label] = found
-        names = drawn_as(MAP_FILES, given.format)
-        with results(given, names, earlier("map.txt", "^Severity map of ", MAP_FILES), folder, last=False) as made:
-            (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
-            scene.save(made / "scene.toml")
-            figures.draw_found(found, f"{scene.title}: {label}", made / f"map.{given.format}")
-        show(f"{found}\n")
+        if given.off:
+            show(_left_of(machines) + "\n")
     check_some(failures, labels)
     for label, failure in failures.items():
         print(f"{label}: {failure}\n")
     print(f"Figures, reports and data are in {given.out}")
     return 1 if len(failures) == len(labels) else 0
+
+
+def _of_law(scene: Any, given: argparse.Namespace) -> Any:
+    """The scene with `--law` in place of its controllers, where it is given, and with the inputs of `--hold`."""
+    from toolbox.scenes.cases import Case
+    from toolbox.scenes.catalogue import part
+
+    held = {}
+    for text in given.hold:
+        name, mark, value = (word.strip() for word in text.partition("="))
+        if not mark or not name or not value:
+            raise SceneError(f"Argument `--hold` must be NAME=VALUE, but it is `{text}`.")
+        held[name] = plain(value)
+    cases = scene.cases
+    if given.law is not None:
+        law = part(given.law, "control law")()
+        cases = (Case.of(given.law, law),)
+        inputs = {name: value for name, value in scene.inputs.items() if name not in law.drives}
+        scene = dataclasses.replace(scene, inputs=inputs, cases=cases)
+    return dataclasses.replace(scene, inputs={**scene.inputs, **held}) if held else scene
+
+
+def _machines(loop: Any, off: str | None) -> dict[str, Any]:
+    """{words: loop}: the declared machine without words, and those of `--off`."""
+    if off is None:
+        return {"": loop}
+    listed, _, text = off.partition("=")
+    names = [name.strip() for name in listed.split(",") if name.strip()]
+    part = (
+        numbers("--off", [f"{text.strip()}" if text.strip().endswith("%") else plain(text.strip())], "1", above=0, below=1)[0]
+        if text.strip()
+        else 0.0
+    )
+    if not names or not part:
+        raise SceneError(f"Argument `--off` must be NAME[,NAME...]=PART such as pad.friction.static=20%, but it is `{off}`.")
+    found = {"": loop}
+    for sign in (-1.0, 1.0):
+        changed = loop
+        for name in names:
+            changed = changed.at(name, loop.free(name).value * (1.0 + sign * part))
+        found[f"{', '.join(names)} {100.0 * sign * part:+g} %"] = changed
+    return found
+
+
+def _left_of(machines: dict[str, Any]) -> str:
+    """How much of the map is free on every machine, and on all of them, as text."""
+    import numpy as np
+
+    free = {words or "declared": found.regions["free"] for words, found in machines.items()}
+    rows = [(words, f"{100.0 * where.mean():.1f} %") for words, where in free.items()]
+    rows.append(("on all of them", f"{100.0 * np.logical_and.reduce(list(free.values())).mean():.1f} %"))
+    return "\n".join(["Share of the map that is free", *columns(rows)])

@@ -1,0 +1,49 @@
+"""A drive that holds the speed of a brake disc: the test bench on which groan is mapped over pressure and speed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from toolbox import Controller, Equations, Quantity, SceneError, quantity, state
+from toolbox.modelling import OptionalQuantity
+
+
+@dataclass(frozen=True)
+class HeldSpeed(Controller):
+    """PI of the speed of the disc with the poles of s^2 + 2 zeta om s + om^2, om = 2 pi frequency: T = I (2 zeta om e + om^2 int e dt), e = reference - w.
+
+    A stop passes the speeds at which a pad groans in a few seconds, and has no steady running of which one could say that it is stable. On a bench whose drive
+    holds the speed it has. The frequency must be far below that of the pad, so that the drive does not damp what is looked at, and the inertia far above its
+    own, so that the disc hardly feels the pad. `design` reads `disc.inertia` of the plant.
+
+    - Needs the signals `disc.speed` [rad/s] and `disc.reference` [rad/s] (default: the field `reference`).
+    - Gives `disc.torque` [N m].
+
+    Source: textbook (pole placement).
+    """
+
+    measures: ClassVar[tuple[str, ...]] = ("disc.speed",)
+    drives: ClassVar[tuple[str, ...]] = ("disc.torque",)
+
+    reference: Quantity = quantity(1.0, "rad/s", "speed that is held", above=0)
+    frequency: Quantity = quantity(0.5, "Hz", "natural frequency of the drive", above=0)
+    damping: Quantity = quantity(0.7, "1", "its damping ratio zeta", above=0)
+    inertia: OptionalQuantity = quantity(None, "kg m2", "inertia I of disc and drive; None takes that of the plant", above=0)
+
+    def design(self, plant):
+        if self.inertia is not None:
+            return self
+        try:
+            inertia = float(plant.parameter("disc.inertia"))
+        except SceneError as error:
+            raise SceneError(f"HeldSpeed is designed on a brake with a disc, or needs its field `inertia`: {error}") from None
+        return replace(self, inertia=inertia)
+
+    def continuous(self, signal):
+        angle, om = state("held.angle", "rad"), 2.0 * math.pi * self.frequency
+        error = signal("disc.reference", "rad/s", default=self.reference) - signal("disc.speed", "rad/s")
+        return Equations(
+            flow={angle: error}, gives={"disc.torque": (self.inertia * (2.0 * self.damping * om * error + om**2 * angle), "N m")}
+        )

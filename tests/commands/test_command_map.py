@@ -1,0 +1,56 @@
+"""`stickslip map` of brakes: one command for every scene, and what is left with friction that is off."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from toolbox.commands.command_line import main
+from toolbox.onsets.severity_map import SeverityMap
+
+pytestmark = pytest.mark.timeout(120)
+
+SCENES = Path(__file__).parents[2] / "studies" / "scenes"
+GROAN = ["--law", "HeldSpeed", "--x", "disc.reference=0.2:5", "--y", "brake.force=0.2kN:3kN", "--shape", "4x3"]
+
+
+@pytest.mark.parametrize(("scene", "more"), [("brake_stop", []), ("creep_groan", []), ("brake_laws", ["--hold", "pad.attachment=0"])])
+def test_groan_of_every_brake_scene_is_mapped_by_one_command(scene, more, tmp_path, capsys):
+    assert main(["map", str(SCENES / f"{scene}.toml"), *GROAN, *more, "--out", str(tmp_path)]) == 0
+    assert "smooth running is lost" in capsys.readouterr().out
+    found = SeverityMap.load(tmp_path / "01_heldspeed" / "map.npz")
+    free = found.regions["free"]
+    assert free[-1, 0] and not free[0, -1]  # fast and light is free, slow and hard is not
+
+
+def test_friction_that_is_off_leaves_what_is_free_on_every_machine(tmp_path, capsys):
+    off = ["--off", "pad.friction.static,pad.friction.kinetic=20%"]
+    assert main(["map", str(SCENES / "brake_stop.toml"), *GROAN, *off, "--out", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    free = [
+        SeverityMap.load(tmp_path / name / "map.npz").regions["free"]
+        for name in ("01_heldspeed", "01_heldspeed_less20", "01_heldspeed_more20")
+    ]
+    told = [line.strip() for line in text.partition("Share of the map that is free")[2].splitlines() if line.endswith("%")]
+    lines = dict(line.rsplit("  ", 1) for line in told)
+    shares = {words.strip(): float(share.split()[0]) for words, share in lines.items()}
+    assert shares["declared"] == pytest.approx(100 * free[0].mean(), abs=0.05)
+    assert shares["on all of them"] == pytest.approx(100 * np.logical_and.reduce(free).mean(), abs=0.05)
+    assert free[1].sum() >= free[0].sum() >= free[2].sum()
+
+
+@pytest.mark.parametrize(
+    ("more", "word"),
+    [
+        (["--off", "pad.friction.static"], "NAME[,NAME...]=PART"),
+        (["--off", "pad.friction.static=200%"], "--off` must be > 0 and < 1"),
+        (["--off", "pad.frictoin.static=20%"], "pad.friction.static"),
+        (["--hold", "pad.attachment"], "must be NAME=VALUE"),
+        (["--law", "HeldSped"], "did you mean `HeldSpeed`"),
+    ],
+)
+def test_mistakes_of_a_map_of_groan_are_told(more, word, tmp_path, capsys):
+    assert main(["map", str(SCENES / "brake_stop.toml"), *GROAN, *more, "--out", str(tmp_path)]) != 0
+    assert word in capsys.readouterr().err

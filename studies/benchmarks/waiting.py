@@ -161,7 +161,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--only", nargs="+", choices=list(ROWS), default=list(ROWS), metavar="ROW", help=f"some of: {', '.join(ROWS)}")
-    parser.add_argument("--turns", type=int, default=3, help="turns of which the least counts (3)")
+    parser.add_argument("--turns", type=int, choices=range(1, 100), metavar="N", default=3, help="turns of which the least counts (3)")
     given = parser.parse_args(arguments)
     for name in given.only:
         row = ROWS[name]

@@ -104,7 +104,7 @@ class Record:
     """What the judge has seen: the sticks of a contact, and what a signal did.
 
     steps: (begin, end, lowest value, highest value, integral) of the steps of each piece;  windows: lowest and highest value in windows of a length, which
-    divides that of a piece;  spans: range of the force of the contact over the second half of each piece, in parts of its largest value.
+    divides that of a piece;  recent: the last three pieces, whose force is looked at where the contact stays.
     """
 
     element: str
@@ -116,7 +116,7 @@ class Record:
     windows: list[tuple[float, float]] = field(default_factory=list)
     first: float = math.nan
     now: float = math.nan
-    spans: list[float] = field(default_factory=list)
+    recent: list[Trajectory] = field(default_factory=list)
 
     def add(self, run: Trajectory) -> None:
         """Add a run that begins where the one before ended."""
@@ -138,15 +138,23 @@ class Record:
             low[i], high[i] = low[i - 1], high[i - 1]
         self.windows += zip(low.tolist(), high.tolist(), strict=True)
         self.now = run.end
+        self.recent = [*self.recent[-2:], run]
+
+    @property
+    def spans(self) -> list[float]:
+        """Range of the force of the contact over the second half of each of the last three pieces, in parts of its largest value."""
+        return [self._span(run) for run in self.recent]
+
+    def _span(self, run: Trajectory) -> float:
         contact = next(each for each in run.program.system.elements if each.name == self.element)
         late = run.nodes.at(np.linspace(0.5 * (run.begin + run.end), run.end, 65))
         force = np.atleast_1d(late.computed(ca.SX(contact.force)))
-        self.spans.append(float(np.ptp(force) / np.maximum(np.abs(force).max(), 1e-300)))
+        return float(np.ptp(force) / np.maximum(np.abs(force).max(), 1e-300))
 
     @property
     def at_rest(self) -> bool:
         """Whether the force of the contact rests, or has come and gone by the same in the last three pieces."""
-        last = self.spans[-3:]
+        last = self.spans
         return last[-1] < SAME or (len(last) == 3 and max(last) - min(last) < 1e-3 * max(last))
 
     @property
@@ -156,7 +164,12 @@ class Record:
 
     def table(self, begin: float) -> FloatArray:
         """(begin, end, lowest, highest, integral) of the steps from a time on, shape (5, steps)."""
-        columns = [each for each in self.steps if each.size and each[1, -1] > begin]
+        columns: list[FloatArray] = []
+        for each in reversed(self.steps):
+            if each.size and each[1, -1] <= begin:
+                break
+            if each.size:
+                columns.insert(0, each)
         table = np.concatenate(columns, axis=1) if columns else np.empty((5, 0))
         return table[:, table[1] > begin]
 
@@ -277,14 +290,14 @@ class Judge:
 
     def _comes_back(self, rows: FloatArray, p: int) -> bool:
         """Whether rounds of p sticks, rows (interval, length), are the same, or come to be so before a stick is lost."""
-        count = len(rows) // p
-        rounds = rows[len(rows) - count * p :].reshape(count, p, 2)
-        size = rounds[-1, :, 0].sum()
-        apart = np.abs(np.diff(rounds, axis=0)).max(axis=(1, 2)) / size
+        size = rows[-p:, 0].sum()
         # a round of several sticks must be more than shorter rounds that slowly part: they differ by far more than from round to round
         within = min((float(np.abs(rows[-q:] - rows[-2 * q : -q]).max()) for q in range(1, p) if p % q == 0), default=math.inf) / size
-        if apart[-1] > 1e-3 * within:
+        if float(np.abs(rows[-p:] - rows[-2 * p : -p]).max()) / size > 1e-3 * within:
             return False
+        count = len(rows) // p
+        rounds = rows[len(rows) - count * p :].reshape(count, p, 2)
+        apart = np.abs(np.diff(rounds, axis=0)).max(axis=(1, 2)) / size
         if apart[-1] < SAME and apart[-2] < 10 * SAME and apart[-1] <= max(apart[-2], 0.01 * SAME):
             return True  # what grows, if slowly, is on its way out
         margin = rounds[-1, :, 1].min() / size

@@ -28,23 +28,26 @@ class NumericFunction:
         return NumericFunction, (self.function,)
 
     def __call__(self, *arguments: Any) -> Any:
-        given = []
         for size, argument in zip(self._sizes, arguments, strict=True):
-            array = np.asarray(argument, float).ravel()  # contiguous, too
-            if array.size != size:
-                if array.size != 1:
-                    found = self.function(*arguments)
-                    return tuple(map(np.array, found)) if isinstance(found, tuple) else np.array(found)
-                array = np.full(size, array[0])
-            given.append(array)
-        if not hasattr(self._own, "buffer"):
-            self._own.buffer = self.function.buffer()
-        buffer, evaluate = self._own.buffer
-        found = [np.empty(length) for length in self._lengths]
+            if np.size(argument) not in (1, size):
+                found = self.function(*arguments)
+                return tuple(map(np.array, found)) if isinstance(found, tuple) else np.array(found)
+        if not hasattr(self._own, "given"):
+            self._own.given, self._own.found, self._own.evaluate = self._memory()
+        for array, argument in zip(self._own.given, arguments, strict=True):
+            array[:] = argument if np.ndim(argument) < 2 else np.ravel(argument)
+        self._own.evaluate()
+        shaped = tuple(array.reshape(shape, order="F").copy(order="F") for array, shape in zip(self._own.found, self._shapes, strict=True))
+        return shaped if len(shaped) > 1 else shaped[0]
+
+    def _memory(self) -> tuple[list[np.ndarray], list[np.ndarray], Any]:
+        """Arrays of the arguments and of the results of one thread, and what evaluates the one to the other."""
+        given, found = ([np.empty(length) for length in lengths] for lengths in (self._sizes, self._lengths))
+        buffer: Any
+        buffer, evaluate = self.function.buffer()
         for i, array in enumerate(given):
             buffer.set_arg(i, array.data)
         for i, array in enumerate(found):
             buffer.set_res(i, array.data)
-        evaluate()
-        shaped = tuple(array.reshape(shape, order="F") for array, shape in zip(found, self._shapes, strict=True))
-        return shaped if len(shaped) > 1 else shaped[0]
+        self._own.buffer = buffer  # `evaluate` does not keep it alive
+        return given, found, evaluate

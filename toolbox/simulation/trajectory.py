@@ -305,7 +305,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         """
         longest = self.run.longest_step / 5.3
         if self.program.system.updates:  # where samples set the steps, another accuracy alone would repeat them, and their error
-            longest = min(longest, float(np.diff(self.nodes.time).max(initial=np.inf if self.nodes.time.size < 2 else 0.0)) / 2.6)
+            longest = min(longest, float(np.diff(self.nodes.time).max(initial=np.inf if self.nodes.time.size < 2 else 0.0)) / 1.9)
         finer = {"accuracy": self.accuracy / 100, "method": EventExact(), "output_times": None, "longest_step": longest}
         return self.difference(self.run.again(**finer, duration=min(self.end, self.run.end) - self.begin, budget=UNHURRIED))
 

@@ -68,7 +68,7 @@ class Compiled:
 
     def known(self) -> bool:
         """Whether it needs no compiling here."""
-        return "_library" in self.__dict__ or self._kept() is not None
+        return "_library" in self.__dict__ or self._kept() is not None or self._shipped() is not None
 
     def ready(self) -> None:
         """Compile it, unless it is."""
@@ -112,9 +112,10 @@ class Compiled:
 
     def _shipped(self) -> bytes | None:
         """The object code that the package holds, of the same text for the same machine; None where there is none."""
-        path = SHIPPED / self.shipped_name
+        if not SHIPPED.is_dir():  # as in a source tree
+            return None
         try:
-            content = path.read_bytes()
+            content = (SHIPPED / self.shipped_name).read_bytes()
         except OSError:
             return None
         return content[32:] if hashlib.sha256(content[32:]).digest() == content[:32] else None

@@ -6,6 +6,7 @@ from toolbox.authoring import face
 
 if TYPE_CHECKING:
     from controllers.moving_horizon import MovingHorizon as MovingHorizon
+    from controllers.observers.ensemble import Ensemble as Ensemble
     from controllers.observers.linear import DisturbanceObserver as DisturbanceObserver
     from controllers.observers.linear import Kalman as Kalman
     from controllers.observers.sliding import SlidingObserver as SlidingObserver

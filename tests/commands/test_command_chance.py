@@ -80,3 +80,19 @@ def test_what_a_posterior_cannot_compare_is_refused(rig, tmp_path, capsys):
     assert "names `top.torque`; there are: top.speed" in capsys.readouterr().err
     assert main([*given, "top.speed"]) == 2
     assert "`--compare` must be SIGNAL=DEVIATION" in capsys.readouterr().err
+
+
+def test_a_log_of_the_surface_becomes_estimates(rig, tmp_path, capsys):
+    run = simulate(Scene.load(rig)["constant torque"], "20 s", output_times=np.linspace(0.0, 20.0, 401))
+    rows = zip(run.time, run["top.torque"], run["top.speed"], strict=True)
+    (tmp_path / "rig.csv").write_text(
+        "time [s],torque [N m],top.speed [rad/s]\n" + "".join(f"{t:.9g},{u:.9g},{w:.9g}\n" for t, u, w in rows)
+    )
+    out = tmp_path / "out"
+    columns = ["--column", "top.torque=torque", "--column", "top.speed=top.speed"]
+    assert main(["estimate", str(rig), str(tmp_path / "rig.csv"), *columns, "--members", "16", "--out", str(out)]) == 0
+    assert "bit speed" in capsys.readouterr().out
+    assert {path.name for path in out.iterdir()} == {f"estimate.{kind}" for kind in ("txt", "csv", "npz", "png")} | {
+        "scene.toml",
+        "origin.json",
+    }

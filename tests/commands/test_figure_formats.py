@@ -63,7 +63,9 @@ def test_a_study_and_a_comparison_write_pdf(belt, tmp_path):
         assert set(figures(tmp_path / "both")) == {f"compare.{kind}"}
 
 
-@pytest.mark.parametrize("command", ["study", "simulate", "compare", "onset", "map", "chance", "tune", "fit", "posterior", "tradeoff"])
+@pytest.mark.parametrize(
+    "command", ["study", "simulate", "compare", "onset", "map", "chance", "tune", "fit", "posterior", "estimate", "tradeoff"]
+)
 def test_an_unknown_format_is_refused_by_every_command_that_writes_figures(command, capsys):
     with pytest.raises(SystemExit) as caught:
         main([command, "--format", "jpeg"])

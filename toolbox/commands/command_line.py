@@ -25,6 +25,7 @@ from toolbox.commands import (
     compare,
     drives,
     environment,
+    estimate,
     explore,
     export,
     fit,
@@ -44,7 +45,24 @@ from toolbox.errors import SceneError, UnusualValue
 from toolbox.files.interrupts import GATE
 from toolbox.files.unit_systems import SYSTEMS, units
 
-COMMANDS = (study, simulate, explore, compare, onset, sweep, chance, drives, tune, fit, posterior, tradeoff, export, report, listing)
+COMMANDS = (
+    study,
+    simulate,
+    explore,
+    compare,
+    onset,
+    sweep,
+    chance,
+    drives,
+    tune,
+    fit,
+    posterior,
+    estimate,
+    tradeoff,
+    export,
+    report,
+    listing,
+)
 
 
 def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> int:

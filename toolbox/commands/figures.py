@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from toolbox.modelling.hybrid_system import HybridSystem
     from toolbox.onsets.report import Onset
     from toolbox.onsets.severity_map import SeverityMap
+    from toolbox.probability.estimates import Estimates
     from toolbox.probability.posteriors import Posterior
     from toolbox.probability.results import Chance
     from toolbox.robustness.lowest_set_point import LowestSetPoints
@@ -83,7 +84,9 @@ def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
 
 
 def draw_found(
-    found: Trajectory | SeverityMap | LowestSetPoints | Tuned | WorkPrecision | Fit | Chance | Posterior, title: str | None, path: Path
+    found: Trajectory | SeverityMap | LowestSetPoints | Tuned | WorkPrecision | Fit | Chance | Posterior | Estimates,
+    title: str | None,
+    path: Path,
 ) -> None:
     """Write the figure of a run, or of what a search, a map, a measurement or a calibration found; without a title where the figure has one of its own."""
     _plot()

@@ -126,13 +126,13 @@ def _compared(given: argparse.Namespace, loop: ClosedLoop) -> tuple[dict[str, An
     from toolbox.calibration.recording import Recording
     from toolbox.probability.posteriors import windowed
 
-    columns = dict(_pairs("--column", "SIGNAL=HEADING", given.column))
+    columns = dict(pairs("--column", "SIGNAL=HEADING", given.column))
     bare = dataclasses.replace(loop, inputs={})
     recording = Recording.of(given.data, bare.system, columns or None)
     driving = {name: (recording.time, values) for name, values in recording.signals.items() if name in bare.system.inputs}
     data: dict[str, Any] = {}
     measures: dict[str, Any] = {}
-    for name, deviation in _pairs("--compare", "SIGNAL=DEVIATION", given.compare):
+    for name, deviation in pairs("--compare", "SIGNAL=DEVIATION", given.compare):
         if name not in recording.signals or name in driving:
             others = ", ".join(each for each in recording.signals if each not in driving)
             raise SceneError(
@@ -145,7 +145,7 @@ def _compared(given: argparse.Namespace, loop: ClosedLoop) -> tuple[dict[str, An
     return driving, data, measures, float(recording.time[-1])
 
 
-def _pairs(option: str, form: str, texts: list[str]) -> list[tuple[str, str]]:
+def pairs(option: str, form: str, texts: list[str]) -> list[tuple[str, str]]:
     """(name, what stands behind it) of texts NAME=WHAT."""
     parts = [text.partition("=") for text in texts]
     for text, (name, equals, what) in zip(texts, parts, strict=True):

@@ -11,6 +11,12 @@ if TYPE_CHECKING:
     from toolbox.probability.distributions import Normal as Normal
     from toolbox.probability.distributions import Uniform as Uniform
     from toolbox.probability.distributions import drawn as drawn
+    from toolbox.probability.ensemble import EnsembleFilter as EnsembleFilter
+    from toolbox.probability.ensemble import Estimate as Estimate
+    from toolbox.probability.ensemble import Knowledge as Knowledge
+    from toolbox.probability.estimates import Detector as Detector
+    from toolbox.probability.estimates import Estimates as Estimates
+    from toolbox.probability.estimates import estimate as estimate
     from toolbox.probability.posteriors import Posterior as Posterior
     from toolbox.probability.posteriors import posterior as posterior
     from toolbox.probability.posteriors import windowed as windowed

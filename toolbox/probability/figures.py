@@ -43,6 +43,23 @@ class DrawnPosterior(Protocol):
     def asked(self) -> Mapping[str, str]: ...
 
 
+class DrawnEstimates(Protocol):
+    """What the pictures show of `toolbox.probability.Estimates`."""
+
+    @property
+    def time(self) -> np.ndarray: ...
+    @property
+    def mean(self) -> Mapping[str, np.ndarray]: ...
+    @property
+    def deviation(self) -> Mapping[str, np.ndarray]: ...
+    @property
+    def units(self) -> Mapping[str, str]: ...
+    @property
+    def spells(self) -> Sequence[tuple[float, float]]: ...
+    @property
+    def asked(self) -> Mapping[str, str]: ...
+
+
 def chance_diagram(found: DrawnChance, axes: Any = None) -> Any:
     """The chances over one number, as curves with their bounds, or over two, one panel per law with the line above which 95 % are free by the bound."""
     with plt.rc_context(PAPER):
@@ -118,4 +135,30 @@ def corner_diagram(found: DrawnPosterior, axes: Any = None) -> Any:
                     if j == 0:
                         name_axis(ax.yaxis, in_words(found.names[i]), found.units[i], found.asked)
             name_axis(axes[count - 1][i].xaxis, in_words(found.names[i]), found.units[i], found.asked)
+    return axes
+
+
+def estimate_diagram(found: DrawnEstimates, axes: Any = None) -> Any:
+    """What is known over time, mean and band of 95 %, one panel each; times of stick-slip are shaded."""
+    known = [name for name, values in found.mean.items() if np.isfinite(values).any()]
+    with plt.rc_context(PAPER):
+        if axes is None:
+            _, axes = plt.subplots(len(known), 1, figsize=(WIDTH, 1.4 * len(known) + 0.6), layout="constrained", sharex=True, squeeze=False)
+        for ax, name in zip(np.ravel(axes), known, strict=True):
+            mean, wide = found.mean[name], 1.96 * found.deviation[name]
+            ax.fill_between(found.time, mean - wide, mean + wide, color=LINES[0]["color"], alpha=0.25, linewidth=0)
+            ax.plot(found.time, mean, color=LINES[0]["color"], linewidth=0.9)
+            for begin, end in found.spells:
+                ax.axvspan(begin, end, color="0.9", zorder=0)
+            name_axis(ax.yaxis, in_words(name), found.units[name], found.asked)
+        np.ravel(axes)[-1].set_xlabel("time [s]")
+        np.ravel(axes)[0].figure.legend(
+            handles=[
+                plt.Rectangle((0, 0), 1, 1, color=LINES[0]["color"], alpha=0.25, label="95 % band"),
+                plt.Rectangle((0, 0), 1, 1, color="0.9", label="stick-slip"),
+            ],
+            loc="outside lower center",
+            ncols=2,
+            frameon=False,
+        )
     return axes

@@ -116,6 +116,7 @@ ALL: Sequence[Kind] = (
     Kind("map.txt", "Severity map", "map"),
     Kind("chance.txt", "Chance of stick-slip", "chance"),
     Kind("posterior.txt", "Posterior", "posterior"),
+    Kind("estimate.txt", "Estimates beside the rig", "estimate"),
     Kind("drives.txt", "Lowest set-points", "drives"),
     Kind("tune.txt", "Tuning", "tune"),
     Kind("fit.txt", "Calibration", "fit"),

@@ -1,0 +1,74 @@
+"""stickslip estimate: what the bit did, by what was measured at the surface."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from toolbox.arguments import number
+from toolbox.commands import figures
+from toolbox.commands.posterior import pairs
+from toolbox.commands.recording import results
+from toolbox.commands.terminal import common, drawn_as, earlier, plain, show
+
+FILES = ("estimate.txt", "estimate.csv", "estimate.npz", "estimate.png", "scene.toml")
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip estimate`."""
+    verb = commands.add_parser(
+        "estimate",
+        parents=[
+            common(
+                "folder for report, table and figure; those of an earlier call are replaced",
+                scene="the drill string",
+                controller="the controller whose border of smooth running the margin is taken to; the last one of the scene without",
+            )
+        ],
+        help="bit speed, torque at the bit, severity and margin from a log of the surface, each with its uncertainty",
+        description="Follow a log of surface torque, top speed and, where it is there, weight on bit with an ensemble of strings that stick and slip. "
+        "Printed are the estimates, and when there was stick-slip; the table has them at every sample, from that sample and those before it.",
+        epilog="example: stickslip estimate studies/scenes/jansen_2.toml rig.csv --column top.torque='drive torque' --column top.speed='table speed' "
+        "--controller 'stiff PI' --out estimated",
+    )
+    verb.add_argument("data", type=Path, metavar="LOG", help="measured signals: CSV or TOML with units in headings, or MAT")
+    verb.add_argument(
+        "--column", metavar="SIGNAL=HEADING", action="append", default=[], help="what a signal, or time, is called in the log"
+    )
+    verb.add_argument(
+        "--speed-noise", default="0.01 rad/s", metavar="X", help="standard deviation of the measured top speed ('0.01 rad/s')"
+    )
+    verb.add_argument("--torque-noise", default="30 N m", metavar="X", help="standard deviation of the measured torque ('30 N m')")
+    verb.add_argument("--members", type=int, default=64, metavar="N", help="strings of the ensemble (64)")
+    verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the random numbers (0)")
+    verb.set_defaults(action=run, spelled={"data": "LOG", "columns": "--column", "loop": "SCENE.toml"})
+
+
+def run(given: argparse.Namespace) -> int:
+    """Estimate over a log. Returns the exit code."""
+    from toolbox.probability.ensemble import Knowledge
+    from toolbox.probability.estimates import estimate
+    from toolbox.scenes.scene import Scene
+
+    scene = Scene.load(given.scene)
+    loop = scene[given.controller or scene.labels[-1]]
+    noises = {
+        "speed_noise": number("--speed-noise", plain(given.speed_noise), "rad/s", above=0),
+        "torque_noise": number("--torque-noise", plain(given.torque_noise), "N m", at_least=0),
+    }
+    columns = dict(pairs("--column", "SIGNAL=HEADING", given.column))
+    found = estimate(loop, given.data, columns=columns or None, knowledge=Knowledge(**noises), members=given.members, seed=given.seed)
+    given.found = found = dataclasses.replace(found, title=scene.title)
+    with results(given, drawn_as(FILES, given.format), earlier("estimate.txt", "^Estimates of ", FILES)) as folder:
+        if folder is not None:
+            (folder / "estimate.txt").write_text(f"{found}\n", encoding="utf-8")
+            found.save(folder / "estimate.csv")
+            found.save(folder / "estimate.npz")
+            figures.draw_found(found, scene.title, folder / f"estimate.{given.format}")
+            scene.save(folder / "scene.toml")
+    show(str(found))
+    if given.out:
+        print(f"\nReport, table and figure are in {given.out}")
+    return 0

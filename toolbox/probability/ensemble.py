@@ -1,0 +1,368 @@
+"""Beside the rig: bit speed, torque at the bit, severity and margin from what is measured at the surface, each with its uncertainty, by an ensemble of strings.
+
+Every member is a string with rock of its own: inertias, stiffness and strength of the rock differ as they are known, and each sticks and slips exactly, by the
+hybrid prediction of the plant (`toolbox.prediction`). A sample of the top speed draws all members to it by their covariance, states and numbers alike, so that
+the ensemble learns the machine while it filters. Source: G. Evensen (1994), doi:10.1029/94JC00572; the square root without drawn measurements: J. S. Whitaker,
+T. M. Hamill (2002), doi:10.1175/1520-0493(2002)130<1913:EDAWPO>2.0.CO;2.
+
+Why numbers wander: an ensemble that has learned is narrow, and a narrow one that is wrong learns no more. The spread of each number goes back to what was
+known of it within minutes. A spring that gets stiffer keeps its torque, so that a number that wanders is no kick.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import FloatArray, number, whole
+from toolbox.compilation.numba_cache import cached
+from toolbox.errors import SceneError
+from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
+from toolbox.modelling.components import check_fields
+from toolbox.modelling.elements import Quantity, quantity
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.prediction import rollout_loop
+from toolbox.prediction.rollout import Rollout
+from toolbox.steady_states.hopf import hopf_points
+
+LONGEST = 0.02
+"""Longest step of the prediction [s]; a longer time between samples is taken in several."""
+
+OUTLIER = 5.0
+"""Errors of the top speed beyond this many standard deviations count only that much: an outlier moves nothing, and an ensemble that went astray comes back."""
+
+ASTRAY = 4.0
+"""Mean square of the errors over some fifty samples, in parts of what is expected, beyond which the ensemble is taken to have gone astray and is widened."""
+
+MOST = 0.6
+"""Largest logarithm of a number of a member over the declared one."""
+
+SEEN, ROWS = 1.25, 50
+"""Periods of the string over which severity is taken, and instants in them."""
+
+HARDER = np.linspace(0.4, 2.0, 9)
+"""Loads on the bit, in parts of the declared one, at which the border is computed."""
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What is known of the machine and of the measurement. Numbers of the machine are log-normal around the declared ones.
+
+    One setting serves stick-slip and smooth running; that of the measurement should be what it is.
+    """
+
+    speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
+    torque_noise: Quantity = quantity(30.0, "N m", "standard deviation of the measured torque at each step", at_least=0)
+    inertia: Quantity = quantity(0.05, "1", "deviation of the logarithm of the inertias of drive and string", at_least=0)
+    stiffness: Quantity = quantity(0.05, "1", "deviation of the logarithm of the stiffness", at_least=0)
+    strength: Quantity = quantity(0.08, "1", "deviation of the logarithm of the strength of the rock", at_least=0)
+    load: Quantity = quantity(0.006, "1", "deviation of what weight and rock vary in a second, in parts of them", at_least=0)
+    lasting: Quantity = quantity(200.0, "s", "time in which the spread of the numbers of the string goes back to what was known", above=0)
+    rock: Quantity = quantity(60.0, "s", "time in which the strength of the rock changes", above=0)
+
+    def check(self) -> None:
+        """Raise SceneError where nothing of the rock is unknown: members that are alike learn nothing."""
+        if self.strength == 0 and self.load == 0:
+            raise SceneError(
+                "Argument `strength` must be above 0 where `load` is 0, because members that are alike learn nothing, but it is 0."
+            )
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What is known at a sample: pairs of mean and standard deviation, in SI.
+
+    top_speed, bit_speed [rad/s];  bit_torque [N m], also of a bit that is held;  strength [1] of the rock over the declared one.
+    severity [1] of the last period and a quarter;  margin [rad/s], mean bit speed of that time over the border below which smooth running is lost, nan where
+    no law is known;  stuck: part of the members in stick;  sticking: part of those that have stuck within that time.
+    """
+
+    top_speed: tuple[float, float]
+    bit_speed: tuple[float, float]
+    bit_torque: tuple[float, float]
+    strength: tuple[float, float]
+    severity: tuple[float, float]
+    margin: tuple[float, float]
+    stuck: float
+    sticking: float
+
+
+class EnsembleFilter:
+    """An ensemble of strings that follows a rig: `step` at every sample, in a stream or over a log.
+
+    Parameters
+    ----------
+    loop
+        A loop, or a plant: a drill string with a chain of inertias and a rock. Of a loop with a law over `top.reference` the border is known too.
+    knowledge
+        What is known of machine and measurement.
+    members
+        Number of strings, >= 8.
+    seed
+        Of the random numbers.
+
+    Raises
+    ------
+    SceneError
+        If the plant is no drill string with a chain of inertias and a rock.
+    """
+
+    def __init__(self, loop: ClosedLoop | HybridSystem, knowledge: Knowledge | None = None, *, members: int = 64, seed: int = 0):
+        self.knowledge = Knowledge() if knowledge is None else knowledge
+        check_fields(self.knowledge)
+        self.members, self.seed = whole("members", members, 8), whole("seed", seed, 0)
+        given = loop if isinstance(loop, ClosedLoop) else closed_loop(loop)
+        plant = given.plant
+        self._places(plant)
+        drives = ("top.torque", *(["bit.weight"] if "bit.weight" in plant.inputs else []))
+        self.rollout = Rollout(plant, drives, LONGEST, 1)
+        self.plant, self.weight = plant, float(plant.parameter("bit.weight"))
+        stiffness = 1.0 / float(np.sum(1.0 / np.atleast_1d(plant.parameter("chain.stiffness"))))
+        below = float(np.sum(np.atleast_1d(plant.parameter("chain.inertia"))[1:]))
+        self.stiffness, self.period = stiffness, 2.0 * math.pi * math.sqrt(below / stiffness)
+        self.border = _border(given)
+        self.reset()
+
+    def _places(self, plant: HybridSystem) -> None:
+        """Rows of the states and places of the numbers that differ between members."""
+        for name in ("top.torque", "top.speed", "bit.speed", "bit.torque"):
+            if not plant.has_signal(name) and name not in plant.inputs:
+                raise SceneError(f"Argument `loop` must be a drill string with a rock, but it has no `{name}`.")
+        try:
+            inertia, stiffness, twist = (plant._parameter(f"chain.{name}") for name in ("inertia", "stiffness", "stiffness"))
+            plant.parameter("bit.weight")
+        except SceneError as error:
+            raise SceneError(f"Argument `loop` must be a drill string with a chain of inertias and a rock: {error}") from None
+        first, count = inertia.offset, inertia.size or 1
+        self.numbers = [[first], list(range(first + 1, first + count)), list(range(stiffness.offset, stiffness.offset + (twist.size or 1)))]
+
+        def row(name: str) -> int:
+            slope = np.array(ca.DM(ca.jacobian(plant.expression(name), plant.x))).ravel()
+            return int(np.argmax(np.abs(slope)))
+
+        self.top, self.bit = row("top.speed"), row("bit.speed")
+        begin, end = plant.rows("chain.twist")[0], plant.rows("chain.twist")[1]  # type: ignore[index]
+        self.twists = list(range(begin, begin + (end or 1)))
+        self.contact = next(i for i, element in enumerate(plant.elements) if element.name == "bit")
+        slopes = [ca.jacobian(plant.flow[self.bit], each) for each in (plant.x, plant.F[self.contact])]
+        at = ca.Function("slopes", [plant.x, plant.u, plant.p, plant.m, plant.t, plant.F], [ca.densify(each) for each in slopes])
+        zeros = [np.zeros(each.numel()) for each in (plant.x, plant.u)]
+        along, across = at(*zeros, plant.values, np.zeros(plant.m.numel()), 0.0, np.zeros(plant.F.numel()))
+        self.holding = np.array(along).ravel() / float(across)  # torque that holds a bit in stick is this row times the states
+
+    def reset(self) -> None:
+        """Forget all that was measured."""
+        n, known = self.members, self.knowledge
+        self.count = 0
+        self.rng = self._stream()
+        self.deviations = np.array([known.inertia, known.inertia, known.stiffness, known.strength])
+        self.logs = self.deviations * self.rng.standard_normal((n, 4))
+        self.load, self.surprise, self.time = np.zeros(n), 1.0, 0.0
+        self.states: FloatArray | None = None
+        self.now = self.weight
+        self.table = np.tile(self.rollout.numbers, (n, 1))
+        self.ring, self.filled, self.since = np.zeros((ROWS, n)), 0, 0.0
+
+    def _stream(self) -> np.random.Generator:
+        """The random numbers of a sample, which its place and the seed decide, so that a filter goes on from its memory with the same ones."""
+        return np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, self.count]))
+
+    def get_memory(self) -> FloatArray:
+        """All on which the next estimates depend."""
+        states = np.zeros((self.members, self.rollout.n)) if self.states is None else self.states
+        single = (self.count, self.time, self.surprise, self.since, self.filled, self.now, self.states is not None)
+        return np.concatenate([single, *(each.ravel() for each in (states, self.logs, self.load, self.ring))])
+
+    def set_memory(self, values: FloatArray) -> None:
+        """Remember what `get_memory` told."""
+        n = self.members
+        count, self.time, self.surprise, self.since, filled, self.now, begun = values[:7].tolist()
+        self.count, self.filled = int(count), int(filled)
+        ends = np.cumsum([n * self.rollout.n, 4 * n, n])
+        states, logs, load, ring = (each.copy() for each in np.split(values[7:], ends))
+        self.states = states.reshape(n, -1) if begun else None
+        self.logs, self.load, self.ring = logs.reshape(n, 4), load, ring.reshape(ROWS, n)
+
+    def step(self, duration: float, torque: float, speed: float, weight: float | None = None) -> Estimate:
+        """Go on to a sample and take it in.
+
+        Parameters
+        ----------
+        duration
+            Time since the last sample [s]; what it is at the first one does not matter.
+        torque
+            Torque of the drive over that time [N m]: the mean of the measurements at both ends, or the command that was held; nan where it is not known, the
+            string then goes on under what it carries.
+        speed
+            Measured top speed [rad/s]; nan where there is none.
+        weight
+            Measured weight on bit [N]; the last one, at first the declared one, where it is None or nan.
+
+        Returns
+        -------
+        Estimate
+            What is known now.
+        """
+        if weight is not None and math.isfinite(weight):
+            self.now = max(weight, 0.0)
+        self.count += 1
+        self.rng = self._stream()
+        if self.states is None:
+            turning = speed if math.isfinite(speed) else 0.0
+            carried = 0.0 if abs(turning) < 1e-9 else float(self.sliding(np.abs([turning]))[0])
+            self._begin(torque if math.isfinite(torque) else carried, turning)
+        elif number("duration", duration, "s", at_least=0) > 0:
+            pieces = max(1, math.ceil(duration / LONGEST - 1e-9))
+            for _ in range(pieces):
+                self._predict(duration / pieces, torque)
+        if math.isfinite(speed):
+            self._correct(speed)
+        return self._told()
+
+    def _begin(self, torque: float, speed: float) -> None:
+        n = self.members
+        self.states = np.zeros((n, self.rollout.n))
+        rows = [name for name, (_, size, unit) in self.plant.states.items() for _ in range(size or 1) if name == "chain.speed"]
+        first = self.plant.rows("chain.speed")[0]  # type: ignore[index]
+        self.states[:, first : first + len(rows)] = speed
+        self.states[:, self.bit] += 0.5 * self.rng.standard_normal(n) * (speed > 0.0)
+        stiffness = self.rollout.numbers[self.numbers[2]]
+        carried = min(0.7 * torque, float(self.sliding(np.zeros(1))[0]))  # the drive takes its part, and the rock gives way
+        self.states[:, self.twists] = carried / stiffness * (1.0 + 0.15 * self.rng.standard_normal((n, 1)))
+
+    def _predict(self, duration: float, torque: float) -> None:
+        known, n, draw = self.knowledge, self.members, self.rng.standard_normal
+        assert self.states is not None  # begun at the first sample
+        factors = np.exp(self.logs)
+        for j, places in enumerate(self.numbers):
+            self.table[:, places] = self.rollout.numbers[places] * factors[:, j : j + 1]
+        kept = math.exp(-duration)
+        self.load = kept * self.load + known.load * math.sqrt(1.0 - kept * kept) * draw(n)
+        self.table[:, self.plant.values.size + self.contact] = factors[:, 3] * (1.0 + self.load)
+        if math.isfinite(torque):
+            push = torque + known.torque_noise * draw(n)
+        else:  # a torque that nobody knows is about what the string carries
+            push = self.states[:, self.twists[0]] * self.table[:, self.numbers[2][0]] * (1.0 + 0.2 * draw(n))
+        if len(self.rollout.drives) == 1:
+            self.table[:, self.plant.values.size + self.contact] *= self.now / self.weight
+        driven = np.column_stack([push, np.full(n, self.now)])[:, : len(self.rollout.drives)]
+        if self.rollout.slip is None:
+            modes = np.stack([self.rollout.modes(each) for each in self.states])
+        else:
+            rows, offset = self.rollout.slip
+            modes = np.sign(self.states @ rows.T + offset)
+        made = self.rollout
+        _advance_all(made.addresses, duration, made.inputs, made.columns, self.table, driven, self.states, modes)
+        self.time += duration
+        ways = np.array([known.lasting] * 3 + [known.rock])
+        keeps = np.exp(-duration / ways)
+        before = self.logs[:, 2].copy()
+        self.logs = keeps * self.logs + self.deviations * np.sqrt(1.0 - keeps**2) * draw((n, 4))
+        self.states[:, self.twists] *= np.exp(before - self.logs[:, 2])[:, None]
+        self.since += duration
+        if self.since >= SEEN * self.period / ROWS:
+            self.ring[self.filled % ROWS] = self.states[:, self.bit]
+            self.filled, self.since = self.filled + 1, 0.0
+
+    def _correct(self, speed: float) -> None:
+        assert self.states is not None
+        all_of = np.concatenate([self.states, self.logs, self.load[:, None]], axis=1)
+        mean = all_of.mean(axis=0)
+        apart = all_of - mean
+        seen = apart[:, self.top]
+        spread, noise, error = float(seen @ seen) / (self.members - 1), self.knowledge.speed_noise**2, speed - mean[self.top]
+        square = error**2 / (spread + noise)
+        self.surprise += 0.02 * (min(square, OUTLIER**2) - self.surprise)
+        if square > OUTLIER**2:
+            noise = (error / OUTLIER) ** 2 - spread
+        gain = seen @ apart / ((self.members - 1) * (spread + noise))
+        moved = all_of + error * gain - np.outer(seen, gain / (1.0 + math.sqrt(noise / (spread + noise))))
+        n = self.rollout.n
+        self.states, self.logs, self.load = np.ascontiguousarray(moved[:, :n]), np.clip(moved[:, n : n + 4], -MOST, MOST), moved[:, n + 4]
+        if self.surprise > ASTRAY:
+            self.logs += 0.5 * self.deviations * self.rng.standard_normal(self.logs.shape)
+            self.states[:, self.bit] *= 1.0 + 0.1 * self.rng.standard_normal(self.members)
+            self.surprise = 1.0
+        np.maximum(self.states[:, self.bit], 0.0, out=self.states[:, self.bit])
+
+    def _told(self) -> Estimate:
+        assert self.states is not None
+        bit = self.states[:, self.bit]
+        strength = np.exp(self.logs[:, 3]) * (1.0 + self.load)
+        held = self.holding * self.states
+        carried = held.sum(axis=1) + held[:, self.twists].sum(axis=1) * (np.exp(self.logs[:, 2]) - 1.0)
+        sliding = strength * self.now / self.weight * self.sliding(np.abs(bit))
+        stuck = bit == 0.0
+        severity = margin = (math.nan, math.nan)
+        sticking = math.nan
+        if self.filled >= ROWS:
+            high, low, mean = self.ring.max(axis=0), self.ring.min(axis=0), self.ring.mean(axis=0)
+            severity = _pair((high - low) / (2.0 * np.maximum(mean, 1e-6)))
+            sticking = float((low <= 0.0).mean())
+            if self.border is not None:
+                margin = _pair(mean - np.interp(strength * self.now / self.weight, HARDER, self.border))
+        return Estimate(
+            _pair(self.states[:, self.top]),
+            _pair(bit),
+            _pair(np.where(stuck, carried, sliding)),
+            _pair(strength),
+            severity,
+            margin,
+            float(stuck.mean()),
+            sticking,
+        )
+
+    def sliding(self, speed: FloatArray) -> FloatArray:
+        """Torque of the declared rock [N m] at speeds >= 0 [rad/s]."""
+        if not hasattr(self, "_curve"):
+            element, plant = self.plant.elements[self.contact], self.plant
+            row = np.zeros(self.rollout.n)
+            row[self.bit] = 1.0
+            function = ca.Function("rock", [plant.x, plant.u, plant.p, plant.m, plant.t], [element.kinetic])
+            grid = np.append(0.0, np.geomspace(1e-3, 100.0, 400))
+            states = row[:, None] * np.maximum(grid, 1e-9)[None, :]
+            inputs, modes = plant.input_defaults(plant.values), np.ones(len(plant.elements))
+            self._curve = grid, np.array(function(states, inputs, plant.values, modes, 0.0)).ravel()
+        found: FloatArray = np.interp(speed, *self._curve)
+        return found
+
+
+def _pair(values: Any) -> tuple[float, float]:
+    return float(values.mean()), float(values.std())
+
+
+def _border(loop: ClosedLoop) -> FloatArray | None:
+    """Highest set-point at which smooth running is lost, at each of the loads `HARDER`; None where the loop has no set-point or no continuous law."""
+    if "top.reference" not in loop.numbers():
+        return None
+    borders = []
+    for part in HARDER.tolist():
+        try:
+            weight = loop.number("bit.weight").value
+            found = hopf_points(loop.at("bit.weight", part * weight), "top.reference", (0.2, 40.0), values=25)
+        except SceneError:
+            return None
+        borders.append(max((point.value for point in found), default=0.0))
+    return np.array(borders)
+
+
+@cached(error_model="python")
+def _advance_all(addresses, duration, inputs, columns, table, driven, states, modes):  # pragma: no cover - compiled
+    """Move each member by one step, with numbers, inputs and modes of its own."""
+    none = np.empty((0, 0, 0))
+    n, contacts = states.shape[1], modes.shape[1]
+    x, m, u = np.empty((2, n)), np.zeros((2, contacts)), np.empty((1, driven.shape[1]))
+    for i in range(states.shape[0]):
+        for j in range(n):
+            x[0, j] = states[i, j]
+        for j in range(contacts):
+            m[0, j] = modes[i, j]
+        for j in range(driven.shape[1]):
+            u[0, j] = driven[i, j]
+        rollout_loop.advance(addresses, duration, 1, inputs, columns, table[i], u, x, none, none, m)
+        for j in range(n):
+            states[i, j] = x[1, j]

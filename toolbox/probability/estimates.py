@@ -1,0 +1,214 @@
+"""What an ensemble of strings makes of a log of the surface: estimates with their uncertainty over time, and when stick-slip began."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.calibration.recording import Recording
+from toolbox.errors import SceneError
+from toolbox.files import tables
+from toolbox.files.printing import columns
+from toolbox.files.results import Result
+from toolbox.files.unit_systems import reading
+from toolbox.messages import progress_bar
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.probability.ensemble import EnsembleFilter, Estimate, Knowledge
+
+SEVERE, CALM = 0.85, 0.6
+"""Severity from which on a bit that has stuck is evidence of stick-slip, below which it is over: half-range over the mean, 1 where it just stops."""
+
+STICKING = 0.5
+"""Part of the members that must have stuck."""
+
+UNITS = {"bit_speed": "rad/s", "bit_torque": "N m", "strength": "1", "severity": "1", "margin": "rad/s"}
+"""{what is estimated: its unit}."""
+
+
+class Detector:
+    """Whether the bit sticks and slips, from estimates one after the other.
+
+    It begins with a swing nearly as large as the mean speed in which half of the members stuck, and ends where the swing has become small.
+    """
+
+    def __init__(self) -> None:
+        self.alarm = False
+
+    def __call__(self, found: Estimate) -> bool:
+        """Take in an estimate; returns whether there is stick-slip."""
+        severity = found.severity[0]
+        if self.alarm:
+            self.alarm = not severity < CALM
+        else:
+            self.alarm = severity >= SEVERE and found.sticking >= STICKING
+        return self.alarm
+
+
+@dataclass(frozen=True)
+class Estimates(Result):
+    """Estimates over a log, as `estimate` returns them: `print(found)`, `found.plot()`, `found.mean["bit_speed"]`.
+
+    Attributes
+    ----------
+    title
+        Of the machine.
+    time
+        Of the samples [s], shape (nt,).
+    mean, deviation
+        {"bit_speed", "bit_torque", "strength", "severity" or "margin": values in SI, shape (nt,)}; nan where nothing is known.
+    alarm
+        Whether there is stick-slip, shape (nt,).
+    source
+        Where the log comes from.
+    members
+        Of the ensemble.
+    measured
+        Number of samples with a top speed.
+    asked
+        {unit: unit that was typed}.
+    """
+
+    title: str
+    time: np.ndarray
+    mean: dict[str, np.ndarray]
+    deviation: dict[str, np.ndarray]
+    alarm: np.ndarray
+    source: str
+    members: int
+    measured: int
+    asked: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """{what is estimated: its unit}."""
+        return dict(UNITS)
+
+    @property
+    def spells(self) -> list[tuple[float, float]]:
+        """Begin and end [s] of each time of stick-slip, as it was told."""
+        edges = np.diff(np.concatenate([[0], self.alarm.astype(int), [0]]))
+        first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+        return [(float(self.time[a]), float(self.time[b])) for a, b in zip(first, last, strict=True)]
+
+    def __str__(self) -> str:
+        lines = [
+            f"Estimates of {self.title}: {self.time.size} samples over {self.time[-1] - self.time[0]:.4g} s ({self.source}), {self.measured} with a top speed, "
+            f"{self.members} members"
+        ]
+        rows: list[tuple[str, ...]] = [("estimate", "unit", "at the end", "deviation", "mean", "lowest", "highest")]
+        for name, unit in UNITS.items():
+            factor, shown = reading(unit, self.asked)[:2]
+            values = self.mean[name] * factor
+            known = values[np.isfinite(values)]
+            told = [f"{each:.4g}" for each in (known.mean(), known.min(), known.max())] if known.size else ["-"] * 3
+            rows.append((name.replace("_", " "), shown, f"{values[-1]:.4g}", f"{self.deviation[name][-1] * factor:.3g}", *told))
+        lines += columns(rows, left=(0, 1))
+        spells = self.spells
+        lines += [f"  stick-slip from {begin:.4g} s to {end:.4g} s" for begin, end in spells]
+        if not spells:
+            lines.append("  no stick-slip")
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the estimates as CSV in SI units, one row a sample, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Returns
+        -------
+        Path
+            The same path.
+        """
+        headings, values = ["time [s]"], [self.time]
+        for name, unit in UNITS.items():
+            tail = "" if unit == "1" else f" [{unit}]"
+            headings += [f"{name}{tail}", f"{name} deviation{tail}"]
+            values += [self.mean[name], self.deviation[name]]
+        return tables.write(
+            path, [*headings, "stick-slip"], [[*row, int(on)] for row, on in zip(np.stack(values, 1).tolist(), self.alarm, strict=True)]
+        )
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the estimates with their bands of 95 %, and when there was stick-slip; returns the axes.
+
+        Parameters
+        ----------
+        axes
+            Axes to draw into, one per estimate that is known; a figure of its own by default.
+        """
+        from toolbox.probability.figures import estimate_diagram
+
+        return estimate_diagram(self, axes)
+
+    def check_loaded(self) -> None:
+        """Raise ValueError where what was read does not fit together."""
+        if {*self.mean} != {*UNITS} or {*self.deviation} != {*UNITS} or any(each.shape != self.time.shape for each in self.mean.values()):
+            raise ValueError("its rows do not fit together")
+
+
+def estimate(
+    loop: ClosedLoop | HybridSystem,
+    data: Any,
+    *,
+    columns: Mapping[str, str] | None = None,
+    knowledge: Knowledge | None = None,
+    members: int = 64,
+    seed: int = 0,
+) -> Estimates:
+    """Estimate what the bit did from a log of the surface.
+
+    Parameters
+    ----------
+    loop
+        A drill string with a rock; of a loop with a law over `top.reference` the margin to the border of smooth running is told, too.
+    data, columns
+        What was measured: `top.torque` and `top.speed`, and `bit.weight` where it was; see `Recording.of`. A sample that is nan is a gap.
+    knowledge
+        What is known of machine and measurement.
+    members, seed
+        Of the ensemble, as in `EnsembleFilter`.
+
+    Returns
+    -------
+    Estimates
+        What is known at every sample from that sample and those before it.
+
+    Raises
+    ------
+    SceneError
+        If the machine is no drill string with a rock, or the log lacks torque or speed.
+    """
+    loop = as_loop(loop)
+    made = EnsembleFilter(loop, knowledge, members=members, seed=seed)
+    recording = Recording.of(data, made.plant, columns)
+    for name in ("top.torque", "top.speed"):
+        if name not in recording.signals:
+            raise SceneError(f"Argument `data` must have `{name}`, but it has {', '.join(recording.signals)}.")
+    time, torque, speed = recording.time, recording.signals["top.torque"], recording.signals["top.speed"]
+    weight = recording.signals.get("bit.weight", np.full(time.size, math.nan))
+    steps = np.diff(time, prepend=time[0])
+    between = 0.5 * (torque + np.concatenate([torque[:1], torque[:-1]]))
+    found = np.empty((time.size, 2 * len(UNITS)))
+    alarm, detector = np.zeros(time.size, bool), Detector()
+    with progress_bar(time.size, "estimate", unit="sample") as bar:
+        for k in range(time.size):
+            now = made.step(float(steps[k]), float(between[k]), float(speed[k]), float(weight[k]))
+            found[k] = np.ravel([getattr(now, name) for name in UNITS])
+            alarm[k] = detector(now)
+            if k % 500 == 499:
+                bar.update(500)
+    mean = {name: found[:, 2 * k].copy() for k, name in enumerate(UNITS)}
+    deviation = {name: found[:, 2 * k + 1].copy() for k, name in enumerate(UNITS)}
+    measured = int(np.isfinite(speed).sum())
+    return Estimates(loop.title, time, mean, deviation, alarm, recording.source, members, measured, dict(loop.asked))

@@ -92,6 +92,8 @@ class Schedule(Result):
         {unit: unit that was typed}: the units in which `print` answers.
     law
         The law with all its numbers, as it is sampled, at the first depth; None in one that was loaded.
+    every
+        All its numbers at the depths of the table, those that do not change too; None in one that was loaded.
     """
 
     title: str

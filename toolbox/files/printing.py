@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import html
 from collections.abc import Container, Iterable, Sequence
 
@@ -49,6 +50,33 @@ def columns(rows: Sequence[Sequence[str]], left: Container[int] = (0,), indent: 
         [cell.ljust(w) if i in left else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=False))] for row in rows
     )
     return [(indent + "  ".join(row)).rstrip() for row in aligned]
+
+
+class Printed:
+    """A value that a notebook shows as it prints: the first line as its title, the rest as it stands in columns."""
+
+    def _repr_html_(self) -> str:
+        title, _, rest = str(self).partition("\n")
+        return f"<div><p><b>{html.escape(title)}</b></p>" + (f"<pre>{html.escape(rest)}</pre>" if rest else "") + "</div>"
+
+
+class Declared:
+    """A part or a law, which a notebook shows as a table of its fields with units and meanings."""
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for each in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, each.name)
+            if value is None or (each.name == "name" and not value):
+                continue
+            shown = (
+                ", ".join(f"{entry:.6g}" if isinstance(entry, float) else str(entry) for entry in value)
+                if isinstance(value, tuple)
+                else value
+            )
+            unit = each.metadata.get("unit", "")
+            rows.append((each.name, shown, "" if unit == "1" else unit, each.metadata.get("meaning", "")))
+        return table(type(self).__name__, ("field", "value", "unit", "meaning") if rows else (), rows)
 
 
 def _cell(value: object) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
+from toolbox.files.printing import Printed
 
 Self = TypeVar("Self", bound="Result")
 
@@ -28,7 +29,7 @@ FUNCTIONS = {
 """Functions that a field may hold."""
 
 
-class Result:
+class Result(Printed):
     """A frozen dataclass of numbers, texts, arrays and such dataclasses that saves and loads itself; its fields are annotated by types known at run time."""
 
     def save(self, path: str | Path) -> Path:

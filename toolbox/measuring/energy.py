@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.files.printing import columns
+from toolbox.files.printing import Printed, columns
 from toolbox.files.unit_systems import reading
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import Samples, check_run, output_function, window
@@ -24,7 +24,7 @@ CHUNK = 4096
 
 
 @dataclass(frozen=True)
-class EnergyAudit:
+class EnergyAudit(Printed):
     """Energy balance of a run [J]: what is stored at the end minus the start must equal supplies minus losses. Print it for the table.
 
     Attributes

@@ -23,6 +23,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
+from toolbox.files.printing import Printed
 from toolbox.files.unit_systems import asked_units, reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.closing import Closed, closed_system, described, designed_laws, laws_of
@@ -46,7 +47,7 @@ WITHOUT_SLOPE = {
 
 
 @dataclass(frozen=True, eq=False)
-class ClosedLoop:
+class ClosedLoop(Printed):
     """A plant, its laws, and what acts on them; `closed_loop` makes it, every verb takes it, `print` shows the numbers that the laws took.
 
     Two loops are equal where their plants, laws and numbers are; functions are equal where they are the same one.

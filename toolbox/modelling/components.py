@@ -13,6 +13,7 @@ import numpy as np
 
 from toolbox.arguments import refuse, within
 from toolbox.errors import SceneError
+from toolbox.files.printing import Declared
 from toolbox.modelling.elements import Element, FrictionLaw, State, declared_type, fields_in_si
 
 
@@ -74,7 +75,7 @@ Signal = Callable[..., ca.SX]
 
 
 @dataclass(frozen=True)
-class Component:
+class Component(Declared):
     """A part of a plant: subclass it as a frozen dataclass, declare numbers with `quantity`, write `equations`.
 
     The prefix of its parameter names is that of its first state (or first given signal). Two parts of a kind need `name=`, which

@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.printing import Declared
 from toolbox.files.units import in_si, warn_unusual
 
 time = ca.SX.sym("time")
@@ -176,7 +177,7 @@ TURNED = {"s/rad": "s/m", "s/m": "s/rad", "m/s": "rad/s", "rad/s": "m/s", "m": "
 
 
 @dataclass(frozen=True)
-class FrictionLaw:
+class FrictionLaw(Declared):
     """A friction law: the coefficient of dry friction per unit of load, as a function of the slip speed.
 
     Subclass it as a frozen dataclass whose numeric fields are declared with `quantity`, and write `sliding` and `breakaway`. The law must be smooth for

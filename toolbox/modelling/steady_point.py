@@ -11,7 +11,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError
-from toolbox.files.printing import columns
+from toolbox.files.printing import Printed, columns
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.elements import Element
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -28,7 +28,7 @@ def _code(element: Element, word: str) -> float:
 
 
 @dataclass(frozen=True)
-class Equilibrium:
+class Equilibrium(Printed):
     """A steady state of a plant: `rest["bit.speed"]` reads a signal, `print(rest)` shows all.
 
     Attributes

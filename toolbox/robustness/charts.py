@@ -14,13 +14,14 @@ import numpy as np
 from toolbox.arguments import FloatArray, number
 from toolbox.errors import NoSteadyState, SceneError, SimulationError
 from toolbox.files import tables
+from toolbox.files.printing import Printed
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.robustness.margins import margins
 
 
 @dataclass(frozen=True)
-class StabilityChart:
+class StabilityChart(Printed):
     """Growth and disk margin of a loop over two numbers; `found.plot()` draws them.
 
     Attributes

@@ -12,6 +12,7 @@ import numpy as np
 from toolbox.arguments import FloatArray, numbers
 from toolbox.errors import SceneError
 from toolbox.files import tables
+from toolbox.files.printing import Printed
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.robustness.disk_margins import frequencies
@@ -19,7 +20,7 @@ from toolbox.robustness.margins import Margins, margins
 
 
 @dataclass(frozen=True)
-class FrequencyResponse:
+class FrequencyResponse(Printed):
     """What a loop that is broken at its commands answers to them: L(i w) of negative feedback, of each command with the others closed.
 
     Attributes

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from toolbox.errors import SceneError, suggest
+from toolbox.files.printing import Printed
 from toolbox.modelling import inputs as shapes
 from toolbox.modelling.laws import Controller, Sampled
 
@@ -78,7 +79,7 @@ class Case:
         raise SceneError(f"Argument `controller` must be a Controller, or Sampled with one, but it is {controller!r}.")
 
 
-class Labelled:
+class Labelled(Printed):
     """What scenes of every kind know of their cases."""
 
     cases: tuple[Case, ...]

@@ -13,14 +13,14 @@ import numpy as np
 from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError
 from toolbox.files import tables
-from toolbox.files.printing import columns
+from toolbox.files.printing import Printed, columns
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.steady_states.linear import equilibrium
 from toolbox.steady_states.poles import flow_slopes
 
 
 @dataclass(frozen=True)
-class ModeShapes:
+class ModeShapes(Printed):
     """Modes of a machine, the slowest first; `found.plot()` draws them.
 
     Attributes

@@ -51,7 +51,7 @@ def test_chances_are_those_of_the_function_in_the_units_that_were_typed(rig, tmp
     names = {"chance.txt", "chance.csv", "chance.npz", "chance.png", "chance_01.jsonl", "scene.toml", "origin.json"}
     assert {path.name for path in out.iterdir()} == names
     assert "chance.npz" in (out / "origin.json").read_text()
-    monkeypatch.setattr(chances._Search, "_block", None)  # what is known is not asked again
+    monkeypatch.setattr(chances.Search, "block", None)  # what is known is not asked again
     assert main(["chance", str(rig), *ASKED, "--out", str(out)]) == 0
     assert main(["chance", str(rig), *ASKED, "--seed", "1", "--out", str(out)]) == 2
 

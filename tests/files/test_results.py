@@ -31,7 +31,7 @@ from toolbox.files.results import Result
 from toolbox.measuring.measures import mean
 from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.report import Onset
-from toolbox.probability import Chance, Estimates, Normal, Posterior, Uniform, chance, estimate, posterior
+from toolbox.probability import Basin, Chance, Estimates, Normal, Posterior, Uniform, basin, chance, estimate, posterior
 from toolbox.robustness import Group, LowestSetPoints, Machine, Margins, SmallestError, Windows, WorstCase, smallest_error, windows
 from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.tuning import Schedule, schedule
@@ -112,10 +112,14 @@ def of_estimate():
     return estimate(RIG, {"time": run.time, **{name: run[name] for name in ("top.torque", "top.speed")}}, members=8)
 
 
+def of_basin():
+    return basin(closed_loop(RIG, StiffPI(reference=10.0)), {"bit.speed": (0.0, "150 rpm")}, 12)
+
+
 MADE = {
     Onset: of_onset, Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, LowestSetPoints: of_lowest_set_point,
     SmallestError: of_smallest_error, WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit, Chance: of_chance, Posterior: of_posterior,
-    Schedule: of_schedule, Windows: of_windows, Estimates: of_estimate,
+    Schedule: of_schedule, Windows: of_windows, Estimates: of_estimate, Basin: of_basin,
 }  # fmt: skip
 
 

@@ -70,7 +70,7 @@ def test_laws_are_compared_draw_by_draw():
 
 def test_lanes_decide_as_the_judge_does(loop):
     found = chance(loop, OVER, UNCERTAIN, draws=30)
-    search = verb._Search(loop, verb.grid(OVER), verb.drawn(loop, UNCERTAIN, 30), found.duration, None, 1e-4)
+    search = verb.Search(loop, verb.grid(OVER), verb.drawn(loop, UNCERTAIN, 30), found.duration, None, 1e-4)
     rows, outcomes = search._rows(0, 2), found.outcomes["as it is"].ravel()
     assert {SMOOTH, STICK_SLIP} == set(outcomes.tolist())
     for row, outcome in list(zip(rows.tolist(), outcomes.tolist(), strict=True))[::4]:
@@ -120,8 +120,8 @@ def test_the_same_call_goes_on_where_it_was(loop, tmp_path, monkeypatch):
     lines = journal.read_text().splitlines(keepends=True)
     journal.write_text("".join(lines[:-1]))
     rows = []
-    real = verb._Search._block
-    monkeypatch.setattr(verb._Search, "_block", lambda self, given: (rows.append(len(given)), real(self, given))[1])
+    real = verb.Search.block
+    monkeypatch.setattr(verb.Search, "block", lambda self, given: (rows.append(len(given)), real(self, given))[1])
     again = chance(loop, OVER, UNCERTAIN, **asked)
     assert rows == [8] and np.array_equal(again.outcomes["as it is"], first.outcomes["as it is"])
     with pytest.raises(SceneError, match="another `uncertain`"):

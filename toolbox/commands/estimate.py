@@ -40,7 +40,7 @@ def add(commands: Any) -> None:
     verb.add_argument(
         "--speed-noise", default="0.01 rad/s", metavar="X", help="standard deviation of the measured top speed ('0.01 rad/s')"
     )
-    verb.add_argument("--torque-noise", default="30 N m", metavar="X", help="standard deviation of the measured torque ('30 N m')")
+    verb.add_argument("--torque-noise", default="20 N m", metavar="X", help="standard deviation of the measured torque ('20 N m')")
     verb.add_argument("--members", type=int, default=64, metavar="N", help="strings of the ensemble (64)")
     verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the random numbers (0)")
     verb.set_defaults(action=run, spelled={"data": "LOG", "columns": "--column", "loop": "SCENE.toml"})

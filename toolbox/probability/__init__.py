@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from toolbox.faces import face
 
 if TYPE_CHECKING:
+    from toolbox.probability.basins import Basin as Basin
+    from toolbox.probability.basins import basin as basin
     from toolbox.probability.chances import chance as chance
     from toolbox.probability.distributions import Draws as Draws
     from toolbox.probability.distributions import LogNormal as LogNormal

@@ -118,7 +118,7 @@ def chance(
     twice = next((name for name in points.names if name in known.names), None)
     if twice is not None:
         raise SceneError(f"Argument `uncertain` must not name what is varied, but `{twice}` is in `over`, too.")
-    searches = {label: _Search(each, points, known, duration, start, accuracy) for label, each in loops.items()}
+    searches = {label: Search(each, points, known, duration, start, accuracy) for label, each in loops.items()}
     longest = max(each.duration for each in searches.values())
     total = len(searches) * len(points.points) * draws
     outcomes, severities, judged = {}, {}, {}
@@ -138,7 +138,7 @@ def chance(
     )  # fmt: skip
 
 
-class _Search:
+class Search:
     """The runs of one loop at all points with all draws."""
 
     def __init__(self, loop: ClosedLoop, points: Variations, known: Variations, duration: Any, start: Any, accuracy: float):
@@ -188,7 +188,7 @@ class _Search:
             rows = self._rows(begin, begin + size)
             kept = None if journal is None else journal.known.get((begin,))
             if kept is None:
-                found, severity, judged = self._block(rows)
+                found, severity, judged = self.block(rows)
                 kept = [found.tolist(), [each if math.isfinite(each) else None for each in severity.tolist()], judged]
                 if journal is not None:
                     journal.add((begin,), kept)
@@ -198,7 +198,7 @@ class _Search:
             bar.update(len(rows))
         return np.concatenate(outcomes), np.concatenate(severities)
 
-    def _block(self, rows: FloatArray) -> tuple[np.ndarray, np.ndarray, int]:
+    def block(self, rows: FloatArray) -> tuple[np.ndarray, np.ndarray, int]:
         """(outcomes, severities, number of runs that the judge carried on) of some runs."""
         half = self.begin + (self.duration - self.begin) / 2
         late = half + (self.duration - half) / 2

@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.figures.style import LINES, PAPER, WIDTH, in_words, name_axis
+from toolbox.onsets.map_loop import NONE, SMOOTH
 
 
 class DrawnChance(Protocol):
@@ -56,6 +57,25 @@ class DrawnEstimates(Protocol):
     def units(self) -> Mapping[str, str]: ...
     @property
     def spells(self) -> Sequence[tuple[float, float]]: ...
+    @property
+    def asked(self) -> Mapping[str, str]: ...
+
+
+class DrawnBasin(Protocol):
+    """What the pictures show of a `toolbox.probability.Basin`."""
+
+    @property
+    def names(self) -> Sequence[str]: ...
+    @property
+    def units(self) -> Sequence[str]: ...
+    @property
+    def point(self) -> np.ndarray: ...
+    @property
+    def starts(self) -> np.ndarray: ...
+    @property
+    def outcomes(self) -> np.ndarray: ...
+    @property
+    def smallest(self) -> np.ndarray: ...
     @property
     def asked(self) -> Mapping[str, str]: ...
 
@@ -162,3 +182,29 @@ def estimate_diagram(found: DrawnEstimates, axes: Any = None) -> Any:
             frameon=False,
         )
     return axes
+
+
+def basin_diagram(found: DrawnBasin, ax: Any = None) -> Any:
+    """The disturbances over the first two states, or over the one, by whether the working point comes back."""
+    back = found.outcomes == SMOOTH
+    with plt.rc_context(PAPER):
+        if ax is None:
+            _, ax = plt.subplots(figsize=(WIDTH, 3.6), layout="constrained")
+        flat = len(found.names) == 1
+        for kept, words, marker, colour in (
+            (back, "comes back", ".", "0.7"),
+            (~back & (found.outcomes != NONE), "is tipped", "x", LINES[0]["color"]),
+        ):
+            y = np.full(int(kept.sum()), float(marker == ".")) if flat else found.starts[kept, 1]
+            ax.plot(found.starts[kept, 0], y, linestyle="none", marker=marker, markersize=3, color=colour, label=words)
+        ax.plot(found.point[0], 1.0 if flat else found.point[1], linestyle="none", marker="o", color="black", label="working point")
+        if np.isfinite(found.smallest).all():
+            tip = (found.smallest[0], 0.0 if flat else found.smallest[1])
+            ax.plot(*tip, linestyle="none", marker="s", markerfacecolor="none", color="black", label="smallest that tips it")
+        name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.asked)
+        if flat:
+            ax.set(yticks=[0, 1], yticklabels=["tipped", "back"], ylim=(-0.3, 1.3))
+        else:
+            name_axis(ax.yaxis, in_words(found.names[1]), found.units[1], found.asked)
+        ax.figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    return ax

@@ -1,0 +1,71 @@
+"""The basin of a working point, against a plain simulation of the published oscillator on a belt."""
+
+import numpy as np
+import pytest
+
+from controllers import StiffPI
+from models import BitRock, BlockOnBelt, Exponential, wells
+from toolbox import SceneError, closed_loop, compose
+from toolbox.onsets.map_loop import SMOOTH
+from toolbox.probability import basin
+
+BOX = {"block.position": (-2.0, 2.0), "block.speed": (-2.0, 2.0)}
+STATIC, KINETIC, DECAY, DAMPING = 1.0, 0.5, 2.0, 0.1
+"""x'' + 2 xi x' + x = mu(v_belt - x'), mu(v) = mu_d + (mu_s - mu_d) exp(-|v| / v_0), with xi 0.05, mu_s 1, mu_d 0.5, v_0 0.5: A. Papangelo, M. Ciavarella,
+N. Hoffmann, Nonlinear Dyn. 90 (2017) 1523-1534."""
+
+
+def oscillator(belt_speed):
+    friction = Exponential(static=STATIC, kinetic=KINETIC, decay=DECAY)
+    return closed_loop(compose(BlockOnBelt(belt_speed=belt_speed, damping=DAMPING, friction=friction)))
+
+
+def swings(belt_speed, starts, duration=250.0, step=0.004):
+    """Range of the speed at last, by time stepping with an impulse of friction that holds or slides (J. J. Moreau, 1988)."""
+    x, v = starts.T.copy()
+    low, high = np.full_like(v, np.inf), np.full_like(v, -np.inf)
+    for k in range(int(duration / step)):
+        most = step * (KINETIC + (STATIC - KINETIC) * np.exp(-DECAY * np.abs(v - belt_speed)))
+        free = v - step * (x + DAMPING * v)
+        v = free + np.clip(belt_speed - free, -most, most)
+        x = x + step * v
+        if k * step > duration - 20.0:
+            low, high = np.minimum(low, v), np.maximum(high, v)
+    return high - low
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("belt_speed", [1.0, 1.4, 1.6, 1.8])
+def test_the_share_is_that_of_a_plain_simulation_within_three_standard_errors(belt_speed):
+    found = basin(oscillator(belt_speed), BOX, 1000)
+    others = np.random.default_rng(5).uniform(-2.0, 2.0, (1000, 2))
+    share = float((swings(belt_speed, others) < belt_speed).mean())
+    middle = (share + found.share) / 2
+    assert abs(share - found.share) <= 3 * np.sqrt(2 * middle * (1 - middle) / 1000) + 1e-9
+    low, high = found.bounds
+    assert low <= found.share <= high
+
+
+def test_run_by_run_the_outcome_is_that_of_a_plain_simulation():
+    found = basin(oscillator(1.6), BOX, 100)
+    assert np.mean((swings(1.6, found.starts) < 1.6) == (found.outcomes == SMOOTH)) >= 0.98
+
+
+def test_the_smallest_disturbance_lies_on_the_border():
+    loop = closed_loop(compose(wells.JANSEN_2, BitRock()), StiffPI(reference=10.0))
+    found = basin(loop, {"bit.speed": (0.0, "290 rpm")}, 40)
+    tip, point = float(found.smallest[0]), float(found.point[0])
+    assert (
+        point == pytest.approx(10.0, abs=1e-6) and 0.0 < abs(tip - point) <= np.abs(found.starts[found.outcomes != SMOOTH, 0] - point).min()
+    )
+    inside = point + 0.98 * (tip - point)
+    near = basin(loop, {"bit.speed": (min(inside, point), max(inside, point))}, 10)
+    assert near.share == 1.0 and np.isnan(near.smallest).all()
+    assert "rpm" in str(found) and len(found.plot().lines) == 4
+
+
+def test_what_is_no_state_is_refused():
+    with pytest.raises(SceneError, match="must name states, but `block.mass`"):
+        basin(oscillator(1.6), {"block.mass": (1.0, 2.0)}, 10)
+    with pytest.raises(SceneError, match="`box` must map at least one state"):
+        basin(oscillator(1.6), {}, 10)

@@ -1,0 +1,235 @@
+"""The basin of a working point: from which part of the disturbances it comes back, with bounds, and the smallest one that tips it.
+
+    found = basin(loop, {"block.position": (-2.0, 2.0), "block.speed": (-2.0, 2.0)}, 1000)
+
+Disturbances are states, drawn evenly from a declared box. A short bump of torque is a jump of a speed, its impulse over the inertia. Runs are decided in lanes
+and by the judge of all verdicts, as those of `chance`. Source: P. J. Menck, J. Heitzig, N. Marwan, J. Kurths (2013), doi:10.1038/nphys2516.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray, number, short, whole
+from toolbox.errors import SceneError
+from toolbox.files import tables
+from toolbox.files.printing import columns
+from toolbox.files.results import Result
+from toolbox.files.unit_systems import asked_in, reading
+from toolbox.files.units import NumberOrText
+from toolbox.halving import halved
+from toolbox.messages import progress_bar
+from toolbox.modelling.closed_loop import ClosedLoop, closed_loop, takes_loop
+from toolbox.onsets.map_loop import NONE, SMOOTH
+from toolbox.probability.chances import BLOCK, Search
+from toolbox.probability.distributions import Uniform, drawn
+from toolbox.probability.results import clopper_pearson
+from toolbox.steady_states.linear import equilibrium
+from toolbox.sweeps.designs import Variations
+
+HALVED = 1e-3
+"""Width to which the smallest disturbance is halved, in parts of it."""
+
+
+@dataclass(frozen=True)
+class Basin(Result):
+    """How a working point takes disturbances, as `basin` returns it: `print(found)`, `found.share`, `found.bounds`, `found.smallest`, `found.plot()`.
+
+    Attributes
+    ----------
+    title
+        Of the machine.
+    names, units
+        States that are disturbed.
+    box
+        Lowest and highest value of each, in SI, shape (states, 2).
+    point
+        The working point, in SI.
+    starts
+        The disturbed states, in SI, shape (runs, states).
+    outcomes
+        What each run came to: 0 smooth, 1 swing, 2 stick-slip, 3 stuck, -1 not known.
+    smallest
+        The disturbed states at the border along the line from the working point to the nearest start that tips it, nearest in parts of the box; nan where none
+        tips it.
+    duration, accuracy
+        Length [s] and accuracy of a run.
+    confidence
+        Of the bounds.
+    judged
+        Number of runs that the judge of all verdicts carried on.
+    asked
+        {unit: unit that was typed}.
+    """
+
+    title: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    box: np.ndarray
+    point: np.ndarray
+    starts: np.ndarray
+    outcomes: np.ndarray
+    smallest: np.ndarray
+    duration: float
+    accuracy: float
+    confidence: float
+    judged: int
+    asked: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def share(self) -> float:
+        """Part of the disturbances from which the working point comes back, among those that are known."""
+        known = int((self.outcomes != NONE).sum())
+        return float((self.outcomes == SMOOTH).sum()) / known if known else math.nan
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of the share by Clopper and Pearson; what is not known widens them to both sides."""
+        back, unknown = int((self.outcomes == SMOOTH).sum()), int((self.outcomes == NONE).sum())
+        low, high = clopper_pearson(back, back + unknown, self.outcomes.size, self.confidence)
+        return float(low), float(high)
+
+    def __str__(self) -> str:
+        low, high = self.bounds
+        lines = [
+            f"Basin of {self.title}: {self.outcomes.size} disturbances, runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
+            f"  it comes back from {100 * self.share:.4g} % of them, {100 * self.confidence:g} % bounds {100 * low:.4g} .. {100 * high:.4g} %",
+        ]
+        rows: list[tuple[str, ...]] = [("state", "unit", "working point", "box", "smallest that tips it")]
+        for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            factor, shown = reading(unit, self.asked)[:2]
+            at, begin, end, tip = (float(each) * factor for each in (self.point[k], *self.box[k], self.smallest[k]))
+            rows.append((name, shown, f"{at:.5g}", f"{begin:.5g} .. {end:.5g}", "none" if math.isnan(tip) else f"{tip:.5g}"))
+        return "\n".join(lines + columns(rows, left=(0, 1)))
+
+    __repr__ = __str__
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the disturbances and what they came to as CSV in SI units, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Returns
+        -------
+        Path
+            The same path.
+        """
+        headings = [name if unit == "1" else f"{name} [{unit}]" for name, unit in zip(self.names, self.units, strict=True)]
+        rows = [[*row, int(outcome)] for row, outcome in zip(self.starts.tolist(), self.outcomes, strict=True)]
+        return tables.write(path, [*headings, "outcome"], rows)
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the disturbances over the first two states, or over the one with what they came to; returns the axes.
+
+        Parameters
+        ----------
+        axes
+            Axes to draw into; a figure of its own by default.
+        """
+        from toolbox.probability.figures import basin_diagram
+
+        return basin_diagram(self, axes)
+
+    def check_loaded(self) -> None:
+        """Raise ValueError where what was read does not fit together."""
+        if self.starts.shape != (self.outcomes.size, len(self.names)) or self.box.shape != (len(self.names), 2):
+            raise ValueError("its arrays do not fit together")
+
+
+@takes_loop
+def basin(
+    loop: ClosedLoop,
+    box: Mapping[str, Any],
+    runs: int = 1000,
+    *,
+    duration: NumberOrText | None = None,
+    accuracy: float = 1e-4,
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> Basin:
+    """Find from which part of a box of states a working point comes back, and the smallest disturbance that tips it.
+
+    Parameters
+    ----------
+    loop
+        A loop with a steady state, or a plant; its laws in continuous form.
+    box
+        {state: (lowest, highest)}, in SI or text with units: values that are drawn evenly, other states as in steady running.
+    runs
+        Number of disturbances.
+    duration
+        Length of a run [s], or text with a unit; by default as in `chance`.
+    accuracy
+        Of the runs.
+    confidence
+        Of the bounds by Clopper and Pearson.
+    seed
+        Of the draws.
+
+    Returns
+    -------
+    Basin
+        The share with its bounds, all disturbances, and the smallest that tips; it prints, draws and saves itself.
+
+    Raises
+    ------
+    SceneError
+        If a name is no state, a range is none, or the loop has no steady state.
+    """
+    if not isinstance(box, Mapping) or not box:
+        raise SceneError(f"Argument `box` must map at least one state to its range, but it is {short(box)}.")
+    whole("runs", runs, 1)
+    confidence, accuracy = number("confidence", confidence, above=0, below=1), number("accuracy", accuracy, above=0)
+    states = [loop.number(name) for name in box]
+    for each in states:
+        if each.kind != "start":
+            raise SceneError(f"Argument `box` must name states, but `{each.name}` is a number of the kind {each.kind}.")
+    loop = closed_loop(loop, start=equilibrium(loop))
+    names = tuple(each.name for each in states)
+    ends = [each.between(given, f"box.{each.name}") for each, given in zip(states, box.values(), strict=True)]
+    design = drawn(loop, {name: Uniform(low, high) for name, (low, high) in zip(names, ends, strict=True)}, runs, seed)
+    point = np.array([loop.number(name).value for name in names])
+    search = Search(loop, Variations((), np.zeros((1, 0)), (1,)), design, duration, None, accuracy)
+    outcomes = []
+    with progress_bar(runs, "basin") as bar:
+        for begin in range(0, runs, BLOCK):
+            rows = design.points[begin : begin + BLOCK]
+            found, _, judged = search.block(rows)
+            search.judged += judged
+            outcomes.append(found)
+            bar.update(len(rows))
+    came = np.concatenate(outcomes)
+    asked = {
+        each.unit: unit for each, given in zip(states, box.values(), strict=True) if (unit := asked_in(each.in_si("box", list(given)), ""))
+    }
+    return Basin(
+        title=loop.title, names=names, units=tuple(each.unit for each in states), box=np.array(ends), point=point, starts=design.points, outcomes=came,
+        smallest=_smallest(search, point, np.array(ends), design.points, came), duration=search.duration, accuracy=accuracy, confidence=confidence,
+        judged=search.judged, asked=asked,
+    )  # fmt: skip
+
+
+def _smallest(search: Search, point: FloatArray, box: FloatArray, starts: FloatArray, outcomes: Any) -> FloatArray:
+    """Where the working point is just tipped on the way to the nearest start that tips it."""
+    tips = np.flatnonzero((outcomes != SMOOTH) & (outcomes != NONE))
+    if not tips.size:
+        return np.full(point.size, math.nan)
+    sizes = np.linalg.norm((starts[tips] - point) / (box[:, 1] - box[:, 0]), axis=1)
+    nearest = starts[tips[int(np.argmin(sizes))]]
+
+    def tipped(part: float) -> bool:
+        came, _, _ = search.block((point + part * (nearest - point))[None, :])
+        return bool(came[0] not in (SMOOTH, NONE))
+
+    _, high = halved(tipped, 0.0, 1.0, HALVED)
+    border: FloatArray = point + high * (nearest - point)
+    return border

@@ -139,7 +139,7 @@ class _Law:
     """One sampled law: its memory, and what it answers."""
 
     def __init__(self, system: HybridSystem, update: SampledUpdate, seed: int, part: External | None = None, law: Any = None):
-        from toolbox.stepping.noise import channel_key  # here, because numba is slow to import
+        from toolbox.stepping.noise import channel_key  # here, because LLVM is slow to import
 
         self.update, self.part, self.law, self.taken = update, part, law, 0
         self.memory = np.zeros(update.memory.numel())

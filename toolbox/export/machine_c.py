@@ -155,7 +155,7 @@ class Machine:
 
     def translated(self, importer: bool = False) -> CTranslation:
         """The event loop in C, and what an importer that integrates by itself needs beside it."""
-        from toolbox.export.event_mode import event_mode  # here, because numba is slow to import
+        from toolbox.export.event_mode import event_mode  # here, because LLVM is slow to import
         from toolbox.stepping.event_stepper import advance
 
         ints = self.work["ints"]

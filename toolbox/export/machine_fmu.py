@@ -123,7 +123,7 @@ class Unit:
             "SAMPLERS": len(made.work["samplers"]), "EVENT_ROOM": EVENTS + 2 * elements + 1, "EXCHANGES": int(self.exchanges),
         }  # fmt: skip
         nominal = [made.sizes[i] if i < len(made.sizes) and made.sizes[i] > 0.0 else 1.0 for i in range(self.integrated)]
-        from toolbox.export.event_mode import UNARMED  # here, because numba is slow to import
+        from toolbox.export.event_mode import UNARMED  # here, because LLVM is slow to import
 
         tables = [
             *(f"#define {word} {size}" for word, size in sizes.items()),

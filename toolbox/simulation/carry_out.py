@@ -180,7 +180,7 @@ class Course:
 
     def _sample(self) -> None:
         """Evaluate a Python controller at the current instant and queue its outputs."""
-        from toolbox.stepping.noise import normal  # here, because numba is slow to import
+        from toolbox.stepping.noise import normal  # here, because LLVM is slow to import
 
         run, program, work = self.run, self.program, self.work
         c, t = int(work.ints[work_layout.CULPRIT]), float(work.reals[work_layout.TIME])

@@ -77,7 +77,7 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
 
     since: (time, steps, events) at the last look.
     """
-    from toolbox.stepping.event_stepper import run_on  # here, because numba is slow to import
+    from toolbox.stepping.event_stepper import run_on  # here, because LLVM is slow to import
 
     t, steps, events = (now - then for now, then in zip(progress(work), since, strict=True))
     left = run.end - float(work.reals[work_layout.TIME])

@@ -121,7 +121,7 @@ def _resolution(run: Run) -> tuple[float, float, float]:
 
 def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
     """The rows of sampled laws, their clocks, the keys of their noise, the queue of their outputs, and the most outputs that one has."""
-    from toolbox.stepping.noise import channel_key  # here, because numba is slow to import
+    from toolbox.stepping.noise import channel_key  # here, because LLVM is slow to import
 
     updates = run.system.updates
     samplers = np.zeros((len(updates), work_layout.COLUMNS), np.int64)

@@ -95,15 +95,19 @@ class Environment(gymnasium.Env):
         terminated: Callable[..., bool] | None,
         start: Callable[..., Mapping[str, Any]] | None,
     ):
-        self.machine, self._duration = machine, duration
+        self.machine, self.duration = machine, duration
         self._reward, self._terminated, self._start = reward, terminated, start
         self.action_space, self.observation_space = _box(actions), _box(observations)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin an episode; options: {"start": {state: value}} in place of the drawn one. Returns (observation, {})."""
         super().reset(seed=seed)
-        start = (options or {}).get("start") or (self._start(self.np_random) if self._start else None)
-        return self.machine.reset(None if seed is None else int(self.np_random.integers(2**31)), start), {}
+        return self.begin(self.np_random, seed is not None, (options or {}).get("start")), {}
+
+    def begin(self, draw: np.random.Generator, seeded: bool, start: Mapping[str, Any] | None = None) -> np.ndarray:
+        """Begin an episode at a start, by default one that is drawn, and with a drawn seed of the noise of laws if that was seeded; returns the outputs."""
+        start = start or (self._start(draw) if self._start else None)
+        return self.machine.reset(int(draw.integers(2**31)) if seeded else None, start)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Go on by one period; actions beyond their ranges are cut off. Returns (observation, reward, terminated, truncated, {"time", "events"})."""
@@ -112,7 +116,7 @@ class Environment(gymnasium.Env):
         seen = self.machine.step(given)
         signals = dict(zip(self.machine.outputs, seen.tolist(), strict=True)) | dict(zip(self.machine.inputs, given.tolist(), strict=True))
         ended = bool(self._terminated(signals)) if self._terminated else False
-        late = self.machine.time >= self._duration - 1e-9 * self.machine.period
+        late = self.machine.time >= self.duration - 1e-9 * self.machine.period
         about = {"time": self.machine.time, "events": self.machine.events}
         return seen, float(self._reward(signals, self.machine.events)), ended, late, about
 

@@ -104,6 +104,26 @@ class Stepper:
         self.reset()
 
     @property
+    def work(self) -> Any:
+        """The arrays of the run, for who steps copies of it."""
+        return self._work
+
+    @property
+    def system(self) -> Any:
+        """The plant with its laws."""
+        return self._program.system
+
+    @property
+    def places(self) -> list[int]:
+        """Places of the inputs among the parameters of the run."""
+        return [entry.place for entry in self._settable]
+
+    @property
+    def reader(self) -> Any:
+        """Machine code that writes the outputs."""
+        return self._reader
+
+    @property
     def time(self) -> float:
         """The present time [s]."""
         return float(self._work.reals[layout.TIME])

@@ -14,7 +14,7 @@ deviation of the torque over its mean under noise;  disk margin of the declared 
 ('-' for laws without a slope);  what a direct takeover costs at the set-point of the declared rig: seconds more than 10 % above it, and the highest speed
 of the bit over it;  99th percentile of the processor time of a sample.
 
-    python -m studies drives [--out FOLDER] [--only LABEL ...] [--groups NAME ...] [--jobs N]
+    python -m studies drives [--out FOLDER] [--only LABEL ...] [--groups NAME ...] [--margin M] [--jobs N]
         (the table, drives.csv and drives.png; goes on where it was stopped)
     python -m studies drives --tune FAMILY ... [--runs N]                               (the gains, see `studies.gains`)
 """
@@ -136,10 +136,10 @@ class Row:
     fastest: float = np.nan
 
 
-def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = None) -> Row:
-    """The line of a law with some of the groups."""
+def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = None, margin: float = 0.0) -> Row:
+    """The line of a law with some of the groups; margin: disk margin that its set-points have to leave."""
     predictive = law.label in PREDICTIVE
-    groups = [groups_of(law)[name] for name in names]
+    groups = [replace(groups_of(law)[name], margin=margin) for name in names]
     found = borders(law, groups, cells=cells, lower=LOWEST, higher=HIGHEST, step=0.5 if predictive else 0.1, lasts=not predictive)
     quiet = law.run(Machine("declared"), COMMON, noise=0.0)
     speed = quiet.at(np.arange(law.takeover(COMMON), quiet.end, 0.02))["bit.speed"]
@@ -155,16 +155,18 @@ def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = 
     return Row(law.label, speeds, settling, overshoot, ripple, step_time(law, COMMON), held, *price)
 
 
-def judged_rows(labels: Sequence[str], names: Sequence[str], path: Path | None, jobs: int) -> list[Row]:
+def judged_rows(labels: Sequence[str], names: Sequence[str], path: Path | None, jobs: int, margin: float = 0.0) -> list[Row]:
     """The lines of some laws, judged in so many processes, those that take longest first; each writes its cells to one file as it knows them."""
     ordered = sorted(labels, key=lambda label: label not in PREDICTIVE)
     with Workers(jobs) as workers:
-        found = dict(zip(ordered, workers.map(_row_of, ordered, [names] * len(labels), [path] * len(labels)), strict=True))
+        found = dict(
+            zip(ordered, workers.map(_row_of, ordered, [names] * len(labels), [path] * len(labels), [margin] * len(labels)), strict=True)
+        )
     return [found[label] for label in labels]
 
 
-def _row_of(label: str, names: Sequence[str], path: Path | None) -> Row:
-    return row(laws()[label], names, Cells(path, lambda line: print(line, file=sys.stderr, flush=True)))
+def _row_of(label: str, names: Sequence[str], path: Path | None, margin: float) -> Row:
+    return row(laws()[label], names, Cells(path, lambda line: print(line, file=sys.stderr, flush=True)), margin)
 
 
 def step_time(law: Trial, reference: float) -> float:
@@ -312,6 +314,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--tune", nargs="+", choices=list(gains.FAMILIES), metavar="FAMILY", help=f"search gains of: {', '.join(gains.FAMILIES)}"
     )
     parser.add_argument("--runs", type=int, default=240, help="points that a search tries (240)")
+    parser.add_argument("--margin", type=float, default=0.0, help="disk margin that a set-point has to leave on every rig of its group (0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes that judge laws side by side (one a core)")
     given = parser.parse_args(arguments)
     for label in given.tune or ():
@@ -323,7 +326,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
-    rows = judged_rows(given.only, given.groups, given.out / "drives.jsonl" if given.out else None, given.jobs)
+    rows = judged_rows(given.only, given.groups, given.out / "drives.jsonl" if given.out else None, given.jobs, given.margin)
     print(f"{table(rows)}\n{time.monotonic() - began:.0f} s with {given.jobs} processes")
     print(f"\n{rocks()}")
     if given.out:

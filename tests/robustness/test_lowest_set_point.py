@@ -178,3 +178,15 @@ def test_a_lift_that_comes_again_is_no_success_for_half_an_hour():
     assert verdict({**calm, "again": 2.0, "lifted": 0.01}, 6.0, 0.01, lasting=True) == "lifted again"
     assert verdict({**calm, "again": 2.0, "lifted": 0.01}, 6.0, 0.01, varying=True, lasting=True) == ""
     assert verdict({**calm, "again": 2.0, "lifted": 0.03}, 6.0, 0.01, varying=True) == "lifted 3.0 % of the time"
+
+
+def test_a_group_may_want_a_disk_margin_and_its_border_is_raised_until_there_is_one(found):
+    held, path = found[0]["SoftTorque", "declared"], found[1]
+    step = 4 * np.pi / 30
+    raised = dataclasses.replace(BRIEF, margin=held.margin + 1e-6)
+    search = {"ways": ["direct"], "between": ("62 rpm", "110 rpm"), "step": "4 rpm", "known": path}
+    more = lowest_set_point(LOOP, StiffPI(), [raised], **search)["SoftTorque", "declared"]
+    assert more.speed == pytest.approx(held.speed + step) and more.margin > held.margin
+    assert more.why == f"declared: disk margin {held.margin:.3f}"
+    none = lowest_set_point(LOOP, StiffPI(), [dataclasses.replace(BRIEF, margin=1.9)], **search)["SoftTorque", "declared"]
+    assert np.isnan(none.speed) and "disk margin" in none.why

@@ -50,7 +50,8 @@ class Machine:
 class Group:
     """Machines that a law must do well on, with seeds of the noise and phases of the cycle (in parts of its period) at which it takes over.
 
-    noise: standard deviation of the measured top speed [rad/s], 0 for none.  judged: length of the judged window [s].
+    noise: standard deviation of the measured top speed [rad/s], 0 for none.  judged: length of the judged window [s].  margin: disk margin that a border has to
+    leave on the declared machine and on each of the group, where the law has a slope; a border that has to last is raised until it does.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Group:
     noise: float = 0.01
     phases: tuple[float, ...] = tuple(k / 8 for k in range(8))
     judged: float = 80.0
+    margin: float = field(default=0.0, repr=False)
 
     @property
     def runs(self) -> int:

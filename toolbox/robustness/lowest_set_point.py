@@ -123,7 +123,8 @@ def lowest(
 ) -> Held:
     """The lowest set-point by bisection between `lower` (taken to fail) and `higher`, confirmed at three above it and, with `lasts`, for half an hour.
 
-    Where one of these fails, the search goes on above it: what is given is the lowest from which on nothing that was tried failed. All in rad/s.
+    Where one of these fails, or the border leaves a smaller disk margin than the group wants, the search goes on above it: what is given is the lowest from
+    which on nothing that was tried failed. All in rad/s.
     """
     cells = cells or Cells()
 
@@ -147,21 +148,23 @@ def lowest(
         if broken:
             low, below = broken[-1]
             high = top
-        elif lasts and (said := fails(high, group.lasting)):
-            low, below = high, f"{said} within half an hour"
-            if high == top:
-                return Held(math.nan, below)
-            high += 1
-            while high < top and (said := fails(high)):
-                low, below, high = high, said, high + 1
-        else:
-            speed = round(high * step, 6)
-            found = cells.outcome(trial, group.lasting if lasts else group, speed, way)
+            continue
+        speed = round(high * step, 6)
+        short = f"{said} within half an hour" if lasts and (said := fails(high, group.lasting)) else ""
+        if not short:
             declared, margin, weakest = trial.disk_margins(group.machines, speed)
-            shared = {
-                each.name: getattr(found, each.name) for each in dataclasses.fields(Outcome) if each.name not in ("passed", "why", "runs")
-            }
-            return Held(speed, below, **shared, margin=margin, margin_declared=declared, weakest=weakest)
+            if not min(declared, margin) < group.margin:
+                found = cells.outcome(trial, group.lasting if lasts else group, speed, way)
+                names = [each.name for each in dataclasses.fields(Outcome) if each.name not in ("passed", "why", "runs")]
+                told = {name: getattr(found, name) for name in names}
+                return Held(speed, below, **told, margin=margin, margin_declared=declared, weakest=weakest)
+            short = f"{weakest if margin <= declared else 'declared'}: disk margin {min(declared, margin):.3f}"
+        low, below = high, short
+        if high == top:
+            return Held(math.nan, below)
+        high += 1
+        while high < top and (said := fails(high)):
+            low, below, high = high, said, high + 1
 
 
 def borders(

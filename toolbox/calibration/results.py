@@ -58,6 +58,10 @@ class Fit(Result):
         Estimated error of each number because measured inputs are known at their samples only, shape (k,).
     asked
         {unit: unit that was typed}: the units in which report and figure answer.
+    strays
+        {signal: how many of its samples break the law, and were left out}.
+    equal
+        The law whose static friction the data cannot tell from the kinetic one, such as "bit.friction."; empty where they can.
     """
 
     names: tuple[str, ...]
@@ -80,6 +84,8 @@ class Fit(Result):
     mute: tuple[str, ...] = ()
     sampling: FloatArray = field(default_factory=lambda: np.zeros(0))
     asked: Mapping[str, str] = field(default_factory=dict)
+    strays: Mapping[str, int] = field(default_factory=dict)
+    equal: str = ""
 
     def __getitem__(self, name: str) -> float:
         """An estimate in SI."""
@@ -157,9 +163,14 @@ class Fit(Result):
         for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             low, high = self.interval(name)
             factor, unit = reading(unit, self.asked)
-            part = f"{100 * self.errors[i] / abs(self.values[i]):.2g} %" if self.values[i] else "-"
-            ends = f"{low * factor:.6g} .. {high * factor:.6g}"
-            rows.append([name, f"{self.values[i] * factor:.6g}", ends, "" if unit == "1" else unit, f"deviation {part}"])
+            shown = "" if unit == "1" else unit
+            if name in self.mute:
+                rows.append([name, "undetermined", "none", shown, ""])
+            elif name in self.at_bounds:
+                rows.append([name, f"{self.values[i] * factor:.6g}", "none", shown, "at its bound"])
+            else:
+                part = f"deviation {100 * self.errors[i] / abs(self.values[i]):.2g} %" if self.values[i] else "-"
+                rows.append([name, f"{self.values[i] * factor:.6g}", f"{low * factor:.6g} .. {high * factor:.6g}", shown, part])
         return rows
 
     def _remarks(self) -> list[str]:
@@ -175,7 +186,12 @@ class Fit(Result):
         for name in self.at_bounds:
             where = f"rests on another number, because {self.resting[name]}" if name in self.resting else "ended at its bound:"
             lines.append(f"  `{name}` {where} Its interval means nothing, and the optimum lies outside.".replace(": Its", ": its"))
+        if self.equal:
+            lines.append(
+                f"  `{self.equal}static` and `{self.equal}kinetic` are one number: the data do not tell them apart (F-test, 5 %), so friction has no decay."
+            )
         lines += [f"  `{name}` has no influence there, and so no estimate." for name in self.mute]
+        lines += [f"  {count} sample(s) of {name} break the law and were left out (`robust`)" for name, count in self.strays.items()]
         for name, shift, error in zip(self.names, self.sampling, self.errors, strict=True):
             if abs(shift) > self.factor * error:
                 lines.append(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ from toolbox.files.unit_systems import reading
 class Residual:
     """What the model leaves of one measured signal.
 
-    A p-value below 0.05 says that the residual has structure: the model lacks something, and intervals are too narrow.
+    A p-value below 0.05 says that the residual has structure: the model lacks something, or noise has a memory; intervals are widened for it.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Residual:
 
     @property
     def stretch(self) -> float:
-        """About how many times wider the intervals would have to be: as where each residual repeats so much of the one before (AR(1))."""
+        """About how many times wider than for white residuals an interval is where each residual repeats so much of the one before (AR(1))."""
         return math.sqrt((1.0 + self.correlation) / (1.0 - self.correlation)) if 0.0 < self.correlation < 1.0 else 1.0
 
     def lines(self, asked: Mapping[str, str] | None = None) -> list[str]:
@@ -52,12 +52,12 @@ class Residual:
         if self.whiteness >= 0.05:
             return [line + f"white (p = {self.whiteness:.2g})"]
         found = [
-            line + f"NOT white: neighbours correlate by {self.correlation:.2f}, so intervals are too narrow (p = {self.whiteness:.2g})"
+            line + f"NOT white: neighbours correlate by {self.correlation:.2f}, which the intervals account for (p = {self.whiteness:.2g})"
         ]
         if self.stretch > 1.2:
             found.append(
-                f"    they would have to be about {self.stretch:.2g} times as wide: the model lacks something (another law of friction, a lag of a sensor), "
-                "or samples follow each other faster than they tell anything new: try both, and leave samples out"
+                f"    they are about {self.stretch:.2g} times as wide as for white noise: the model lacks something (another law of friction, a lag of a "
+                "sensor), or samples follow each other faster than they tell anything new: try both, and leave samples out"
             )
         return found
 
@@ -76,6 +76,59 @@ def residual_of(signal: str, unit: str, left: np.ndarray, measured: np.ndarray) 
     span = float(np.ptp(measured))
     rms = float(np.sqrt(np.mean(left**2)))
     return Residual(signal, unit, rms, rms / span if span else math.nan, float(chi2.sf(portmanteau, lags)), correlations[0])
+
+
+def correlated(jacobian: np.ndarray, weighed: np.ndarray, blocks: Sequence[int], spread: float, structured: Sequence[bool]) -> np.ndarray:
+    """J^T G J, where G is the covariance of the residuals: `spread` times one where they are white, that of an autoregression where they have structure.
+
+    With (J^T J)^-1 on both sides it is the covariance of estimates by least squares, for any G. The order of the autoregression is that of the criterion of
+    Schwarz.
+    """
+    from scipy.signal import fftconvolve
+
+    k = jacobian.shape[1]
+    middle = np.zeros((k, k))
+    begin = 0
+    for size, has_structure in zip(blocks, structured, strict=True):
+        rows = slice(begin, begin + size)
+        begin += size
+        own = jacobian[rows]
+        white = np.einsum("ni,nj->ij", own, own) * spread
+        lags = autocorrelation(weighed[rows]) if has_structure and size > 20 else np.ones(1)
+        if lags.size > 1 and 1.0 + 2.0 * lags[1:].sum() > 1.0:  # residuals that alternate would make intervals narrower
+            kernel = np.concatenate([lags[:0:-1], lags])[:, None]
+            smoothed = fftconvolve(own, kernel, axes=0)[lags.size - 1 : lags.size - 1 + size]
+            variance = float(np.mean(weighed[rows][weighed[rows] != 0.0] ** 2))
+            wide = np.einsum("ni,nj->ij", own, smoothed) * variance
+            middle += 0.5 * (wide + wide.T)
+        else:
+            middle += white
+    return middle
+
+
+def autocorrelation(left: np.ndarray, most: int = 30) -> np.ndarray:
+    """Autocorrelation (lags from 0) of the autoregression that residuals are like, its order by the criterion of Schwarz; by the recursion of Levinson."""
+    centred = left - left.mean()
+    n = centred.size
+    power = float(centred @ centred)
+    if not power:
+        return np.ones(1)
+    orders = min(most, n // 10)
+    measured = np.array([float(np.einsum("i,i->", centred[i:], centred[: n - i])) / power for i in range(orders + 1)])
+    filters, variance = [np.zeros(0)], [1.0]
+    for order in range(1, orders + 1):
+        before = filters[-1]
+        reflection = (measured[order] - float(before @ measured[order - 1 : 0 : -1])) / variance[-1] if order > 1 else measured[1]
+        if not abs(reflection) < 1.0:
+            break
+        filters.append(np.append(before - reflection * before[::-1], reflection))
+        variance.append(variance[-1] * (1.0 - reflection**2))
+    scores = [n * math.log(max(v, 1e-300)) + order * math.log(n) for order, v in enumerate(variance)]
+    best = filters[int(np.argmin(scores))]
+    lags = list(measured[: best.size + 1])
+    while best.size and len(lags) < n and max(abs(value) for value in lags[-best.size :]) > 1e-3:
+        lags.append(float(best @ np.array(lags[-1 : -best.size - 1 : -1])))
+    return np.array(lags)
 
 
 def sampling_error(misfit: Any, values: np.ndarray, jacobian: np.ndarray, scales: Mapping[str, float]) -> np.ndarray:

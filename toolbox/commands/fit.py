@@ -7,7 +7,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from toolbox.arguments import numbers
+from toolbox.arguments import number, numbers
 from toolbox.commands import figures
 from toolbox.commands.recording import results
 from toolbox.commands.terminal import common, complaint, drawn_as, earlier, ranges, show
@@ -35,7 +35,9 @@ def add(commands: Any) -> None:
         "--column 'bit.weight=weight on bit' --column 'top.speed=table speed' --column 'bit.speed=downhole speed' "
         "--column 'bit.torque=downhole torque' --free bit.friction.static=0.6:1 --free bit.friction.kinetic=0.3:0.6 --out fitted",
     )
-    calibration.add_argument("data", type=Path, metavar="DATA", help="measured signals: CSV or TOML with units in headings, or MAT")
+    calibration.add_argument(
+        "data", type=Path, metavar="DATA", help="measured signals: CSV as it comes, TOML, MAT; with the extra data also xlsx, parquet, LAS"
+    )
     calibration.add_argument(
         "--free", required=True, metavar="NAME[=LOW:HIGH]", action="append", help="what to fit, with bounds; may be repeated"
     )
@@ -43,6 +45,20 @@ def add(commands: Any) -> None:
         "--column", metavar="SIGNAL=HEADING", action="append", default=[], help="what a signal, or time, is called in the data"
     )
     calibration.add_argument("--contact", metavar="NAME", help="fit the law of this contact to the measured loop, without simulation")
+    calibration.add_argument("--window", metavar="BEGIN:END", help="times [s] of the data that are used")
+    calibration.add_argument(
+        "--shift",
+        metavar="SIGNAL=TIME",
+        action="append",
+        default=[],
+        help="how much later a signal was written than it was; may be repeated",
+    )
+    calibration.add_argument(
+        "--robust",
+        metavar="DEVIATIONS",
+        default="5",
+        help="samples farther from the law than so many deviations are left out; off keeps all (5)",
+    )
     calibration.add_argument("--starts", type=int, default=4, metavar="N", help="searches from different values (4)")
     calibration.set_defaults(action=run, spelled={"free": "--free", "bounds": "--free", "columns": "--column", "data": "DATA"})
 
@@ -50,6 +66,7 @@ def add(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Fit parameters to measured signals. Returns the exit code."""
     from toolbox.calibration.fit import fit
+    from toolbox.calibration.recording import Recording
     from toolbox.errors import SimulationError
     from toolbox.scenes.scene import Scene
 
@@ -60,27 +77,30 @@ def run(given: argparse.Namespace) -> int:
     free = ranges("--free", given.free, bare=True)
     spans = {name: numbers(f"--free {name}", ends, loop.number(name).unit) for name, ends in free.items() if ends}
     bounds = {name: (low, high) for name, (low, high) in spans.items()}
-    columns = {}
-    for text in given.column:
-        signal_name, equals, heading = text.partition("=")
-        if not equals:
-            raise SceneError(f"Argument `--column` must be SIGNAL=HEADING, but it is `{text}`.")
-        columns[signal_name] = heading
+    columns = _pairs("--column", given.column, "SIGNAL=HEADING")
+    shifts = _pairs("--shift", given.shift, "SIGNAL=TIME")
+    window = None if given.window is None else _window(given.window)
+    robust = None if given.robust == "off" else number("--robust", given.robust, "1", above=1)
+    recording = Recording.of(
+        given.data, loop.bare.system if given.contact else dataclasses.replace(loop, inputs={}).system, columns or None
+    )
+    recording = recording.shifted(shifts) if shifts else recording
     with results(given, drawn_as(FIT_FILES, given.format), earlier("fit.txt", "\nFit of ", FIT_FILES)) as folder:
         try:
             found = fit(
                 loop,
-                given.data,
+                recording,
                 list(free),
                 bounds,
-                columns=columns or None,
+                window=window,
+                robust=robust,
                 contact=given.contact,
                 starts=given.starts,
             )
         except SimulationError as error:
             return complaint(str(error), 1)
         given.found = found
-        text = f"{scene.title}\n\n{found}\n"
+        text = f"{scene.title}\n\n{found}\n\n{recording}\n"
         if folder is not None:
             (folder / "fit.txt").write_text(text, encoding="utf-8")
             found.save(folder / "fit.csv")
@@ -90,3 +110,21 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\nReport, table, figure and the calibrated scene are in {given.out}")
     return 0
+
+
+def _pairs(option: str, texts: list[str], form: str) -> dict[str, str]:
+    """{signal: what stands behind the sign of equality}."""
+    found = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise SceneError(f"Argument `{option}` must be {form}, but it is `{text}`.")
+        found[name] = value
+    return found
+
+
+def _window(text: str) -> tuple[float, float]:
+    begin, colon, end = text.partition(":")
+    if not colon:
+        raise SceneError(f"Argument `--window` must be BEGIN:END, but it is `{text}`.")
+    return tuple(number("--window", part if part.strip()[-1:].isalpha() else f"{part} s", "s") for part in (begin, end))  # type: ignore[return-value]

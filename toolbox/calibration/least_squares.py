@@ -1,0 +1,357 @@
+"""Least squares from several starts, without the few samples that break the law, and what the Jacobian at the end says of the numbers."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import number
+from toolbox.calibration.residuals import MeasuredLoop, residuals
+from toolbox.calibration.resting import Resting, resting
+from toolbox.calibration.results import Fit
+from toolbox.calibration.trust import correlated, residual_of, sampling_error
+from toolbox.errors import SceneError, SimulationError
+from toolbox.messages import progress_bar
+
+SINGULAR = 1e-6
+"""Ratio of singular values, columns of the Jacobian scaled to length one, below which numbers cannot be told apart."""
+
+MUTE = 1e-9
+"""Change of the residuals, in parts of the signals, below which a number has no influence: for a change by its own size."""
+
+
+FEW = 0.05
+"""Part of a signal, at most, that may break its law: where more does, the law is wrong, and all samples count."""
+
+ROUNDS = 10
+"""Fits, at most, after each of which other samples are left out."""
+
+DRAWS = 10
+"""Starts that are drawn for every one that is wanted, because some contradict themselves or cannot be simulated."""
+
+
+def _product(tall: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """tall @ ways, without the threads of @, which wait for each other for longer than so thin a product takes."""
+    return np.einsum("ni,ij->nj", tall, ways)
+
+
+@dataclass
+class LeastSquares:
+    """Least squares from several starts, and what the Jacobian at the end says."""
+
+    misfit: Any
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    first: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    noise: Mapping[str, float] | None
+    robust: float | None
+    starts: int
+    seed: int
+    confidence: float
+    kept: dict[str, np.ndarray] = field(default_factory=dict, init=False)
+
+    def fit(self) -> Fit:
+        misfit = self.misfit
+        sizes = {name: float(np.std(values)) or 1.0 for name, values in misfit.measured.items()}
+        scales = self._given_noise(sizes)
+        trial = misfit.trial()
+        found = self._from_all_starts(trial, scales)
+        best = min(found, key=lambda each: each.cost)
+        values = best.x if trial is misfit else self._descend(best.x, scales, [misfit]).x
+        if self.noise is None and len(misfit.outputs) > 1:  # the weight of one alone changes nothing
+            left = self._left(values)
+            scales = {name: max(float(np.sqrt(np.mean(left[name] ** 2))), 1e-9 * sizes[name]) for name in left}
+            values = self._descend(values, scales, [misfit]).x
+        values, scales = self._without_strays(values, scales, sizes)
+        size = self._size(values)
+        jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
+        rest = resting(misfit, values, size, jacobian, self._weighed(left, scales), self.low, self.high)
+        ways = rest.directions
+        equal = self._rising_by_chance(rest, values, jacobian, self._weighed(left, scales)) if rest.why else self._equal(values, scales)
+        if equal:
+            values, rest = self._as_one(values, equal, scales)
+            size = self._size(values)
+            jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
+            ways = rest.directions
+        elif rest.why:
+            values = self._along(rest.values, ways, scales) if rest.together else rest.values
+            size = self._size(values)
+            jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
+        agreement = int(sum(each.cost <= best.cost * (1 + 1e-3) + 1e-12 for each in found)), len(found)
+        return self._result(values, scales, rest, equal, (jacobian, left), agreement)
+
+    def _result(
+        self,
+        values: np.ndarray,
+        scales: Mapping[str, float],
+        rest: Resting,
+        equal: str,
+        end: tuple[np.ndarray, dict[str, np.ndarray]],
+        agreement: tuple[int, int],
+    ) -> Fit:
+        """What slopes and residuals at the end say of the numbers. end: both;  agreement: searches that ended there, and all."""
+        from scipy.stats import t as student
+
+        misfit, size, ways, (jacobian, left) = self.misfit, self._size(values), rest.directions, end
+        sizes = {name: float(np.std(each)) or 1.0 for name, each in misfit.measured.items()}
+        weights = np.concatenate([np.full(left[name].size, scales[name] / sizes[name]) for name in left])
+        per_part = _product(jacobian * weights[:, None], size[:, None] * ways)
+        heard = np.sqrt((per_part**2).mean(axis=0)) >= MUTE if rest.why or equal else np.ones(ways.shape[1], bool)
+        labels = [" = ".join(name for name, part in zip(self.names, way, strict=True) if part) for way in ways.T[heard]]
+        condition = self._identifiable(labels, per_part[:, heard])
+        ways, mute = ways[:, heard], np.asarray(ways[:, ~heard].any(axis=1))
+        jacobian = _product(jacobian, ways)
+        n, k = sum(int(kept.sum()) for kept in self._all_kept().values()), jacobian.shape[1]
+        if n <= k:
+            raise SceneError(f"The data must hold more values than there are free numbers, but they hold {n} for {k}.")
+        left_of = [
+            residual_of(name, misfit.plant.unit(name), left[name][kept], misfit.measured[name][kept])
+            for name, kept in self._all_kept().items()
+        ]
+        weighed = self._weighed(left, scales)
+        spread = float((weighed**2).sum()) / (n - k)
+        inverse = np.linalg.inv(np.einsum("ni,nj->ij", jacobian, jacobian))
+        blocks = [misfit.measured[name].size for name in misfit.outputs]
+        middle = correlated(jacobian, weighed, blocks, spread, [each.whiteness < 0.05 for each in left_of])
+        covariance = ways @ inverse @ middle @ inverse @ ways.T
+        covariance[mute, mute] = math.inf
+        factor = float(student.ppf(0.5 + self.confidence / 2, n - k))
+        span = np.where(np.isfinite(self.high - self.low), self.high - self.low, self._size(values))
+        edge = np.minimum(values - self.low, self.high - values) < 1e-6 * span
+        recording, count = misfit.recording, sum(values.size for values in misfit.measured.values())
+        measured = f"{count} measured values over {recording.time[-1]:g} s ({recording.source}), {misfit.how}"
+        return Fit(
+            self.names, self.units, values, np.sqrt(np.diag(covariance)), covariance, self.confidence, factor,
+            tuple(left_of), condition,
+            tuple(name for i, name in enumerate(self.names) if edge[i] or i in rest.why), *agreement, measured,
+            misfit.exact, misfit.panels(left), misfit,
+            {self.names[i]: words for i, words in rest.why.items()}, tuple(name for name, silent in zip(self.names, mute.tolist(), strict=True) if silent),
+            ways @ sampling_error(misfit, values, jacobian, scales),
+            strays={name: int((~kept).sum()) for name, kept in self.kept.items() if not kept.all()}, equal=equal,
+        )  # fmt: skip
+
+    def _all_kept(self) -> dict[str, np.ndarray]:
+        """{signal: where its samples count}."""
+        return {name: self.kept.get(name, np.ones(self.misfit.measured[name].size, bool)) for name in self.misfit.outputs}
+
+    def _without_strays(
+        self, values: np.ndarray, scales: dict[str, float], sizes: Mapping[str, float]
+    ) -> tuple[np.ndarray, dict[str, float]]:
+        """The optimum without the few samples that break the law, found anew until no other samples do; and the scales then."""
+        if self.robust is None:
+            return values, scales
+        for _ in range(ROUNDS):
+            left, kept = self._left(values), {}
+            for name, each in left.items():
+                deviation = max(1.4826 * float(np.median(np.abs(each))), 1e-6 * sizes[name])
+                near = np.abs(each) <= self.robust * deviation
+                kept[name] = near if 1.0 - near.mean() <= FEW else np.ones(each.size, bool)
+            if all(np.array_equal(kept[name], mask) for name, mask in self._all_kept().items()):
+                break
+            self.kept = kept
+            if self.noise is None and len(left) > 1:
+                scales = {name: max(float(np.sqrt(np.mean(each[kept[name]] ** 2))), 1e-9 * sizes[name]) for name, each in left.items()}
+            values = self._descend(values, scales, [self.misfit]).x
+        return values, scales
+
+    def _equal(self, values: np.ndarray, scales: Mapping[str, float]) -> str:
+        """The law whose static friction the data cannot tell from the kinetic one; none where they can, or only one is free."""
+        from scipy.stats import f as fisher
+
+        laws = [
+            name.removesuffix("static")
+            for name in self.names
+            if name.endswith(".static") and name.removesuffix("static") + "kinetic" in self.names
+        ]
+        for law in laws:
+            try:
+                one, rest = self._as_one(values, law, scales)
+            except (SceneError, SimulationError):
+                continue
+            squares = [float((self._weighed(self._left(each), scales) ** 2).sum()) for each in (values, one)]
+            n = sum(int(kept.sum()) for kept in self._all_kept().values())
+            ways = self._weighed(self.misfit.slopes(one, self._size(one)), scales) @ rest.directions
+            fewer = len(self.names) - int((ways != 0).any(axis=0).sum())
+            if fewer < 1 or n <= len(self.names) or squares[0] <= 0.0:
+                continue
+            ratio = max(squares[1] - squares[0], 0.0) / fewer / (squares[0] / (n - len(self.names)))
+            if fisher.sf(ratio, fewer, n - len(self.names)) > 0.05:
+                return law
+        return ""
+
+    def _rising_by_chance(self, rest: Resting, values: np.ndarray, jacobian: np.ndarray, left: np.ndarray) -> str:
+        """The law whose static friction rests on the kinetic one where friction that rises with speed would describe the data no better than chance."""
+        from scipy.stats import f as fisher
+
+        law = self.names[rest.together[0]].rpartition(".")[0] + "." if len(rest.together) == 2 else ""
+        if {self.names[i] for i in rest.together} != {law + "static", law + "kinetic"}:
+            return ""
+        apart, one = jacobian[:, list(rest.together)], jacobian[:, list(rest.together)].sum(axis=1, keepdims=True)
+        squares = [float(((left - each @ np.linalg.lstsq(each, left, rcond=None)[0]) ** 2).sum()) for each in (apart, one)]
+        n = int((left != 0.0).sum())
+        ratio = (squares[1] - squares[0]) * (n - 2) / squares[0] if n > 2 and squares[0] > 0.0 else math.inf
+        return law if fisher.sf(ratio, 1, n - 2) > 0.05 else ""
+
+    def _as_one(self, values: np.ndarray, law: str, scales: Mapping[str, float]) -> tuple[np.ndarray, Resting]:
+        """The optimum with static friction equal to kinetic, and how the numbers move there."""
+        pair = tuple(self.names.index(f"{law}{word}") for word in ("static", "kinetic"))
+        level = values.copy()
+        level[list(pair)] = np.clip(values[list(pair)].mean(), self.low[list(pair)].max(), self.high[list(pair)].min())
+        rest = Resting({}, level, pair)
+        ways = rest.directions
+        heard = np.asarray((self._weighed(self.misfit.slopes(level, self._size(level)), scales) @ ways != 0).any(axis=0))
+        return self._along(level, ways[:, heard], scales), rest
+
+    def _along(self, values: np.ndarray, ways: np.ndarray, scales: Mapping[str, float]) -> np.ndarray:
+        """Where least squares end in these directions, in which numbers that rest on each other move as one."""
+        from scipy.optimize import least_squares
+
+        size = self._size(values)
+        length = np.array([size[way != 0].max() for way in ways.T])
+        low = np.array([np.max((self.low - values)[way != 0]) for way in ways.T]) / length
+        high = np.array([np.min((self.high - values)[way != 0]) for way in ways.T]) / length
+
+        def slopes(z: np.ndarray) -> np.ndarray:
+            return self._weighed(self.misfit.slopes(values + ways @ (z * length), size), scales) @ ways * length
+
+        found = least_squares(
+            lambda z: self._heard(residuals(self.misfit, values + ways @ (z * length), scales)), np.zeros(ways.shape[1]), slopes,
+            bounds=(np.minimum(low, -1e-15), np.maximum(high, 1e-15)), xtol=1e-10, ftol=1e-12, gtol=1e-12, max_nfev=100,
+        )  # fmt: skip
+        moved: np.ndarray = values + ways @ (found.x * length)
+        return moved
+
+    def _from_all_starts(self, trial: Any, scales: Mapping[str, float]) -> list[Any]:
+        """What every start comes to that can be simulated; raises the first error where none can."""
+        found: list[Any] = []
+        reason: Exception | None = None
+        evaluations = itertools.count(1)
+        with progress_bar(self.starts, "fit", unit="start") as bar:
+            for begin in self._begins():
+                if len(found) == self.starts:
+                    break
+                try:
+                    found.append(
+                        self._descend(begin, scales, trial.horizons(), lambda: bar.set_postfix_str(f"{next(evaluations)} evaluations"))
+                    )
+                    bar.update()
+                except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
+                    reason = reason or error
+        if not found:
+            raise reason or SimulationError("No start of the fit could be simulated.")
+        return found
+
+    def _weighed(self, found: Mapping[str, np.ndarray], scales: Mapping[str, float]) -> np.ndarray:
+        """All signals in a row, in parts of their noise; nothing where a sample does not count."""
+        return self._heard(np.concatenate([found[name] / scales[name] for name in self.misfit.outputs]))
+
+    def _heard(self, row: np.ndarray) -> np.ndarray:
+        """What stands in a row of all signals, and nothing where a sample does not count."""
+        if self.kept:
+            row[~np.concatenate([self.kept[name] for name in self.misfit.outputs])] = 0.0
+        return row
+
+    def _given_noise(self, sizes: Mapping[str, float]) -> dict[str, float]:
+        if self.noise is None:
+            return dict(sizes)
+        return {name: number(f"noise.{name}", self.noise.get(name), above=0) for name in self.misfit.outputs}
+
+    def _size(self, values: np.ndarray) -> np.ndarray:
+        """What a number is measured by: its value, or the declared one, or the width of its bounds where both are zero."""
+        width = np.where(np.isfinite(self.high - self.low), self.high - self.low, 1.0)
+        size = np.maximum(np.abs(values), np.abs(self.first))
+        return np.where(size > 0, size, width)
+
+    def _begins(self) -> list[np.ndarray]:
+        from scipy.stats import qmc
+
+        size = self._size(self.first)
+        around = (self.first - 0.5 * size, self.first + size)  # half and twice
+        low = np.where(np.isfinite(self.high - self.low), self.low, np.maximum(around[0], self.low))
+        high = np.where(np.isfinite(self.high - self.low), self.high, np.minimum(around[1], self.high))
+        inside = np.clip(self.first, self.low + 1e-6 * (high - low), self.high - 1e-6 * (high - low))
+        drawn = qmc.LatinHypercube(len(self.names), rng=self.seed).random(DRAWS * (self.starts - 1))
+        return [inside, *(low + drawn * (high - low))]
+
+    def _descend(
+        self, begin: np.ndarray, scales: Mapping[str, float], horizons: Sequence[Any], tell: Callable[[], object] = lambda: None
+    ) -> Any:
+        """Where least squares end from some numbers, over longer and longer parts of the data; tell: called after each evaluation of the model."""
+        from scipy.optimize import least_squares
+
+        size = self._size(self.first)
+        values = begin
+        for misfit in horizons:
+            misfit.model(values)  # raises the error that says why these numbers cannot be simulated
+
+            def slopes(q: np.ndarray, misfit: Any = misfit) -> np.ndarray:
+                found = misfit.slopes(q * size, self._size(q * size))
+                row = np.concatenate([found[name] * (size / scales[name]) for name in misfit.outputs])
+                return self._heard(row) if misfit is self.misfit else row
+
+            def left(q: np.ndarray, misfit: Any = misfit) -> np.ndarray:
+                tell()
+                row = residuals(misfit, q * size, scales)
+                return self._heard(row) if misfit is self.misfit else row
+
+            whole = misfit is self.misfit
+            given: dict[str, Any] = {"fun": left, "jac": slopes, "x0": values / size}
+            given |= {
+                "x_scale": "jac",
+                "xtol": 1e-10 if whole else 1e-4,
+                "ftol": 1e-12 if whole else 1e-4,
+                "gtol": 1e-12,
+                "max_nfev": 100 if whole else 30,
+            }
+            found: Any = self._unbounded(given, size) if isinstance(misfit, MeasuredLoop) else None
+            found = found or least_squares(**given, bounds=(self.low / size, self.high / size))
+            values = found.x * size
+        found.x = values
+        return found
+
+    def _unbounded(self, given: Mapping[str, Any], size: np.ndarray) -> Any:
+        """Where the method of Levenberg and Marquardt ends, which takes a third of the time for long data; None where a bound is or comes near."""
+        from scipy.optimize import least_squares
+
+        edge = 1e-3 * size
+        with contextlib.suppress(SceneError, SimulationError):
+            if np.all(given["x0"] * size > self.low + edge) and np.all(given["x0"] * size < self.high - edge):
+                found = least_squares(**given, method="lm")
+                if found.success and np.all(found.x * size > self.low + edge) and np.all(found.x * size < self.high - edge):
+                    return found
+        return None
+
+    def _left(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        model = self.misfit.model(values)
+        return {name: model[name] - self.misfit.measured[name] for name in self.misfit.outputs}
+
+    def _identifiable(self, names: Sequence[str], per_part: np.ndarray) -> float:
+        """Condition of the scaled Jacobian; raises SceneError where it is singular, and names what is to blame."""
+        length = np.sqrt((per_part**2).mean(axis=0))
+        mute = [name for name, size in zip(names, length, strict=True) if size < MUTE]
+        if mute:
+            words = " and ".join(f"`{name}`" for name in mute)
+            raise SceneError(
+                f"Argument `free` must hold numbers that the data depend on, but {words} changes none of the measured signals."
+            )
+        square, directions = np.linalg.eigh(np.einsum("ni,nj->ij", per_part, per_part) / (length[:, None] * length * len(per_part)))
+        singular = np.sqrt(np.maximum(square, 0.0))
+        if singular[0] < SINGULAR * singular[-1]:
+            direction = directions[:, 0] / length
+            direction /= np.abs(direction).max()
+            involved = [(name, part) for name, part in zip(names, direction, strict=True) if abs(part) > 0.05]
+            words = " and ".join(f"`{name}`" for name, _ in involved)
+            changes = ", ".join(f"{100 * part:+.3g} % of `{name}`" for name, part in involved)
+            raise SceneError(
+                f"Argument `free` must hold numbers that the data can tell apart, but {words} cannot be: changes in the ratio {changes} "
+                f"leave every residual as it is (singular values {singular[0]:.1e} : {singular[-1]:.1e}). Fix all of them but one."
+            )
+        return float(singular[-1] / singular[0])

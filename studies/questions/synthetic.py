@@ -4,6 +4,9 @@
 
 `rig.csv`: the rig of Jansen and van den Steen with a bit law of its own (`TRUTH`), from rest under a drive torque that rises and then sways, at a weight on bit
 that sways, as a recorder with 25 samples per second would give it: names and units of the field, white noise of sensors from a seed.
+
+`dirty_rig.csv`: the same recording as the field leaves it, with drop-outs to zero, nulls, a gap, a downhole clock that is late, a drift of downhole torque and
+reversed speeds; `dirty_rig.toml`: its truth, rows counted from 0 in `rig.csv`.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -64,11 +68,54 @@ def write(path: Path) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+DIRT: dict[str, Any] = {
+    "null": [120, 121, 122, 610],
+    "dropped": [200, 201, 202, 700],
+    "reversed": [333, 456, 828, 932],
+    "gap": [500, 560],
+    "shift": 0.4,
+    "drift": 5.0,
+}
+"""Rows of nulls in the weight, of drop-outs in the drive torque, of reversed downhole speed; first row and one past the last of the gap; how late the downhole
+channels are [s], and by how much their torque drifts [N m/s]."""
+
+
+def dirty() -> dict[str, np.ndarray]:
+    """{signal: values in SI} of the recording with its dirt; nan for a null."""
+    signals = {name: values.copy() for name, values in recording().items()}
+    time = signals["time"]
+    signals["bit.torque"] += DIRT["drift"] * time
+    for name in ("bit.speed", "bit.torque"):
+        signals[name] = np.interp(time - DIRT["shift"], time, signals[name])
+    signals["bit.speed"][DIRT["reversed"]] *= -1.0
+    signals["bit.weight"][DIRT["null"]] = np.nan
+    signals["top.torque"][DIRT["dropped"]] = 0.0
+    return {name: np.delete(values, np.arange(*DIRT["gap"])) for name, values in signals.items()}
+
+
+def write_dirty(folder: Path) -> None:
+    """Write the dirty recording and its truth."""
+    signals = dirty()
+    units = [UNITS[name.rpartition(".")[2]] for name in COLUMNS]
+    lines = [
+        "Synthetic: python -m studies synthetic; not measured on any machine",
+        ";".join(COLUMNS.values()),
+        ";".join(unit for unit, _ in units),
+    ]
+    columns = [np.nan_to_num(signals[name] * unit[1], nan=-999.25) for name, unit in zip(COLUMNS, units, strict=True)]
+    lines += [";".join(f"{value:.6g}" for value in row).replace(".", ",") for row in zip(*columns, strict=True)]
+    (folder / "dirty_rig.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    truth = [f'"{name}" = {value}' for name, value in TRUTH.items()]
+    dirt = [f"{name} = {value}" for name, value in DIRT.items()]
+    (folder / "dirty_rig.toml").write_text("\n".join(["[numbers]", *truth, "", "[dirt]", *dirt]) + "\n", encoding="utf-8")
+
+
 def main() -> None:
     """Write the tables."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
     folder.mkdir(parents=True, exist_ok=True)
     write(folder / "rig.csv")
+    write_dirty(folder)
 
 
 if __name__ == "__main__":

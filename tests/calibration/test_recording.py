@@ -1,9 +1,12 @@
 """What a recording tells, and what it does with samples that are none."""
 
+import tomllib
+
 import numpy as np
 import pytest
 
 from models import BitRock, BlockOnBelt, Coulomb, wells
+from studies.questions import synthetic
 from toolbox import SceneError, compose, fit, simulate
 from toolbox.calibration import Recording
 
@@ -101,3 +104,15 @@ def test_a_picture_shows_what_was_left_out_and_draws_no_line_over_a_gap(tmp_path
     line = axes[0].lines[0]
     assert np.isnan(line.get_ydata()[[50, 99]]).all()
     assert axes[0].lines[1].get_label() == "left out"
+
+
+def test_the_dirty_log_that_is_shipped_tells_its_dirt_and_gives_the_numbers_behind_it():
+    found = Recording.of(synthetic.FOLDER / "dirty_rig.csv", RIG, synthetic.COLUMNS)
+    truth = tomllib.loads((synthetic.FOLDER / "dirty_rig.toml").read_text())
+    rows = np.delete(np.arange(1001), np.arange(*truth["dirt"]["gap"]))
+    for kind, name, word in (("null", "bit.weight", "null"), ("dropped", "top.torque", "drop-out"), ("reversed", "bit.speed", "reversed")):
+        assert rows[np.isnan(found.signals[name])].tolist() == truth["dirt"][kind]
+        assert found.found(name) == {word: 4}
+    assert found.found("time") == {"gap": 1}
+    law = fit(RIG, found.shifted({"bit.speed": 0.4, "bit.torque": 0.4}), list(truth["numbers"]), contact="bit", starts=1)
+    assert law.values == pytest.approx(list(truth["numbers"].values()), rel=0.05)  # the drift, which nobody took out, is 2 % of the torque

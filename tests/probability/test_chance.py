@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 import toolbox.probability.chances as verb
-from controllers import StiffPI
+from controllers import SoftTorque, StiffPI
 from models import BitRock, wells
 from toolbox import SceneError, closed_loop, compose, simulate
 from toolbox.onsets.coming_to import comes_to
@@ -79,6 +79,15 @@ def test_lanes_decide_as_the_judge_does(loop):
             case = case.at(name, value)
         run = simulate(case, found.duration, accuracy=1e-6)
         assert VERDICTS[comes_to(run, "bit", "bit.speed", found.duration / 2).regime] == outcome
+
+
+def test_a_swing_that_has_died_out_needs_no_judge_and_is_as_he_says(monkeypatch):
+    loop = closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque())
+    found = chance(loop, OVER, UNCERTAIN, draws=16)
+    monkeypatch.setattr(verb, "DIED_OUT", 0.0)
+    by_judge = chance(loop, OVER, UNCERTAIN, draws=16)
+    assert np.array_equal(found.outcomes["as it is"], by_judge.outcomes["as it is"])
+    assert found.judged["as it is"] < 0.25 * by_judge.judged["as it is"]
 
 
 @pytest.mark.slow

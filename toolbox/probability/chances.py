@@ -48,6 +48,9 @@ SAME_STICK = 0.9
 FALLS = 0.8
 """Severity in the last quarter, in parts of that before, up to which a swing without a stick is taken to fall."""
 
+DIED_OUT = 10.0
+"""Severity in the last quarter, in accuracies of the run, up to which a swing has died out: from a start far away only a run that comes back gets there."""
+
 ALL = 0.999
 """Part of a quarter in stick that is all of it."""
 
@@ -218,7 +221,7 @@ class Search:
         with np.errstate(invalid="ignore", divide="ignore"):
             stands = (stuck[0] >= ALL * quarter) & (stuck[1] >= ALL * quarter)
             sticks = (np.minimum(*n) >= 2) & (stuck[1] / n[1] >= SAME_STICK * stuck[0] / n[0]) & ~stands
-            falls = (np.maximum(*n) == 0) & (severity[1] <= FALLS * severity[0])
+            falls = (np.maximum(*n) == 0) & (severity[1] <= np.maximum(FALLS * severity[0], DIED_OUT * self.accuracy))
         outcomes[falls], outcomes[sticks], outcomes[stands] = SMOOTH, STICK_SLIP, STUCK
         failed = np.isnan(n[0])
         told = np.where(stands, math.inf, severity[1])

@@ -119,8 +119,10 @@ function receive(found, sent, mine) {
   }
   turned = "";
   show();
-  const painted = String(mine);
-  requestAnimationFrame(() => requestAnimationFrame(() => { document.body.dataset.painted = painted; document.body.dataset.print = found.print; }));
+  requestAnimationFrame(() => requestAnimationFrame(() => {
+    document.body.dataset.print = found.print;
+    if (mine > Number(document.body.dataset.painted || 0)) document.body.dataset.painted = String(mine);  // what came later may have been refused meanwhile
+  }));
 }
 
 let following = 0;

@@ -170,3 +170,12 @@ def test_the_weight_that_is_asked_is_a_signal_and_without_relief_the_weight_is_n
     assert Lifting(law=law.law).drives == ("top.torque",) and law.drives == ("top.torque", "bit.weight")
     with pytest.raises(SceneError, match="relief"):
         simulate(RIG, 1.0, controller=Lifting(law=law.law, relief=1.5), sample_time=0.01)
+
+
+def test_a_law_that_may_take_weight_off_has_the_margins_of_the_same_law_without():
+    law = PI(reference=6.0, **LIMITS)
+    plain, relieving = (
+        margins(closed_loop(RIG, sampled(Lifting(law=law, reference=6.0, **more))), measured=False) for more in ({}, RELIEVING)
+    )
+    assert relieving.stable and relieving.disk_margin == pytest.approx(plain.disk_margin, rel=1e-9)
+    assert relieving.signals["bit.weight"] == pytest.approx(97_347.0, rel=1e-12)

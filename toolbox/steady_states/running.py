@@ -93,13 +93,20 @@ def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], drives: str | Sequ
 
 
 def at_set_points(loop: ClosedLoop) -> Equilibrium:
-    """Steady running of a plant at the set-points of its laws, which are inputs of the closed loop; raises SceneError where there is none."""
+    """Steady running of a plant at the set-points of its laws, which are inputs of the closed loop; raises SceneError where there is none.
+
+    `top.reference` is that of the signal `top.speed`, `weight.reference` that of an input `bit.weight` that a law drives.
+    """
     plant, system, inputs = loop.plant, loop.system, loop.constant_inputs("steady running")
     wanted = {}
-    for name, value in zip(system.inputs, input_values(system, inputs).tolist(), strict=True):
+    values = dict(zip(system.inputs, input_values(system, inputs).tolist(), strict=True))
+    for name, value in values.items():
         part, _, kind = name.rpartition(".")
         if kind == "reference" and plant.has_signal(f"{part}.speed"):
             wanted[f"{part}.speed"] = value
-    drives = tuple(name for name in plant.inputs if name not in system.inputs)
+    driven = {name: f"{name.rpartition('.')[2]}.reference" for name in plant.inputs if name not in system.inputs}
+    drives = tuple(name for name, reference in driven.items() if reference not in values)
     known = {name: value for name, value in inputs.items() if name in plant.inputs}
+    # a law that drives the weight keeps it where it is asked
+    known |= {name: values[reference] for name, reference in driven.items() if reference in values}
     return running(dataclasses.replace(loop.bare, inputs=known), wanted, drives)

@@ -447,7 +447,7 @@ JANSEN = "studies/scenes/jansen_2.toml"
         (["posterior", "--prior", "bit.weight=97 kN", "--measured", "severity=1 +- 0.1"], "`--prior` must be NAME=LOW:HIGH"),
         (["posterior", "--prior", "bit.weight=9e4:1e5"], "`--compare` must be given with DATA, or `--measured`"),
         (["tradeoff", "--controller", "stif PI"], "did you mean `stiff PI`"),
-        (["fit", "nothing.csv", "--free", "bit.weight"], "There is no table"),
+        (["fit", "nothing.csv", "--free", "bit.weight"], "There is no file `nothing.csv`"),
     ],
     ids=lambda value: " ".join(value)[:40] if isinstance(value, list) else "",
 )

@@ -7,7 +7,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from toolbox.arguments import number, numbers
+from toolbox.arguments import number, numbers, whole
 from toolbox.commands import figures
 from toolbox.commands.recording import results
 from toolbox.commands.terminal import common, complaint, drawn_as, earlier, ranges, show
@@ -81,6 +81,7 @@ def run(given: argparse.Namespace) -> int:
     shifts = _pairs("--shift", given.shift, "SIGNAL=TIME")
     window = None if given.window is None else _window(given.window)
     robust = None if given.robust == "off" else number("--robust", given.robust, "1", above=1)
+    starts = whole("--starts", given.starts, 1)
     recording = Recording.of(
         given.data, loop.bare.system if given.contact else dataclasses.replace(loop, inputs={}).system, columns or None
     )
@@ -95,7 +96,7 @@ def run(given: argparse.Namespace) -> int:
                 window=window,
                 robust=robust,
                 contact=given.contact,
-                starts=given.starts,
+                starts=starts,
             )
         except SimulationError as error:
             return complaint(str(error), 1)

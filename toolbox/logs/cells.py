@@ -79,7 +79,10 @@ def plain_number(cell: Any, mark: str = ".") -> float:
     """The number in a cell, nan for anything else."""
     if isinstance(cell, (int, float, np.number)) and not isinstance(cell, bool):
         return float(cell)
-    text = str(cell).strip().strip("'\"").replace("\u00a0", "").replace("\u202f", "").replace("\u2212", "-")
+    text = str(cell).strip()
+    if text[:1] in ("'", '"') and text[:1] == text[-1:]:  # a quote alone is damage
+        text = text[1:-1].strip()
+    text = text.replace("\u00a0", "").replace("\u202f", "").replace("\u2212", "-")
     if mark == ",":
         text = text.replace(".", "").replace(",", ".") if "," in text or re.fullmatch(r"[+-]?[1-9]\d{0,2}(\.\d{3})+", text) else text
     elif "," in text and re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?", text):

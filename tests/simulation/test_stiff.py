@@ -165,7 +165,8 @@ def test_the_elimination_solves_sparse_systems_with_algebraic_rows():
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-6])
 def test_a_block_breaks_away_though_implicit_damping_would_hold_it(law, accuracy):
     # after stick the slip grows at the rate F_s decay / m = 1e6/s from nothing: a long implicit step sees no error in letting it die
-    plant = compose(BlockOnBelt(friction=law))
+    # without the damping the block comes back with all but a part in 1e5 of the force at which it broke away, and round-off decides whether it sticks
+    plant = compose(BlockOnBelt(damping=0.1, friction=law))
     exact = simulate(plant, 50.0, start={"block.speed": 0.2}, method="explicit", accuracy=1e-10)
     run = simulate(plant, 50.0, start={"block.speed": 0.2}, method="stiff", accuracy=accuracy)
     assert run.merged == 0

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import numbers
-from toolbox.commands import figures
-from toolbox.commands.recording import results
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, ranges, show
+from toolbox.commands.recording import results, write_found
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, ranges, show
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import asked_in
 
@@ -63,16 +62,13 @@ def distributions(option: str, texts: Sequence[str]) -> dict[str, Any]:
     from toolbox.probability.distributions import Uniform, distribution
 
     found: dict[str, Any] = {}
-    for text in texts:
-        name, equals, what = (part.strip() for part in text.partition("="))
-        if not name or not equals:
-            raise SceneError(f"Argument `{option}` must be NAME='97 kN +- 8 kN' or NAME=LOW:HIGH, but it is `{text}`.")
+    for name, what in pairs(option, "NAME='97 kN +- 8 kN' or NAME=LOW:HIGH", texts):
         if name in found:
             raise SceneError(f"Argument `{option}` must name every number once, but `{name}` is there twice.")
         if re.search(r"\+-|\+/-|±", what):
             found[name] = distribution(name, what)
         else:
-            found[name] = Uniform(*ranges(option, [text])[name])
+            found[name] = Uniform(*ranges(option, [f"{name}={what}"])[name])
     return found
 
 
@@ -113,11 +109,7 @@ def run(given: argparse.Namespace) -> int:
     given.found = found
     with results(given, drawn_as(FILES, given.format), earlier("chance.txt", "^Chance of stick-slip: ", FILES), last=False) as folder:
         if folder is not None:
-            (folder / "chance.txt").write_text(f"{found}\n", encoding="utf-8")
-            found.save(folder / "chance.csv")
-            found.save(folder / "chance.npz")
-            figures.draw_found(found, scene.title, folder / f"chance.{given.format}")
-            scene.save(folder / "scene.toml")
+            write_found(folder, "chance", found, scene, given.format)
     show(str(found))
     if given.out:
         print(f"\nTable, figure and data are in {given.out}")

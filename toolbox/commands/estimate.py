@@ -8,10 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import number
-from toolbox.commands import figures
-from toolbox.commands.posterior import pairs
-from toolbox.commands.recording import results
-from toolbox.commands.terminal import common, drawn_as, earlier, plain, show
+from toolbox.commands.recording import results, write_found
+from toolbox.commands.terminal import common, drawn_as, earlier, pairs, plain, show
 
 FILES = ("estimate.txt", "estimate.csv", "estimate.npz", "estimate.png", "scene.toml")
 
@@ -63,11 +61,7 @@ def run(given: argparse.Namespace) -> int:
     given.found = found = dataclasses.replace(found, title=scene.title)
     with results(given, drawn_as(FILES, given.format), earlier("estimate.txt", "^Estimates of ", FILES)) as folder:
         if folder is not None:
-            (folder / "estimate.txt").write_text(f"{found}\n", encoding="utf-8")
-            found.save(folder / "estimate.csv")
-            found.save(folder / "estimate.npz")
-            figures.draw_found(found, scene.title, folder / f"estimate.{given.format}")
-            scene.save(folder / "scene.toml")
+            write_found(folder, "estimate", found, scene, given.format)
     show(str(found))
     if given.out:
         print(f"\nReport, table and figure are in {given.out}")

@@ -10,7 +10,7 @@ from typing import Any
 from toolbox.arguments import number, numbers, whole
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, ranges, show
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, ranges, show
 from toolbox.errors import SceneError
 
 FIT_FILES = ("fit.txt", "fit.csv", "fit.png", "scene.toml")
@@ -77,8 +77,8 @@ def run(given: argparse.Namespace) -> int:
     free = ranges("--free", given.free, bare=True)
     spans = {name: numbers(f"--free {name}", ends, loop.number(name).unit) for name, ends in free.items() if ends}
     bounds = {name: (low, high) for name, (low, high) in spans.items()}
-    columns = _pairs("--column", given.column, "SIGNAL=HEADING")
-    shifts = _pairs("--shift", given.shift, "SIGNAL=TIME")
+    columns = dict(pairs("--column", "SIGNAL=HEADING", given.column))
+    shifts = dict(pairs("--shift", "SIGNAL=TIME", given.shift))
     window = None if given.window is None else _window(given.window)
     robust = None if given.robust == "off" else number("--robust", given.robust, "1", above=1)
     starts = whole("--starts", given.starts, 1)
@@ -111,17 +111,6 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\nReport, table, figure and the calibrated scene are in {given.out}")
     return 0
-
-
-def _pairs(option: str, texts: list[str], form: str) -> dict[str, str]:
-    """{signal: what stands behind the sign of equality}."""
-    found = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise SceneError(f"Argument `{option}` must be {form}, but it is `{text}`.")
-        found[name] = value
-    return found
 
 
 def _window(text: str) -> tuple[float, float]:

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import number
-from toolbox.commands import figures
 from toolbox.commands.chance import DISTRIBUTIONS, GOES_ON, distributions
-from toolbox.commands.recording import results
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, plain, show
+from toolbox.commands.recording import results, write_found
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, plain, show
 from toolbox.errors import SceneError, SimulationError
 
 if TYPE_CHECKING:
@@ -110,11 +109,7 @@ def run(given: argparse.Namespace) -> int:
     given.found = found = dataclasses.replace(found, title=scene.title)
     with results(given, drawn_as(FILES, given.format), earlier("posterior.txt", "^Posterior of ", FILES), last=False) as folder:
         if folder is not None:
-            (folder / "posterior.txt").write_text(f"{found}\n", encoding="utf-8")
-            found.save(folder / "posterior.csv")
-            found.save(folder / "posterior.npz")
-            figures.draw_found(found, scene.title, folder / f"posterior.{given.format}")
-            scene.save(folder / "scene.toml")
+            write_found(folder, "posterior", found, scene, given.format)
     show(str(found))
     if given.out:
         print(f"\nReport, draws and figure are in {given.out}")
@@ -143,12 +138,3 @@ def _compared(given: argparse.Namespace, loop: ClosedLoop) -> tuple[dict[str, An
         data |= more
         measures |= read
     return driving, data, measures, float(recording.time[-1])
-
-
-def pairs(option: str, form: str, texts: list[str]) -> list[tuple[str, str]]:
-    """(name, what stands behind it) of texts NAME=WHAT."""
-    parts = [text.partition("=") for text in texts]
-    for text, (name, equals, what) in zip(texts, parts, strict=True):
-        if not (name.strip() and equals and what.strip()):
-            raise SceneError(f"Argument `{option}` must be {form}, but it is `{text}`.")
-    return [(name.strip(), what.strip()) for name, _, what in parts]

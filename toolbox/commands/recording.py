@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
+from toolbox.commands import figures
 from toolbox.files.atomic import whole_folder
 from toolbox.files.origin import ORIGIN, Origin, hashes, versions
 
@@ -45,6 +46,15 @@ def results(
         files = {Path(path).name: told for path, told in hashes(sorted(folder.iterdir())).items()}
         seconds = round(time.perf_counter() - clock, 3)
         Origin(given.line, began.isoformat(timespec="seconds"), seconds, versions(), read, files).write(folder)
+
+
+def write_found(folder: Path, name: str, found: Any, scene: Any, ending: str) -> None:
+    """Write what a command found into its folder, as text, table, data and figure of one name, and the scene."""
+    (folder / f"{name}.txt").write_text(f"{found}\n", encoding="utf-8")
+    found.save(folder / f"{name}.csv")
+    found.save(folder / f"{name}.npz")
+    figures.draw_found(found, scene.title, folder / f"{name}.{ending}")
+    scene.save(folder / "scene.toml")
 
 
 def untimed(run: Timed) -> Timed:

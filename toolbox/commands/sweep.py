@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from toolbox.arguments import numbers
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, plain, ranges, show
+from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, pairs, plain, ranges, show
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.printing import columns
 from toolbox.files.unit_systems import asked_in
@@ -227,12 +227,7 @@ def _of_law(scene: Any, given: argparse.Namespace) -> Any:
     from toolbox.scenes.cases import Case
     from toolbox.scenes.catalogue import part
 
-    held = {}
-    for text in given.hold:
-        name, mark, value = (word.strip() for word in text.partition("="))
-        if not mark or not name or not value:
-            raise SceneError(f"Argument `--hold` must be NAME=VALUE, but it is `{text}`.")
-        held[name] = plain(value)
+    held = {name: plain(value) for name, value in pairs("--hold", "NAME=VALUE", given.hold)}
     cases = scene.cases
     if given.law is not None:
         law = part(given.law, "control law")()

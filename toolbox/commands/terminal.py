@@ -137,6 +137,17 @@ def plain(text: str) -> Any:
         return text
 
 
+def pairs(option: str, form: str, texts: Iterable[str]) -> list[tuple[str, str]]:
+    """(name, what stands behind it) of texts NAME=WHAT; raises SceneError for another form, of which `form` tells."""
+    found = []
+    for text in texts:
+        name, _, what = (part.strip() for part in text.partition("="))
+        if not name or not what:
+            raise SceneError(f"Argument `{option}` must be {form}, but it is `{text}`.")
+        found.append((name, what))
+    return found
+
+
 def ranges(option: str, texts: Iterable[str], counted: bool = False, bare: bool = False) -> dict[str, tuple[Any, ...]]:
     """{name: (low, high)} of texts NAME=LOW:HIGH, with numbers as `plain` gives them; a unit behind HIGH is that of LOW, too, where it has none.
 

@@ -33,7 +33,10 @@ from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.report import Onset
 from toolbox.probability import Basin, Chance, Estimates, Normal, Posterior, Uniform, basin, chance, estimate, posterior
 from toolbox.robustness import Group, LowestSetPoints, Machine, Margins, SmallestError, Windows, WorstCase, smallest_error, windows
+from toolbox.robustness.charts import StabilityChart, stability_chart
+from toolbox.robustness.responses import FrequencyResponse, frequency_response
 from toolbox.scenes.work_precision import WorkPrecision
+from toolbox.steady_states.shapes import ModeShapes, mode_shapes
 from toolbox.tuning import Schedule, schedule
 from toolbox.tuning.results import Tuned
 
@@ -112,6 +115,20 @@ def of_estimate():
     return estimate(RIG, {"time": run.time, **{name: run[name] for name in ("top.torque", "top.speed")}}, members=8)
 
 
+def of_frequency_response():
+    return frequency_response(closed_loop(RIG, SoftTorque(reference=9.0)), [0.1, 1.0, 10.0])
+
+
+def of_stability_chart():
+    return stability_chart(
+        closed_loop(RIG, PI(900.0, 500.0)), {"pi.proportional": (100.0, 2000.0), "pi.integral": (50.0, 900.0)}, shape=(3, 3)
+    )
+
+
+def of_mode_shapes():
+    return mode_shapes(closed_loop(RIG, StiffPI(reference=10.0)))
+
+
 def of_basin():
     return basin(closed_loop(RIG, StiffPI(reference=10.0)), {"bit.speed": (0.0, "150 rpm")}, 12)
 
@@ -120,6 +137,7 @@ MADE = {
     Onset: of_onset, Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, LowestSetPoints: of_lowest_set_point,
     SmallestError: of_smallest_error, WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit, Chance: of_chance, Posterior: of_posterior,
     Schedule: of_schedule, Windows: of_windows, Estimates: of_estimate, Basin: of_basin,
+    FrequencyResponse: of_frequency_response, StabilityChart: of_stability_chart, ModeShapes: of_mode_shapes,
 }  # fmt: skip
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,8 @@ from toolbox.arguments import FloatArray
 from toolbox.calibration.panels import Panel
 from toolbox.calibration.trust import Residual
 from toolbox.errors import SceneError, suggest
-from toolbox.files import tables
 from toolbox.files.printing import columns, table
-from toolbox.files.results import LEFT_OUT, Result
+from toolbox.files.results import LEFT_OUT, HeadedRows, Result
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -208,11 +206,11 @@ class Fit(Result):
         if not (self.values.shape == self.errors.shape == (k,) and self.covariance.shape == (k, k) and len(self.units) == k):
             raise ValueError("its arrays do not fit to its names")
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write estimates, deviations and intervals as CSV in SI units, whole or not at all; returns the path."""
+    def _table(self) -> HeadedRows:
+        """One row per number: estimate, deviation and interval."""
         estimates = zip(self.names, self.units, self.values.tolist(), self.errors.tolist(), strict=True)
         headings = ["name", "unit", "estimate", "standard deviation", "low", "high"]
-        return tables.write(path, headings, [[name, *rest, *self.interval(name)] for name, *rest in estimates])
+        return headings, [[name, *rest, *self.interval(name)] for name, *rest in estimates]
 
     def plot(self) -> Any:
         """Draw what was measured against the model: traces, residuals, and the friction loop. Returns the axes."""

@@ -7,18 +7,21 @@ import json
 import math
 import statistics
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files import tables
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
 from toolbox.files.printing import Printed
 
 Self = TypeVar("Self", bound="Result")
+HeadedRows = tuple[Sequence[str], Sequence[Sequence[Any]]]
+"""Headings and rows of a table."""
 
 LEFT_OUT = {"saved": False}
 """Metadata of a field that belongs to the machine at hand: it is not written, and None in a result that was loaded."""
@@ -55,7 +58,22 @@ class Result(Printed):
         return path
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write the table of the result as CSV in SI units, whole or not at all; returns the path."""
+        """Write the table of the result as CSV in SI units, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Returns
+        -------
+        Path
+            The same path.
+        """
+        return tables.write(path, *self._table())
+
+    def _table(self) -> HeadedRows:
+        """Headings and rows of that table."""
         raise NotImplementedError
 
     @classmethod

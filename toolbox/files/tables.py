@@ -109,6 +109,11 @@ def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -
     return Table(path, tuple(found), tuple(place for place, _ in rows), headings)
 
 
+def heading(name: str, unit: str) -> str:
+    """A name with its unit in brackets, as a column is headed; a plain number has none."""
+    return name if unit in ("", "1") else f"{name} [{unit}]"
+
+
 def write(path: str | Path, headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
     """Write a table as CSV, whole or not at all; numbers keep every digit, and a number that does not exist (nan, None) is an empty cell. Returns the path."""
     import csv

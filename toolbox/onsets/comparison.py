@@ -6,14 +6,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 
 from toolbox.errors import SceneError, suggest
-from toolbox.files import tables
 from toolbox.files.printing import columns, table
-from toolbox.files.results import Result
+from toolbox.files.results import HeadedRows, Result
+from toolbox.files.tables import heading
 from toolbox.files.unit_systems import reading
-from toolbox.onsets.report import Onset, labelled, shown
+from toolbox.onsets.report import Onset, shown
 
 
 @dataclass(frozen=True)
@@ -23,12 +22,12 @@ class Comparison(Result):
     onsets: Mapping[str, Onset]
     failures: Mapping[str, str] = field(default_factory=dict)
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write one row per controller as CSV in SI units, whole or not at all: its borders next to the working point; returns the path."""
-        unit = next((labelled(each.parameter, each.unit) for each in self.onsets.values()), "")
+    def _table(self) -> HeadedRows:
+        """One row per controller: its borders next to the working point."""
+        unit = next((heading(each.parameter, each.unit) for each in self.onsets.values()), "")
         rows = [[label, found.loss, found.end, found.breakaway, ""] for label, found in self.onsets.items()]
         headings = ["controller", f"smooth lost, {unit}", "stick-slip ends", "break-away", "failure"]
-        return tables.write(path, headings, [*rows, *([label, math.nan, math.nan, math.nan, why] for label, why in self.failures.items())])
+        return headings, [*rows, *([label, math.nan, math.nan, math.nan, why] for label, why in self.failures.items())]
 
     def __getitem__(self, label: str) -> Onset:
         if label not in self.onsets:
@@ -68,7 +67,7 @@ class Comparison(Result):
     @property
     def _title(self) -> list[str]:
         """What is compared, with the unit of its values; nothing where all failed."""
-        return [f"Borders over {labelled(each.parameter, each._read.unit)}" for each in self.onsets.values()][:1]
+        return [f"Borders over {heading(each.parameter, each._read.unit)}" for each in self.onsets.values()][:1]
 
     def _repr_html_(self) -> str:
         failed = [f"{label} failed: {reason}" for label, reason in self.failures.items()]

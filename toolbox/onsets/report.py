@@ -14,7 +14,8 @@ import numpy as np
 from toolbox.arguments import BoolArray, FloatArray, is_finite_number
 from toolbox.errors import SceneError
 from toolbox.files.printing import columns, table
-from toolbox.files.results import Result
+from toolbox.files.results import HeadedRows, Result
+from toolbox.files.tables import heading
 from toolbox.files.unit_systems import Reading, reading
 from toolbox.measuring.judge import SMOOTH, STANDS, SWINGS, Judged, told_growth
 from toolbox.steady_states.hopf import HopfPoint
@@ -319,7 +320,7 @@ class Onset(Result):
     def _repr_html_(self) -> str:
         title, judged = self._headlines
         notes = [self.advice, *self._side_by_side, *(f"Note: {note}" for note in self._noted)]
-        borders = table(title, ("border", labelled(self.parameter, self._read.unit), ""), self._border_rows(), notes)
+        borders = table(title, ("border", heading(self.parameter, self._read.unit), ""), self._border_rows(), notes)
         return borders + table(judged, self._head, self._value_rows(), [self._checked])
 
     @property
@@ -365,7 +366,7 @@ class Onset(Result):
     def _head(self) -> tuple[str, ...]:
         """Headings of `_value_rows`."""
         return (
-            labelled(self.parameter, self._read.unit),
+            heading(self.parameter, self._read.unit),
             "from smooth running",
             "severity",
             "a disturbance",
@@ -416,10 +417,8 @@ class Onset(Result):
         if len({len(each) for each in (self.values, self.smooth, self.sticking, self.cycling, self.standing)}) != 1:
             raise ValueError("its branches do not have as many values")
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write one row per value as csv, whole or not at all: what both branches come to, whether standstill lasts, and the speed of smooth running."""
-        from toolbox.files import tables
-
+    def _table(self) -> HeadedRows:
+        """One row per value: what both branches come to, whether standstill lasts, and the speed of smooth running."""
         rows = []
         steady = self.steady if self.steady.size else np.full(len(self.values), np.nan)
         for value, level, stands, *branches in zip(self.values, steady, self.standing, self.smooth, self.sticking, strict=True):
@@ -431,7 +430,7 @@ class Onset(Result):
             "standstill",
             f"smooth running [{self.signal_unit}]",
         ]
-        return tables.write(path, headings, rows)
+        return headings, rows
 
     def save_borders(self, path: str | Path) -> Path:
         """Write one row per border as csv, whole or not at all: Hopf points, and all borders with tolerance, safe side, what is beyond, and how it is known."""
@@ -450,11 +449,6 @@ COLUMNS = ("regime", "severity", "sticks", "longest", "rate", "lowest", "highest
 
 GROWTHS = ("poles", "differences", "twin runs")
 """Ways in which the growth of smooth running is known."""
-
-
-def labelled(name: str, unit: str) -> str:
-    """A name with its unit, where it has one."""
-    return name if unit == "1" else f"{name} [{unit}]"
 
 
 def shown(value: float) -> str:

@@ -11,16 +11,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import FloatArray, number, short, whole
 from toolbox.errors import SceneError
-from toolbox.files import tables
 from toolbox.files.printing import columns
-from toolbox.files.results import Result
+from toolbox.files.results import HeadedRows, Result
+from toolbox.files.tables import heading
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
 from toolbox.halving import halved
@@ -110,22 +109,11 @@ class Basin(Result):
 
     __repr__ = __str__
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write the disturbances and what they came to as CSV in SI units, whole or not at all.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Returns
-        -------
-        Path
-            The same path.
-        """
-        headings = [name if unit == "1" else f"{name} [{unit}]" for name, unit in zip(self.names, self.units, strict=True)]
+    def _table(self) -> HeadedRows:
+        """One row per disturbance, and what it came to."""
+        headings = [heading(name, unit) for name, unit in zip(self.names, self.units, strict=True)]
         rows = [[*row, int(outcome)] for row, outcome in zip(self.starts.tolist(), self.outcomes, strict=True)]
-        return tables.write(path, [*headings, "outcome"], rows)
+        return [*headings, "outcome"], rows
 
     def plot(self, axes: Any = None) -> Any:
         """Draw the disturbances over the first two states, or over the one with what they came to; returns the axes.

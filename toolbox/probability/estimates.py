@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolbox.calibration.recording import Recording
 from toolbox.errors import SceneError
-from toolbox.files import tables
 from toolbox.files.printing import columns
-from toolbox.files.results import Result
+from toolbox.files.results import HeadedRows, Result
+from toolbox.files.tables import heading
 from toolbox.files.unit_systems import reading
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
@@ -117,27 +116,13 @@ class Estimates(Result):
 
     __repr__ = __str__
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write the estimates as CSV in SI units, one row a sample, whole or not at all.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Returns
-        -------
-        Path
-            The same path.
-        """
+    def _table(self) -> HeadedRows:
+        """One row per sample."""
         headings, values = ["time [s]"], [self.time]
         for name, unit in UNITS.items():
-            tail = "" if unit == "1" else f" [{unit}]"
-            headings += [f"{name}{tail}", f"{name} deviation{tail}"]
+            headings += [heading(name, unit), heading(f"{name} deviation", unit)]
             values += [self.mean[name], self.deviation[name]]
-        return tables.write(
-            path, [*headings, "stick-slip"], [[*row, int(on)] for row, on in zip(np.stack(values, 1).tolist(), self.alarm, strict=True)]
-        )
+        return [*headings, "stick-slip"], [[*row, int(on)] for row, on in zip(np.stack(values, 1).tolist(), self.alarm, strict=True)]
 
     def plot(self, axes: Any = None) -> Any:
         """Draw the estimates with their bands of 95 %, and when there was stick-slip; returns the axes.

@@ -22,7 +22,8 @@ from toolbox.arguments import FloatArray, number, short, whole
 from toolbox.errors import SceneError
 from toolbox.files.journal import Journal
 from toolbox.files.printing import columns
-from toolbox.files.results import Result
+from toolbox.files.results import HeadedRows, Result
+from toolbox.files.tables import heading
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
 from toolbox.measuring.measures import Measure, mean
@@ -105,23 +106,10 @@ class Posterior(Result):
 
     __repr__ = __str__
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write the draws as CSV in SI units, one row a draw, whole or not at all.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Returns
-        -------
-        Path
-            The same path.
-        """
-        from toolbox.files import tables
-
-        headings = [name if unit == "1" else f"{name} [{unit}]" for name, unit in zip(self.names, self.units, strict=True)]
-        return tables.write(path, headings, self.points.tolist())
+    def _table(self) -> HeadedRows:
+        """One row per draw."""
+        headings = [heading(name, unit) for name, unit in zip(self.names, self.units, strict=True)]
+        return headings, self.points.tolist()
 
     def to_xarray(self) -> Any:
         """An xarray Dataset with the dimensions chain and draw, as arviz reads it; needs the extra `batch`."""

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import FloatArray, number
 from toolbox.errors import SceneError, suggest
-from toolbox.files import tables
 from toolbox.files.printing import columns
-from toolbox.files.results import Result
+from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import reading
 from toolbox.onsets.map_loop import NONE, STICK_SLIP, STUCK
 
@@ -236,26 +234,15 @@ class Chance(Result):
         body = [(first, *(f"{100 * chance:.1f}" for chance in row)) for first, row in zip(ends[0], self.chances[label], strict=True)]
         return [("", *ends[1]), *body]
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write the table as CSV in SI units, whole or not at all.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Returns
-        -------
-        Path
-            The same path.
-        """
+    def _table(self) -> HeadedRows:
+        """One row per law and value."""
         rows: list[list[Any]] = []
         for label, chances in self.chances.items():
             low, high, severity = *self.bounds[label], self.expected_severities[label]
             for place in np.ndindex(chances.shape):
                 at = [float(axis[i]) for axis, i in zip(self.axes, place, strict=True)]
                 rows.append([label, *at, *(float(each[place]) for each in (chances, low, high, severity))])
-        return tables.write(path, ["law", *self.names, "chance", "lower", "upper", "severity"], rows)
+        return ["law", *self.names, "chance", "lower", "upper", "severity"], rows
 
     def plot(self, axes: Any = None) -> Any:
         """Draw the chances, one panel per law over two numbers, curves with their bounds over one; returns the axes.

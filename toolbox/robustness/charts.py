@@ -6,22 +6,20 @@ import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import FloatArray, number
 from toolbox.errors import NoSteadyState, SceneError, SimulationError
-from toolbox.files import tables
-from toolbox.files.printing import Printed
+from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.robustness.margins import margins
 
 
 @dataclass(frozen=True)
-class StabilityChart(Printed):
+class StabilityChart(Result):
     """Growth and disk margin of a loop over two numbers; `found.plot()` draws them.
 
     Attributes
@@ -64,10 +62,10 @@ class StabilityChart(Printed):
 
     __repr__ = __str__
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write one row per point as CSV in SI units, whole or not at all; returns the path."""
+    def _table(self) -> HeadedRows:
+        """One row per point."""
         rows = [[u, v, self.growth[i, j], self.disk_margin[i, j]] for i, u in enumerate(self.axes[0]) for j, v in enumerate(self.axes[1])]
-        return tables.write(path, [*self.names, "growth", "disk_margin"], rows)
+        return [*self.names, "growth", "disk_margin"], rows
 
     def plot(self, ax: Any = None) -> Any:
         """Draw where the loop is stable, with lines of equal disk margin; returns the axes."""

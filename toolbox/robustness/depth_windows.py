@@ -18,9 +18,8 @@ import numpy as np
 
 from toolbox.arguments import numbers
 from toolbox.errors import SceneError
-from toolbox.files import tables
 from toolbox.files.printing import columns
-from toolbox.files.results import LEFT_OUT, Result
+from toolbox.files.results import LEFT_OUT, HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
@@ -109,8 +108,8 @@ class Windows(Result):
         ]
         return "\n".join([f"Windows over depth of {self.title}", *notes, *columns(self.rows, ())])
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write one row per depth and value of the second number as CSV in SI units, whole or not at all; returns the path."""
+    def _table(self) -> HeadedRows:
+        """One row per depth and value of the second number."""
         headings = [
             "depth [m]",
             self.names[1],
@@ -125,7 +124,7 @@ class Windows(Result):
             for i, depth in enumerate(self.depths)
             for j, value in enumerate(self.along.tolist())
         ]
-        return tables.write(path, headings, rows)
+        return headings, rows
 
     def plot(self, axes: Any = None) -> Any:
         """The window of every depth, one picture each; see `toolbox.robustness.figures.window_diagram`. Returns the axes."""

@@ -24,16 +24,14 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files import tables
 from toolbox.files.printing import columns
-from toolbox.files.results import Result
+from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.halving import halved
@@ -159,15 +157,15 @@ class SmallestError(Result):
             lines.append(f"  no error below {self.guaranteed:.3g} makes it grow, to first order (mu)")
         return "\n".join(lines)
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write one row per number as CSV in SI units, whole or not at all; returns the path."""
+    def _table(self) -> HeadedRows:
+        """One row per number."""
         headings = ["number", "unit", "declared", "low", "high", "error", "value", "linear error", "linear value"]
         rows = []
         for i, number in enumerate(self.numbers):
             parts = [each[i] if each else math.nan for each in (self.error, self.linear_error)]
             found = [value for part in parts for value in (part, number.value(part))]
             rows.append([number.name, number.unit, number.declared, number.low, number.high, *found])
-        return tables.write(path, headings, rows)
+        return headings, rows
 
     def plot(self, ax: Any = None) -> Any:
         """The errors found in the range of each number; see `toolbox.robustness.figures.error_diagram`. Returns the ax."""

@@ -15,9 +15,8 @@ from typing import Any
 
 from toolbox.arguments import checked_range, number, numbers
 from toolbox.errors import SceneError, suggest
-from toolbox.files import tables
 from toolbox.files.printing import columns
-from toolbox.files.results import Result
+from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import told_growth
@@ -234,23 +233,10 @@ class LowestSetPoints(Result):
         title = f"Lowest set-points at which a law ends the stick-slip under {self.before} ({low} to {high} {unit}, steps of {step} {unit})"
         return "\n".join([title, *columns(self.rows, left=(0, 1, 2, 14))])
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write the table as CSV in SI units, whole or not at all.
-
-        Parameters
-        ----------
-        path
-            Path of the file.
-
-        Returns
-        -------
-        Path
-            The same path.
-        """
+    def _table(self) -> HeadedRows:
+        """One row per law, group and way."""
         names = [each.name for each in dataclasses.fields(Held)]
-        return tables.write(
-            path, ["law", "group", "way", *names], [[*key, *map(vars(each).get, names)] for key, each in self.entries.items()]
-        )
+        return ["law", "group", "way", *names], [[*key, *map(vars(each).get, names)] for key, each in self.entries.items()]
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the lowest set-points of every law on every group, direct takeovers filled and raised ones open; returns the axes.

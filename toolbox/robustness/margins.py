@@ -6,14 +6,12 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import mapping, number
 from toolbox.errors import SceneError
-from toolbox.files import tables
 from toolbox.files.printing import columns
-from toolbox.files.results import Result
+from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
@@ -62,10 +60,10 @@ class Margins(Result):
     loop: LinearLoop | None = field(default=None, repr=False)
     asked: Mapping[str, str] = field(default_factory=dict)
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write one row per command as CSV in SI units, whole or not at all; returns the path."""
+    def _table(self) -> HeadedRows:
+        """One row per command."""
         names = [each.name for each in dataclasses.fields(LoopMargins)]
-        return tables.write(path, names, [[getattr(row, name) for name in names] for row in self.loops])
+        return names, [[getattr(row, name) for name in names] for row in self.loops]
 
     def __getitem__(self, command: str) -> LoopMargins:
         """The margins of one command; raises SceneError for a name that is none."""

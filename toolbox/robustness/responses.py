@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import FloatArray, numbers
 from toolbox.errors import SceneError
-from toolbox.files import tables
-from toolbox.files.printing import Printed
+from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.robustness.disk_margins import frequencies
@@ -20,7 +18,7 @@ from toolbox.robustness.margins import Margins, margins
 
 
 @dataclass(frozen=True)
-class FrequencyResponse(Printed):
+class FrequencyResponse(Result):
     """What a loop that is broken at its commands answers to them: L(i w) of negative feedback, of each command with the others closed.
 
     Attributes
@@ -40,11 +38,11 @@ class FrequencyResponse(Printed):
     def __str__(self) -> str:
         return f"Frequency response from {self.omega[0]:.4g} to {self.omega[-1]:.4g} rad/s, {self.omega.size} frequencies\n{self.margins}"
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write frequency, gain and phase [rad] of every command as CSV, whole or not at all; returns the path."""
+    def _table(self) -> HeadedRows:
+        """One row per frequency: gain and phase of every command."""
         heads = ["frequency [rad/s]", *(f"{word} of {name}" for name in self.values for word in ("gain", "phase [rad]"))]
         columns = [self.omega, *(row for value in self.values.values() for row in (np.abs(value), np.unwrap(np.angle(value))))]
-        return tables.write(path, heads, np.column_stack(columns).tolist())
+        return heads, np.column_stack(columns).tolist()
 
     def bode(self, axes: Any = None) -> Any:
         """Draw gain and phase over frequency, with gain and phase margin; returns both axes."""

@@ -13,16 +13,14 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import mapping, number, numbers, whole
 from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.files import tables
 from toolbox.files.printing import columns
-from toolbox.files.results import Result
+from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring.judge import CALM, STANDS, STICKS, told_growth
 from toolbox.measuring.measures import Measure, maximum, mean, minimum, stuck_ratio
@@ -137,10 +135,10 @@ class WorstCase(Result):
         verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
         return "\n".join([f"Worst case of {self.title}: {verdict}", f"  {self.way}", *columns(self.rows)])
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write one row per run as CSV, whole or not at all; returns the path."""
+    def _table(self) -> HeadedRows:
+        """One row per run."""
         headings = ["error", "start", "seed", "stuck", "mean error", "ripple", "rate [1/s]", "failure", "excess", *self.outcomes[0].more]
-        return tables.write(path, headings, [[*list(vars(outcome).values())[:-1], *outcome.more.values()] for outcome in self.outcomes])
+        return headings, [[*list(vars(outcome).values())[:-1], *outcome.more.values()] for outcome in self.outcomes]
 
     def plot(self, axes: Any = None) -> Any:
         """Time stuck and ripple of every run by its error; see `toolbox.robustness.figures.worst_case_diagram`. Returns both axes."""

@@ -12,16 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import number, numbers, whole
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files import tables
 from toolbox.files.printing import columns
-from toolbox.files.results import Result
+from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
@@ -105,10 +103,10 @@ class WorkPrecision(Result):
 
         return work_precision(self, ax=ax)
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write the points as CSV, whole or not at all."""
+    def _table(self) -> HeadedRows:
+        """One row per point."""
         names = [field.name for field in fields(Point)]
-        return tables.write(path, names, [[getattr(point, name) for name in names] for point in self.points])
+        return names, [[getattr(point, name) for name in names] for point in self.points]
 
 
 def work_precision(

@@ -137,5 +137,5 @@ class Recorded(Stays):
             unit = self.unit(name)
             columns |= {(name, unit): values} if values.ndim == 1 else {(f"{name}.{i}", unit): values[:, i] for i in range(values.shape[1])}
         once = np.append(np.diff(self.time) > 0.0, True)[: self.time.size]
-        headings = [name if unit == "1" else f"{name} [{unit}]" for name, unit in columns]
+        headings = [tables.heading(name, unit) for name, unit in columns]
         return tables.write(path, headings, np.column_stack(list(columns.values()))[once].tolist())

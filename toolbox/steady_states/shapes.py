@@ -5,22 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError
-from toolbox.files import tables
-from toolbox.files.printing import Printed, columns
+from toolbox.files.printing import columns
+from toolbox.files.results import HeadedRows, Result
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.steady_states.linear import equilibrium
 from toolbox.steady_states.poles import flow_slopes
 
 
 @dataclass(frozen=True)
-class ModeShapes(Printed):
+class ModeShapes(Result):
     """Modes of a machine, the slowest first; `found.plot()` draws them.
 
     Attributes
@@ -57,10 +56,10 @@ class ModeShapes(Printed):
 
     __repr__ = __str__
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write one row per mode as CSV: frequency, growth [1/s], shape; whole or not at all; returns the path."""
+    def _table(self) -> HeadedRows:
+        """One row per mode: frequency, growth, shape."""
         heads = ["frequency [Hz]", "growth [1/s]", *(f"{self.state}.{i}" for i in range(self.shapes.shape[1]))]
-        return tables.write(path, heads, np.column_stack([self.frequencies, self.poles.real, self.shapes]).tolist())
+        return heads, np.column_stack([self.frequencies, self.poles.real, self.shapes]).tolist()
 
     def plot(self, most: int = 5, ax: Any = None) -> Any:
         """Draw the slowest modes over the entries, the first at the top; returns the axes.

@@ -13,16 +13,14 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import number, numbers
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files import tables
 from toolbox.files.printing import columns
-from toolbox.files.results import LEFT_OUT, Result
+from toolbox.files.results import LEFT_OUT, HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring.judge import told_growth
@@ -149,10 +147,10 @@ class Schedule(Result):
         verdict = "every run succeeds at every depth" if self.holds else f"runs fail at {', '.join(bad)}{reading('m', self.asked).tail}"
         return "\n".join([f"Gains over depth of {self.title}: {verdict}", f"  {self.way}", *columns(self.rows, (1,))])
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write the table for the drive as CSV in SI units, one row per depth, whole or not at all; returns the path."""
+    def _table(self) -> HeadedRows:
+        """The table for the drive, one row per depth."""
         headings = ["depth [m]", *(f"{name} [{unit}]" for name, unit in zip(self.names, self.units, strict=True))]
-        return tables.write(path, headings, [[depth, *row.tolist()] for depth, row in zip(self.depths, self.gains, strict=True)])
+        return headings, [[depth, *row.tolist()] for depth, row in zip(self.depths, self.gains, strict=True)]
 
     def plot(self, axes: Any = None) -> Any:
         """Gains and disk margin over depth; see `toolbox.tuning.figures.schedule_diagram`. Returns the axes."""

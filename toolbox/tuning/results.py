@@ -7,14 +7,14 @@ import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.files.printing import columns, table
-from toolbox.files.results import LEFT_OUT, Result
+from toolbox.files.results import LEFT_OUT, HeadedRows, Result
+from toolbox.files.tables import heading
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import Controller, Sampled
@@ -229,12 +229,12 @@ class Tuned(Result):
         for free, number in zip(self.free, best.numbers, strict=True):
             factor, unit = reading(free.unit, self.asked)
             words = f"{free.low * factor:.6g} .. {free.high * factor:.6g}{', log' if free.logarithmic else ''}"
-            numbers.append([_labelled(free.name, unit), plain_number(free.given, factor), plain_number(number, factor), words])
+            numbers.append([heading(free.name, unit), plain_number(free.given, factor), plain_number(number, factor), words])
         values = []
         for j, (name, unit) in enumerate(zip(self.objectives, self.units, strict=True)):
             factor, unit = reading(unit, self.asked)
             old, new = factor * self.counted(self.before)[j], factor * self.counted(best)[j]
-            values.append([_labelled(name, unit), _short(old), _short(new), _gain(old, new)])
+            values.append([heading(name, unit), _short(old), _short(new), _gain(old, new)])
             if len(self.scenes) > 1:
                 values += [
                     [f"  {label}", _short(factor * before[j]), _short(factor * after[j]), _gain(before[j], after[j])]
@@ -255,8 +255,8 @@ class Tuned(Result):
             chosen = {0, len(front) - 1, front.index(best)} | {round(i * (len(front) - 1) / 12) for i in range(13)}
             front = [front[i] for i in sorted(chosen)]
         goals, own = [reading(unit, self.asked) for unit in self.units], [reading(each.unit, self.asked) for each in self.free]
-        names = [_labelled(name, each.unit) for name, each in zip(self.objectives, goals, strict=True)]
-        rows = [["", *names, *(_labelled(free.name, each.unit) for free, each in zip(self.free, own, strict=True))]]
+        names = [heading(name, each.unit) for name, each in zip(self.objectives, goals, strict=True)]
+        rows = [["", *names, *(heading(free.name, each.unit) for free, each in zip(self.free, own, strict=True))]]
         for trial in front:
             found = [_short(value * each.factor) for value, each in zip(self.counted(trial), goals, strict=True)]
             numbers = [plain_number(number, each.factor) for number, each in zip(trial.numbers, own, strict=True)]
@@ -272,23 +272,21 @@ class Tuned(Result):
         front = np.array([self.counted(trial) for trial in self.front]).reshape(-1, len(self.objectives))
         sizes = np.abs(front).max(axis=0, initial=0.0)
         read = [reading_of(unit, float(size), self.asked) for unit, size in zip(self.units, sizes, strict=True)]
-        names = [_labelled(name, shown) for name, (_, shown) in zip(self.objectives, read, strict=True)]
+        names = [heading(name, shown) for name, (_, shown) in zip(self.objectives, read, strict=True)]
         factors = np.array([factor for factor, _ in read])
         best = factors * self.counted(self.best) if len(front) else None
         return tuning_diagram(names, factors * tried, factors * front, factors * self.counted(self.before), best, ax)
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write one row per trial as csv, whole or not at all: numbers, objectives over the scenes and in each, membership of the front, failures."""
-        from toolbox.files import tables
-
-        named = [_labelled(name, unit) for name, unit in zip(self.objectives, self.units, strict=True)]
+    def _table(self) -> HeadedRows:
+        """One row per trial: numbers, objectives over the scenes and in each, membership of the front, failures."""
+        named = [heading(name, unit) for name, unit in zip(self.objectives, self.units, strict=True)]
         each = [f"{label}: {name}" for label in self.scenes for name in named] if len(self.scenes) > 1 else []
         front, rows = self.front, []
         for trial in self.trials:
             scenes = [value for row in trial.values for value in row] if each else []
             failure = "; ".join(words for words in trial.failures if words)
             rows.append([*trial.numbers, *self.counted(trial), *scenes, int(any(trial is member for member in front)), failure])
-        return tables.write(path, [*(_labelled(free.name, free.unit) for free in self.free), *named, *each, "front", "failure"], rows)
+        return [*(heading(free.name, free.unit) for free in self.free), *named, *each, "front", "failure"], rows
 
 
 _TUNED = "*"
@@ -316,10 +314,6 @@ def front_of(values: np.ndarray) -> list[int]:
 def _over_words(over: Any) -> str:
     name = getattr(over, "__name__", str(over))
     return f"the {_OVER[name]}" if name in _OVER else f"`{name}`"
-
-
-def _labelled(name: str, unit: str) -> str:
-    return name if unit in ("", "1") else f"{name} [{unit}]"
 
 
 def _count(number: int, word: str) -> str:

@@ -1,7 +1,8 @@
 """What do the responses, the modes and the spectrum of one rig show? The figures of the pages on analysis, robustness and the page to explore.
 
-Two inertias of Jansen and van den Steen under 97.3 kN: frequency response of soft torque at 90 rpm, stability over both gains of a PI at 38 rpm, stick-slip
-under a stiff PI at 60 rpm as a spectrogram and as a film; and the modes of the inclined string of Aarsnes and Shor, off bottom.
+Two inertias of Jansen and van den Steen under 97.3 kN: frequency response of soft torque at 90 rpm, stability over both gains of a PI at 38 rpm, the
+describing function of the bit under soft torque at 40 rpm, stick-slip under a stiff PI at 60 rpm as a spectrogram and as a film; and the modes of the
+inclined string of Aarsnes and Shor, off bottom.
 
     python -m studies views [--out FOLDER] [--page]        (half a minute; --page: also the page in Chromium, by playwright)
 """
@@ -18,9 +19,16 @@ import matplotlib
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, wells
-from toolbox import Scene, closed_loop, compose, simulate, units
+from toolbox import Scene, closed_loop, compose, limit_cycle, simulate, units
 from toolbox.figures import film, spectrogram
-from toolbox.robustness import FrequencyResponse, StabilityChart, frequency_response, stability_chart
+from toolbox.robustness import (
+    DescribingFunction,
+    FrequencyResponse,
+    StabilityChart,
+    describing_function,
+    frequency_response,
+    stability_chart,
+)
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states import ModeShapes, mode_shapes
 
@@ -38,6 +46,12 @@ def response() -> FrequencyResponse:
 def chart() -> StabilityChart:
     """Over both gains of a PI at 38 rpm."""
     return stability_chart(closed_loop(RIG, PI(proportional=1000.0, integral=500.0, reference="38 rpm")), RANGES)
+
+
+def describing() -> DescribingFunction:
+    """Of soft torque at 40 rpm, beside its stick-slip."""
+    loop = closed_loop(RIG, SoftTorque(reference="40 rpm"))
+    return describing_function(loop, limit_cycle(loop, 200.0))
 
 
 def modes() -> ModeShapes:
@@ -81,6 +95,7 @@ def main() -> None:
         found.bode()[0].figure.savefig(asked.out / "bode.png")
         found.nichols().figure.savefig(asked.out / "nichols.png")
         chart().plot().figure.savefig(asked.out / "stability_chart.png")
+        describing().plot()[0].figure.savefig(asked.out / "describing_function.png")
         modes().plot().figure.savefig(asked.out / "mode_shapes.png")
         run = stick_slip()
         spectrogram(run).figure.savefig(asked.out / "spectrogram.png")

@@ -34,6 +34,7 @@ from toolbox.onsets.report import Onset
 from toolbox.probability import Basin, Chance, Estimates, Normal, Posterior, Uniform, basin, chance, estimate, posterior
 from toolbox.robustness import Group, LowestSetPoints, Machine, Margins, SmallestError, Windows, WorstCase, smallest_error, windows
 from toolbox.robustness.charts import StabilityChart, stability_chart
+from toolbox.robustness.describing import DescribingFunction, describing_function
 from toolbox.robustness.responses import FrequencyResponse, frequency_response
 from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.steady_states.shapes import ModeShapes, mode_shapes
@@ -125,6 +126,10 @@ def of_stability_chart():
     )
 
 
+def of_describing_function():
+    return describing_function(closed_loop(RIG, StiffPI(reference=10.0)))
+
+
 def of_mode_shapes():
     return mode_shapes(closed_loop(RIG, StiffPI(reference=10.0)))
 
@@ -138,6 +143,7 @@ MADE = {
     SmallestError: of_smallest_error, WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit, Chance: of_chance, Posterior: of_posterior,
     Schedule: of_schedule, Windows: of_windows, Estimates: of_estimate, Basin: of_basin,
     FrequencyResponse: of_frequency_response, StabilityChart: of_stability_chart, ModeShapes: of_mode_shapes,
+    DescribingFunction: of_describing_function,
 }  # fmt: skip
 
 

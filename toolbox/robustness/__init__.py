@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from toolbox.robustness.charts import stability_chart as stability_chart
     from toolbox.robustness.depth_windows import Windows as Windows
     from toolbox.robustness.depth_windows import windows as windows
+    from toolbox.robustness.describing import DescribingFunction as DescribingFunction
+    from toolbox.robustness.describing import describing_function as describing_function
     from toolbox.robustness.groups import Group as Group
     from toolbox.robustness.groups import Machine as Machine
     from toolbox.robustness.groups import Varying as Varying

@@ -1,10 +1,11 @@
-"""Pictures of frequency responses and of margins over two gains: Bode, Nyquist, Nichols, stability chart.
+"""Pictures of frequency responses and of margins over two gains: Bode, Nyquist, Nichols, stability chart, describing function.
 
-Every function takes the value that it draws, a `FrequencyResponse` or a `StabilityChart`.
+Every function takes the value that it draws, a `FrequencyResponse`, a `StabilityChart` or a `DescribingFunction`.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -132,6 +133,50 @@ def stability_diagram(found: Any, ax: Any = None) -> Any:
             name_axis(axis, in_words(name), unit, found.asked)
         ax.set_title("shaded: stable; α: disk margin; point: as declared", fontsize=8.5, loc="left")
     return ax
+
+
+def describing_diagram(found: Any, axes: Any = None) -> Any:
+    """The describing function over the amplitude with the cycles it predicts, and the response of the rest in the complex plane; returns both axes."""
+    with plt.rc_context(PAPER):
+        if axes is None:
+            _, axes = plt.subplots(1, 2, figsize=(WIDTH, 0.46 * WIDTH), layout="constrained")
+        gains, plane = axes
+        slip, force = found.units
+        gains.plot(found.amplitude, found.gain, label="describing function $N$", **LINES[0])
+        plane.plot(found.response.real, found.response.imag, label="$G$, slip over force", **LINES[0])
+        needed: dict[float, float] = {}
+        for each in found.cycles:
+            needed.setdefault(each.frequency, float(np.interp(each.amplitude, found.amplitude, found.gain)))
+        largest = float(found.gain.max())
+        if largest > 0.0:
+            plane.plot(
+                [1.0 / largest, 1.2 * max(np.abs(found.response).max(), 1.0 / largest)],
+                [0.0, 0.0],
+                color="0.6",
+                linewidth=3.0,
+                label="1/$N$",
+            )
+        for style, (frequency, level) in zip(itertools.cycle(LINES[1:]), needed.items(), strict=False):
+            gains.axhline(level, label=f"1/$G$ at {frequency:.3g} rad/s", **style)
+            plane.plot([1.0 / level], [0.0], "o", color=style["color"], label=f"{frequency:.3g} rad/s", zorder=4)
+        for each in found.cycles:
+            inside = "black" if each.stable else "white"
+            gains.plot([each.amplitude], [needed[each.frequency]], "o", color=inside, markeredgecolor="black", zorder=4)
+        if found.exact:
+            gains.axvline(
+                (found.exact[2] - found.exact[1]) / 2, color="0.4", linestyle=":", linewidth=1.2, label="half the swing of the cycle"
+            )
+        top = max(largest, *needed.values(), 0.0)
+        gains.set(ylim=(-0.5 * top, 1.6 * top), xlim=(0.0, found.amplitude[-1]))
+        name_axis(gains.xaxis, "amplitude of the slip", slip, found.asked)
+        gains.set_ylabel(f"force over slip [{force} s/{slip.removesuffix('/s')}]")
+        plane.axhline(0.0, color="0.7", linewidth=0.5, zorder=0)
+        plane.set(xlabel=f"real part [{slip.removesuffix('/s')}/({force} s)]", ylabel="imaginary part")
+        plane.ticklabel_format(scilimits=(-2, 3))
+        gains.legend(frameon=False, loc="upper right", fontsize=7.0)
+        plane.legend(frameon=False, loc="lower right", fontsize=7.0)
+        gains.set_title("filled: attracts; open: unstable", fontsize=8.5, loc="left")
+    return axes
 
 
 def _words(found: Any) -> str:

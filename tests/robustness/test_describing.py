@@ -1,0 +1,89 @@
+"""The describing function of a contact against closed forms, balances of torque, and the unstable cycle of the machine itself."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from controllers import SoftTorque
+from models import BitRock, BlockOnBelt, wells
+from models.friction import Coulomb, Exponential
+from toolbox import SceneError, closed_loop, compose, equilibrium, limit_cycle
+from toolbox.robustness import describing_function
+
+RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+SOFT = closed_loop(RIG, SoftTorque(reference="40 rpm"))
+
+
+def test_coulomb_friction_on_a_moving_belt_is_a_relay_with_a_bias():
+    found = describing_function(
+        closed_loop(compose(BlockOnBelt(friction=Coulomb(static=2.0, kinetic=2.0), load=1.0, belt_speed=0.5, damping=0.1)))
+    )
+    a = found.amplitude
+    over = a > 0.5
+    assert found.slip == pytest.approx(-0.5, rel=1e-9) and 50 < over.sum() < a.size
+    assert found.gain[~over] == pytest.approx(0.0, abs=1e-12)
+    assert found.gain[over] == pytest.approx(-4 * 2.0 / (np.pi * a[over]) * np.sqrt(1 - (0.5 / a[over]) ** 2), rel=1e-9)
+    assert not found.cycles and "no cycle is predicted" in str(found)
+
+
+def test_what_is_left_is_the_machine_without_the_contact():
+    found = describing_function(
+        closed_loop(
+            compose(BlockOnBelt(mass=2.0, stiffness=8.0, damping=0.3, friction=Coulomb(static=2.0, kinetic=2.0), load=1.0, belt_speed=0.5))
+        )
+    )
+    s = 1j * found.omega
+    assert found.response == pytest.approx(s / (2.0 * s**2 + 0.3 * s + 8.0), rel=1e-9)
+
+
+def test_a_small_harmonic_sees_the_slope_of_friction():
+    found = describing_function(SOFT, highest=1e-3)
+    rock = 97_347.0 * 0.155575
+    speed = equilibrium(SOFT)["bit.speed"]
+    slope = rock * (0.8 - 0.5) * 0.9 * np.exp(-0.9 * speed)  # of T = rock (0.5 + 0.3 exp(-0.9 w)), which falls
+    assert found.gain[0] == pytest.approx(slope, rel=1e-6) and found.slip == pytest.approx(speed)
+
+
+def test_the_unstable_cycle_of_the_machine_is_the_one_that_is_predicted():
+    found = describing_function(SOFT)
+    unstable, stuck = found.cycles
+    assert not unstable.stable and not unstable.sticks and stuck.stable and stuck.sticks
+    still = equilibrium(SOFT)
+    begin = {name: still[name] for name in still.plant.states} | {"chain.speed.1": still["bit.speed"] + 0.8 * unstable.amplitude}
+    cycle = limit_cycle(SOFT.but(start=begin), period=unstable.period)
+    low, high = cycle.extremes("bit.speed")
+    assert not cycle.stable and low > 0.0
+    assert unstable.period == pytest.approx(cycle.period, rel=0.03)
+    assert unstable.amplitude == pytest.approx((high - low) / 2, rel=0.02)
+
+
+def test_without_integral_action_the_mean_moves_with_the_swing():
+    torque = 9_700.0
+    found = describing_function(closed_loop(RIG, inputs={"top.torque": torque}))
+    assert found.cycles and "without a law" in str(found)
+    angles = 2 * np.pi * (np.arange(200_000) + 0.5) / 200_000
+    for each in found.cycles:
+        speeds = each.mean + each.amplitude * np.cos(angles)
+        rock = 97_347.0 * 0.155575 * np.mean(np.sign(speeds) * (0.5 + 0.3 * np.exp(-0.9 * np.abs(speeds))))
+        assert torque == pytest.approx((425.0 + 50.0) * each.mean + rock, rel=1e-4)
+
+
+def test_the_cycle_that_there_is_stands_beside_it_and_both_are_drawn():
+    cycle = limit_cycle(SOFT, 200.0)
+    found = describing_function(SOFT, cycle)
+    assert found.exact == (cycle.period, *cycle.extremes("bit.slip"))
+    text = str(found)
+    assert "attracts, sticks" in text and text.splitlines()[-1].split()[:2] == ["exact", f"{cycle.period:.4g}"] and "[rpm]" in text
+    gains, plane = found.plot()
+    assert len(gains.lines) == 5 and len(plane.lines) == 4
+    plt.close("all")
+
+
+def test_what_has_no_describing_function_is_refused():
+    with pytest.raises(SceneError, match="must be a cycle that `limit_cycle` found, but it is a dict"):
+        describing_function(SOFT, {})
+    with pytest.raises(SceneError, match="Argument `highest`"):
+        describing_function(SOFT, highest=0.0)
+    stuck = compose(BlockOnBelt(friction=Exponential(static=0.8, kinetic=0.5, decay=0.9), belt_speed=0.0))
+    with pytest.raises(SceneError, match="must let `belt` slide at steady running, but it sticks"):
+        describing_function(closed_loop(stuck))

@@ -72,6 +72,8 @@ if TYPE_CHECKING:
     from models.survey import read_survey as read_survey
     from models.tabulated_string import DrillString as DrillString
     from models.top_drive import TopDrive as TopDrive
+    from models.torque_and_drag import TorqueDrag as TorqueDrag
+    from models.torque_and_drag import torque_drag as torque_drag
     from models.torsional_pendulum import TorsionalPendulum as TorsionalPendulum
     from models.wall_friction import StringOnWall as StringOnWall
     from models.wall_friction import WallContact as WallContact

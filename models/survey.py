@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from toolbox import SceneError
-from toolbox.authoring import Column, NumberOrText, finite_array, in_si, read_table
+from toolbox.authoring import Column, NumberOrText, finite_array, in_si, number, read_table
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,53 @@ class Survey:
         whole = np.vstack([np.zeros(3), np.cumsum(self._chord(stations[:-1], stations[1:]), axis=0)])
         i = self._index(s)
         return whole[i] + self._chord(stations[i], s)
+
+    def plot(self, marks: float = 500.0) -> Any:
+        """Draw the path of the well: its vertical section, along the azimuth from the wellhead to its end, and its plan, both to scale.
+
+        Parameters
+        ----------
+        marks
+            Distance of the measured depths that are marked [m].
+
+        Returns
+        -------
+        numpy.ndarray
+            The two axes.
+        """
+        from toolbox.authoring import line_styles, panels, paper
+
+        marks = number("marks", marks, "m", above=0)
+        end = self.depth[-1]
+        s = np.union1d(np.linspace(0.0, end, 400), self.depth)
+        marked = np.append(np.arange(0.0, end - 0.3 * marks, marks), end)
+        north, east, down = self.position(s).T
+        across = math.hypot(north[-1], east[-1])
+        azimuth = math.atan2(east[-1], north[-1]) if across > 1e-9 * end else 0.0
+        along = north * math.cos(azimuth) + east * math.sin(azimuth)
+        with paper(**{"axes.titlesize": 9.0}):
+            axes, look = panels(2, 3.8), line_styles(1)[0]
+            for ax, x, y in ((axes[0], along, down), (axes[1], east, north)):
+                ax.plot(x, y, **look)
+                at = np.interp(marked, s, x), np.interp(marked, s, y)
+                ax.plot(*at, marker="o", markersize=3.0, linestyle="none", color=look["color"])
+                places: list[tuple[float, float]] = []
+                room = 0.07 * max(np.ptp(x), np.ptp(y))
+                for k in (-1, *range(marked.size - 1)):  # the end first: a label that would lie on another is left out
+                    place = float(at[0][k]), float(at[1][k])
+                    if all(math.dist(place, other) > room for other in places):
+                        ax.annotate(f"{marked[k]:.0f} m", place, xytext=(5, 3), textcoords="offset points", fontsize=7.5, color="0.3")
+                        places.append(place)
+                ax.set_aspect("equal", adjustable="datalim")
+                ax.margins(0.15)
+            axes[0].invert_yaxis()
+            axes[0].set(
+                xlabel=f"along azimuth {math.degrees(azimuth) % 360:.0f}° [m]",
+                ylabel="depth below the wellhead [m]",
+                title="Vertical section",
+            )
+            axes[1].set(xlabel="east [m]", ylabel="north [m]", title="Plan")
+        return axes
 
     def _chord(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Vectors between pairs of depths on one arc: length times tan(angle / 2) / angle times the sum of both tangents."""

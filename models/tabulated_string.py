@@ -108,10 +108,10 @@ class DrillString(TorsionalChain):
             whole("elements", elements, 1, MOST)
         if weight_on_bit and not doglegs:
             raise SceneError("Argument `weight_on_bit` must come with `doglegs`, because without them no tension enters.")
-        pipes = _sections(sections)
+        pipes = sections_of(sections)
         if mud_density >= min(section.density for section in pipes):
             raise SceneError(f"Argument `mud_density` must be smaller than the density of every section, but it is {mud_density:g} kg/m3.")
-        hole = _survey(survey, sum(section.length for section in pipes)) if survey is not None else None
+        hole = hole_of(survey, sum(section.length for section in pipes)) if survey is not None else None
         lumping = Lumping.of_band(pipes, band) if elements is None else Lumping.of_count(pipes, int(elements))
         inertia = lumping.shared(lambda s: lumping.along([section.inertia for section in pipes], s))
         fields: dict[str, Any] = {"drag": tuple((drag_rate * inertia).tolist())} if drag_rate else {}
@@ -147,7 +147,8 @@ class DrillString(TorsionalChain):
         )
 
 
-def _sections(given: Path | str | Sequence[Section]) -> tuple[Section, ...]:
+def sections_of(given: Path | str | Sequence[Section]) -> tuple[Section, ...]:
+    """Sections that are given as values or by their table. Raises SceneError for anything else."""
     if isinstance(given, (str, Path)):
         return read_sections(given)
     sections = tuple(section for section in given if isinstance(section, Section)) if isinstance(given, Sequence) else ()
@@ -156,7 +157,8 @@ def _sections(given: Path | str | Sequence[Section]) -> tuple[Section, ...]:
     return sections
 
 
-def _survey(given: Path | str | Survey, bottom: float) -> Survey:
+def hole_of(given: Path | str | Survey, bottom: float) -> Survey:
+    """A survey that is given as a value or by its table. Raises SceneError for anything else, and where it ends above the bottom [m]."""
     survey = read_survey(given) if isinstance(given, (str, Path)) else given
     if not isinstance(survey, Survey):
         raise SceneError(f"Argument `survey` must be the path of a table or a Survey, but it is {given!r}.")

@@ -4,10 +4,11 @@ Everything here is public: it changes only with a line in the changelog. `models
 
     checks      number, numbers, whole, array, entries, symmetric, is_finite_number, finite_array, in_si, NumberOrText, check_fields, suggest, window
     symbols     State
-    files       columns, Column, Table, read_table, read_arrays, read_mat, opened, replaced
+    files       Result, columns, Column, Table, read_table, read_arrays, read_mat, opened, replaced
     predictions Rollout, regularised, advance_rollout, time_left
     machine     cached, announced
     export      Declared, written
+    pictures    paper, panels, line_styles, name_axis
     packages    face
     numerics    halved, zero_order_hold
 """
@@ -33,11 +34,16 @@ if TYPE_CHECKING:
     from toolbox.export.c_code import Declared as Declared
     from toolbox.export.c_code import written as written
     from toolbox.faces import face as face
+    from toolbox.figures.style import line_styles as line_styles
+    from toolbox.figures.style import name_axis as name_axis
+    from toolbox.figures.style import panels as panels
+    from toolbox.figures.style import paper as paper
     from toolbox.files.archives import arrays as read_arrays  # noqa: F401 (public under this name)
     from toolbox.files.atomic import replaced as replaced
     from toolbox.files.mat import read_mat as read_mat
     from toolbox.files.printing import columns as columns
     from toolbox.files.reading import opened as opened
+    from toolbox.files.results import Result as Result
     from toolbox.files.tables import Column as Column
     from toolbox.files.tables import Table as Table
     from toolbox.files.tables import read as read_table  # noqa: F401 (public under this name)

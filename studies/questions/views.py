@@ -1,8 +1,8 @@
 """What do the responses, the modes and the spectrum of one rig show? The figures of the pages on analysis, robustness and the page to explore.
 
 Two inertias of Jansen and van den Steen under 97.3 kN: frequency response of soft torque at 90 rpm, stability over both gains of a PI at 38 rpm, the
-describing function of the bit under soft torque at 40 rpm, stick-slip under a stiff PI at 60 rpm as a spectrogram and as a film; and the modes of the
-inclined string of Aarsnes and Shor, off bottom.
+describing function of the bit under soft torque at 40 rpm, stick-slip under a stiff PI at 60 rpm as a spectrogram and as a film; and of the inclined
+string of Aarsnes and Shor, off bottom, its well, torque and drag, and modes.
 
     python -m studies views [--out FOLDER] [--page]        (half a minute; --page: also the page in Chromium, by playwright)
 """
@@ -17,8 +17,9 @@ from typing import Any
 
 import matplotlib
 
+import models
 from controllers import PI, SoftTorque, StiffPI
-from models import BitRock, wells
+from models import BitRock, TorqueDrag, read_survey, torque_drag, wells
 from toolbox import Scene, closed_loop, compose, limit_cycle, simulate, units
 from toolbox.figures import film, spectrogram
 from toolbox.robustness import (
@@ -34,6 +35,7 @@ from toolbox.steady_states import ModeShapes, mode_shapes
 
 FOLDER = Path(__file__).parents[1] / "figures"
 SCENES = Path(__file__).parents[1] / "scenes"
+TABLES = Path(models.__file__).parent / "tables"
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 RANGES: dict[str, Any] = {"pi.proportional": (0.0, 3000.0), "pi.integral": (0.0, 1500.0)}
 
@@ -57,6 +59,18 @@ def describing() -> DescribingFunction:
 def modes() -> ModeShapes:
     """Of the inclined string, under the PI that was published, which holds its top nearly fast."""
     return mode_shapes(Scene.load(SCENES / "aarsnes_shor.toml")["published PI"])
+
+
+def drags() -> dict[str, TorqueDrag]:
+    """Of that string in its well, with the friction coefficient of its authors: pulled, lowered, and wound up by half of what turns all of it."""
+    tables = [TABLES / f"aarsnes_shor_{name}.csv" for name in ("sections", "survey")]
+    turned = torque_drag(*tables, 0.3, turning_speed=1.0)
+    return {
+        "pulled": torque_drag(*tables, 0.3, axial_speed=-1.0),
+        "lowered": torque_drag(*tables, 0.3, axial_speed=1.0),
+        "turned": turned,
+        "wound up, half torque": torque_drag(*tables, 0.3, turning_speed=1.0, at_top=0.5 * float(turned.torque[0])),
+    }
 
 
 def stick_slip() -> Trajectory:
@@ -96,6 +110,11 @@ def main() -> None:
         found.nichols().figure.savefig(asked.out / "nichols.png")
         chart().plot().figure.savefig(asked.out / "stability_chart.png")
         describing().plot()[0].figure.savefig(asked.out / "describing_function.png")
+        axes = None
+        for label, found in drags().items():
+            axes = found.plot(label, axes)
+        axes[0].figure.savefig(asked.out / "torque_drag.png")
+        read_survey(TABLES / "aarsnes_shor_survey.csv").plot()[0].figure.savefig(asked.out / "well_path.png")
         modes().plot().figure.savefig(asked.out / "mode_shapes.png")
         run = stick_slip()
         spectrogram(run).figure.savefig(asked.out / "spectrogram.png")

@@ -65,6 +65,26 @@ WIDTH = 7.2
 """Width of a figure [inch]: the text width of an A4 report."""
 
 
+def paper(**kind: Any) -> Any:
+    """Return the context in which pictures have the sizes of type and the lines of all others: `with paper(): ...`; kind: further settings of matplotlib."""
+    return plt.rc_context(PAPER | kind)
+
+
+def panels(columns: int, height: float, **kind: Any) -> Any:
+    """Make a figure of the width of a page with axes side by side, and return the axes.
+
+    Parameters
+    ----------
+    columns
+        How many.
+    height
+        Of the figure [inch].
+    kind
+        Further arguments of `matplotlib.pyplot.subplots`.
+    """
+    return plt.subplots(1, columns, figsize=(WIDTH, height), layout="constrained", **kind)[1]
+
+
 def in_words(name: str) -> str:
     """The name of a signal as a reader says it."""
     return name.replace(".", " ").replace("_", " ")

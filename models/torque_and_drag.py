@@ -1,0 +1,311 @@
+"""Torque and drag: what the wall of a hole takes from a drill string that is pulled, lowered or turned, and how far down a string moves that is held.
+
+A soft string with tension T and torque M lies on its hole with the side force per length n of `models.soft_string`. It moves along the hole at v,
+downwards, and turns at w; friction is against both under one cone:
+
+    dT/ds = -weight d.t + mu n v / u ,    dM/ds = -mu n R (R w) / u ,    u = sqrt(v^2 + (R w)^2)
+
+R is the radius that rubs. Where less is applied at the top than the whole string needs, its upper part slides, with all its friction, and the lower part
+stays as it lay. Source: C. A. Johancsik, D. B. Friesen, R. Dawson, J. Petroleum Technology 36 (1984) 987-992; range: no buckling, no clearance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+
+from models.sections import Section
+from models.survey import Survey
+from models.tabulated_string import hole_of, sections_of
+from toolbox import SceneError
+from toolbox.authoring import NumberOrText, Result, columns, number
+
+STEP = 5.0
+"""Longest step over depth [m]."""
+
+
+@dataclass(frozen=True)
+class TorqueDrag(Result):
+    """Tension and torque along a string in its hole, from the top down; `found.plot()` draws them.
+
+    Attributes
+    ----------
+    depth
+        Measured depths [m], shape (n,).
+    tension
+        Effective tension [N], shape (n,); the first is the hook load without the weight of hook and block.
+    hanging
+        That of the string as it lay or turned, without friction along the hole [N], shape (n,).
+    torque
+        Torque that the string carries [N m], shape (n,); the first is that of the top drive.
+    side_force
+        Force between string and hole [N/m], shape (n,).
+    front
+        Measured depth above which the string slides, below which it is stuck [m]: its whole length where all of it moves.
+    twist
+        How far the top is ahead of the bit [rad].
+    """
+
+    depth: np.ndarray
+    tension: np.ndarray
+    hanging: np.ndarray
+    torque: np.ndarray
+    side_force: np.ndarray
+    front: float
+    twist: float
+
+    @property
+    def moves(self) -> bool:
+        """Whether the whole string moves."""
+        return self.front >= float(self.depth[-1])
+
+    @property
+    def sliding(self) -> np.ndarray:
+        """Whether the string slides at every depth, shape (n,)."""
+        return self.depth <= self.front
+
+    @property
+    def drag(self) -> float:
+        """What friction along the hole adds to the hook load [N], negative where the string is lowered."""
+        return float(self.tension[0] - self.hanging[0])
+
+    def __str__(self) -> str:
+        moving = "all of it slides" if self.moves else f"it slides above {self.front:.4g} m and is stuck below"
+        rows = [
+            ("at the top", "", ""),
+            ("hook load", f"{self.tension[0] / 1e3:.4g}", "kN"),
+            ("of which drag", f"{self.drag / 1e3:.4g}", "kN"),
+            ("torque", f"{self.torque[0] / 1e3:.4g}", "kN m"),
+            ("turns ahead of the bit", f"{self.twist / (2.0 * math.pi):.3g}", ""),
+        ]
+        return "\n".join([f"String of {self.depth[-1]:.5g} m: {moving}", *columns(rows)])
+
+    __repr__ = __str__
+
+    def _table(self) -> tuple[Sequence[str], Sequence[Sequence[Any]]]:
+        """One row per depth."""
+        heads = ["depth [m]", "tension [N]", "hanging [N]", "torque [N m]", "side force [N/m]", "sliding"]
+        rows = zip(self.depth, self.tension, self.hanging, self.torque, self.side_force, self.sliding, strict=True)
+        return heads, [[*map(float, row[:-1]), int(row[-1])] for row in rows]
+
+    def plot(self, label: str = "", axes: Any = None) -> Any:
+        """Draw tension and torque over depth, each where the motion changes it, with the part that is stuck shaded.
+
+        Parameters
+        ----------
+        label
+            What the string does, for the legend.
+        axes
+            The two axes of an earlier picture, into which another motion of the same string is drawn.
+
+        Returns
+        -------
+        numpy.ndarray
+            The two axes.
+        """
+        from toolbox.authoring import line_styles, name_axis, panels, paper
+
+        with paper():
+            if axes is None:
+                axes = panels(2, 4.0, sharey=True)
+                axes[0].plot(self.hanging, self.depth, color="0.6", linewidth=1.0, label="without drag")
+                axes[0].set(ylim=(self.depth[-1], 0.0), ylabel="measured depth [m]")
+                for ax in axes:
+                    ax.axvline(0.0, color="0.85", linewidth=0.7, zorder=0)
+            drawn = len({line.get_label() for ax in axes for line in ax.get_lines() if line.get_gid() == "motion"})
+            look = line_styles(5)[drawn % 5]
+            parts = ((axes[0], self.tension, self.tension - self.hanging), (axes[1], self.torque, self.torque))
+            for ax, values, of_motion in parts:
+                if not of_motion.any():
+                    continue
+                ax.plot(values, self.depth, label=label or "this motion", gid="motion", **look)
+                if not self.moves:
+                    ax.axhspan(self.front, self.depth[-1], facecolor="0.90", zorder=-1, label=f"stuck, {label}" if label else "stuck")
+            name_axis(axes[0].xaxis, "effective tension", "N")
+            name_axis(axes[1].xaxis, "torque", "N m")
+            handles = {label: each for ax in axes for each, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+            legend = axes[0].figure.legends
+            if legend:
+                legend[0].remove()
+            axes[0].figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=4, frameon=False)
+        return axes
+
+
+def torque_drag(
+    sections: Path | str | Sequence[Section],
+    survey: Path | str | Survey,
+    friction: float,
+    *,
+    axial_speed: Annotated[NumberOrText, "m/s"] = 0.0,
+    turning_speed: Annotated[NumberOrText, "rad/s"] = 0.0,
+    at_top: NumberOrText | None = None,
+    mud_density: Annotated[NumberOrText, "kg/m3"] = 0.0,
+    weight_on_bit: Annotated[NumberOrText, "N"] = 0.0,
+    bit_torque: Annotated[NumberOrText, "N m"] = 0.0,
+) -> TorqueDrag:
+    """Compute torque and drag of a string that moves in its hole, or the part of it that moves under what is applied at the top.
+
+    Parameters
+    ----------
+    sections, survey
+        Sections, top first, and survey of the hole, as values or as paths of tables (see `read_sections`, `read_survey`).
+    friction
+        Coefficient of friction mu between string and hole [1], >= 0.
+    axial_speed
+        Speed along the hole [m/s], downwards: negative where the string is pulled.
+    turning_speed
+        Speed at which it turns [rad/s]. Only the ratio of both speeds counts.
+    at_top
+        For a string that moves in one way only and lay still before: the hook load [N], or where it turns the torque [N m], that is applied at the top.
+        Where that is less than the whole string needs, only the part above the front slides. By default the whole string moves.
+    mud_density
+        Density of the mud for buoyancy [kg/m3].
+    weight_on_bit
+        Weight on bit [N].
+    bit_torque
+        Torque of the rock on the bit, where the whole string turns [N m].
+
+    Returns
+    -------
+    TorqueDrag
+        Tension and torque over depth; steps are at most 5 m, of fourth order.
+
+    Raises
+    ------
+    SceneError
+        If a table is bad, an argument out of range, nothing moves, or what is applied at the top is not against the friction of the motion.
+    """
+    pipes = sections_of(sections)
+    length = sum(section.length for section in pipes)
+    hole = hole_of(survey, length)
+    friction = number("friction", friction, at_least=0)
+    v, w = number("axial_speed", axial_speed, "m/s"), number("turning_speed", turning_speed, "rad/s")
+    if v == 0 and w == 0:
+        raise SceneError("Arguments `axial_speed` and `turning_speed` must not both be 0: at rest friction is whatever holds.")
+    mud = number("mud_density", mud_density, "kg/m3", at_least=0, at_most=min(section.density for section in pipes))
+    load = number("weight_on_bit", weight_on_bit, "N", at_least=0)
+    rock = number("bit_torque", bit_torque, "N m", at_least=0)
+    string = _String(pipes, hole, mud)
+    hanging = string.moved(0.0, v, w, load, 0.0)[0]  # by the same steps, so that a drag of nothing is 0
+    pulls, torques = string.moved(friction, v, w, load, math.copysign(rock, w) if w else 0.0)
+    front = length
+    if at_top is not None:
+        pulls, torques, front = _partly(string, hanging, pulls, torques, friction, v, w, at_top)
+    side = string.side_force(pulls)
+    rigidity = string.along([section.rigidity for section in pipes])
+    twist = float(np.sum(np.diff(string.depth) * 0.5 * (torques[1:] + torques[:-1]) / rigidity))
+    return TorqueDrag(string.depth, pulls, hanging, torques, side, front, twist)
+
+
+def _partly(
+    string: _String,
+    hanging: np.ndarray,
+    pulls: np.ndarray,
+    torques: np.ndarray,
+    friction: float,
+    v: float,
+    w: float,
+    at_top: NumberOrText,
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Tension, torque and front of a string of which only the part moves that what is applied at the top can move."""
+    if v and w:
+        raise SceneError("Argument `at_top` must come with one motion, along the hole or around it, but both are given.")
+    name, unit, lay, moved = ("hook load", "N", hanging, pulls) if v else ("torque", "N m", np.zeros(string.depth.size), torques)
+    applied = number("at_top", at_top, unit)
+    way = math.copysign(1.0, moved[0] - lay[0]) if moved[0] != lay[0] else (math.copysign(1.0, -v) if v else math.copysign(1.0, w))
+    if way * (applied - lay[0]) < 0:
+        side = "above" if way > 0 else "below"
+        raise SceneError(
+            f"Argument `at_top` must be a {name} {side} {lay[0]:.6g} {unit}, that of the string at rest, but it is {applied:g} {unit}."
+        )
+    if way * (applied - moved[0]) >= 0:
+        return pulls, torques, float(string.depth[-1])
+    found, front = string.from_the_top(friction, v, w, applied, lay, hanging, way)
+    return (found, torques * 0.0, front) if v else (hanging, found, front)
+
+
+class _String:
+    """What does not depend on the motion, at nodes over depth and at the middle of every step: tangent, curvature, weight, radius."""
+
+    def __init__(self, pipes: Sequence[Section], hole: Survey, mud: float):
+        ends = np.cumsum([0.0, *(section.length for section in pipes)])
+        corners = np.unique(np.concatenate([ends, [each for each in hole.depth if each < ends[-1]]]))
+        parts = np.maximum(1, np.ceil(np.diff(corners) / STEP)).astype(int)
+        self.depth = np.concatenate(
+            [*(np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(corners, corners[1:], parts, strict=False)), corners[-1:]]
+        )
+        above, below = self.depth[:-1], self.depth[1:]
+        self.of = np.searchsorted(ends, above, side="right") - 1  # the section of every step
+        inside = np.stack([above, 0.5 * (above + below), np.nextafter(below, above)])  # a step ends before what changes at its end
+        self.tangent = np.stack([hole.tangent(s) for s in inside])
+        self.curvature = np.stack([hole.curvature(s) for s in inside])
+        self.weight = self.along([section.weight(mud) for section in pipes])
+        self.radius = self.along([section.contact_radius for section in pipes])
+        self.across = self.weight[:, None] * (np.array([0.0, 0.0, 1.0]) - self.tangent[..., 2:] * self.tangent)
+
+    def along(self, values: Sequence[float]) -> np.ndarray:
+        """The value of the section of every step."""
+        return np.asarray(values, float)[self.of]
+
+    def side_force(self, pulls: np.ndarray) -> np.ndarray:
+        """Force per length between string and hole at every node, that of the step below it [N/m]."""
+        force = np.linalg.norm(self.across[0] + pulls[:-1, None] * self.curvature[0], axis=1)
+        last = np.linalg.norm(self.across[2, -1] + pulls[-1] * self.curvature[2, -1])
+        return np.append(force, last)
+
+    def _slope(self, friction: float, v: float, w: float) -> Callable[[int, int, float], tuple[float, float]]:
+        """(place in the step, step, tension) -> dT/ds and dM/ds."""
+        speed = np.hypot(v, self.radius * w)
+        along, around = (friction * v / speed).tolist(), (friction * self.radius * (self.radius * w) / speed).tolist()
+        down = (self.weight * self.tangent[..., 2]).tolist()
+        first, second, third = (np.einsum("psk,psk->ps", a, b).tolist() for a, b in
+                                ((self.across, self.across), (self.across, self.curvature), (self.curvature, self.curvature)))  # fmt: skip
+
+        def slope(place: int, k: int, pull: float) -> tuple[float, float]:
+            side = math.sqrt(max(first[place][k] + 2.0 * pull * second[place][k] + pull * pull * third[place][k], 0.0))
+            return -down[place][k] + along[k] * side, -around[k] * side
+
+        return slope
+
+    def moved(self, friction: float, v: float, w: float, load: float, rock: float) -> tuple[np.ndarray, np.ndarray]:
+        """Tension and torque of the string that moves as a whole, from the bit upwards."""
+        slope = self._slope(friction, v, w)
+        pulls, torques = [-load], [rock]
+        for k in reversed(range(self.depth.size - 1)):
+            pull, torque = _stepped(slope, k, pulls[-1], float(self.depth[k] - self.depth[k + 1]))
+            pulls.append(pull)
+            torques.append(torques[-1] + torque)
+        return np.array(pulls[::-1]), np.array(torques[::-1])
+
+    def from_the_top(
+        self, friction: float, v: float, w: float, applied: float, lay: np.ndarray, hanging: np.ndarray, way: float
+    ) -> tuple[np.ndarray, float]:
+        """What is applied at the top, less the friction above, down to the front where it is what the string had when it lay; and that front."""
+        slope = self._slope(friction, v, w)
+        found, value = lay.copy(), applied
+        for k in range(self.depth.size - 1):
+            found[k] = value
+            step = float(self.depth[k + 1] - self.depth[k])
+            pull, torque = _stepped(slope, k, value if v else float(hanging[k]), step)
+            after = pull if v else value + torque
+            if way * (after - lay[k + 1]) <= 0:
+                excess = way * (value - lay[k]), way * (after - lay[k + 1])
+                return found, float(self.depth[k]) + step * excess[0] / max(excess[0] - excess[1], 1e-300)
+            value = after
+        return found, float(self.depth[-1])
+
+
+def _stepped(slope: Callable[[int, int, float], tuple[float, float]], k: int, pull: float, step: float) -> tuple[float, float]:
+    """Tension behind a step of fourth order, downwards or with a negative length upwards, and what the torque changes by."""
+    begin, end = (0, 2) if step > 0 else (2, 0)
+    first = slope(begin, k, pull)
+    second = slope(1, k, pull + 0.5 * step * first[0])
+    third = slope(1, k, pull + 0.5 * step * second[0])
+    fourth = slope(end, k, pull + step * third[0])
+    pulled, turned = (step * (a + 2.0 * (b + c) + d) / 6.0 for a, b, c, d in zip(first, second, third, fourth, strict=True))
+    return pull + pulled, turned

@@ -1,0 +1,151 @@
+"""Torque and drag against closed forms: a straight inclined hole, the capstan, a cone of friction, and a string that is wound up while its bit stays."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import matplotlib
+import numpy as np
+import pytest
+
+from models import Coulomb, DrillString, Section, Survey, TorqueDrag, torque_drag
+from toolbox import SceneError, compose, simulate
+from toolbox.inputs import ramp
+
+PIPE = Section(1500.0, 0.127, 0.1086)
+COLLAR = Section(200.0, 0.165, 0.0714)
+INCLINATION, MU, MUD = 0.9, 0.25, 1200.0
+STRAIGHT = Survey((0.0, 2000.0), (INCLINATION,) * 2, (0.4,) * 2)
+WEIGHTS = (PIPE.weight(MUD) * 1500.0, COLLAR.weight(MUD) * 200.0)
+ACROSS, ALONG = sum(WEIGHTS) * math.sin(INCLINATION), sum(WEIGHTS) * math.cos(INCLINATION)
+TURNED = sum(w * radius for w, radius in zip(WEIGHTS, (0.127 / 2, 0.165 / 2), strict=True)) * math.sin(INCLINATION)
+
+
+def moved(**kind):
+    return torque_drag([PIPE, COLLAR], STRAIGHT, MU, mud_density=MUD, **kind)
+
+
+@pytest.mark.parametrize(("speed", "way"), [(-0.3, 1.0), ("0.3 m/s", -1.0)], ids=["pulled", "lowered"])
+def test_in_a_straight_hole_the_drag_is_mu_times_the_weight_across_it(speed, way):
+    found = moved(axial_speed=speed, weight_on_bit="20 kN")
+    assert found.drag == pytest.approx(way * MU * ACROSS, rel=1e-12)
+    assert found.tension[0] == pytest.approx(ALONG - 20e3 + way * MU * ACROSS, rel=1e-12)
+    assert found.moves and not found.torque.any() and found.tension[-1] == -20e3
+
+
+def test_in_a_straight_hole_the_torque_is_mu_times_the_weight_across_it_times_the_radius():
+    found = moved(turning_speed="120 rpm", bit_torque="3 kN m")
+    assert found.torque[0] == pytest.approx(3e3 + MU * TURNED, rel=1e-12)
+    assert found.drag == 0.0 and found.torque[-1] == 3e3
+    assert moved(turning_speed="-120 rpm", bit_torque="3 kN m").torque[0] == pytest.approx(-found.torque[0], rel=1e-15)
+
+
+def test_a_string_that_slides_and_turns_shares_one_cone():
+    pipe, v, w = [dataclasses.replace(PIPE, length=1700.0)], -0.2, 5.0
+    found = torque_drag(pipe, STRAIGHT, MU, axial_speed=v, turning_speed=w)
+    load, slip = 1700.0 * pipe[0].weight() * math.sin(INCLINATION), math.hypot(v, w * 0.0635)
+    assert found.drag == pytest.approx(MU * load * 0.2 / slip, rel=1e-12)
+    assert found.torque[0] == pytest.approx(MU * load * 0.0635 * (w * 0.0635) / slip, rel=1e-12)
+
+
+@pytest.mark.parametrize(("speed", "way"), [(-0.1, -1.0), (0.1, 1.0)], ids=["pulled", "lowered"])
+def test_a_weightless_string_in_a_curve_is_a_capstan(speed, way):
+    # dT/dtheta = +-mu T in mud of its own density, pushed on by the weight on bit
+    radius, angle, mu = 300.0, 1.3, 0.4
+    hole = Survey((0.0, 100.0, 100.0 + radius * angle, 800.0), (0.0, 0.0, angle, angle), (0.0,) * 4)
+    found = torque_drag([dataclasses.replace(PIPE, length=800.0)], hole, mu, axial_speed=speed, mud_density=7850.0, weight_on_bit=5e4)
+    below = found.depth >= 100.0 + radius * angle
+    assert (found.tension[below] == -5e4).all()
+    turned = np.clip((100.0 + radius * angle - found.depth) / radius, 0.0, angle)
+    np.testing.assert_allclose(found.tension, -5e4 * np.exp(way * mu * turned), rtol=1e-9)
+
+
+def test_a_pipe_pulled_through_a_flat_turn_weighs_on_its_low_side_too():
+    # T' = mu sqrt((T / R)^2 + w^2) in a horizontal turn: T = R w sinh(mu theta) from a free end
+    radius, angle, mu = 400.0, 1.5, 0.3
+    hole = Survey((0.0, 300.0, 600.0), (math.pi / 2,) * 3, (0.0, angle / 2, angle))
+    found = torque_drag([dataclasses.replace(PIPE, length=600.0)], hole, mu, axial_speed=-1.0)
+    np.testing.assert_allclose(found.tension, radius * PIPE.weight() * np.sinh(mu * (600.0 - found.depth) / radius), rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.parametrize(("kind", "sign"), [({"axial_speed": -1.0}, 1.0), ({"axial_speed": 1.0}, -1.0)], ids=["pulled", "lowered"])
+def test_a_string_pulled_too_little_slides_as_far_as_its_friction_is_overcome(kind, sign):
+    # (H - H0) = mu w sin(inc) s
+    part, across = 0.4013, MU * PIPE.weight(MUD) * math.sin(INCLINATION)
+    found = moved(at_top=ALONG + sign * part * across * 1500.0, **kind)
+    assert found.front == pytest.approx(part * 1500.0, rel=1e-9) and not found.moves
+    np.testing.assert_allclose(found.tension - found.hanging, sign * across * np.maximum(0.0, found.front - found.depth), atol=1e-6)
+    assert not found.torque.any() and found.sliding.sum() == np.count_nonzero(found.depth <= 0.4013 * 1500.0)
+
+
+def test_a_string_wound_up_too_little_is_twisted_down_to_its_front():
+    # M = mu w sin(inc) R (s* - s), twist = M0^2 / (2 G J mu w sin(inc) R)
+    slope = MU * PIPE.weight(MUD) * math.sin(INCLINATION) * PIPE.outer / 2
+    found = moved(turning_speed=1.0, at_top=f"{slope * 700.0} N m")
+    assert found.front == pytest.approx(700.0, rel=1e-9)
+    assert found.twist == pytest.approx((slope * 700.0) ** 2 / (2 * PIPE.rigidity * slope), rel=1e-9)
+    assert (found.torque[found.depth > 700.0] == 0.0).all() and found.drag == 0.0
+    whole = moved(turning_speed=1.0)
+    assert moved(turning_speed=1.0, at_top=1.01 * whole.torque[0]).torque[0] == whole.torque[0] and whole.moves
+
+
+def test_the_run_of_a_string_that_is_wound_up_slowly_leaves_stuck_what_is_below_the_front():
+    hole = Survey((0.0, 600.0, 1100.0, 1700.0), (0.0, 0.0, 1.2, 1.2), (0.0,) * 4)
+    chain = DrillString.from_tables([PIPE, COLLAR], hole, top_inertia=500.0, elements=20, friction=Coulomb(MU, MU), mud_density=MUD, doglegs=True,
+                                    internal_damping=0.3, drag_rate=2.0)  # fmt: skip
+    whole = torque_drag([PIPE, COLLAR], hole, MU, mud_density=MUD, turning_speed=1.0)
+    torque = 0.45 * whole.torque[0]
+    run = simulate(compose(chain), 100.0, inputs={"top.torque": ramp(0.0, torque, begin=0.0, finish=85.0)}, accuracy=1e-4)
+    found = torque_drag([PIPE, COLLAR], hole, MU, mud_density=MUD, turning_speed=1.0, at_top=torque)
+    slid = [chain.depth[i] for i in chain.friction_at if run.time_in(f"chain.{i}", "stick") < 95.0]
+    spacing = max(np.diff(chain.depth))
+    assert 800.0 < found.front < 1600.0 and max(slid) == pytest.approx(found.front, abs=1.5 * spacing)
+    assert float(np.sum(run.at(100.0)["chain.twist"])) == pytest.approx(found.twist, rel=0.03)
+
+
+def test_its_picture_shades_what_is_stuck_and_takes_another_motion(tmp_path):
+    matplotlib.use("Agg")
+    found = moved(axial_speed=-1.0)
+    axes = found.plot("pulled")
+    part = moved(turning_speed=1.0, at_top=2000.0)
+    assert part.plot("wound", axes) is axes and not part.moves
+    assert [text.get_text() for text in axes[0].figure.legends[0].get_texts()] == [
+        "without drag",
+        "pulled",
+        "wound",
+        "stuck, wound",
+    ] and not axes[0].patches
+    band = axes[1].patches[0].get_extents().transformed(axes[1].transData.inverted())
+    assert sorted((band.y0, band.y1)) == pytest.approx([part.front, 1700.0])
+    assert TorqueDrag.load(part.save(tmp_path / "part.npz")).front == part.front
+    assert len(part.to_csv(tmp_path / "part.csv").read_text().splitlines()) == part.depth.size + 1
+    assert "stuck below" in str(part) and "all of it slides" in str(found)
+
+
+def test_the_path_of_a_well_is_drawn_to_scale():
+    matplotlib.use("Agg")
+    hole = Survey((0.0, 500.0, 1000.0, 2000.0), (0.0, 0.0, 1.0, 1.0), (0.5,) * 4)
+    section, plan = hole.plot()
+    end = hole.position([2000.0])[0]
+    (x, y) = section.get_lines()[0].get_data()
+    assert (x[-1], y[-1]) == pytest.approx((math.hypot(end[0], end[1]), end[2])) and section.yaxis_inverted()
+    (x, y) = plan.get_lines()[0].get_data()
+    assert (x[-1], y[-1]) == pytest.approx((end[1], end[0])) and "29°" in section.get_xlabel()
+    assert section.get_aspect() == plan.get_aspect() == 1.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ({}, "must not both be 0"),
+        ({"turning_speed": 1.0, "axial_speed": 1.0, "at_top": 1.0}, "one motion"),
+        ({"turning_speed": 1.0, "at_top": -5.0}, "torque above 0 N m"),
+        ({"axial_speed": -1.0, "at_top": 1.0}, "hook load above"),
+        ({"axial_speed": 1.0, "at_top": 1e7}, "hook load below"),
+        ({"axial_speed": 1.0, "weight_on_bit": -1.0}, "weight_on_bit"),
+    ],
+)
+def test_what_does_not_move_or_is_not_against_friction_is_refused(kind, words):
+    with pytest.raises(SceneError, match=words):
+        moved(**kind)

@@ -32,6 +32,9 @@ FEW = 0.05
 ROUNDS = 10
 """Fits, at most, after each of which other samples are left out."""
 
+CLEAR = 1e3
+"""F-value by the slopes from which on static and kinetic friction are told apart without a fit that takes them for one."""
+
 DRAWS = 10
 """Starts that are drawn for every one that is wanted, because some contradict themselves or cannot be simulated."""
 
@@ -75,7 +78,11 @@ class LeastSquares:
         jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
         rest = resting(misfit, values, size, jacobian, self._weighed(left, scales), self.low, self.high)
         ways = rest.directions
-        equal = self._rising_by_chance(rest, values, jacobian, self._weighed(left, scales)) if rest.why else self._equal(values, scales)
+        equal = (
+            self._rising_by_chance(rest, values, jacobian, self._weighed(left, scales))
+            if rest.why
+            else self._equal(values, scales, jacobian, left)
+        )
         if equal:
             values, rest = self._as_one(values, equal, scales)
             size = self._size(values)
@@ -162,7 +169,7 @@ class LeastSquares:
             values = self._descend(values, scales, [self.misfit]).x
         return values, scales
 
-    def _equal(self, values: np.ndarray, scales: Mapping[str, float]) -> str:
+    def _equal(self, values: np.ndarray, scales: Mapping[str, float], jacobian: np.ndarray, left: Mapping[str, np.ndarray]) -> str:
         """The law whose static friction the data cannot tell from the kinetic one; none where they can, or only one is free."""
         from scipy.stats import f as fisher
 
@@ -171,7 +178,13 @@ class LeastSquares:
             for name in self.names
             if name.endswith(".static") and name.removesuffix("static") + "kinetic" in self.names
         ]
+        square = float((self._weighed(left, scales) ** 2).sum()) / max(len(jacobian) - len(self.names), 1)
         for law in laws:
+            pair = np.array([(each == f"{law}static") * 1.0 - (each == f"{law}kinetic") for each in self.names])
+            with contextlib.suppress(np.linalg.LinAlgError):
+                variance = square * float(pair @ np.linalg.inv(np.einsum("ni,nj->ij", jacobian, jacobian)) @ pair)
+                if 0.0 < CLEAR * variance < float(pair @ values) ** 2:
+                    continue
             try:
                 one, rest = self._as_one(values, law, scales)
             except (SceneError, SimulationError):
@@ -307,7 +320,7 @@ class LeastSquares:
             given |= {
                 "x_scale": "jac",
                 "xtol": 1e-10 if whole else 1e-4,
-                "ftol": 1e-12 if whole else 1e-4,
+                "ftol": 1e-10 if whole else 1e-4,
                 "gtol": 1e-12,
                 "max_nfev": 100 if whole else 30,
             }

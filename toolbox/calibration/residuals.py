@@ -39,6 +39,12 @@ HORIZONS = (0.25, 0.5)
 TRIAL = 500
 """Samples of a loop, about, with which the searches from different starts are done."""
 
+TRIAL_RUN = 2000
+"""Samples of a simulation, about, with which the searches from different starts are done where there are several times as many."""
+
+TRIAL_ACCURACY = 1e-5
+"""Accuracy of their runs, at best."""
+
 BREAKAWAY_SAMPLES = 10
 """Last samples of a stick phase through which a line is laid, whose end is the force at break-away; a shorter phase tells nothing."""
 
@@ -62,6 +68,7 @@ class Simulated:
         self.time = {name: self.recording.time[good] for name, good in self.good.items()}
         self.measured = {name: self.recording.signals[name][good] for name, good in self.good.items()}
         self.exact = True
+        self._last: tuple[bytes, Trajectory] | None = None
 
     def horizons(self) -> list[Simulated]:
         """The misfit over the first quarter, the first half and all of the data.
@@ -91,8 +98,17 @@ class Simulated:
         return Simulated(self.loop.but(inputs={**self.loop.inputs, **fewer}), self.recording, self.numbers, self.accuracy)
 
     def trial(self) -> Simulated:
-        """The misfit itself: a simulation needs every sample of its inputs."""
-        return self
+        """The misfit of means over groups of samples, with runs of a coarse accuracy: enough to find what is then fitted to all."""
+        groups = self.recording.time.size // TRIAL_RUN
+        if groups < 2:
+            return self
+        coarse = self.recording.resampled(groups * self.recording.interval)
+        fewer = {}
+        for name, value in self.loop.values.items():
+            if name in coarse.signals and isinstance(value, Table):
+                good = np.isfinite(coarse.signals[name])
+                fewer[name] = Table(coarse.time[good], coarse.signals[name][good])
+        return Simulated(self.loop.but(inputs={**self.loop.inputs, **fewer}), coarse, self.numbers, max(self.accuracy, TRIAL_ACCURACY))
 
     @property
     def plant(self) -> HybridSystem:
@@ -108,7 +124,11 @@ class Simulated:
 
     def run(self, values: np.ndarray) -> Trajectory:
         """The simulation with the free numbers at given values; raises what `simulate` raises."""
-        return simulate(self.at(values), float(self.recording.time[-1]), output_times=self.recording.time, accuracy=self.accuracy)
+        key = values.tobytes()
+        if self._last is None or self._last[0] != key:  # slopes are asked for where the model just was
+            end = float(self.recording.time[-1])
+            self._last = (key, simulate(self.at(values), end, output_times=self.recording.time, accuracy=self.accuracy))
+        return self._last[1]
 
     how = "by simulation"
 
@@ -223,8 +243,10 @@ class MeasuredLoop:
                 values[first + top] = value
                 self._side[first + top] = self._side[k]
                 release.append(first + top)
-        rows = np.sort(np.concatenate([np.flatnonzero(moving), np.array(release, int)]))
-        self.rows, self.released = rows, np.isin(rows, release)
+        away = np.zeros(values.size, bool)
+        away[release] = True
+        rows = np.flatnonzero(moving | away)
+        self.rows, self.released = rows, away[rows]
         self.outputs = [self.output]
         self.time, self.measured = {self.output: recording.time[rows]}, {self.output: values[rows]}
 
@@ -237,7 +259,9 @@ class MeasuredLoop:
         """What was measured beside the law; left: law less measured."""
         name, element = self.output, self.plant.elements[self.place]
         measured = self.measured[name]
-        still = np.setdiff1d(np.flatnonzero(np.isfinite(self.slip + self.recording.signals[name])), self.rows)
+        rests = np.isfinite(self.slip + self.recording.signals[name])
+        rests[self.rows] = False
+        still = np.flatnonzero(rests)
         resting = np.stack([self.slip[still], self.recording.signals[name][still]])
         over = f"slip of {element.name} [{element.slip_unit}]"
         return (Panel(name, self.plant.unit(name), over, self.slip[self.rows], measured, measured + left[name], self.released, resting),)

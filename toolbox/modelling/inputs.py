@@ -63,16 +63,13 @@ class Table:
             raise SceneError(f"Argument `{name}` must have non-decreasing times.")
         return Table(t, v)
 
-    def segments(self) -> list[tuple[float, float, float, float]]:
-        """(begin, value there, slope, time of that value) for every linear piece; the first begins at -infinity."""
-        pieces = [(-np.inf, float(self.values[0]), 0.0, 0.0)]
-        for i in range(self.times.size):
-            t, v = float(self.times[i]), float(self.values[i])
-            if i + 1 < self.times.size and self.times[i + 1] > t:
-                pieces.append((t, v, (float(self.values[i + 1]) - v) / (float(self.times[i + 1]) - t), t))
-            elif i + 1 == self.times.size:
-                pieces.append((t, v, 0.0, t))
-        return pieces
+    def segments(self) -> np.ndarray:
+        """(begin, value there, slope, time of that value) for every linear piece, shape (pieces, 4); the first begins at -infinity."""
+        width = np.append(np.diff(self.times), np.inf)
+        rise = np.append(np.diff(self.values), 0.0)
+        kept = width > 0.0  # of a time that is repeated the last value holds
+        pieces = np.stack([self.times[kept], self.values[kept], rise[kept] / width[kept], self.times[kept]], axis=1)
+        return np.vstack([[-np.inf, self.values[0], 0.0, 0.0], pieces])
 
 
 @dataclass(frozen=True)

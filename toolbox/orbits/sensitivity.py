@@ -88,7 +88,10 @@ class Sensitivity:
             expression = ca.substitute(ca.substitute(expression, system.F, force), system.u, u) if rows is None else expression
             chosen = ca.vertcat(system.t, system.x, system.held, *[p[c] for c in self._columns])
             slope = ca.densify(ca.jacobian(expression, chosen))
-            function = program.outputs[key] = ca.Function("slope", [system.t, system.x, p, system.m], [slope])
+            function = ca.DM(slope) if slope.is_constant() else ca.Function("slope", [system.t, system.x, p, system.m], [slope])
+            program.outputs[key] = function
+        if isinstance(function, ca.DM):  # as of a signal that is a state
+            return np.broadcast_to(np.array(function), (samples.time.size, *function.shape))
         p = np.repeat(self.run.parameters[:, None], samples.time.size, axis=1)
         p[program.first_held :] = samples.held.T
         slope = np.array(function(samples.time[None], samples.states.T, p, samples.mode.T.astype(float)))

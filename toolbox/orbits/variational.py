@@ -93,6 +93,10 @@ def transport(tableau, steps, first_parameter, tangent, first, last, kept):
     m = np.empty(mode.shape[1] + 1)
     for k in range(first, last):
         h = time[k + 1] - time[k]
+        if h <= 0.0:
+            if kept.shape[0]:
+                kept[k + 1] = tangent
+            continue
         for i in range(mode.shape[1]):
             m[i] = mode[k, i]
         for i in range(held.shape[1]):
@@ -128,9 +132,7 @@ def transport(tableau, steps, first_parameter, tangent, first, last, kept):
                     for d in range(directions):
                         tangent[i, d] += factor * turns[q, i, d]
         if kept.shape[0]:
-            for i in range(n):
-                for d in range(directions):
-                    kept[k + 1, i, d] = tangent[i, d]
+            kept[k + 1] = tangent
 
 
 class VariationalEquations:
@@ -235,12 +237,15 @@ class VariationalEquations:
         if keep:
             kept[0] = tangent
         steps = Steps(time, state, modes, held, p, first_held)
-        pairs = {int(k) for k in np.flatnonzero(np.diff(time) <= 0.0)}
+        together = np.flatnonzero(np.diff(time) <= 0.0)
+        # where an input jumps at a given time states do not, and carrying over a step of no length leaves the directions as they are
+        pairs = set(together[~(held[together] != held[together + 1]).any(axis=1)].tolist())
+        stops = np.unique([0, *(together + 1), *acts])
         place, dated = 0, []
         approach = np.inf
         for k in sorted({*pairs, *acts, time.size - 1}):
             transport(self.tableau, steps, own, tangent, place, k, kept)
-            begin, place = place, k
+            begin, place = int(stops[max(np.searchsorted(stops, k) - 1, 0)]), k
             if sampled is not None and k in sampled.due:
                 tangent = np.ascontiguousarray(sampled.act(k, p, tangent))
                 if keep:
@@ -323,8 +328,6 @@ class VariationalEquations:
         n, kind = self.states, self.program.kind
         first_held = self.program.first_held
         t, before, after = nodes.time[k], nodes.mode[k], nodes.mode[k + 1]
-        if nodes.held.shape[1] and (nodes.held[k] != nodes.held[k + 1]).any():
-            return tangent, None, np.inf  # an input jumps at a given time, and states do not
         changed = before != after
         moved = np.abs(nodes.states[k + 1] - nodes.states[k]) > 1e-12 * np.abs(nodes.states).max(axis=0)
         event_time, element, _ = nodes._event_arrays

@@ -85,24 +85,25 @@ def work_arrays(run: Run, program: Program) -> Any:
 
 def _put_inputs(p: np.ndarray, run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Write the inputs as they begin among the parameters; returns (times of jumps, first jump of each, place, value) of what changes later."""
-    jumps: list[tuple[float, int, float]] = []
+    begins, slots, numbers = [np.empty(0)], [np.empty(0, np.int64)], [np.empty(0)]
     for name, value in run.inputs.items():
         if isinstance(value, Table):
             slot = program.table_slot[name]
-            for begin, a, b, t0 in value.segments():
-                if begin <= run.start.time:
-                    p[slot : slot + 3] = a, b, t0
-                else:
-                    jumps += [(begin, slot, a), (begin, slot + 1, b), (begin, slot + 2, t0)]
+            pieces = value.segments()
+            first = int(np.searchsorted(pieces[:, 0], run.start.time, side="right"))
+            p[slot : slot + 3] = pieces[first - 1, 1:]
+            begins.append(np.repeat(pieces[first:, 0], 3))
+            slots.append(np.tile(np.arange(slot, slot + 3), len(pieces) - first))
+            numbers.append(pieces[first:, 1:].ravel())
         elif isinstance(value, Shape):
             slot = program.coefficient_slot[name]
             p[slot : slot + len(value.coefficients)] = value.coefficients
         elif not isinstance(value, ca.SX):
             p[program.coefficient_slot[name]] = value
-    jumps.sort(key=lambda jump: jump[0])
-    times, first = np.unique(np.array([jump[0] for jump in jumps], float), return_index=True)
-    places, values = np.array([jump[1] for jump in jumps], np.int64), np.array([jump[2] for jump in jumps], float)
-    return times, np.append(first, len(jumps)).astype(np.int64), places, values
+    begin = np.concatenate(begins)
+    order = np.argsort(begin, kind="stable")
+    times, first_of = np.unique(begin[order], return_index=True)
+    return times, np.append(first_of, begin.size).astype(np.int64), np.concatenate(slots)[order], np.concatenate(numbers)[order]
 
 
 _NO_NUMBERS = np.empty(0)

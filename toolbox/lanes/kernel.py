@@ -27,6 +27,7 @@ from toolbox.lanes.series_pass import series_pass
 from toolbox.lanes.trial_step import Pass, Step, emit_step, explicit_formulas
 from toolbox.lanes.vectors import Rows, Truth, Value, largest, smallest
 from toolbox.measuring.quintics import with_derivatives
+from toolbox.stepping.step_control import LEAP, LEAP_OF_SETTLED, SETTLED
 
 LARGE = 200_000
 """Instructions above which a block is compiled in a hurry: many runs are worth seconds of it."""
@@ -158,7 +159,8 @@ def _emit_step_size(
     exponent = smallest(largest(accepted.choose(growth, -power * logarithm), -900.0), 900.0)
     factor = Value(body, body.rough_exp2(exponent.name))
     rejected = was["rejected"].differs(0.0)
-    grown = h * smallest(largest(0.85 * factor, 0.2), rejected.choose(1.0, 10.0))
+    most = (h < SETTLED * was["step_old"]).choose(LEAP_OF_SETTLED, LEAP)
+    grown = h * smallest(largest(0.85 * factor, 0.2), rejected.choose(1.0, most))
     grown = (h < step.wanted).choose(largest(grown, step.wanted), grown)
     cut = h * CUT_SHORT <= step.wanted
     grown = cut.choose(was["wanted"], grown)

@@ -24,7 +24,18 @@ from toolbox.stepping.guards import accept, guard_size, held_quietly, project
 from toolbox.stepping.modes import begin
 from toolbox.stepping.quiet_samples import REFRESHED, cut_short, from_sample_to_sample, samples_rule
 from toolbox.stepping.series_steps import checked_end, open_series, watch_series
-from toolbox.stepping.step_control import exp2, first_step, log2, measure_round_off, outgrown, scaled_error, spread_round_off
+from toolbox.stepping.step_control import (
+    LEAP,
+    LEAP_OF_SETTLED,
+    SETTLED,
+    exp2,
+    first_step,
+    log2,
+    measure_round_off,
+    outgrown,
+    scaled_error,
+    spread_round_off,
+)
 from toolbox.translation.compiled import Compiled
 from toolbox.translation.words import call, inlined, lent, owned
 
@@ -148,7 +159,7 @@ def _from_zero(w, h):
 def _next_size(w, h, h_wanted, error, rejected):
     """Choose the next step size after an accepted step h, of which h_wanted was wanted, by Gustafsson's prediction from the last two steps.
 
-    A step cut short leaves the size as it was.
+    A step cut short leaves the size as it was. Sizes leap only while they grow from an event on.
     """
     if cut_short(h, h_wanted):
         w.reals[layout.STEP_OLD] = 0.0
@@ -158,7 +169,8 @@ def _next_size(w, h, h_wanted, error, rejected):
     growth = -power * size
     if w.reals[layout.STEP_OLD] > 0.0:
         growth += min(0.0, log2(h / w.reals[layout.STEP_OLD]) + power * (w.reals[layout.ERROR_OLD] - size))
-    factor = min(1.0 if rejected else 10.0, max(0.2, 0.85 * exp2(growth)))
+    most = LEAP_OF_SETTLED if h < SETTLED * w.reals[layout.STEP_OLD] else LEAP
+    factor = min(1.0 if rejected else most, max(0.2, 0.85 * exp2(growth)))
     w.reals[layout.ERROR_OLD], w.reals[layout.STEP_OLD] = max(size, -13.3), h
     grown = h * factor
     w.reals[layout.STEP_SIZE] = max(grown, h_wanted) if h < h_wanted else grown

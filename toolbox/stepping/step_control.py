@@ -21,6 +21,12 @@ GROWTH_OF_SLIP = 4.0
 """How much larger slip in two directions may be at the end of an implicit step: at little slip friction turns it so fast that a longer step takes its
 direction from the start and shows no error."""
 
+LEAP, LEAP_OF_SETTLED, SETTLED = 10.0, 2.0, 3.0
+"""How many times longer than a step the next may be: LEAP, or LEAP_OF_SETTLED where the step is less than SETTLED times as long as the one before it.
+
+Steps that stability holds have errors that vanish by chance now and then. One several times longer was accepted by chance as well, and states within it were
+40 to 70 times the accuracy off. SETTLED is more than LEAP_OF_SETTLED, so that two such chances in a row make no leap."""
+
 PASSED_OVER = 1e3
 """What counts as its growth where an implicit step has passed over a rest between its ends."""
 

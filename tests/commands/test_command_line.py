@@ -401,7 +401,22 @@ def test_help_and_version_are_printed(capsys):
         assert "stickslip" in capsys.readouterr().out
 
 
-COMMANDS = ("study", "simulate", "compare", "onset", "sweep", "map", "chance", "tune", "fit", "posterior", "estimate", "tradeoff", "list")
+COMMANDS = (
+    "study",
+    "simulate",
+    "compare",
+    "onset",
+    "sweep",
+    "map",
+    "chance",
+    "margins",
+    "tune",
+    "fit",
+    "posterior",
+    "estimate",
+    "tradeoff",
+    "list",
+)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

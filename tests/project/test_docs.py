@@ -18,7 +18,9 @@ import pytest
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
-BLOCK = re.compile(r'^```(python|toml|console)(?: title="([\w.]+)")?\n(.*?)^```', re.DOTALL | re.MULTILINE)
+BLOCK = re.compile(r'^```([a-z]*)(?: title="([\w.]+)")?\n(.*?)^```$', re.DOTALL | re.MULTILINE)
+RUNS = re.compile(r"^```(python|toml|console)", re.MULTILINE)
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 def generator():
@@ -44,27 +46,48 @@ def command(line, folder):
     return done.stdout
 
 
+def unprinted(told, printed):
+    """Lines of a block behind an example that it did not print: with the same words, and numbers within a hundredth or two thousandths."""
+
+    def parts(line):
+        return " ".join(NUMBER.sub("#", line).split()), [float(each) for each in NUMBER.findall(line)]
+
+    found = [parts(line) for line in printed.splitlines()]
+    missing = []
+    for line in told.splitlines():
+        words, numbers = parts(line)
+        same = [each for text, each in found if text == words]
+        if words not in ("", "...") and not any(each == pytest.approx(numbers, rel=0.01, abs=2e-3) for each in same):
+            missing.append(line)
+    return missing
+
+
 LONG = ("first_hour", "elastic_contact")
 
 
 @pytest.mark.timeout(300)  # commands are processes of their own, and import everything anew
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(p, marks=pytest.mark.slow if p.stem in LONG else ()) for p in PAGES if BLOCK.search(p.read_text(encoding="utf-8"))],
+    [pytest.param(p, marks=pytest.mark.slow if p.stem in LONG else ()) for p in PAGES if RUNS.search(p.read_text(encoding="utf-8"))],
     ids=lambda path: path.stem,
 )
-def test_a_page_runs_from_top_to_bottom_in_a_folder_of_its_own(path, tmp_path, monkeypatch):
-    """Python is executed, blocks with a title are files, lines of a console that begin with $ are commands."""
+def test_a_page_runs_from_top_to_bottom_in_a_folder_of_its_own_and_prints_what_it_says(path, tmp_path, monkeypatch, capsys):
+    """Python is executed, blocks with a title are files, lines of a console that begin with $ are commands; a block without a language
+    behind an example is what that prints."""
     (tmp_path / "studies").symlink_to(ROOT / "studies", target_is_directory=True)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     modules = set(sys.modules)
-    names = {"__name__": "page"}
+    names, printed = {"__name__": "page"}, ""
     for language, title, text in BLOCK.findall(path.read_text(encoding="utf-8")):
         if title:
             (tmp_path / title).write_text(text, encoding="utf-8")
         elif language == "python":
+            capsys.readouterr()
             exec(compile(text, str(path), "exec"), names)
+            printed = capsys.readouterr().out
+        elif language == "" and printed:
+            assert not unprinted(text, printed), "measure it again"
         elif language == "console":
             for line in text.splitlines():
                 if line.startswith("$ "):

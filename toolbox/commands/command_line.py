@@ -1,6 +1,6 @@
 """The command `stickslip`: study a scene from file to verdict, figures and data; simulate it once; find where its stick-slip begins and ends; sweep it
-over a grid, map its severity; find its chance of stick-slip, and the lowest set-point of every drive; tune its laws; fit it to data, or find what its numbers
-may be; measure what its accuracy costs; write it as C; put results on one page; list the parts.
+over a grid, map its severity; find its chance of stick-slip, its margins, and the lowest set-point of every drive; tune its laws; fit it to data, or find
+what its numbers may be; measure what its accuracy costs; write it as C; put results on one page; list the parts.
 
 Exit codes: 0 done; 1 nothing could be simulated, tuned or fitted, or a file could not be written while it ran; 2 the scene or an argument is wrong, or
 the folder cannot be written; 130 interrupted; 143 ended by SIGTERM.
@@ -30,6 +30,7 @@ from toolbox.commands import (
     export,
     fit,
     listing,
+    margins,
     onset,
     posterior,
     report,
@@ -53,6 +54,7 @@ COMMANDS = (
     onset,
     sweep,
     chance,
+    margins,
     drives,
     tune,
     fit,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from toolbox.arguments import numbers
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, pairs, plain, ranges, show
+from toolbox.commands.terminal import check_some, common, constant_inputs, drawn_as, earlier, file_stems, held, plain, ranges, show
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.printing import columns
 from toolbox.files.unit_systems import asked_in
@@ -83,13 +83,7 @@ def add(commands: Any) -> None:
         metavar="NAME",
         help="a law of `stickslip list` with its own numbers in place of the controllers of the scene, such as HeldSpeed for a brake",
     )
-    chart.add_argument(
-        "--hold",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="an input that is constant in the map, where it varies in time in the scene",
-    )
+    constant_inputs(chart)
     chart.add_argument(
         "--off",
         metavar="NAME[,NAME...]=PART",
@@ -227,14 +221,13 @@ def _of_law(scene: Any, given: argparse.Namespace) -> Any:
     from toolbox.scenes.cases import Case
     from toolbox.scenes.catalogue import part
 
-    held = {name: plain(value) for name, value in pairs("--hold", "NAME=VALUE", given.hold)}
     cases = scene.cases
     if given.law is not None:
         law = part(given.law, "control law")()
         cases = (Case.of(given.law, law),)
         inputs = {name: value for name, value in scene.inputs.items() if name not in law.drives}
         scene = dataclasses.replace(scene, inputs=inputs, cases=cases)
-    return dataclasses.replace(scene, inputs={**scene.inputs, **held}) if held else scene
+    return held(scene, given.hold)
 
 
 def _machines(loop: Any, off: str | None) -> dict[str, Any]:

@@ -52,6 +52,27 @@ def figure_format(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def constant_inputs(parser: argparse.ArgumentParser) -> None:
+    """Declare the argument `--hold` of a command that needs constant inputs."""
+    parser.add_argument(
+        "--hold",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="an input that is constant here, where it varies in time in the scene",
+    )
+
+
+def held(scene: Any, texts: Iterable[str]) -> Any:
+    """A scene with the inputs of `--hold`, in every case."""
+    inputs = {name: plain(value) for name, value in pairs("--hold", "NAME=VALUE", texts)}
+    if not inputs:
+        return scene
+    own = ({name: value for name, value in case.inputs.items() if name not in inputs} for case in scene.cases)
+    cases = tuple(dataclasses.replace(case, inputs=each) for case, each in zip(scene.cases, own, strict=True))
+    return dataclasses.replace(scene, inputs={**scene.inputs, **inputs}, cases=cases)
+
+
 def drawn_as(names: Sequence[str], *formats: str) -> list[str]:
     """Names of files, figures once in each of the formats."""
     return [

@@ -90,13 +90,13 @@ def run(given: argparse.Namespace) -> int:
     given.found = {"title": scene.title, **found, "failed": {label: str(error) for label, error in failures.items()}}
     told = ["\n".join([label, *map(str, parts.values())]) for label, parts in found.items() if parts]
     text = "\n\n".join([scene.title, *told, *(f"{label}: {error}" for label, error in failures.items())]) + "\n"
-    stems = file_stems(labels)
-    names = [*FILES, *(f"{stem}_{each}" for stem in stems for each in EACH)]
+    stems = dict(zip(scene.labels, file_stems(scene.labels), strict=True))
+    names = [*FILES, *(f"{stem}_{each}" for stem in stems.values() for each in EACH)]
     left = earlier("margins.txt", "Margins of ", [*FILES, *(f"[0-9][0-9]_*_{each}" for each in EACH)])
     with results(given, drawn_as(names, given.format), left) as folder:
         if folder is not None:
             (folder / "margins.txt").write_text(text, encoding="utf-8")
-            _save(scene, found, dict(zip(labels, stems, strict=True)), folder, given.format)
+            _save(scene, found, stems, folder, given.format)
     show(text.rstrip("\n"))
     if given.out:
         print(f"\nReport, tables and figures are in {given.out}")

@@ -81,7 +81,11 @@ def _caption(path: Path, scene: Scene | None) -> str:
     number = path.stem[:2]
     if scene is None or not number.isdigit() or not 0 < int(number) <= len(scene.labels):
         return path.stem.replace("_", " ")
-    return scene.labels[int(number) - 1] + (", phase plane" if path.stem.endswith("_phase") else "")
+    return scene.labels[int(number) - 1] + next((f", {words}" for end, words in SHOWN.items() if path.stem.endswith(end)), "")
+
+
+SHOWN = {"_phase": "phase plane", "_margins": "margins", "_error": "smallest error that breaks it"}
+"""{end of the name of a figure of one controller: what it shows}; others show traces."""
 
 
 # ---------------------------------------------------------------------------------------------------------------------------------------- answers
@@ -117,6 +121,7 @@ ALL: Sequence[Kind] = (
     Kind("chance.txt", "Chance of stick-slip", "chance"),
     Kind("posterior.txt", "Posterior", "posterior"),
     Kind("estimate.txt", "Estimates beside the rig", "estimate"),
+    Kind("margins.txt", "Margins", "margins"),
     Kind("drives.txt", "Lowest set-points", "drives"),
     Kind("tune.txt", "Tuning", "tune"),
     Kind("fit.txt", "Calibration", "fit"),

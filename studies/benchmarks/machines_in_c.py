@@ -43,7 +43,7 @@ class CompiledMachine:
         subprocess.run([_compiler(), *flags, "-shared", "-fPIC", str(source), "-lm", "-o", str(library)], check=True)
         size = source.with_name("size.c")
         size.write_text(
-            f'#include <stdio.h>\n#include "{self.name}.h"\nint main(void) {{ printf("%zu", sizeof({self.name})); return 0; }}\n'
+            f'#include <stdio.h>\n#include "{self.name}.h"\nint main(void) {{ printf("%zu", sizeof({self.name}_machine)); return 0; }}\n'
         )
         subprocess.run([_compiler(), str(size), "-o", str(size.with_suffix(""))], check=True)
         self.size = int(subprocess.run([str(size.with_suffix(""))], capture_output=True, check=True).stdout)

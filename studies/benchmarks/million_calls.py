@@ -33,7 +33,7 @@ PROGRAM = """
 #include <sys/resource.h>
 #include <time.h>
 #include "@.h"
-static @ machine;
+static @_machine machine;
 static long memory(void) {
   struct rusage used;
   getrusage(RUSAGE_SELF, &used);

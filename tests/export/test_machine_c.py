@@ -15,7 +15,7 @@ from studies.benchmarks.machines_in_c import COMPILER, DONE, OVERRUN, STRICT, Co
 from toolbox import Sampled, Scene, SceneError, closed_loop, compose, export_c, simulate
 from toolbox.commands.command_line import main
 from toolbox.compilation import work_layout as layout
-from toolbox.export.machine_c import EVENTS, machine, machine_files
+from toolbox.export.machine_c import EVENTS, MODELS, machine, machine_files
 from toolbox.stepping.modes import decide, two_directions
 
 compiled = pytest.mark.skipif(COMPILER is None or sys.platform != "linux", reason="a machine in C is compiled with `cc`, which is not here")
@@ -92,6 +92,14 @@ def test_a_copy_of_the_memory_is_a_saved_state_and_nothing_is_allocated_or_globa
 
 
 @compiled
+@pytest.mark.parametrize("name", ["w", "int"])
+def test_a_machine_may_have_the_name_of_a_word_of_c(tmp_path, name):
+    belt = compose(BlockOnBelt())
+    found = CompiledMachine(export_c(belt, tmp_path / name, duration=10.0)[0])
+    same_switches(found.run(10.0), simulate(belt, 10.0), 1e-9)
+
+
+@compiled
 def test_a_call_does_a_bounded_amount_and_the_next_one_goes_on(tmp_path):
     belt = compose(BlockOnBelt())
     run = simulate(belt, 2000.0)
@@ -134,6 +142,14 @@ def test_a_change_of_a_friction_law_or_of_the_modes_changes_the_c(monkeypatch):
 
     monkeypatch.setattr(modes_of_the_loop, "decide", decided_otherwise)
     assert "12345.0" not in before and "12345.0" in text_of(compose(BlockOnBelt()))
+
+
+def test_the_c_holds_no_address_of_the_process_that_wrote_it():
+    made = machine(LOOP, "rig", 5.0)
+    addresses = [int(made.work["ints"][place]) for place in MODELS]
+    assert all(address > 2**20 for address in addresses if address) and any(addresses)
+    text = machine_files(made)["rig.c"]
+    assert not [address for address in addresses if address and str(address) in text]
 
 
 def test_what_the_translator_does_not_know_is_refused_by_name_and_line(monkeypatch):
@@ -193,6 +209,8 @@ def test_wrong_arguments_are_told(tmp_path):
         export_c(LOOP, tmp_path / "rig", duration=3.0)
     with pytest.raises(SceneError, match="name of C"):
         export_c(RIG, tmp_path / "my rig", duration=3.0)
+    with pytest.raises(SceneError, match="must not end in main"):
+        export_c(RIG, tmp_path / "main", duration=3.0)
 
 
 CHAOTIC = {"alternating_load", "whirl"}

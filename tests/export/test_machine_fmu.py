@@ -280,6 +280,14 @@ def test_the_sources_compile_without_a_warning_and_licence_and_resources_go_alon
         subprocess.run([compiler, *STRICT, "-c", str(source), "-o", str(tmp_path / "object.o")], check=True)
 
 
+@pytest.mark.parametrize("name", ["u", "double"])
+def test_a_unit_may_have_the_name_of_a_word_of_c(tmp_path, name):
+    found = fmpy.simulate_fmu(
+        str(export_fmu(BELT, tmp_path / f"{name}.fmu", duration=10.0)), stop_time=10.0, output=["belt.mode"], record_events=True
+    )
+    assert changes(found, "belt")[1].tolist() == modes_of(simulate(BELT, 10.0), "belt")[1].tolist()
+
+
 def test_what_cannot_go_is_refused_by_name(tmp_path):
     rig = compose(wells.JANSEN_2, BitRock())
     with pytest.raises(SceneError, match="solves a program at every sample"):

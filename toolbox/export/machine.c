@@ -1,27 +1,27 @@
 /* ---------------------------------------------------------------------------------------------------------------------------- what is called */
 #define SETTABLE (@UPPER@_INPUTS + @UPPER@_PARAMETERS)
 
-void @NAME@_start(@NAME@ *w) {
+void @NAME@_start(@NAME@_machine *w) {
   int i;
   @NAME@_copy_start(w);
   for (i = 0; i < SETTABLE; ++i) w->wanted[i] = w->p[@NAME@_places[i]];
 }
 
-int @NAME@_set(@NAME@ *w, int number, double value) {
+int @NAME@_set(@NAME@_machine *w, int number, double value) {
   if (number < 0 || number >= SETTABLE || !isfinite(value)) return @UPPER@_UNKNOWN;
   w->wanted[number] = value;
   if (w->ints[AT_STARTED] == 0) w->p[@NAME@_places[number]] = value;
   return @UPPER@_DONE;
 }
 
-int @NAME@_set_state(@NAME@ *w, int state, double value) {
+int @NAME@_set_state(@NAME@_machine *w, int state, double value) {
   if (state < 0 || state >= @UPPER@_STATES || !isfinite(value) || w->ints[AT_STARTED] != 0) return @UPPER@_UNKNOWN;
   w->x[state] = value;
   return @UPPER@_DONE;
 }
 
 /* What the caller has set becomes the next jump, in the place of those that are over. */
-static void @NAME@_jump(@NAME@ *w) {
+static void @NAME@_jump(@NAME@_machine *w) {
   int i;
   int64_t end, entry;
   end = w->jump_first[w->ints[AT_JUMP]];
@@ -40,7 +40,7 @@ static void @NAME@_jump(@NAME@ *w) {
 }
 
 /* Switches of the second direction of a friction go with those of the first. */
-static void @NAME@_sift(@NAME@ *w) {
+static void @NAME@_sift(@NAME@_machine *w) {
   int64_t e, kept = 0;
   for (e = 0; e < w->ints[AT_EVENTS]; ++e) {
     if (@NAME@_second[w->ev_i[e]]) continue;
@@ -53,7 +53,7 @@ static void @NAME@_sift(@NAME@ *w) {
   w->ints[AT_EVENTS] = kept;
 }
 
-int @NAME@_step(@NAME@ *w, double until) {
+int @NAME@_step(@NAME@_machine *w, double until) {
   int status;
   if (!(until >= w->reals[AT_TIME])) return @UPPER@_BACKWARD;
   w->ints[AT_EVENTS] = 0;
@@ -64,23 +64,23 @@ int @NAME@_step(@NAME@ *w, double until) {
   return status == AT_EVENTS_FULL ? @UPPER@_OVERRUN : status;
 }
 
-double @NAME@_time(const @NAME@ *w) {
+double @NAME@_time(const @NAME@_machine *w) {
   return w->reals[AT_TIME];
 }
 
-void @NAME@_outputs(const @NAME@ *w, double *y) {
+void @NAME@_outputs(const @NAME@_machine *w, double *y) {
   @NAME@_model_signals(w->reals[AT_TIME], 0.0, w->x, w->k, w->p, w->m, y);
 }
 
-int @NAME@_mode(const @NAME@ *w, int element) {
+int @NAME@_mode(const @NAME@_machine *w, int element) {
   return element >= 0 && element < @UPPER@_ELEMENTS ? (int)w->m[element] : @UPPER@_UNKNOWN;
 }
 
-int @NAME@_events(const @NAME@ *w) {
+int @NAME@_events(const @NAME@_machine *w) {
   return (int)w->ints[AT_EVENTS];
 }
 
-double @NAME@_event(const @NAME@ *w, int event, int *element, int *before, int *after) {
+double @NAME@_event(const @NAME@_machine *w, int event, int *element, int *before, int *after) {
   if (event < 0 || event >= w->ints[AT_EVENTS]) return -1.0;
   *element = (int)w->ev_i[event];
   *before = w->ev_m[3 * event];
@@ -88,7 +88,7 @@ double @NAME@_event(const @NAME@ *w, int event, int *element, int *before, int *
   return w->ev_t[event];
 }
 
-int64_t @NAME@_engine_steps(const @NAME@ *w) {
+int64_t @NAME@_engine_steps(const @NAME@_machine *w) {
   return w->ints[AT_ACCEPTED] + w->ints[AT_REJECTED];
 }
 

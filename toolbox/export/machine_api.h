@@ -3,28 +3,28 @@ extern "C" {
 #endif
 
 /* Begin anew, with the start state, inputs and parameters of the export. Call it first. */
-void @NAME@_start(@NAME@ *w);
+void @NAME@_start(@NAME@_machine *w);
 
 /* Set an input or a parameter by its number. Before the first step it is there from the start; later it acts from the next step on, as a jump. */
-int @NAME@_set(@NAME@ *w, int number, double value);
+int @NAME@_set(@NAME@_machine *w, int number, double value);
 
 /* Set a state, before the first step only. */
-int @NAME@_set_state(@NAME@ *w, int state, double value);
+int @NAME@_set_state(@NAME@_machine *w, int state, double value);
 
 /* Go on to a time [s], which may be the present one. Every switch on the way is located. Returns @UPPER@_DONE, or what is in the way. */
-int @NAME@_step(@NAME@ *w, double until);
+int @NAME@_step(@NAME@_machine *w, double until);
 
 /* The present time [s]; all outputs; the mode of an element. After the first step. */
-double @NAME@_time(const @NAME@ *w);
-void @NAME@_outputs(const @NAME@ *w, double *y);
-int @NAME@_mode(const @NAME@ *w, int element);
+double @NAME@_time(const @NAME@_machine *w);
+void @NAME@_outputs(const @NAME@_machine *w, double *y);
+int @NAME@_mode(const @NAME@_machine *w, int element);
 
 /* The switches of the last step: how many, and each of them. */
-int @NAME@_events(const @NAME@ *w);
-double @NAME@_event(const @NAME@ *w, int event, int *element, int *before, int *after);
+int @NAME@_events(const @NAME@_machine *w);
+double @NAME@_event(const @NAME@_machine *w, int event, int *element, int *before, int *after);
 
 /* Steps of the engine since the start. */
-int64_t @NAME@_engine_steps(const @NAME@ *w);
+int64_t @NAME@_engine_steps(const @NAME@_machine *w);
 
 /* Names, 0 where there is none. */
 const char *@NAME@_settable_name(int number);

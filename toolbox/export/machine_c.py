@@ -52,7 +52,16 @@ CONSTANT = ("group", "excited", "kind", "initial", "attached", "loader", "keys",
 EVENTS, STEPS = 64, 10_000
 """Switches and steps of the engine that one call may make before it returns OVERRUN."""
 
-MODELS = ("field", "step", "project", "probe", "burden", "impulse")
+MODELS = {
+    layout.FIELD: "field",
+    layout.STEP: "step",
+    layout.PROJECT: "project",
+    layout.PROBE: "probe",
+    layout.BURDEN: "burden",
+    layout.IMPULSE: "impulse",
+}
+"""{entry of `Work.ints` with the address of machine code: the function in its place in C}."""
+
 STATUS = {
     layout.DONE: ("DONE", "the time asked for is reached"),
     layout.PAUSED: ("OVERRUN", "the call has made all the steps that it may: call again to go on"),
@@ -161,10 +170,11 @@ class Machine:
         ints = self.work["ints"]
         numbers: dict[tuple[str, int], Any] = {("ints", place): int(ints[place]) for place in FIXED}
         numbers["reals", layout.POWER] = float(self.work["reals"][layout.POWER])
-        addresses = (layout.FIELD, layout.STEP, layout.PROJECT, layout.PROBE, layout.BURDEN, layout.IMPULSE)
-        models = {int(ints[place]): f"{self.name}_model_{word}" for place, word in zip(addresses, MODELS, strict=True) if ints[place]}
+        models = {int(ints[place]): f"{self.name}_model_{word}" for place, word in MODELS.items() if ints[place]}
         constant = {word: f"{self.name}_{word}" for word in CONSTANT}
-        made = CTranslation(kinds_of(self.work), numbers, constant, models=models, update=f"{self.name}_update", struct=self.name)
+        made = CTranslation(
+            kinds_of(self.work), numbers, constant, models=models, update=f"{self.name}_update", struct=f"{self.name}_machine"
+        )
         made.written(advance, [Value("w", "w"), known(None)])
         if importer:
             made.written(event_mode, [Value("w", "w"), Value("entered", "b")])
@@ -280,13 +290,13 @@ def _header(made: Machine) -> str:
     ]
     lines += [
         "/* everything that changes; only the functions below read and write it, and a copy of it is a saved state */",
-        f"typedef struct {name} {{",
+        f"typedef struct {name}_machine {{",
     ]
     for member, array in _members(made).items():
         lines.append(f"  {STORED_TYPES[str(array.dtype)]} {member}[{max(array.size, 1)}];")
     lines += [
         f"  double wanted[{max(len(made.settable), 1)}];",
-        f"}} {name};",
+        f"}} {name}_machine;",
         "",
         filled("machine_api.h", made),
         f"#endif /* {upper}_H */",
@@ -311,6 +321,9 @@ def _source(made: Machine, loop: CTranslation, importer: bool) -> str:
     ]
     starts, values = [], []
     for member, array in _members(made).items():
+        if member == "ints":  # no addresses of this process: C calls its functions by their names
+            array = array.copy()
+            array[list(MODELS)] = 0
         if array.size and (array != 0).any() and not member.startswith(("rec_", "ev_")):
             places = np.flatnonzero(array)
             values.append(f"static const int32_t {name}_at_{member}[{places.size}] = {{{', '.join(map(str, places.tolist()))}}};")
@@ -348,7 +361,9 @@ def _source(made: Machine, loop: CTranslation, importer: bool) -> str:
             f"static const char *{name}_mode_word(int element, int mode) {{\n"
             + "\n".join([*modes, "  (void)element; (void)mode;", '  return "";'])
             + "\n}",
-            f"static void {name}_copy_start({name} *w) {{\n" + "\n".join(["  int i;", "  memset(w, 0, sizeof *w);", *starts]) + "\n}",
+            f"static void {name}_copy_start({name}_machine *w) {{\n"
+            + "\n".join(["  int i;", "  memset(w, 0, sizeof *w);", *starts])
+            + "\n}",
             "\n".join(f"#define {word} {place}" for word, place in _places().items()),
             filled("machine.c", made),
         ]
@@ -395,6 +410,8 @@ def written_machine(loop: ClosedLoop, path: str | Path, duration: Any, accuracy:
     folder = Path(path)
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", folder.name):
         raise SceneError(f"Argument `path` must end in a name of C, letters, digits and _, but it is `{path}`.")
+    if folder.name.lower() == "main":
+        raise SceneError(f"Argument `path` must not end in main, which is the example beside the machine, but it is `{path}`.")
     files = machine_files(machine(loop, folder.name, duration, accuracy))
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -15,7 +15,7 @@
 
 typedef enum { MADE, STARTING, STEPPING, EVENT, CONTINUOUS, ENDED } Phase;
 typedef struct {
-  @NAME@ machine, ahead; /* ahead: what the machine shows once all that is due now has happened */
+  @NAME@_machine machine, ahead; /* ahead: what the machine shows once all that is due now has happened */
   double start, last, field[FIELD_SIZE];
   int exchange, early, events_used, fresh, entered;
   enum { CURRENT, STALE, AHEAD } shown;
@@ -52,10 +52,10 @@ static Unit *instance(const char *name, int exchange, int early, int events_used
 }
 
 /* The machine as it shows itself: samples and jumps of the present instant are already in its outputs. */
-static const @NAME@ *seen(Unit *u) {
+static const @NAME@_machine *seen(Unit *u) {
   if (u->shown == STALE) {
     int status, i;
-    @NAME@ *w = &u->ahead;
+    @NAME@_machine *w = &u->ahead;
     *w = u->machine;
     status = @NAME@_step(w, w->reals[AT_TIME]);
     if (status == @UPPER@_DONE && SAMPLERS > 0) {
@@ -75,13 +75,13 @@ static const @NAME@ *seen(Unit *u) {
   return u->shown == AHEAD ? &u->ahead : &u->machine;
 }
 
-static const double *field_of(Unit *u, const @NAME@ *w) {
+static const double *field_of(Unit *u, const @NAME@_machine *w) {
   if (!u->fresh) @NAME@_model_field(w->reals[AT_TIME], 0.0, w->x, w->k, w->p, w->m, u->field);
   u->fresh = 1;
   return u->field + INTEGRATED;
 }
 
-static double indicator(Unit *u, const @NAME@ *w, int i) {
+static double indicator(Unit *u, const @NAME@_machine *w, int i) {
   const double *field = field_of(u, w);
   const int j = indicator_guard[i];
   if (indicator_rate[i]) return w->side[j] * field[INTEGRATED + GUARDS + j];
@@ -89,7 +89,7 @@ static double indicator(Unit *u, const @NAME@ *w, int i) {
 }
 
 static int get_reals(Unit *u, const unsigned int *r, size_t n, double *value) {
-  const @NAME@ *w = u->exchange && u->phase >= EVENT ? &u->machine : seen(u);
+  const @NAME@_machine *w = u->exchange && u->phase >= EVENT ? &u->machine : seen(u);
   double y[@UPPER@_OUTPUTS + 1];
   int known = 0;
   size_t k;
@@ -131,7 +131,7 @@ static int set_reals(Unit *u, const unsigned int *r, size_t n, const double *val
 }
 
 static int get_modes(Unit *u, const unsigned int *r, size_t n, int32_t *value) {
-  const @NAME@ *w = u->exchange && u->phase >= EVENT ? &u->machine : seen(u);
+  const @NAME@_machine *w = u->exchange && u->phase >= EVENT ? &u->machine : seen(u);
   size_t k;
   if (!w) return 0;
   for (k = 0; k < n; ++k) {
@@ -154,7 +154,7 @@ static int initialised(Unit *u) {
 
 /* One communication step to time `until`, or with `stop` to the first switch before it. 1: it is there; 2: a switch on the way; 0: refused. */
 static int communication_step(Unit *u, double until, int stop) {
-  @NAME@ *w = &u->machine;
+  @NAME@_machine *w = &u->machine;
   int calls, status = @UPPER@_OVERRUN;
   until -= u->start;
   if (until < w->reals[AT_TIME]) {
@@ -180,13 +180,13 @@ static int communication_step(Unit *u, double until, int stop) {
 }
 
 /* Whether a time is the present one for an importer, whose sums of steps may end some last bits before it. */
-static int now(const @NAME@ *w, double t) {
+static int now(const @NAME@_machine *w, double t) {
   return t < INFINITY && fabs(t - w->reals[AT_TIME]) <= 1e-12 * fmax(1.0, fabs(t));
 }
 
 /* What is due in event mode. *again: something has changed, ask again; *next: time of the next sample or jump, else infinite. */
 static int events_here(Unit *u, int *again, double *next) {
-  @NAME@ *w = &u->machine;
+  @NAME@_machine *w = &u->machine;
   const double stop = loop_next_stop(w);
   int status;
   if (now(w, stop)) w->reals[AT_TIME] = stop;
@@ -224,7 +224,7 @@ static void nominals_of(Unit *u, double *x, size_t n) {
 
 /* Derivatives of slopes and outputs along a change of states and settable numbers. */
 static int directional(Unit *u, const unsigned int *of, size_t n, const unsigned int *along, size_t m, const double *seed, double *found) {
-  const @NAME@ *w = u->exchange && u->phase >= EVENT ? &u->machine : seen(u);
+  const @NAME@_machine *w = u->exchange && u->phase >= EVENT ? &u->machine : seen(u);
   double k[INTEGRATED + SETTABLES + 1], y[INTEGRATED + @UPPER@_OUTPUTS + 1];
   size_t i;
   if (!w) return 0;

@@ -5,7 +5,7 @@
 #include "@NAME@.h"
 
 int main(int count, char **words) {
-  static @NAME@ machine; /* large ones do not fit a small stack */
+  static @NAME@_machine machine; /* large ones do not fit a small stack */
   double duration = count > 1 ? atof(words[1]) : @DURATION@;
   double period = count > 2 ? atof(words[2]) : duration;
   double y[@UPPER@_OUTPUTS];

@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene as Scene
     from toolbox.scenes.work_precision import work_precision as work_precision
     from toolbox.simulation import plot as plot
-    from toolbox.simulation.run import Budget as Budget
+    from toolbox.simulation.budget import Budget as Budget
     from toolbox.simulation.simulate import simulate as simulate
     from toolbox.simulation.trajectory import Trajectory as Trajectory
     from toolbox.steady_states.equilibria import equilibria as equilibria

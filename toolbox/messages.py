@@ -41,7 +41,7 @@ def at_every_step(step: Callable[[], None]) -> Iterator[None]:
         _STEP.reset(before)
 
 
-def progress_bar(total: float | None, what: str, *, unit: str = "run", done: float = 0, wanted: bool = True, **looks: Any) -> Any:
+def progress_bar(total: float | None, what: str, *, unit: str = "run", done: float = 0, **looks: Any) -> Any:
     """Return a bar on stderr, for `with`: `update(count)` moves it.
 
     It appears after a second and goes away when the work is done. Where stderr is neither a terminal nor that of a notebook there is none.
@@ -56,14 +56,12 @@ def progress_bar(total: float | None, what: str, *, unit: str = "run", done: flo
         What is counted.
     done
         How much was done before.
-    wanted
-        Whether there is to be a bar.
     looks
         What else `tqdm` takes.
     """
     from tqdm import tqdm
 
-    shown = wanted and (sys.stderr.isatty() or _in_notebook())
+    shown = sys.stderr.isatty() or _in_notebook()
     step = _STEP.get()
 
     class Bar(tqdm):

@@ -29,6 +29,7 @@ import tempfile
 import time as clock
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ from studies.benchmarks.rubbing_machines import KINDS, Trial, given, trial
 from toolbox import Budget, ClosedLoop, HybridSystem, Sampled, SceneError, SimulationError, closed_loop, compose, simulate, sweep
 from toolbox.errors import BudgetError
 from toolbox.measuring import measures
+from toolbox.simulation.methods import METHODS
 
 BUDGET = Budget(steps=500_000, seconds=30.0)
 ACCURACIES = (1e-5, 1e-6, 1e-7, 1e-8)
@@ -86,7 +88,7 @@ def with_numbers_of(plant: HybridSystem, one: Trial) -> HybridSystem:
 def judged(plant: HybridSystem, one: Trial, right: np.ndarray, times: np.ndarray, **how: Any) -> dict[str, Any]:
     """The verdict on one run."""
     try:
-        run = simulate(loop_of(plant, one), one.duration, output_times=times, budget=BUDGET, **how)
+        run = simulate(loop_of(plant, one), one.duration, output_times=times, **how)
     except BudgetError as failed:
         return {"end": "hanging", "words": str(failed)}
     except (SceneError, SimulationError) as failed:
@@ -152,7 +154,10 @@ def examine(seed: int, number: int, draws: int, say: Callable[..., None]) -> Non
             continue
         accuracy = ACCURACIES[(number + draw) % len(ACCURACIES)]
         methods = ["event"] + ["explicit"] * ((number + draw) % 4 == 1) + ["stiff"] * (number % 3 == 0)
-        found = [{"method": method} | judged(plant, one, right, times, method=method, accuracy=accuracy) for method in methods]
+        found = [
+            {"method": method} | judged(plant, one, right, times, method=replace(METHODS[method], budget=BUDGET), accuracy=accuracy)
+            for method in methods
+        ]
         if number % 5 == 0 and draw == 0:
             found.append({"method": "lanes"} | judged_in_lanes(plant, one, right, accuracy))
         if any(verdict["end"] != "right" for verdict in found) and not sure(one, times, right):

@@ -31,9 +31,9 @@ import sys
 import tempfile
 import time as clock
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +80,7 @@ from toolbox import (
 )
 from toolbox.inputs import sine, step
 from toolbox.modelling import Quantities
+from toolbox.simulation.methods import method_of
 
 SCENES = Path(__file__).parents[1] / "scenes"
 ACCURACY = 1e-6
@@ -258,6 +259,11 @@ def structure(seed: int, number: int) -> Structure:
     raise RuntimeError(f"No structure {number} of seed {seed} can be composed.")
 
 
+def bounded(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of `simulate` with the accuracy and the budget of this search."""
+    return {"accuracy": ACCURACY, **arguments, "method": replace(method_of(arguments.get("method", "event")), budget=BUDGET)}
+
+
 def draw(random: np.random.Generator, made: Structure) -> dict[str, Any]:
     """Arguments of `simulate` with other numbers: parameters, start, and a duration."""
     boldness = random.choice([0.1, 0.5, 1.0])
@@ -365,7 +371,7 @@ def examine(seed: int, number: int, draws: int, log: Path) -> None:
             duration = arguments.pop("duration")
             began = clock.process_time()  # of this process alone, however busy the machine
             try:
-                run = simulate(made.plant, duration, accuracy=ACCURACY, budget=BUDGET, **arguments)
+                run = simulate(made.plant, duration, **bounded(arguments))
             except (SceneError, SimulationError) as error:
                 spent = clock.process_time() - began
                 say(draw=k, end=type(error).__name__, words=str(error))
@@ -379,7 +385,7 @@ def examine(seed: int, number: int, draws: int, log: Path) -> None:
                     faulthandler.dump_traceback_later(300, exit=True)
                     try:
                         for kind, words in findings(run, lambda **changes: simulate(
-                            made.plant, duration, **({"accuracy": ACCURACY, "budget": BUDGET} | arguments | changes))):  # noqa: B023  # fmt: skip
+                            made.plant, duration, **bounded(arguments | changes))):  # noqa: B023  # fmt: skip
                             say(draw=k, end=kind, words=words)
                     except (SceneError, SimulationError) as error:
                         say(draw=k, end="unchecked", words=str(error))

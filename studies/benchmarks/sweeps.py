@@ -99,7 +99,7 @@ def pools() -> None:
     four, bounds = scenes(), {"pi.proportional": (300.0, 20e3), "pi.integral": (50.0, 5e3)}
     tasks = {
         "sweep": lambda pool: sweep(closed_loop(rig, Sampled(StiffPI(), 0.01)), weights, duration=120.0, executor=pool),
-        "tune": lambda pool: tune(four, "drive", "severity", bounds, runs=60, progress=False, executor=pool),
+        "tune": lambda pool: tune(four, "drive", "severity", bounds, runs=60, executor=pool),
     }
     spawn = multiprocessing.get_context("spawn")
     kinds = {

@@ -61,7 +61,7 @@ def machine(weight):
 
 scenes = [machine(50e3), machine(80e3)]
 bounds = {"pi.proportional": (500.0, 40e3), "pi.integral": (50.0, 100e3)}
-found = tune(scenes, "drive", "severity", bounds, runs=30, seed=0, progress=False)
+found = tune(scenes, "drive", "severity", bounds, runs=30, seed=0)
 print(found)
 impedance = pipe_impedance(0.146529, 0.123024, 61e9, 7850.0)  # of the drill pipe, first line of the table
 print(f"\nfor comparison: the impedance of the pipe is {impedance:.0f} N m s/rad")

@@ -18,6 +18,7 @@ from models import BitRock, TorsionalChain, wells
 from toolbox import Budget, Sampled, Scene, SceneError, compose, simulate
 from toolbox.authoring import zero_order_hold
 from toolbox.errors import BudgetError
+from toolbox.simulation import EventExact
 
 WEIGHT = 97_347.0
 RIG = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
@@ -96,7 +97,7 @@ def test_a_law_that_solves_programs_without_end_ends_with_the_seconds_of_its_run
             solved.solve(g, low, high)
 
     with pytest.raises(BudgetError, match=r"s and reached t = 0 s"):
-        simulate(RIG, 1.0, controller=law, sample_time=0.1, budget=Budget(seconds=0.1))
+        simulate(RIG, 1.0, controller=law, sample_time=0.1, method=EventExact(budget=Budget(seconds=0.1)))
     assert solved.solve(g, low, high).sound
 
 

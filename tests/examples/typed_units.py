@@ -70,9 +70,7 @@ charted = severity_map(
 )
 swept = sweep(closed_loop(rig, stiff, sample_time="10 ms"), {"bit.weight": ["50 kN", 60e3]}, "5 s")
 listed = sweep(closed_loop(rig, stiff), [{"bit.weight": "50 kN", "top.reference": "60 rpm"}], "5 s")
-tuned = tune(
-    rig, PI(reference="90 rpm"), "severity", {"pi.proportional": ("1 kN m s/rad", 6000.0)}, duration="5 s", runs=10, progress=False
-)
-judged = worst_case(closed_loop(rig, stiff), "10 s", after="5 s", target="80 rpm")
+tuned = tune(rig, PI(reference="90 rpm"), "severity", {"pi.proportional": ("1 kN m s/rad", 6000.0)}, duration="5 s", runs=10)
+judged = worst_case(closed_loop(rig, stiff, reference="80 rpm"), "10 s", after="5 s")
 cycle = limit_cycle(compose(BlockOnBelt()), "1 min")
 branch = follow(cycle, "block.belt_speed", ("0.1 m/s", "300 mm/s"), points=2, towards="0.1 m/s")

@@ -99,7 +99,7 @@ def test_an_onset_shows_its_borders_and_the_verdict_at_each_value():
 
 
 def test_a_tuning_shows_the_given_and_the_tuned_numbers():
-    found = tune(RIG, PI(reference=9.0), "severity", {"pi.proportional": (1000.0, 9000.0)}, duration=5.0, runs=10, progress=False)
+    found = tune(RIG, PI(reference=9.0), "severity", {"pi.proportional": (1000.0, 9000.0)}, duration=5.0, runs=10)
     rows = cells(found._repr_html_())
     assert rows[0] == ["", "given", "tuned", "range or change"]
     name, given, tuned, span = rows[-1]

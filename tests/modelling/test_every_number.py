@@ -230,12 +230,10 @@ def test_fit_refuses_what_has_no_effect_and_what_varies_in_time():
 
 
 def test_tune_takes_the_numbers_of_its_law_and_names_them_for_any_other():
-    found = tune(
-        RIG, LAW, lambda run: -float(run.at(2.0)["top.speed"]), {"softtorque.detuning": (1.0, 1.5)}, duration=2.0, runs=10, progress=False
-    )
+    found = tune(RIG, LAW, lambda run: -float(run.at(2.0)["top.speed"]), {"softtorque.detuning": (1.0, 1.5)}, duration=2.0, runs=10)
     assert "softtorque.detuning" in str(found)
     with pytest.raises(SceneError, match="bit.weight"):
-        tune(RIG, LAW, "severity", {"bit.weight": (8e4, 9e4)}, duration=2.0, runs=10, progress=False)
+        tune(RIG, LAW, "severity", {"bit.weight": (8e4, 9e4)}, duration=2.0, runs=10)
 
 
 SCENE = """

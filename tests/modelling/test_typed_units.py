@@ -16,6 +16,7 @@ from models import BitRock, BlockOnBelt, Exponential, GaussianStribeck, Torsiona
 from toolbox import Budget, Sampled, SceneError, closed_loop, compose, equilibrium, inputs, onset, severity_map, simulate, sweep
 from toolbox.inputs import ramp, sine
 from toolbox.modelling.inputs import Table
+from toolbox.simulation import EventExact
 
 RPM = math.pi / 30
 
@@ -59,7 +60,7 @@ RIG = compose(wells.JANSEN_2, BitRock(weight="97.347 kN"))
 
 def test_a_run_that_is_asked_for_in_field_units_has_the_bits_of_one_in_si():
     typed = simulate(
-        RIG, "0.5 min", start={"top.speed": "20 rpm"}, parameters={"chain.stiffness": ("473 N m/rad",)}, budget=Budget(seconds="1 min"),
+        RIG, "0.5 min", start={"top.speed": "20 rpm"}, parameters={"chain.stiffness": ("473 N m/rad",)}, method=EventExact(budget=Budget(seconds="1 min")),
         controller=Sampled(PI(reference="60 rpm"), "10 ms", delay="30 ms", noise={"top.speed": "0.1 rpm"}, resolution={"top.speed": "0.01 rpm"}),
         inputs={"top.reference": ramp("35 rpm", "60 rpm", "10 s", 20.0), "bit.weight": ([0.0, "5 s"], ["97.347 kN", 98_000.0])},
     )  # fmt: skip

@@ -10,6 +10,7 @@ from toolbox import Budget, Component, Equations, Sampled, compose, quantity, si
 from toolbox.errors import BudgetError
 from toolbox.inputs import sine
 from toolbox.modelling import Hysteresis
+from toolbox.simulation import EventExact, Explicit, Implicit
 
 STILL = compose(BlockOnBelt(belt_speed=0.0, friction=Coulomb(static=1.0, kinetic=1.0)))
 
@@ -26,7 +27,7 @@ def law(t, y):
 ], ids=["samples", "tables", "waves"])  # fmt: skip
 def test_the_message_of_a_spent_budget_names_what_ends_the_steps(duration, steps, arguments, cause):
     with pytest.raises(BudgetError, match=rf"used {steps} steps and reached t = .*{cause}"):
-        simulate(STILL, duration, budget=Budget(steps=steps), accuracy=1e-4, **arguments)
+        simulate(STILL, duration, method=EventExact(budget=Budget(steps=steps)), accuracy=1e-4, **arguments)
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Triangle(Component):
 
 def test_the_message_of_a_spent_budget_names_the_element_that_switches():
     with pytest.raises(BudgetError, match=r"used 500 steps and reached t = .*: `switch` switched \d+ times\.") as failed:
-        simulate(compose(Triangle()), 1e5, budget=Budget(steps=500))
+        simulate(compose(Triangle()), 1e5, method=EventExact(budget=Budget(steps=500)))
     assert f"`switch` switched {len(failed.value.run.events)} times" in str(failed.value)
 
 
@@ -61,11 +62,11 @@ def test_the_message_of_a_spent_budget_names_the_state_and_the_time_constant_tha
     with pytest.raises(
         BudgetError, match=r"which `lag.z` asks for, at a plant whose fastest time constant is 1e-05 s \(method stiff"
     ) as failed:
-        simulate(compose(Two()), 1e3, start=start, method="explicit", budget=Budget(steps=3000))
+        simulate(compose(Two()), 1e3, start=start, method=Explicit(budget=Budget(steps=3000)))
     assert failed.value.run.end < 1.0
-    assert simulate(compose(Two()), 20.0, start=start, method="stiff", budget=Budget(steps=3000)).end == 20.0  # as it says
+    assert simulate(compose(Two()), 20.0, start=start, method=Implicit(budget=Budget(steps=3000))).end == 20.0  # as it says
 
 
 def test_without_a_stiff_part_the_message_names_no_time_constant():
     with pytest.raises(BudgetError, match=r"steps of about .* s, which `(slow|lag)\.\w` asks for\.$"):
-        simulate(compose(Two(rate=1.0)), 1e6, start={"slow.x": 1.0}, method="explicit", accuracy=1e-10, budget=Budget(steps=3000))
+        simulate(compose(Two(rate=1.0)), 1e6, start={"slow.x": 1.0}, accuracy=1e-10, method=Explicit(budget=Budget(steps=3000)))

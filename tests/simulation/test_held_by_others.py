@@ -1,5 +1,7 @@
 """Contacts that hold each other at rest while forces vary, against explicit modes and scipy (`studies.benchmarks.enumerated_modes`)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from studies.benchmarks.differential import BUDGET, loop_of
 from studies.benchmarks.enumerated_modes import Reference
 from studies.benchmarks.rubbing_machines import Machine, Sine, Table, Trial, given
 from toolbox import compose, simulate
+from toolbox.simulation.methods import METHODS
 
 REST = {f"machine.{kind}{i}": 0.0 for kind in "xv" for i in range(3)}
 
@@ -16,7 +19,11 @@ def compared(trial, method, accuracy):
     times = np.linspace(0.0, trial.duration, 101)
     right = Reference(trial, 1e-12).run(times)
     run = simulate(
-        loop_of(compose(trial.machine), trial), trial.duration, output_times=times, method=method, accuracy=accuracy, budget=BUDGET
+        loop_of(compose(trial.machine), trial),
+        trial.duration,
+        output_times=times,
+        method=replace(METHODS[method], budget=BUDGET),
+        accuracy=accuracy,
     )
     found = np.column_stack([run[f"machine.{kind}{i}"] for kind in "xv" for i in range(3)])
     size = np.repeat([np.abs(right[:, :3]).max(), np.abs(right[:, 3:]).max()], 3)
@@ -82,6 +89,6 @@ LAST_OF_THREE = Machine(
 )
 def test_bodies_that_only_round_off_moves_take_long_steps(machine, inputs, method):
     """Forces stay within the bounds, so nothing moves; round-off goes from the speed of a held body to its place, and on to a free neighbour."""
-    run = simulate(compose(machine), 7.2, method=method, accuracy=1e-8, budget=BUDGET, inputs=given(inputs))
+    run = simulate(compose(machine), 7.2, method=replace(METHODS[method], budget=BUDGET), accuracy=1e-8, inputs=given(inputs))
     assert not run.events and np.abs(run.states).max() < 1e-14
     assert sum(run.steps) < 1_000

@@ -12,7 +12,7 @@ from models import BitRock, BlockOnBelt, Coulomb, Drop, wells
 from tests.simulation.test_contacts import Ball
 from toolbox import Budget, SceneError, Trajectory, closed_loop, compose, energy_audit, fit, measure, simulate
 from toolbox.errors import BudgetError
-from toolbox.simulation import Smoothing, saved_run
+from toolbox.simulation import EventExact, Smoothing, saved_run
 from toolbox.simulation.saved_run import interpolated, points
 
 
@@ -150,7 +150,7 @@ def test_a_run_read_back_keeps_the_error_that_was_asked(tmp_path):
 
 def test_a_run_that_failed_is_read_back_as_far_as_it_came(tmp_path):
     with pytest.raises(BudgetError) as caught:
-        simulate(compose(BlockOnBelt()), 100.0, budget=Budget(events=3), output_times=[0.0, 99.0])
+        simulate(compose(BlockOnBelt()), 100.0, method=EventExact(budget=Budget(events=3)), output_times=[0.0, 99.0])
     run = caught.value.run
     back = Trajectory.load(run.save(tmp_path / "run.npz"))
     assert (back.end, len(back.events)) == (run.end, 3)

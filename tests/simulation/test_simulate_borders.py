@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -15,7 +16,7 @@ from toolbox.authoring import time_left
 from toolbox.errors import BudgetError, ZenoError
 from toolbox.inputs import ramp, sine, step
 from toolbox.modelling.inputs import sweep
-from toolbox.simulation import TimeStepping
+from toolbox.simulation import EventExact, TimeStepping
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -352,24 +353,26 @@ def test_a_run_that_uses_up_its_budget_says_how_far_it_came(budget, grid):
     # 20 000 rad/s for 300 s, two reversals in every period
     fast = compose(BlockOnBelt(belt_speed=0.0, stiffness=4e8, load=1e-3, friction=Coulomb(static=1.0, kinetic=1.0)))
     with pytest.raises(BudgetError, match=r"1000 steps.*t = |0\.\d+ s and.*t = |its 100 events.*t = .*`belt`") as caught:
-        simulate(fast, 300.0, start={"block.position": 1.0}, output_times=grid, budget=budget)
+        simulate(fast, 300.0, start={"block.position": 1.0}, output_times=grid, method=EventExact(budget=budget))
     run = caught.value.run
     assert run.steps[0] + run.steps[1] <= budget.steps + 5 and len(run.events) <= budget.events
     assert 0 < run.end < 300.0 and run.wall_time < 1.0
-    assert simulate(fast, 1e-4, start={"block.position": 1.0}, budget=budget).end == 1e-4  # within its budget it is a run like any other
+    assert (
+        simulate(fast, 1e-4, start={"block.position": 1.0}, method=EventExact(budget=budget)).end == 1e-4
+    )  # within its budget it is a run like any other
 
 
 @pytest.mark.parametrize("grid", [None, np.linspace(0, 60, 301)], ids=["steps", "grid"])
-@pytest.mark.parametrize("method", [{}, {"method": TimeStepping(0.01)}], ids=["event", "time-stepping"])
+@pytest.mark.parametrize("method", [EventExact(), TimeStepping(0.01)], ids=["event", "time-stepping"])
 def test_a_run_may_spend_exactly_its_events_and_ends_where_the_next_is_due(method, grid):
     plant = compose(BlockOnBelt())
-    whole = simulate(plant, 60.0, output_times=grid, **method)
+    whole = simulate(plant, 60.0, output_times=grid, method=method)
     total = len(whole.events)
     assert total > 6
-    assert simulate(plant, 60.0, output_times=grid, budget=Budget(events=total), **method).events == whole.events
+    assert simulate(plant, 60.0, output_times=grid, method=replace(method, budget=Budget(events=total))).events == whole.events
     for most in (1, 5, total - 1):
         with pytest.raises(BudgetError, match=rf"used its {most} events and reached t = .*`belt`") as caught:
-            simulate(plant, 60.0, output_times=grid, budget=Budget(events=most), **method)
+            simulate(plant, 60.0, output_times=grid, method=replace(method, budget=Budget(events=most)))
         run, after = caught.value.run, whole.events[most]
         assert run.events == whole.events[:most]
         assert run.end == after.time and run.at(run.end).modes["belt"] == after.before
@@ -383,7 +386,7 @@ def test_events_of_one_instant_are_within_a_budget_together_or_not_at_all():
     assert [e.time for e in whole.events[2:4]] == [whole.events[2].time] * 2
     for most, kept in ((2, 2), (3, 2), (4, 4)):
         with pytest.raises(BudgetError) as caught:
-            simulate(twins, 20.0, budget=Budget(events=most))
+            simulate(twins, 20.0, method=EventExact(budget=Budget(events=most)))
         assert caught.value.run.events == whole.events[:kept]
 
 
@@ -391,20 +394,20 @@ def test_a_budget_is_of_positive_numbers():
     plant = compose(BlockOnBelt())
     for wrong in (Budget(steps=0), Budget(seconds=float("nan")), Budget(events=-1)):
         with pytest.raises(SceneError, match=r"Argument `budget\.\w+` must be a number > 0, but it is"):
-            simulate(plant, 1.0, budget=wrong)
+            simulate(plant, 1.0, method=EventExact(budget=wrong))
     for wrong in (Budget(steps=1.5), Budget(steps=np.inf), Budget(events=0.5), Budget(events=np.float64(2.5))):  # type: ignore[arg-type]
         with pytest.raises(SceneError, match=r"Argument `budget\.(steps|events)` must be a whole number > 0, but it is"):
-            simulate(plant, 1.0, budget=wrong)
+            simulate(plant, 1.0, method=EventExact(budget=wrong))
     for right in (Budget(steps=np.int64(1000), events=np.inf), Budget(events=np.int32(100)), Budget(events=1e6)):
-        assert simulate(plant, 1.0, budget=right).end == 1.0
+        assert simulate(plant, 1.0, method=EventExact(budget=right)).end == 1.0
     with pytest.raises(SceneError, match=r"`budget` must be a Budget, such as Budget\(seconds=60\), but it is 60"):
-        simulate(plant, 1.0, budget=60)
+        simulate(plant, 1.0, method=EventExact(budget=60))
 
 
 def test_a_law_in_python_is_stopped_by_the_clock_too():
     plant = compose(wells.JANSEN_2, BitRock())
     with pytest.raises(BudgetError, match=r"0\.\d+ s and reached") as caught:
-        simulate(plant, 1e4, controller=lambda t, y: 9000.0, sample_time=0.01, budget=Budget(seconds=0.1))
+        simulate(plant, 1e4, controller=lambda t, y: 9000.0, sample_time=0.01, method=EventExact(budget=Budget(seconds=0.1)))
     assert caught.value.run.end > 0.0
 
 
@@ -418,7 +421,7 @@ def test_a_law_that_plans_too_long_ends_with_the_seconds_of_its_run():
         return 9000.0
 
     with pytest.raises(BudgetError, match=r"s and reached t = 0\.06 s") as caught:
-        simulate(plant, 10.0, controller=planned, sample_time=0.01, budget=Budget(seconds=0.2))
+        simulate(plant, 10.0, controller=planned, sample_time=0.01, method=EventExact(budget=Budget(seconds=0.2)))
     assert caught.value.run.end == 0.06 and len(caught.value.run.laws) == 1
     assert 0.0 < min(asked) <= max(asked) <= 0.2 and sorted(asked, reverse=True) == asked
     assert time_left() == math.inf
@@ -435,13 +438,13 @@ def test_the_budget_of_a_run_holds_for_runs_within_its_laws():
         simulate(plant, 1.0, controller=endless, sample_time=0.1)
 
     with pytest.raises(BudgetError, match=r"of 10 s"):
-        simulate(plant, 10.0, controller=nested, sample_time=0.01, budget=Budget(seconds=0.1))
+        simulate(plant, 10.0, controller=nested, sample_time=0.01, method=EventExact(budget=Budget(seconds=0.1)))
 
 
 def test_a_run_stopped_by_its_budget_is_as_good_as_far_as_it_goes():
     """Stick phases of Leine's block before it was stopped are those of a run that was not."""
     with pytest.raises(BudgetError) as caught:
-        simulate(BLOCK, 1e5, output_times=np.arange(1e5), budget=Budget(steps=2000))
+        simulate(BLOCK, 1e5, output_times=np.arange(1e5), method=EventExact(budget=Budget(steps=2000)))
     run, whole = caught.value.run, simulate(BLOCK, caught.value.run.end)
     assert run.at(run.end)["block.position"] == pytest.approx(whole.at(run.end)["block.position"], abs=1e-6)
     assert run.time_in("belt", "stick") == pytest.approx(whole.time_in("belt", "stick"), abs=1e-5)

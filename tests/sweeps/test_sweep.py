@@ -39,6 +39,7 @@ from toolbox import (
 from toolbox.errors import BudgetError
 from toolbox.measuring import measures
 from toolbox.modelling.inputs import sine
+from toolbox.simulation import EventExact
 from toolbox.sweeps import Sweep, latin_hypercube, sobol, store, uniform
 from toolbox.sweeps import chunks as columns
 from toolbox.sweeps import executors as workers
@@ -353,7 +354,7 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path, monkeypatch):
         ("accuracy", {"accuracy": 1e-5}),
         ("measures", {"measures": "mean"}),
         ("controller", {"controller": Sampled(StiffPI(), 0.02)}),
-        ("budget", {"budget": Budget(events=1e6)}),
+        ("budget", {"method": EventExact(budget=Budget(events=1e6))}),
     ):
         with pytest.raises(SceneError, match=f"other .*`{word}`"):
             loop, rest = together(plant, **{"duration": 60.0, "controller": law, "out": folder, **other})
@@ -510,15 +511,24 @@ def test_a_swept_sine_is_asked_for_where_it_is():
 def test_the_budget_of_a_run_counts_all_its_events(monkeypatch):
     # a block on a belt sticks and slips once a period: two events, of which the loop hands over a buffer at a time
     plant, budget = compose(BlockOnBelt()), Budget(events=1000)
-    found = sweep(plant, {"block.mass": [0.9, 1.1]}, duration=1e5, budget=budget, measures={"events": measures.events("belt")})
+    found = sweep(
+        plant, {"block.mass": [0.9, 1.1]}, duration=1e5, method=EventExact(budget=budget), measures={"events": measures.events("belt")}
+    )
     for i, mass in enumerate((0.9, 1.1)):
         with pytest.raises(BudgetError) as alone:
-            simulate(plant, 1e5, parameters={"block.mass": mass}, budget=budget)
+            simulate(plant, 1e5, parameters={"block.mass": mass}, method=EventExact(budget=budget))
         assert re.match(r"The run used its 1000 events and reached", found.errors[i]) and len(alone.value.run.events) == 1000
         assert found.errors[i] == str(alone.value)
     exact = len(simulate(plant, 200.0).events)
     for most, errors in ((exact, 0), (exact - 1, 1)):
-        assert len(sweep(plant, {"block.mass": [1.0]}, duration=200.0, budget=Budget(events=most), measures=("events",)).errors) == errors
+        assert (
+            len(
+                sweep(
+                    plant, {"block.mass": [1.0]}, duration=200.0, method=EventExact(budget=Budget(events=most)), measures=("events",)
+                ).errors
+            )
+            == errors
+        )
 
 
 def test_a_folder_with_other_files_is_not_written_to(tmp_path):

@@ -21,7 +21,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number, mapping
+from toolbox.arguments import is_finite_number, mapping, number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.printing import Printed
 from toolbox.files.unit_systems import asked_units, reading
@@ -32,18 +32,9 @@ from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.input_kinds import ExpressionKey, extremes, input_kinds
 from toolbox.modelling.inputs import Shape, Table
 from toolbox.modelling.laws import Controller, Sampled
-from toolbox.modelling.numbers import Number, number_of, numbers_in
+from toolbox.modelling.numbers import WITHOUT_SLOPE, Number, number_of, numbers_in
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.modelling.steady_point import Equilibrium
-
-WITHOUT_SLOPE = {
-    "design": "only the design of a law knows it, so that no equation of the loop has a slope by it: vary a gain that it gives",
-    "shape": "it shapes an input in time, and steady running has constant inputs",
-    "node": "it is a number of a table in time, by which no slope is carried: give `loop.at(name, value)` for each value",
-    "clock": "it is a sample time, and what is sampled at other instants is another loop: give `loop.at(name, value)` for each value",
-    "start": "it is a start value, of which a motion that has settled knows nothing",
-}
-"""Why a number of a kind is not one that verbs with slopes can vary."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,6 +189,12 @@ class ClosedLoop(Printed):
                 f"Argument `{moving}` must be a number for {word}, but the loop varies it in time: give `loop.at({moving!r}, value)`."
             )
         return dict(self.values)
+
+    def target(self, signal: str) -> float | None:
+        """The value that a signal is to reach, which is that of `reference`; None where nothing is said."""
+        if isinstance(self.reference, str) and self.reference in self.numbers():
+            return self.number(self.reference).value
+        return None if self.reference is None else number("reference", self.reference, self.system.signal_unit(signal))
 
     @cached_property
     def asked(self) -> Mapping[str, str]:
@@ -356,13 +353,8 @@ class ClosedLoop(Printed):
         factor, unit = reading(self.system.unit(name), self.asked)
         if is_finite_number(value):
             return f"{value * factor:.6g}" + ("" if unit == "1" else f" {unit}")
-        return (
-            getattr(value, "shape", "")
-            if isinstance(value, (Table, Shape)) and value.shape
-            else "in time"
-            if name in self.inputs
-            else str(value)
-        )
+        shape = value.shape if isinstance(value, (Table, Shape)) else ""
+        return shape or ("in time" if name in self.inputs else str(value))
 
 
 def closed_loop(
@@ -375,6 +367,7 @@ def closed_loop(
     start: Mapping[str, Any] | Equilibrium | None = None,
     element: str | None = None,
     signal: str | None = None,
+    reference: NumberOrText | None = None,
     label: str | None = None,
 ) -> ClosedLoop:
     """Close a loop: a plant with the laws that act on it, and what acts on both.
@@ -396,6 +389,8 @@ def closed_loop(
         Start values {state, or signal that is a state: value}; all other states start at 0. Or an `equilibrium`, whose states are taken.
     element, signal
         The contact and the speed that verbs judge; by default the only contact and its speed.
+    reference
+        The value that the judged speed is to reach; by default the set-point of the law.
     label
         What tables and pictures call the loop.
 
@@ -410,9 +405,8 @@ def closed_loop(
         If a name is unknown, a number is out of bounds, or a law does not fit the plant.
     """
     base = as_loop(plant, "plant")
-    changes: dict[str, Any] = {
-        word: given for word, given in (("element", element), ("signal", signal), ("label", label)) if given is not None
-    }
+    named = {"element": element, "signal": signal, "reference": reference, "label": label}
+    changes: dict[str, Any] = {word: given for word, given in named.items() if given is not None}
     if law is not None or sample_time is not None:
         changes["laws"] = laws_of(law if law is not None else base.laws, in_si(sample_time, "s", "sample_time"))
     if start is not None:
@@ -432,8 +426,12 @@ def as_loop(given: Any, argument: str = "loop") -> ClosedLoop:
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
-FORMER = ("controller", "sample_time", "inputs", "parameters", "start", "element", "signal")
-"""Arguments that verbs took before they took a loop."""
+FORMER = (
+    {"controller": "law"}
+    | {word: f"{word}=..." for word in ("sample_time", "inputs", "parameters", "start", "element", "signal")}
+    | {"target": "reference=..."}
+)
+"""{argument that verbs took before they took a loop: how `closed_loop` takes it}."""
 
 
 def takes_loop(
@@ -465,7 +463,7 @@ def refuse_former(verb: str, machine: Any, words: Iterable[str]) -> None:
     elif isinstance(machine, (Controller, Sampled)):
         loop = "closed_loop(plant, law, sample_time=...)"
     elif given:
-        loop = f"closed_loop(plant, {', '.join('law' if word == 'controller' else f'{word}=...' for word in FORMER if word in given)})"
+        loop = f"closed_loop(plant, {', '.join(now for word, now in FORMER.items() if word in given)})"
     else:
         return
     raise SceneError(f"`{verb}` takes a closed loop: write `{verb}({loop}, ...)`.")

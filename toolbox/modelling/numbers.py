@@ -36,6 +36,15 @@ from toolbox.modelling.start import place_start, started
 Loop = Any
 """A `ClosedLoop`, which is made of numbers and therefore stands above this file."""
 
+WITHOUT_SLOPE = {
+    "design": "only the design of a law knows it, so that no equation of the loop has a slope by it: vary a gain that it gives",
+    "shape": "it shapes an input in time, and steady running has constant inputs",
+    "node": "it is a number of a table in time, by which no slope is carried: give `loop.at(name, value)` for each value",
+    "clock": "it is a sample time, and what is sampled at other instants is another loop: give `loop.at(name, value)` for each value",
+    "start": "it is a start value, of which a motion that has settled knows nothing",
+}
+"""Why a number of a kind is not one that verbs with slopes can vary."""
+
 
 @dataclass(frozen=True)
 class Number:

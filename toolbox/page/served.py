@@ -27,7 +27,8 @@ from toolbox.page.server import Server, in_background
 from toolbox.page.setting import Setting, disturbing, python_of, scene_of
 from toolbox.scenes.judged import judged_contact, judged_effort, judged_speed
 from toolbox.scenes.scene import Scene
-from toolbox.simulation.run import Budget
+from toolbox.simulation.budget import Budget
+from toolbox.simulation.methods import EventExact
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
 
@@ -172,7 +173,7 @@ class Page:
                 return *known, True
         loop, without = setting.loop(self.loops[setting.label], self._look(setting.label)["kinds"])
         try:
-            run = simulate(loop, budget=Budget(seconds=SOON if soon else PATIENCE))
+            run = simulate(loop, method=EventExact(budget=Budget(seconds=SOON if soon else PATIENCE)))
         except SimulationError as failure:
             if not soon or failure.run is None or failure.run.time.size < 2 or failure.run.end <= (loop.after or 0.0):
                 raise

@@ -120,7 +120,7 @@ def scene_of(setting: Setting, loop: ClosedLoop, scene: Scene | None) -> Scene:
     own = {name: value for name, value in loop.parameters.items() if loop.plant.has_parameter(name)}
     case = Case.of(setting.label or "no controller", law_with_numbers(loop) if loop.laws else None)
     inputs = {name: _data(name, value) for name, value in loop.values.items()}
-    reference = loop.number(loop.reference).value if isinstance(loop.reference, str) else loop.reference
+    reference = None if loop.signal is None else loop.target(loop.signal)
     if scene is not None:
         found = dataclasses.replace(scene, cases=(case,), inputs=inputs, parameters=own, start=dict(loop.start), reference=reference)
         found.check()

@@ -184,7 +184,6 @@ def smallest_error(
     *,
     starts: Sequence[Mapping[str, Any]] | None = None,
     after: NumberOrText | None = None,
-    target: NumberOrText | None = None,
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
 ) -> SmallestError:
@@ -201,7 +200,7 @@ def smallest_error(
         Length of a run [s].
     starts
         Start values {state: value} of each run, for instance from `cycle_phases`; by default smooth running, which needs constant inputs.
-    after, target, mean_within, ripple_within
+    after, mean_within, ripple_within
         When a run is a success, as in `worst_case`.
 
     Returns
@@ -215,7 +214,7 @@ def smallest_error(
         If a name or a range is none, or the loop fails on the declared machine.
     """
     numbers, asked = _wrong_numbers(loop, ranges)
-    trials = Trials.of(loop, duration, starts=starts, after=after, target=target, allowed=(mean_within, ripple_within))
+    trials = Trials.of(loop, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))
     search = _Search(numbers)
 
     def fail(errors: Sequence[Error]) -> list[bool]:

@@ -25,7 +25,8 @@ from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, designed
 from toolbox.scenes.judged import judged_speed
-from toolbox.simulation.run import Budget
+from toolbox.simulation.budget import Budget
+from toolbox.simulation.methods import EventExact
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
 
@@ -35,7 +36,7 @@ RIPPLE = 0.05
 """Part of its mean by which a command may swing to either side; twice what it does on the machine as it is, where that is more."""
 PIECES, SAME, UNSEEN = 8, 1.01, 1e-6
 """How often a run is carried on that is not calm, what a swing may grow by from one quarter of it to the next, and the severity below which nothing swings."""
-LIMITS = Budget(steps=2_000_000)
+LIMITS = EventExact(budget=Budget(steps=2_000_000))
 """What a run may take: steps, which every machine takes alike."""
 CLOSE = 0.01
 """Part of its value to which a margin is measured."""
@@ -154,7 +155,7 @@ def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None =
         own, start = changed(gain, delay, factor), None
         for _ in range(PIECES):
             try:
-                done = simulate(own, duration, start=start, budget=LIMITS)
+                done = simulate(own, duration, start=start, method=LIMITS)
             except SimulationError:
                 return True
             after, start = done.begin + duration / 2, done.last

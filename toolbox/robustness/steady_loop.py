@@ -28,7 +28,8 @@ from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_starts
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
 from toolbox.robustness.loop import LinearLoop, NoDerivative, acts, checked_smooth, zero_order_hold
-from toolbox.simulation.run import Budget
+from toolbox.simulation.budget import Budget
+from toolbox.simulation.methods import EventExact
 from toolbox.simulation.samples import Samples
 from toolbox.simulation.simulate import simulate
 from toolbox.steady_states.linear import equilibrium, input_values, linearise
@@ -337,7 +338,7 @@ def _guesses(point: SampledPoint, loop: ClosedLoop, guess: Mapping[str, Any]) ->
         yield point.with_outputs(states, {})
     duration = SETTLING * max(period for period, _ in point.clocks)
     try:
-        run = simulate(loop, duration, start=states, budget=Budget(steps=1_000_000))
+        run = simulate(loop, duration, start=states, method=EventExact(budget=Budget(steps=1_000_000)))
     except SimulationError:
         return
     yield from _settled(point, plant, run.at(np.linspace(0.5, 1.0, 501) * duration))

@@ -21,7 +21,7 @@ from toolbox.arguments import mapping, number, numbers, whole
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.printing import columns
 from toolbox.files.results import HeadedRows, Result
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import CALM, STANDS, STICKS, told_growth
 from toolbox.measuring.measures import Measure, maximum, mean, minimum, stuck_ratio
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
@@ -193,7 +193,6 @@ def worst_case(
     starts: Sequence[Mapping[str, Any]] | None = None,
     seeds: Sequence[int] = (0,),
     after: NumberOrText | None = None,
-    target: NumberOrText | None = None,
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
     measures: Any = (),
@@ -208,7 +207,8 @@ def worst_case(
     Parameters
     ----------
     loop
-        A loop. A law is designed on the declared plant, and errors of parameters do not change its design.
+        A loop. A law is designed on the declared plant, and errors of parameters do not change its design. The target of the mean speed is the
+        `reference` of the loop.
     duration
         Length of a run [s].
     errors
@@ -221,8 +221,6 @@ def worst_case(
         Seeds of the noise of `Sampled`, used where it has any.
     after
         Time from which on a run is judged [s]; by default its last 30 %.
-    target
-        Target of the mean speed of the judged contact; by default the set-point of the law.
     mean_within, ripple_within
         Allowed error of the mean speed and ripple of a command, as parts of their means [1].
     measures
@@ -238,9 +236,7 @@ def worst_case(
     SceneError
         If a name is unknown, or a number is none.
     """
-    trials = Trials.of(
-        loop, duration, starts=starts, seeds=seeds, after=after, target=target, allowed=(mean_within, ripple_within), measures=measures
-    )
+    trials = Trials.of(loop, duration, starts=starts, seeds=seeds, after=after, allowed=(mean_within, ripple_within), measures=measures)
     return trials.of_cases(_cases(errors, corners))
 
 
@@ -272,7 +268,6 @@ class Trials:
         starts: Sequence[Mapping[str, Any]] | None,
         after: NumberOrText | None,
         seeds: Sequence[int] = (0,),
-        target: NumberOrText | None = None,
         allowed: tuple[float, float] = (0.02, 0.05),
         measures: Any = (),
     ) -> Trials:
@@ -284,7 +279,7 @@ class Trials:
             "smooth running (a stick-slip that exists: `starts=cycle_phases(...)`)" if starts is None else f"{len(starts)} given start(s)"
         )
         begins = [smooth_start(loop)] if starts is None else list(starts)
-        wanted = _target(loop, judged_speed(loop, judged_contact(loop)), target)
+        wanted = _target(loop, judged_speed(loop, judged_contact(loop)))
         return cls(loop, duration, window, begins, begun, seeds if noisy else (0,), wanted, allowed, measures)
 
     @property
@@ -323,10 +318,10 @@ class Trials:
         return WorstCase("; ".join(map(described, loop.laws)), self.way, tuple(found), seconds)
 
 
-def _target(loop: ClosedLoop, speed: str, given: NumberOrText | None) -> float:
-    """The target of the mean speed: as given, or the set-point of the law; nan where there is none."""
-    aim = loop.reference or set_point(loop.system, speed) if given is None else in_si(given, loop.system.signal_unit(speed), "target")
-    return math.nan if aim is None else loop.number(aim).value if isinstance(aim, str) else float(aim)
+def _target(loop: ClosedLoop, speed: str) -> float:
+    """The target of the mean speed: the reference of the loop, or the set-point of the law; nan where there is none."""
+    aim, own = loop.target(speed), set_point(loop.system, speed)
+    return aim if aim is not None else math.nan if own is None else loop.number(own).value
 
 
 def _varied(loop: ClosedLoop, cases: Mapping[str, Mapping[str, float]]) -> dict[str, float]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from toolbox.arguments import number, whole
@@ -23,11 +23,18 @@ from toolbox.compilation.rosenbrock import RODAS5P
 from toolbox.compilation.runge_kutta import DOP853, DOPRI5
 from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SceneError
+from toolbox.simulation.budget import UNHURRIED, Budget
 
 
 @dataclass(frozen=True)
 class Method:
-    """How a run steps. Every kind is a value, which answers what there is to know of it: two of the same options are equal."""
+    """How a run steps, and what it may spend. Every kind is a value, which answers what there is to know of it: two of the same options are equal.
+
+    Parameters
+    ----------
+    budget
+        What a run may spend at most, an option of every method: `EventExact(budget=Budget(seconds=60))`.
+    """
 
     text: ClassVar[str]  # the short form
     locates: ClassVar[bool] = True  # steps end on switches
@@ -36,9 +43,13 @@ class Method:
     chooses: ClassVar[bool] = False  # each run is to be given another method first
     smooths: ClassVar[bool] = False  # friction is regularised
     finer: ClassVar[str] = ""  # how the option is written that refines a run
+    budget: Budget = field(default=UNHURRIED, kw_only=True)
 
-    def check(self, duration: float, steps: float) -> None:
-        """Raise SceneError for options with which a run of `duration` [s] cannot be stepped in at most `steps` steps."""
+    def check(self, duration: float) -> None:
+        """Raise SceneError for options with which a run of `duration` [s] cannot be stepped within the budget."""
+        if not isinstance(self.budget, Budget):
+            raise SceneError(f"Argument `budget` must be a Budget, such as Budget(seconds=60), but it is {self.budget!r}.")
+        self.budget.check()
 
     def formulas(self, accuracy: float, sampled: bool) -> Formulas:
         """The formulas of a step for an accuracy, for a plant with or without sampled laws."""
@@ -60,6 +71,11 @@ class Method:
     def unwatched(self) -> Method:
         """The method for many runs that are known not to be stiff."""
         return self
+
+    @property
+    def unhurried(self) -> Method:
+        """The method without its budget."""
+        return self if self.budget == UNHURRIED else dataclasses.replace(self, budget=UNHURRIED)
 
     @property
     def fixed_step(self) -> float | None:
@@ -116,8 +132,9 @@ class TaylorSeries(Method):
     in_lanes: ClassVar[bool] = True
     order: int | None = None
 
-    def check(self, duration: float, steps: float) -> None:
+    def check(self, duration: float) -> None:
         """Raise SceneError unless the order is a whole number from 6 to 30."""
+        super().check(duration)
         if self.order is not None:
             whole("order", self.order, 6, 30)
 
@@ -149,11 +166,12 @@ class TimeStepping(Method):
     finer: ClassVar[str] = "TimeStepping(step=...)"
     step: float | None = None
 
-    def check(self, duration: float, steps: float) -> None:
+    def check(self, duration: float) -> None:
         """Raise SceneError unless the step is a positive number and long enough for the budget."""
+        super().check(duration)
         if self.step is not None:
             number("step", self.step, "s", above=0)
-            number("step", self.step, "s", at_least=duration / steps)
+            number("step", self.step, "s", at_least=duration / self.budget.steps)
 
     def formulas(self, accuracy: float, sampled: bool) -> Formulas:
         """The theta method of Moreau and Jean."""

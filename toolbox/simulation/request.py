@@ -17,7 +17,7 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.regularisation import SmoothSystem, checked_widths
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.methods import Method, Smoothing, TimeStepping, method_of
-from toolbox.simulation.run import UNHURRIED, Budget, Run
+from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.samples import Samples
 
@@ -32,18 +32,14 @@ class Request:
     method: Method | str = "event"
     accuracy: float = 1e-6
     output_times: Sequence[float] | np.ndarray | None = None
-    budget: Budget | None = None
 
     def checked(self) -> Run:
         """The run that is asked for, with all names resolved; raises SceneError as `simulate` does."""
         duration = number("duration", self.duration, "s", at_least=0)
         accuracy = number("accuracy", self.accuracy, at_least=1e-13, at_most=0.1)
-        if self.budget is not None and not isinstance(self.budget, Budget):
-            raise SceneError(f"Argument `budget` must be a Budget, such as Budget(seconds=60), but it is {self.budget!r}.")
-        budget = self.budget or UNHURRIED
-        budget.check()
         method = method_of(self.method)
-        method.check(duration, budget.steps)
+        method.check(duration)
+        budget, method = method.budget, method.unhurried
         loop, start = self.loop, self.start
         closed, system = loop.closed, loop.closed.system
         grid = _checked_times(self.output_times, start.time if isinstance(start, RunState) else 0.0, duration)

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from toolbox.modelling.hybrid_system import HybridSystem
     from toolbox.modelling.steady_point import Equilibrium
     from toolbox.simulation.methods import Method
-    from toolbox.simulation.run import Budget
     from toolbox.simulation.run_state import RunState
     from toolbox.simulation.samples import Samples
     from toolbox.simulation.trajectory import Trajectory
@@ -31,7 +30,6 @@ def simulate(
     method: Method | str = "event",
     accuracy: float | None = None,
     output_times: Sequence[float] | np.ndarray | None = None,
-    budget: Budget | None = None,
 ) -> Trajectory:
     """Simulate a closed loop, or a plant, for `duration` seconds; every switch between stick and slip is located as an event.
 
@@ -63,14 +61,13 @@ def simulate(
         A method or its short form. "event" takes an explicit method, or a linearly implicit one where that is cheaper (runs with a law in Python stay
         explicit); "explicit" and "stiff" prescribe one of the two. All three locate every switch as an event. `TimeStepping(step)`, short "time-stepping",
         locates none; `Smoothing(width)`, short "smoothed", regularises friction; both refine their option until the accuracy is met, unless it is given.
-        "auto" takes the cheapest method and says why in `run.why`.
+        "auto" takes the cheapest method and says why in `run.why`. What the run may spend at most is an option of every method:
+        `EventExact(budget=Budget(seconds=60))`.
     accuracy
         Target for the global error, where every state is scaled by its size; between 1e-13 and 0.1. By default that of the scene, or 1e-6.
     output_times
         Increasing times [s] between begin and end at which the run is recorded, shape (nt,), as right-hand limits at events. Without them every step is
         recorded, and both sides of every event.
-    budget
-        What the run may spend at most; None takes `Budget()`.
 
     Returns
     -------
@@ -105,7 +102,7 @@ def simulate(
     if duration is None:
         raise SceneError("Argument `duration` must be given: only a loop out of a scene has one of its own.")
     accuracy = (loop.accuracy or 1e-6) if accuracy is None else accuracy
-    run = Request(loop, duration, at, method, accuracy, output_times, budget).checked()
+    run = Request(loop, duration, at, method, accuracy, output_times).checked()
     done = run.again()
     told = ("told", done.why.partition(" at t = ")[0])
     if (

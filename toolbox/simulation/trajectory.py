@@ -17,9 +17,9 @@ from toolbox.compilation.work_layout import Between
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.modelling.closing import kind_of
 from toolbox.modelling.components import law_of
+from toolbox.simulation.budget import UNHURRIED, Budget
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
 from toolbox.simulation.recorded import Recorded
-from toolbox.simulation.run import UNHURRIED, Budget
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.samples import Event, Samples
 from toolbox.simulation.saved_run import SavedRun

@@ -12,7 +12,8 @@ import numpy as np
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program
 from toolbox.modelling.inputs import Shape, Table
-from toolbox.simulation.run import Budget, Run
+from toolbox.simulation.budget import Budget
+from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
 
 MAX_RECORDS = 400_000

@@ -23,9 +23,10 @@ from toolbox.measuring.measures import Measure
 from toolbox.measuring.readings import RunningMeasures
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.numbers import Number
+from toolbox.simulation.budget import UNHURRIED
 from toolbox.simulation.carry_out import carry_out, compiled_loop, formulas_of
 from toolbox.simulation.failures import exhausted, failure
-from toolbox.simulation.run import UNHURRIED, Run
+from toolbox.simulation.run import Run
 from toolbox.simulation.work_arrays import limited, work_arrays
 from toolbox.steady_states.equilibria import state_values
 

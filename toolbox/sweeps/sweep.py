@@ -24,7 +24,6 @@ from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.scenes.judged import judged_measures
 from toolbox.simulation.methods import Method
-from toolbox.simulation.run import UNHURRIED, Budget
 from toolbox.sweeps.batch import Task
 from toolbox.sweeps.designs import variations_of
 from toolbox.sweeps.executors import evaluated
@@ -42,7 +41,6 @@ def sweep(
     measures: Any = ("severity", "stuck_ratio"),
     method: Method | str = "event",
     accuracy: float | None = None,
-    budget: Budget = UNHURRIED,
     executor: concurrent.futures.Executor | None = None,
     out: str | Path | None = None,
     **former: Any,
@@ -68,9 +66,7 @@ def sweep(
         judged is that of the loop, from the time that the loop says or in the second half of the run. Settling, overshoot and functions are read from each
         run in turn, which takes longer.
     method, accuracy
-        As in `simulate`.
-    budget
-        What one run may spend, as in `simulate`.
+        As in `simulate`; the budget of the method is what one run may spend.
     executor
         Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`). By default one thread per core, or one process per core
         where a law is Python and the work is worth it.
@@ -97,6 +93,8 @@ def sweep(
             "`sweep` varies the numbers of a machine, `sweep(loop, {name: values}, duration)`, and its other arguments are named; "
             "the swept sine of an input is `toolbox.inputs.sweep`."
         )
+    if "budget" in former:
+        raise SceneError("`sweep` takes the budget of a run as an option of its method: write `sweep(..., method=EventExact(budget=...))`.")
     refuse_former("sweep", loop, former)
     loop = as_loop(loop)
     if start is not None and not callable(start):
@@ -109,7 +107,7 @@ def sweep(
     asked = {full[name]: unit for name, unit in variations.asked.items()}
     variations = dataclasses.replace(variations, names=tuple(full.values()), asked=asked)
     accuracy = (loop.accuracy or 1e-6) if accuracy is None else accuracy
-    run = shared_run(loop, variations, float(duration), method=method, accuracy=accuracy, budget=budget)
+    run = shared_run(loop, variations, float(duration), method=method, accuracy=accuracy)
     chosen = judged_measures(measures, run.loop, run.start.time, run.end)
     taken = next((name for name in chosen if name in {"run", "status", "error", *variations.names} or "/" in name), None)
     if taken is not None:

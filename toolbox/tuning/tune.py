@@ -54,7 +54,6 @@ def tune(
     runs: int = 200,
     seed: int = 0,
     journal: str | Path | None = None,
-    progress: bool = True,
     executor: concurrent.futures.Executor | None = None,
 ) -> Tuned:
     """Find the numbers of a law within `bounds` that make one objective smallest, or the Pareto front of several.
@@ -86,8 +85,6 @@ def tune(
     journal
         File that keeps every point: a tuning that was killed continues where it was when it is called again, and gives the same result. With larger `runs` a
         longer tuning uses the points of a shorter one.
-    progress
-        Show a bar on stderr where that is a terminal.
     executor
         Any `concurrent.futures.Executor` of processes, such as that of a Dask client. It simulates all scenes of a point side by side, and all points that
         the search knows in advance; without it one run follows the other in this process.
@@ -130,7 +127,7 @@ def tune(
             lambda result: is_result(result, len(scenes), len(objectives)),
         )
     search = TuningSearch(list(scenes.values()), chosen, free, objectives, over, runs, kept, executor)
-    with _bar(runs, progress) as search.bar:
+    with progress_bar(runs, "tuning", bar_format="{desc} |{bar:30}| {n_fmt}/{total_fmt} points, {elapsed}") as search.bar:
         search.given()
         with contextlib.suppress(Spent):
             smallest(search, seed) if len(objectives) == 1 else spread(search, seed)
@@ -249,8 +246,3 @@ def _at_low_ends(loop: ClosedLoop, free: Sequence[Free]) -> Any:
         return law_with_numbers(with_numbers(loop, free, [each.low for each in free]))
     except (SceneError, np.linalg.LinAlgError):
         return None
-
-
-def _bar(runs: int, progress: bool) -> Any:
-    form = "{desc} |{bar:30}| {n_fmt}/{total_fmt} points, {elapsed}"
-    return progress_bar(runs, "tuning", bar_format=form, wanted=progress)

@@ -1,0 +1,48 @@
+"""What a run may spend."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.files.units import in_si
+from toolbox.modelling.elements import Quantity, quantity
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a run may spend before it ends in a `BudgetError`, which holds the trajectory so far.
+
+    Raises SceneError, when a run is given it, for anything but positive numbers, whole ones for steps and events.
+
+    Attributes
+    ----------
+    steps
+        Number of steps that are tried, accepted or not.
+    events
+        Number of switches of elements. A run that has exactly so many finishes; one that has more ends where the next is due and holds those before.
+    seconds
+        Time in the event loop [s], looked at about ten times a second, and by predictive laws before each program that they solve (other laws in Python:
+        `toolbox.authoring.time_left`).
+    """
+
+    steps: int = 20_000_000
+    events: float = np.inf
+    seconds: Quantity = quantity(np.inf, "s", "time that a run may take")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "seconds", in_si(self.seconds, "s", "budget.seconds"))
+
+    def check(self) -> None:
+        """Raise SceneError unless steps and events are whole positive numbers, and seconds a positive one; events and seconds may be infinite."""
+        for name in ("steps", "events", "seconds"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)) or not value > 0:
+                raise SceneError(f"Argument `budget.{name}` must be a number > 0, but it is {value!r}.")
+            if (name == "steps" or value < np.inf) and name != "seconds" and value % 1 != 0:
+                raise SceneError(f"Argument `budget.{name}` must be a whole number > 0, but it is {value!r}.")
+
+
+UNHURRIED = Budget()

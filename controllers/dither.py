@@ -239,6 +239,8 @@ def dither_map(
 
     alone, _ = found(0.0, 1.0)
     if not alone > 0:
-        raise SceneError(f"The plant is calm without dither: `{signal}` does not swing.")
+        raise SceneError(
+            f"The plant is calm without dither: `{signal}` does not swing. Where it rests and could swing, begin in motion by `start={{...}}`."
+        )
     table = np.array([[found(depth, ratio) for ratio in ratios] for depth in depths])
     return DitherMap(natural, natural * np.asarray(ratios, float), np.asarray(depths, float), table[:, :, 0] / alone, table[:, :, 1])

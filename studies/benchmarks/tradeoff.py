@@ -189,7 +189,9 @@ def picture(trades: Sequence[WorkPrecision], path: Path) -> None:
             ax.get_legend().remove()
         axes[1].set_ylabel("")
         handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, columnspacing=1.2, handlelength=2.4)
+        figure.legend(
+            handles, labels, loc="outside lower center", ncols=-(-len(labels) // 2), frameon=False, columnspacing=1.2, handlelength=2.4
+        )
         figure.savefig(path, dpi=110)
         pyplot.close(figure)
 

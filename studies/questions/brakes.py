@@ -298,7 +298,7 @@ def picture(path: Path) -> None:
             panel.plot(times, 1e3 * at["pad.speed"], color="0.25", linewidth=0.6, label="pad")
             panel.plot(times, 120.0 * at["disc.speed"], color="black", linewidth=1.3, label="disc at the pads")
             panel.plot(times, np.maximum(720.0 - 360.0 * times, 0), color="0.5", linewidth=0.9, linestyle=":", label="plan")
-            panel.set(ylabel="[mm/s]", xlim=(0, 4.6), ylim=(-420, 760))
+            panel.set(ylabel="speed [mm/s]", xlim=(0, 4.6), ylim=(-420, 760))
             panel.set_title(f"{label}, actuator of {1e3 * lag:.0f} ms, 3 rad/s$^2$", loc="left", fontsize=9.0)
             if i == 0:
                 panel.legend(frameon=False, fontsize=8.0, loc="upper right", ncols=3)

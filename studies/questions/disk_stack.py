@@ -65,8 +65,10 @@ def draw_stack(run: Trajectory, stack: DiskStack) -> Any:
             for kind, style, face in (("stick", plot.LINES[0], None), ("slip", plot.LINES[1], "white")):
                 left.semilogy(starts, [1e3 * getattr(cycle, kind) for cycle in found], marker, markersize=2.6, color=style["color"],
                               markerfacecolor=face or style["color"], label=f"{kind}, interface {interface + 1}")  # fmt: skip
-        left.set(xlabel="start of the cycle [s]", ylabel="duration [ms]", xlim=(phases(run)["stick-slip"][0] - 0.02, None), ylim=(0.1, 500))
-        left.legend(frameon=False, loc="upper left", ncols=2, columnspacing=0.8, handletextpad=0.1)
+        left.set(xlabel="start of the cycle [s]", ylabel="duration [ms]", xlim=(phases(run)["stick-slip"][0] - 0.02, None), ylim=(0.1, 100))
+        left.legend(
+            frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, columnspacing=0.6, handletextpad=0.0, borderaxespad=0.2
+        )
         for panel, (name, (begin, end)) in zip(right, phases(run).items(), strict=True):
             frequency, density = spectrum(run, "stack.brake_torque", begin, end)
             shown = (frequency > 0) & (frequency < 760)
@@ -74,7 +76,7 @@ def draw_stack(run: Trajectory, stack: DiskStack) -> Any:
                 panel.axvline(omega / (2 * math.pi), color="0.75", linewidth=0.6, zorder=0)
             panel.semilogy(frequency[shown], density[shown], **{**plot.LINES[0], "linewidth": 0.9})
             panel.set(xlim=(0, 760))
-            panel.set_title(f"{name}, {begin:.2f} to {end:.2f} s", loc="right", fontsize=8.0, pad=2.0)
+            panel.set_title(f"{name}, {begin:.2f} to {end:.2f} s", loc="left", fontsize=8.0, pad=2.0)
             panel.tick_params(labelbottom=panel is right[-1])
         right[1].set_ylabel(r"brake torque [N m / $\sqrt{\mathrm{Hz}}$]")
         right[2].set_xlabel("frequency [Hz]; grey: axial modes")

@@ -249,7 +249,7 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
 
     marks = {
         "declared": {"marker": "o", "markerfacecolor": "white", "markeredgecolor": "black"}, "robust": {"marker": "o", "color": "black"},
-        "corners": {"marker": "s", "color": "tab:red"},
+        "corners": {"marker": "s", "color": plot.LINES[1]["color"]},
     }  # fmt: skip
     with pyplot.rc_context(plot.PAPER):
         figure, (left, right) = pyplot.subplots(
@@ -258,26 +258,20 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
         for k, each in enumerate(rows):
             speeds = {name: each.lowest[name][0] for name in marks if name in each.lowest}
             known = [value for value in speeds.values() if value == value]
-            none = len(known) < len(speeds)
-            left.plot([min(known, default=HIGHEST), HIGHEST + 0.6 if none else max(known)], [k, k], color="0.75", linewidth=1.0, zorder=1)
-            for name, value in speeds.items():
-                if value == value:
-                    left.plot(value, k, linestyle="", markersize=5.0, zorder=2, **marks[name])
-            if none:
-                left.text(
-                    HIGHEST + 0.7,
-                    k,
-                    "none: " + ", ".join(name for name, value in speeds.items() if value != value),
-                    va="center",
-                    fontsize=7.0,
-                )
+            left.plot([min(known, default=HIGHEST), max(known, default=HIGHEST)], [k, k], color="0.75", linewidth=1.0, zorder=1)
+            for place, (name, value) in enumerate(speeds.items()):
+                at = value if value == value else HIGHEST + 1.0 + 0.8 * place
+                left.plot(at, k, linestyle="", markersize=5.0, zorder=2, **marks[name])
+        left.axvspan(HIGHEST + 0.5, HIGHEST + 3.1, facecolor=plot.BAND, linewidth=0, zorder=0)
+        left.text(HIGHEST + 1.8, -1.3, f"none up to\n{HIGHEST * 30 / math.pi:.0f} rpm", ha="center", va="bottom", fontsize=8.0)
         for name, style in marks.items():
             left.plot([], [], linestyle="", markersize=5.0, label=name, **style)
-        left.set(xlim=(LOWEST, HIGHEST + 5.5), xlabel="lowest set-point of a direct takeover [rpm]")  # what drillers read
+        left.set(
+            xlim=(LOWEST, HIGHEST + 3.1), ylim=(len(rows) - 0.3, -1.0), xlabel="lowest set-point of a direct takeover [rpm]"
+        )  # what drillers read
         left.set_xticks([rpm * math.pi / 30 for rpm in range(20, 121, 20)], range(20, 121, 20))
         left.set_yticks(range(len(rows)), [each.label for each in rows])
-        left.invert_yaxis()
-        left.legend(loc="lower right", frameon=False, fontsize=8.0)
+        left.legend(loc="lower right", bbox_to_anchor=(0.83, 0.0), frameon=False, fontsize=8.0)
         for label, style in zip(shown, plot.LINES, strict=False):
             run = laws()[label].run(CORNERS[1], EXAMPLE, seed=101)
             at = laws()[label].takeover(EXAMPLE)

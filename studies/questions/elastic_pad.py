@@ -98,7 +98,8 @@ def draw(run: Trajectory, shown: float = 1.5e-3) -> Any:
         span = (0.0, 1e3 * shown, -0.5, CONTACTS - 0.5)
         face.imshow(modes, aspect="auto", cmap="gray", vmin=0, vmax=1, extent=span, interpolation="nearest", origin="lower")
         face.set(ylabel="contact", yticks=range(CONTACTS))
-        face.set_title("white: open, grey: slip, dark: stick", loc="left", fontsize=8.5)
+        tones = {0.7: "grey: slip", 1.0: "white: open", 0.1: "dark: stick"}
+        face.set_title(", ".join(word for tone, word in tones.items() if (modes == tone).any()), loc="left", fontsize=8.5)
         force.plot(1e3 * (times - times[0]), samples["pad.normal_force"], **plot.LINES[0])
         force.set(xlabel="time [ms]", ylabel="normal force [N]", ylim=(0, None))
     return figure

@@ -195,7 +195,7 @@ def draw_faces(run: ContactRun, times: tuple[float, ...] = (0.08, 0.16, 0.20, 0.
     import matplotlib.pyplot as plt
 
     with plt.rc_context(plot.PAPER | {"font.size": 8.0}):
-        figure, axes = plt.subplots(2, 4, figsize=(plot.WIDTH, 3.9), layout="constrained")
+        figure, axes = plt.subplots(2, 4, figsize=(plot.WIDTH, 3.1), layout="constrained")
         for ax, instant in zip(axes[0], times, strict=True):
             run.plot_map(instant, "mode", ax)
             ax.get_legend().remove()

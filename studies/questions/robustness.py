@@ -37,7 +37,7 @@ from controllers import LQG, PI, ActiveDamping, HInfinity, ImplicitSlidingMode, 
 from controllers.observers import Kalman
 from studies import gains
 from studies.protocol import DELAY, PLANT, SINGLES, trial
-from toolbox import Sampled, closed_loop, margins, units
+from toolbox import Sampled, closed_loop, margins, plot, units
 from toolbox.figures.style import name_axis
 from toolbox.files import tables
 from toolbox.modelling import Observed
@@ -152,28 +152,36 @@ def picture(path: Path, absorbing: tuple[float, float], points: int = 25) -> Non
 
     speeds = np.linspace(2.2, 9.0, points)
     fine = np.linspace(2.0, 9.0, 141)
-    figure, ax = pyplot.subplots(figsize=(8.0, 4.6), layout="constrained")
+    pyplot.rcParams.update(plot.PAPER)
+    figure, ax = pyplot.subplots(figsize=(plot.WIDTH, 4.4), layout="constrained")
     top = np.array([limit_at(speed) for speed in fine])
     both = np.array([limit_at(speed, ("top.speed", "bit.speed")) for speed in fine])
-    ax.fill_between(fine, top, 2.1, color="0.88", linewidth=0, label="no linear law on the top speed")
+    ax.fill_between(fine, top, 2.1, color=plot.BAND, linewidth=0, label="no linear law on the top speed")
     ax.plot(fine, top, color="black", lw=1.6)
     ax.plot(fine, both, color="black", lw=1.0, ls=(0, (5, 2)), label="limit with the bit speed measured")
-    tones = ("0.55", "tab:blue", "tab:green", "tab:orange", "tab:red", "tab:purple", "tab:brown", "tab:pink")
-    styles = ("-", "--", "-.", ":")
+    marks, ends = "osD^vPX*", {}  # a line is known by its mark and by its name at its end, not by its colour alone
     lifting = (gains.label_of(family) for family, each in gains.FAMILIES.items() if each.lifts)
     drawn = ("stiff PI", "soft torque", "LQG", "LQG, tuned", "impedance, tuned", *lifting)
     for k, label in enumerate(drawn):
         values = [found_at(label, speed, measured=False).disk_margin for speed in speeds]
-        ax.plot(speeds, values, color=tones[k], ls=styles[k % 4], lw=1.4, marker="o", ms=2.2, label=label)
+        look = plot.LINES[k % len(plot.LINES)]
+        ax.plot(
+            speeds, values, **look, marker=marks[k], ms=4.5, markevery=(k % 3, 3), mfc="white" if k >= len(plot.LINES) else look["color"]
+        )
+        ends[label] = (values[-1], look["color"], marks[k])
+    place = -1.0
+    for label, (value, colour, _) in sorted(ends.items(), key=lambda each: each[1][0]):
+        place = max(value, place + 0.07)
+        ax.annotate(label, (9.0, value), xytext=(9.12, place), va="center", color=colour, fontsize=8.0, annotation_clip=False)
     for value, text in zip(absorbing, ("absorber", "absorber\non the\ndrive"), strict=True):
         ax.axvline(value, color="0.3", lw=0.8, ls=":")
-        ax.text(value + 0.05, 1.3, text, fontsize=8, va="top")
+        ax.text(value + 0.05, 1.3, text, fontsize=8.0, va="top")
     ax.set(xlim=(2.0, 9.0), ylim=(0.0, 2.05), ylabel="disk margin [1]")
     with units("metric"):  # what drillers read: rpm
         name_axis(ax.xaxis, "set-point", "rad/s")
     ax.set_title("sampled every 10 ms, torque 30 ms late", fontsize=9, loc="left")
     ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(fontsize=7.5, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    ax.legend(loc="upper right", bbox_to_anchor=(1.0, 0.96), frameon=False)
     figure.savefig(path, dpi=150)
     pyplot.close(figure)
 

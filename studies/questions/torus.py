@@ -98,7 +98,8 @@ def draw(block: Branch, string: Branch) -> Any:
     """Multipliers along both branches, and what is struck once a period on both sides of the bifurcation."""
     import matplotlib.pyplot as plt
 
-    figure, panels = plt.subplots(1, 4, figsize=(12.4, 3.3), layout="constrained")
+    figure, grid = plt.subplots(2, 2, figsize=(plot.WIDTH, 6.4), layout="constrained")
+    panels = grid.ravel()
     angle = np.linspace(0.0, 2 * np.pi, 200)
     for panel, branch, title in ((panels[0], block, "Dithered block"), (panels[2], string, "Drill string")):
         panel.plot(np.cos(angle), np.sin(angle), color="0.6", linewidth=0.8)

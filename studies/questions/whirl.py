@@ -157,6 +157,8 @@ def orbit(run: Trajectory, ax: Any, begin: float, end: float) -> None:
 def draw(runs: dict[str, tuple[Trajectory, float]]) -> Any:
     """Speeds and radius of each run, and two seconds of its orbit from the given time on, one column each; returns a matplotlib figure."""
     import matplotlib.pyplot as plt
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
 
     end, collar = min(60.0, *(run.end for run, _ in runs.values())), WhirlingCollar()
     dashed = {"color": "0.3", "linewidth": 0.8, "linestyle": (0, (4, 2))}
@@ -184,8 +186,10 @@ def draw(runs: dict[str, tuple[Trajectory, float]]) -> Any:
             orbit(run, plane, first, first + 2.0)
             plane.set_title(f"orbit from {first:g} s to {first + 2:g} s", loc="left", fontsize=9.0)
         axes[1, 0].set_ylabel("radius of centre [mm]")
-        axes[0, 1].text(end, collar.contact_speed(WEIGHT, SLIDING) - 0.5, "whirl would reach the wall", ha="right", va="top", fontsize=7.5)
-        axes[0, -1].legend(frameon=False, ncols=2, loc="upper right", fontsize=7.5, borderaxespad=0.0)
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        handles += [Patch(facecolor=plot.BAND, edgecolor="0.6", linewidth=0.5), Patch(facecolor="0.75"), Line2D([], [], **dashed)]
+        labels += ["bit sticks", "time of the orbit below", "wall, and the speed at which whirl would reach it"]
+        figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False, fontsize=8.0)
     return figure
 
 

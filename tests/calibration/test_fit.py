@@ -14,7 +14,7 @@ from scipy.io import savemat
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Drop, Exponential, Hyperbolic, wells
 from studies.questions.synthetic import COLUMNS, FOLDER, NOISE, TRUTH, recording, true_rig, write
-from toolbox import Sampled, Scene, SceneError, closed_loop, compose, fit, simulate
+from toolbox import Sampled, Scene, SceneError, closed_loop, compose, fit, measure, simulate
 from toolbox.calibration import Recording
 from toolbox.commands.command_line import main
 
@@ -259,8 +259,13 @@ def test_a_figure_shows_traces_or_the_loop():
     top, bottom = loop.plot()[:, 0]
     assert top.get_ylabel() == "bit torque [kN m]" and bottom.get_xlabel() == "slip of bit [rad/s]"
     del signals["bit.torque"]
-    traces = fit(RIG, signals, "bit.friction.static", starts=1).plot()
+    found = fit(RIG, signals, "bit.friction.static", starts=1)
+    traces = found.plot()
     assert traces.shape == (2, 2) and traces[1, 0].get_xlabel() == "time [s]"
+    sticks = measure.stick_intervals(simulate(found.loop, signals["time"][-1]), "bit")
+    bands = [patch.get_extents().transformed(ax.transData.inverted()).intervalx for ax in traces[0] for patch in ax.patches]
+    assert len(bands) == 2 * len(sticks) > 0
+    assert bands[0] == pytest.approx(sticks[0], abs=0.05)
 
 
 # --------------------------------------------------------------------------------------------------------------------------------------- command
@@ -310,6 +315,7 @@ def test_the_figure_of_many_signals_has_room_for_all(tmp_path):
     run = simulate(compose(BlockOnBelt()), 8.0, output_times=np.linspace(0, 8, 100))
     axes = fit(compose(BlockOnBelt(mass=1.1)), run, "block.mass", {"block.mass": (0.8, 1.6)}, starts=1).plot()
     assert axes.shape == (2, 4) and {ax.get_ylabel().split(" [")[0] for ax in axes[1]} == {"residual"}
+    assert all(ax.xaxis.get_tick_params()["labelbottom"] for ax in axes[1, 2:])  # the lowest of both columns have numbers
     figure = axes[0, 0].figure
     figure.savefig(tmp_path / "fit.png")  # a layout without room would warn
     whole, drawn = figure.bbox, figure.get_tightbbox(figure.canvas.get_renderer()).transformed(figure.dpi_scale_trans)

@@ -102,7 +102,17 @@ def test_a_bound_counts_between_the_steps(checks, soft):
     assert f"{peak.maximum:.6g} N m at {peak.time_of_maximum:.4g} s" in text
     low = failure(checks.respects_limits, soft, {"top.speed": (1.0, 20.0)})
     assert "`top.speed` must be >= 1 rad/s" in low
+    assert "respects_limits.png" in low and "bounded.png" in text
     checks.respects_limits(soft, {"top.torque": peak.maximum + 1.0})
+
+
+def test_the_figure_of_a_limit_that_is_broken_shows_the_limit(checks, soft, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("matplotlib.pyplot.close", drawn.append)
+    failure(checks.respects_limits, soft, {"top.torque": (0.0, 30_000.0), "top.speed": (1.0, 20.0)})
+    ax = drawn[0].axes[0]
+    limits = [line.get_ydata()[0] for line in ax.get_lines() if line.get_linestyle() == ":"]
+    assert limits == [1.0, 20.0] and ax.get_ylim()[0] < 0.0 and ax.get_ylim()[1] > 20.0
 
 
 def test_what_never_settles_says_where_it_ends(checks, stiff):

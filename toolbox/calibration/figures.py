@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.calibration.panels import TIME, Panel
-from toolbox.figures.style import LINES, PAPER, WIDTH, in_words, name_axis
+from toolbox.figures.style import BAND, LINES, PAPER, WIDTH, in_words, name_axis
 
 COLUMNS = 2
 """Signals side by side."""
@@ -36,6 +36,8 @@ def fitted(panels: Sequence[Panel], asked: Mapping[str, str]) -> Any:
         axes = np.stack([grid[::2].ravel(), grid[1::2].ravel()])
         for ax in axes[:, count:].ravel():
             ax.set_axis_off()
+        for ax in grid[1::2].ravel()[max(0, count - columns) : count]:  # the lowest of its column that is drawn, not the empty one below
+            ax.tick_params(labelbottom=True)
         axes = axes[:, :count]
         for (top, bottom), panel in zip(axes.T, panels, strict=True):
             x, measured, model, released = panel.x, panel.measured, panel.model, panel.released
@@ -47,14 +49,21 @@ def fitted(panels: Sequence[Panel], asked: Mapping[str, str]) -> Any:
                 if released.any():
                     top.plot(x[released], measured[released], marker="^", linestyle="none", color=LINES[1]["color"], label="break-away")
             else:
+                for k, (begin, end) in enumerate(panel.sticks):
+                    for ax in (top, bottom):
+                        ax.axvspan(
+                            begin, end, facecolor=BAND, linewidth=0, zorder=0, label="the model sticks" if ax is top and k == 0 else None
+                        )
                 top.plot(x, measured, **dots, label="measured")
                 top.plot(x, model, label="model", **{**LINES[0], "linewidth": 1.1})
+                top.set_xlim(x[0], x[-1])
             bottom.set_xlabel(panel.over)
             bottom.plot(x, measured - model, **dots)
             bottom.axhline(0.0, color="0.2", linewidth=0.7)
             name_axis(top.yaxis, in_words(panel.name), panel.unit, asked)
             name_axis(bottom.yaxis, "residual", panel.unit, asked)
-        handles, labels = axes[0, 0].get_legend_handles_labels()
+        named = {label: handle for ax in axes[0] for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+        handles, labels = list(named.values()), list(named)
         figure.legend(handles, labels, frameon=False, markerscale=3.0, loc="outside lower center", ncols=len(labels))
         figure.align_ylabels(axes)
     return axes

@@ -139,7 +139,7 @@ class LeastSquares:
             self.names, self.units, values, np.sqrt(np.diag(covariance)), covariance, self.confidence, factor,
             tuple(left_of), condition,
             tuple(name for i, name in enumerate(self.names) if edge[i] or i in rest.why), *agreement, measured,
-            misfit.exact, misfit.panels(left), misfit,
+            misfit.exact, misfit.panels(left, values), misfit,
             {self.names[i]: words for i, words in rest.why.items()}, tuple(name for name, silent in zip(self.names, mute.tolist(), strict=True) if silent),
             ways @ sampling_error(misfit, values, jacobian, scales),
             strays={name: int((~kept).sum()) for name, kept in self.kept.items() if not kept.all()}, equal=equal,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from toolbox.arguments import BoolArray, FloatArray
 
@@ -26,6 +28,8 @@ class Panel:
         Where a contact breaks away, shape (k,); nowhere over time.
     resting
         (2, r): where, and what was measured, at rest.
+    sticks
+        Intervals of time in which the contact of the model sticks, shape (s, 2); none over slip.
     """
 
     name: str
@@ -36,3 +40,4 @@ class Panel:
     model: FloatArray
     released: BoolArray
     resting: FloatArray
+    sticks: FloatArray = field(default_factory=lambda: np.empty((0, 2)))

@@ -23,6 +23,7 @@ from toolbox.calibration.columnwise import Columnwise
 from toolbox.calibration.panels import TIME, Panel
 from toolbox.calibration.recording import Recording
 from toolbox.errors import GrazingError, SceneError, SimulationError, suggest
+from toolbox.measuring.measure import stick_intervals
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -132,12 +133,19 @@ class Simulated:
 
     how = "by simulation"
 
-    def panels(self, left: Mapping[str, np.ndarray]) -> tuple[Panel, ...]:
-        """What was measured beside the model; left: model less measured."""
-        nothing = np.empty((2, 0))
+    def panels(self, left: Mapping[str, np.ndarray], found: np.ndarray) -> tuple[Panel, ...]:
+        """What was measured beside the model; left: model less measured;  found: the free numbers."""
+        run, nothing = self.run(found), np.empty((2, 0))
+        contacts = [name for name in run.contacts if name in run.modes]
+
+        def sticks(name: str) -> np.ndarray:
+            """Of the contact of that part, or of the only one."""
+            own = [each for each in contacts if each == name.partition(".")[0]] or (contacts if len(contacts) == 1 else [])
+            return np.array([pair for each in own for pair in stick_intervals(run, each, run.begin)], float).reshape(-1, 2)
+
         values = ((name, self.plant.unit(name), self.measured[name], self.measured[name] + left[name]) for name in self.outputs)
         return tuple(
-            Panel(name, unit, TIME, self.time[name], measured, model, np.zeros(measured.size, bool), nothing)
+            Panel(name, unit, TIME, self.time[name], measured, model, np.zeros(measured.size, bool), nothing, sticks(name))
             for name, unit, measured, model in values
         )
 
@@ -255,7 +263,7 @@ class MeasuredLoop:
         """What was fitted, in words."""
         return f"law of `{self.plant.elements[self.place].name}` against the measured loop"
 
-    def panels(self, left: Mapping[str, np.ndarray]) -> tuple[Panel, ...]:
+    def panels(self, left: Mapping[str, np.ndarray], _: np.ndarray) -> tuple[Panel, ...]:
         """What was measured beside the law; left: law less measured."""
         name, element = self.output, self.plant.elements[self.place]
         measured = self.measured[name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 from dataclasses import dataclass
 
@@ -74,7 +75,8 @@ class Settled:
             return None
         with contextlib.suppress(SceneError, SimulationError):
             still = Request(loop, 0.0, accuracy=accuracy or loop.accuracy or 1e-6).checked()
-            branch = known or SmoothBranch[float](still, lambda _: (), lambda _: _steady(loop))
+            steady = functools.cache(lambda _: _steady(loop))  # asked for its swing and for its beginnings
+            branch = known or SmoothBranch[float](still, lambda _: (), steady)
             period = branch.swing(HERE)
             runs = JudgedRuns(
                 base=still, branch=branch, element=element, signal=signal, perturbation=math.nan, period=period, budget=LONGEST

@@ -100,6 +100,12 @@ class Checks:
     def bounded(self, run: Trajectory, signal: str, low: float = -math.inf, high: float = math.inf, after: float = 0.0) -> None:
         """A signal stays within [low, high] after `after` [s], between the steps, too."""
         __tracebackhide__ = True
+        self._within("bounded", run, signal, (low, high), after)
+
+    def _within(self, check: str, run: Trajectory, signal: str, ends: tuple[float, float], after: float) -> None:
+        """What `bounded` asks, under the name of the check that asks it; the figure shows the limits."""
+        __tracebackhide__ = True
+        low, high = ends
         found = measure.extent(run, signal, after)
         unit = run.unit(signal)
         for value, when, broken, word in (
@@ -108,9 +114,9 @@ class Checks:
         ):
             if broken:
                 self._fail(
-                    "bounded",
+                    check,
                     f"`{signal}` must be {word} {unit} after {after:g} s, but it is {value:.6g} {unit} at {when:.4g} s",
-                    lambda: run.plot(signal),
+                    lambda: _with_limits(run, signal, ends),
                 )
 
     def settles(self, run: Trajectory, signal: str, target: float, within: float, band: float = 0.02, after: float = 0.0) -> float:
@@ -135,7 +141,7 @@ class Checks:
             raise SceneError("Argument `limits` must hold at least one limit, but it is empty.")
         for signal, limit in limits.items():
             low, high = limit if isinstance(limit, tuple) else (-abs(limit), abs(limit))
-            self.bounded(run, signal, low, high, after)
+            self._within("respects_limits", run, signal, (low, high), after)
 
     def energy_balances(self, run: Trajectory, within: float = 1e-5) -> float:
         """Stored energy, losses and supplies agree within a part of what is turned over; returns the part that is missing."""
@@ -268,3 +274,16 @@ class Checks:
         except Exception as error:
             return f"(There is no figure: {error})"
         return f"Figure: {path}"
+
+
+def _with_limits(run: Trajectory, signal: str, ends: tuple[float, float]) -> Any:
+    """A picture of a signal with the limits that it has to keep, and the first axes with room for them."""
+    axes = np.ravel(run.plot(signal))
+    finite = [end for end in ends if math.isfinite(end)]
+    for k, end in enumerate(finite):
+        axes[0].axhline(end, color="black", linewidth=1.0, linestyle=":", label="limit" if k == 0 else None)
+    low, high = axes[0].get_ylim()
+    room = 0.05 * (max(high, *finite) - min(low, *finite))
+    axes[0].set_ylim(min([low, *(end - room for end in finite)]), max([high, *(end + room for end in finite)]))
+    axes[0].legend(frameon=False, loc="upper right")
+    return axes

@@ -43,7 +43,7 @@ def work_precision(trade: Any, ax: Any = None) -> Any:
         ax.set(xlabel="error of the states, in parts of their size", ylabel="time [ms]")
         low, high = ax.get_xlim()
         low = min(low, known / 3.0)
-        ax.axvspan(low, known, color=BAND, lw=0)
+        ax.axvspan(low, known, color=BAND, lw=0, label="below what is known")
         ax.set_xlim(high, low)  # better to the right
         ax.legend(frameon=False)
         ax.set_title(textwrap.fill(trade.title, 80), fontsize=9)

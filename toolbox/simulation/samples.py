@@ -166,8 +166,8 @@ class Samples(Generic[Read]):
         return values[:, 0] if values.shape[1] == 1 else values
 
 
-BLOCK = 64
-"""Times at which a function is evaluated in one call."""
+BLOCKS = (1024, 64, 8, 1)
+"""Times at which a function is evaluated in one call: as many as there are, then what is left of them."""
 
 
 class SignalFunction:
@@ -191,7 +191,7 @@ class SignalFunction:
         time, states, held, mode = (np.ascontiguousarray(array, float) for array in given)
         found = np.empty((time.size, self.function.numel_out(0)))
         first = 0
-        for size in (BLOCK, 1):
+        for size in BLOCKS:
             if time.size - first < size:
                 continue
             constants = np.tile(samples._constants, (size, 1))

@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import tracemalloc
 from pathlib import Path
 
@@ -239,6 +240,20 @@ def test_maps_come_coarse_first_and_end_when_the_page_asks_for_another(page):
     assert next(other)["points"] == 5
     page._questions["leave"]({"page": "b"})
     assert [*other] == []
+
+
+def test_a_map_waits_while_numbers_are_turned(page):
+    told = {"setting": {"label": "soft torque"}, "axes": ["top.reference", "bit.weight"], "page": "waits"}
+    found, came = page._questions["map"]({**told, "setting": {"label": "soft torque", "changes": {"top.reference": 11.0}}}), []
+    reader = threading.Thread(target=lambda: came.append(next(found)))
+    with page._first():
+        reader.start()
+        reader.join(0.5)
+        assert came == []
+        assert run(page, "soft torque", {"bit.weight": 71e3})["verdict"]  # nobody else waits
+    reader.join(60.0)
+    assert came[0]["points"] == 5
+    page._questions["leave"]({"page": "waits"})
 
 
 def test_lines_of_python_and_the_saved_run_are_the_same_run(page, tmp_path, monkeypatch, scene):

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 import os
 import tempfile
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from html import escape
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,9 @@ KEPT = 12
 SOON = 0.3
 """Seconds after which a run that is not finished is shown as far as it is."""
 
+QUIET = 0.3
+"""Seconds without a run after which maps are drawn on: while somebody turns a number, the processor is for the run that he waits for."""
+
 LEAVING = 5.0
 """Seconds that the end of a page waits for the run that is being made ready."""
 
@@ -68,6 +72,7 @@ class Page:
         self._maps: dict[str, object] = {}
         self._drawn: OrderedDict[str, dict[str, Any]] = OrderedDict()
         self._closed = False
+        self._turned, self._running = -math.inf, 0
         self._questions = {
             "scene": self._scene,
             "run": self._run,
@@ -157,7 +162,7 @@ class Page:
             moving = {name: None for name, value in loop.values.items() if not isinstance(value, float)}
             laws[label] = {
                 "controls": [control.told() for control in look["controls"].values()], "axes": look["axes"], "able": able,
-                "values": {name: each.number.value for name, each in look["controls"].items() if isfinite(each.number.value)}, "moving": [*moving],
+                "values": {name: each.number.value for name, each in look["controls"].items() if math.isfinite(each.number.value)}, "moving": [*moving],
                 "without": {name: answers.taken(loop, taking) for name, taking in loop.overridden.items()}, "disturbances": disturbances,
             }  # fmt: skip
         title = self.scene.title if self.scene is not None else next(iter(self.loops.values())).title
@@ -187,6 +192,22 @@ class Page:
     def _run(self, told: dict[str, Any]) -> dict[str, Any]:
         """Traces and verdict of a setting; of one that is asked for soon and has nothing to show yet, that it takes a while."""
         soon = bool(told.get("soon"))
+        with self._first():
+            return self._shown(told, soon)
+
+    @contextlib.contextmanager
+    def _first(self) -> Iterator[None]:
+        """Maps wait meanwhile, and for a moment afterwards."""
+        with self._lock:
+            self._running += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._running -= 1
+                self._turned = time.monotonic()
+
+    def _shown(self, told: dict[str, Any], soon: bool) -> dict[str, Any]:
         try:
             run, loop, without, whole = self._simulated(told, soon)
         except BudgetError as failure:
@@ -231,6 +252,8 @@ class Page:
         loop = loop.but(inputs={name: answers.at_last(value) for name, value in loop.values.items()})
 
         def step() -> None:
+            while not self._closed and self._maps.get(page) is mine and (self._running or time.monotonic() < self._turned + QUIET):
+                time.sleep(0.02)
             if self._closed or self._maps.get(page) is not mine:
                 raise _Cancelled
 

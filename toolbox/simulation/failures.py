@@ -18,7 +18,7 @@ from toolbox.simulation.run import Run
 from toolbox.simulation.samples import output_function
 from toolbox.simulation.stiffness import progress
 from toolbox.simulation.trajectory import Records, Smoothed, Stepped, Trajectory
-from toolbox.simulation.work_arrays import state_of
+from toolbox.simulation.work_arrays import first_rows, state_of
 
 
 def trajectory_so_far(run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
@@ -26,10 +26,10 @@ def trajectory_so_far(run: Run, program: Program, work: Any, began: float, answe
     r, e = int(work.ints[work_layout.RECORDS]), int(work.ints[work_layout.EVENTS])
     kind = Smoothed if run.method.smooths else Trajectory if run.method.locates else Stepped
     records = Records(
-        time=work.rec_t[:r].copy(),
-        states=work.rec_x[:r].copy(),
-        mode=work.rec_m[:r].copy(),
-        held=work.rec_p[:r].copy(),
+        time=first_rows(work.rec_t, r),
+        states=first_rows(work.rec_x, r),
+        mode=first_rows(work.rec_m, r),
+        held=first_rows(work.rec_p, r),
         parameters=work.p,
         event_arrays=(work.ev_t[:e].copy(), work.ev_i[:e].copy(), work.ev_m[:e].copy()),
         last_mode=work.m,

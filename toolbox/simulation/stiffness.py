@@ -44,6 +44,9 @@ STABLE = 5.0
 TRIAL = 100
 """Steps of the trial."""
 
+FEW = 8
+"""Rows of records without which the loop asks for more."""
+
 
 def spectral_radius(program: Program, t: float, x: np.ndarray, p: np.ndarray, m: np.ndarray, iterations: int = 40) -> float:
     """Largest modulus of the eigenvalues of df/dx [1/s], by power iteration on differences of the compiled field; right to a few percent."""
@@ -91,7 +94,8 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
     if rest < size and not (coupled and left * _rate_of_sliding(program, work) / STABLE * program.kernel.cost >= size):
         return False
     other = program_of(run.system, run.kinds, RODAS5P)
-    trial = type(work)(*(np.array(array) for array in work))
+    records = ("rec_t", "rec_x", "rec_m", "rec_p")  # of which the trial makes none
+    trial = type(work)(*(array[:FEW].copy() if name in records else array.copy() for name, array in zip(work._fields, work, strict=True)))
     trial.ints[list(work_layout.FORMULAS)] = other.ints[list(work_layout.FORMULAS)]
     trial.reals[work_layout.POWER] = other.formulas.power
     trial.ints[[work_layout.RECORDS, work_layout.EVENTS, work_layout.NODES]] = 0

@@ -167,17 +167,33 @@ def limited(work: Any, program: Program, budget: Budget, spent: int) -> Any:
     return work._replace(ev_t=work.ev_t[:room], ev_i=work.ev_i[:room], ev_m=work.ev_m[:room])
 
 
+GENEROUS = 2**24
+"""Size of an array of records [bytes] up to which it doubles when it is full; a longer one grows by a quarter."""
+
+
 def grown(work: Any, program: Program, records: bool, budget: Budget) -> Any:
-    """The work arrays with twice the room for records, or for events."""
-    names = ("rec_t", "rec_x", "rec_m", "rec_p") if records else ("ev_t", "ev_i", "ev_m")
+    """The work arrays with more room for records, or with twice the room for events.
+
+    Records of a long chain fill most of the memory: their arrays are made longer where they lie, which copies nothing of what is large.
+    """
+    if records:
+        room = work.rec_t.size
+        room += room if work.rec_x.nbytes <= GENEROUS else room // 4
+        for array in (work.rec_t, work.rec_x, work.rec_m, work.rec_p):
+            array.resize((room, *array.shape[1:]), refcheck=False)  # nothing but these work arrays reads them while a run is under way
+        return work
     bigger = {}
-    for name in names:
+    for name in ("ev_t", "ev_i", "ev_m"):
         old = getattr(work, name)
-        room = 2 * old.shape[0] if records else _event_room(2 * old.shape[0], program, budget.events)
-        new = np.zeros((room, *old.shape[1:]), old.dtype)
+        new = np.zeros((_event_room(2 * old.shape[0], program, budget.events), *old.shape[1:]), old.dtype)
         new[: old.shape[0]] = old
         bigger[name] = new
     return work._replace(**bigger)
+
+
+def first_rows(array: np.ndarray, rows: int) -> np.ndarray:
+    """The first rows of an array that a run has filled: the array itself where they are most of it, else a copy, which lets go of the rest."""
+    return array[:rows] if 2 * rows > array.shape[0] else array[:rows].copy()
 
 
 def state_of(run: Run, program: Program, work: Any) -> RunState:

@@ -28,14 +28,19 @@ def operations(function: ca.Function) -> int:
     return function.n_instructions() + sum(2 * size_solved(called.name())[0] ** 2 for called in calls(function).values())
 
 
+def is_long(function: ca.Function) -> bool:
+    """Whether a function is written as loops over equal rows."""
+    return function.n_instructions() > ROLLED
+
+
 def body_of(name: str, function: ca.Function, offset: int = 0) -> Body:
     """The function of `plain_body`, as loops where it is long."""
-    return plain_body(function, offset) if function.n_instructions() <= ROLLED else rolled_body(name, function, offset)
+    return rolled_body(name, function, offset) if is_long(function) else plain_body(function, offset)
 
 
 def slope_bodies(body: Body, rhs: ca.Function) -> tuple[dict[str, Body], str]:
     """The functions that give the slopes of a stage, called with a pointer as k: what is the same in all stages is computed once, by `body`."""
-    if rhs.n_instructions() <= ROLLED:
+    if not is_long(rhs):
         return {"slope": plain_body(rhs, 0)}, "%k"
     once, each, size = rolled_slope(rhs)
     kept = body.value(f"alloca [{size} x double], align 64")
@@ -45,7 +50,7 @@ def slope_bodies(body: Body, rhs: ca.Function) -> tuple[dict[str, Body], str]:
 
 def end_bodies(field: ca.Function, n: int) -> tuple[dict[str, Body], str]:
     """The function that a step calls at its end, and its name: that of the kernel itself where it is in loops."""
-    return ({"ends": plain_body(field, n)}, "ends") if field.n_instructions() <= ROLLED else ({}, "field")
+    return ({"ends": plain_body(field, n)}, "ends") if not is_long(field) else ({}, "field")
 
 
 def plain_body(function: ca.Function, offset: int) -> Body:

@@ -6,7 +6,7 @@ Each kind stands in a file of its own: `explicit_step`, `implicit_step`, `moreau
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar, NamedTuple
 
@@ -27,6 +27,7 @@ class ClosedEquations:
     elements: Sequence[Element]
     form: Switching
     flow: ca.SX | None = None  # dx/dt with the multipliers as symbols, which steps with implicit forces need
+    written: dict[str, Body] = field(default_factory=dict)  # long functions that are written already, for the code of another step
 
     @cached_property
     def m(self) -> ca.SX:

@@ -21,10 +21,21 @@ from typing import Any
 
 import casadi as ca
 
-from toolbox.compilation.bodies import body_of, plain_body
+from toolbox.compilation.bodies import body_of, is_long, plain_body
 from toolbox.compilation.emitter import Body, compiled_for, function_text
 from toolbox.compilation.formulas import ClosedEquations, Formulas, StepCode
 from toolbox.compilation.notices import announced_code
+
+
+def _written(equations: ClosedEquations, function: ca.Function, offset: int) -> Body:
+    """A function of a kernel; a long one is written once for the kernels of all steps."""
+    name = function.name()
+    if name in equations.written:
+        return equations.written[name]
+    body = body_of(name, function, offset)
+    if is_long(function):
+        equations.written[name] = body
+    return body
 
 
 @dataclass(frozen=True)
@@ -58,9 +69,9 @@ def kernel_of(
     """
     form, n = equations.form, equations.x.numel()
     padded = ca.vertcat(ca.densify(form.burden), ca.SX.zeros(n - form.burden.numel()))
-    bodies: dict[str, Body] = {**step.bodies, "field": body_of("field", equations.field, n)}
+    bodies: dict[str, Body] = {**step.bodies, "field": _written(equations, equations.field, n)}
     for name, result in (("project", ca.densify(form.projected)), ("probe", form.probed), ("burden", padded)):
-        bodies[name] = body_of(name, equations.function(name, result), 0)
+        bodies[name] = _written(equations, equations.function(name, result), 0)
     symbols = [equations.t, equations.x, equations.p, equations.m]
     if form.impulse is not None:
         sticking, elastic, results = form.impulse

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -98,10 +98,47 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], formula
     Where the formulas have no step for the system, it is that of those that they name `instead`.
     """
     key = ("program", kinds, formulas.name)
+    if key not in system.cache:
+        _programmed(system, kinds, formulas, _closed(system, kinds, formulas.locates))
+        if _holds_expression(key):
+            for old in [other for other in list(system.cache) if _holds_expression(other)][:-EXPRESSIONS]:
+                system.cache.pop(old, None)
+    return system.cache[key]
+
+
+def _programmed(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], formulas: Formulas, closed: Mapping[str, Any]) -> Program:
+    """The program of equations that are `closed`, or that of the formulas `instead`, put into the cache."""
+    from toolbox.compilation.kernel import kernel_of
+
+    key = ("program", kinds, formulas.name)
     if key in system.cache:
         return system.cache[key]
+    step = formulas.step(closed["equations"])
+    if isinstance(step, str):
+        system.cache["lacking", key] = step
+        return system.cache.setdefault(key, _programmed(system, kinds, formulas.instead, closed))
+    kernel = kernel_of(closed["equations"], formulas, step, closed["updates"], _holds_expression(key))
+    forced = formulas.may_miss_peaks(closed["equations"]) and _forced(system.t, closed["form"], closed["equations"].elements)
+    program = Program(system=system, formulas=formulas, kernel=kernel, forced=forced, outputs={}, signals={}, **closed)
+    return system.cache.setdefault(key, program)
+
+
+SHARED = (
+    "equations", "form", "updates", "expressions", "excited", "kind", "initial", "attached", "loader",
+    "varying", "bounded", "p_size", "coefficient_slot", "held_slot", "table_slot", "first_held", "groups", "group_count",
+)  # fmt: skip
+"""Attributes that programs of one system and one kind of inputs have in common."""
+
+
+def _closed(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], locates: bool) -> Mapping[str, Any]:
+    """What programs of one system and one kind of inputs share: their closed equations, and the places of numbers in them.
+
+    Those of a program that is there are taken, because of a long chain they take as long as the code of a step.
+    """
+    for key, known in list(system.cache.items()):
+        if key[:2] == ("program", kinds) and known.formulas.locates == locates:
+            return {name: getattr(known, name) for name in SHARED}
     from toolbox.compilation import work_layout
-    from toolbox.compilation.kernel import kernel_of
 
     u, coefficients, tables, coefficient_slot, table_slot = _placed_inputs(system, dict(kinds))
     if any(element.second for element in system.elements):
@@ -116,53 +153,38 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], formula
     elements, flow = [element.mapped(closed) for element in system.elements], closed(system.flow)
     varying = _varying(elements, ca.vertcat(system.t, system.x, system.held, *tables))
     own = ca.vertcat(system.m, *[e.multiplier for e in elements])
-    bounded = [i for i in varying if formulas.locates and not ca.depends_on(elements[i].static, own)]  # else what presses sees to it
+    bounded = [i for i in varying if locates and not ca.depends_on(elements[i].static, own)]  # else what presses sees to it
     form = switching(system.t, system.x, flow, elements, bounded, resolution)
     x, excited = system.x, list[int]()
-    if formulas.locates:
+    if locates:
         x, excited, form = _with_hidden_forces(system, elements, form)
     equations = ClosedEquations(system.t, x, p, elements, form, flow)
-    step = formulas.step(equations)
-    if isinstance(step, str):
-        system.cache["lacking", key] = step
-        return system.cache.setdefault(key, program_of(system, kinds, formulas.instead))
 
     def of_states(expression: ca.SX) -> ca.SX:
         return ca.substitute(closed(expression), system.F, form.force) if system.elements else closed(expression)
 
     updates = [(ca.vertcat(u.memory, u.noise), of_states(u.following), of_states(u.outputs)) for u in system.updates]
     groups, group_count = _by_unit(system, len(excited))
-    program = Program(
-        system=system,
-        formulas=formulas,
-        kernel=kernel_of(equations, formulas, step, updates, _holds_expression(key)),
-        excited=np.array(excited, np.int64),
-        kind=np.array([element.kind for element in elements], np.int64),
-        initial=np.array([e.initial for e in elements], float),
-        attached=np.array(form.attached, np.int64),
-        loader=np.array([work_layout.SECOND if e.second else j for e, j in zip(elements, form.loader, strict=True)], np.int64),
-        varying=varying,
-        bounded=bounded,
-        forced=formulas.may_miss_peaks(equations) and _forced(system.t, form, elements),
-        p_size=p.numel(),
-        coefficient_slot=coefficient_slot,
-        held_slot=first_held,
-        table_slot={name: first_held + held_size + offset for name, offset in table_slot.items()},
-        first_held=first_held,
-        groups=groups,
-        group_count=group_count,
-        outputs={},
-        signals={},
-        updates=updates,
-        expressions=(p, u, form.force),
-        form=form,
-        equations=equations,
-    )
-    system.cache[key] = program
-    if _holds_expression(key):
-        for old in [other for other in list(system.cache) if _holds_expression(other)][:-EXPRESSIONS]:
-            system.cache.pop(old, None)
-    return program
+    return {
+        "equations": equations,
+        "form": form,
+        "updates": updates,
+        "excited": np.array(excited, np.int64),
+        "kind": np.array([element.kind for element in elements], np.int64),
+        "initial": np.array([e.initial for e in elements], float),
+        "attached": np.array(form.attached, np.int64),
+        "loader": np.array([work_layout.SECOND if e.second else j for e, j in zip(elements, form.loader, strict=True)], np.int64),
+        "varying": varying,
+        "bounded": bounded,
+        "p_size": p.numel(),
+        "coefficient_slot": coefficient_slot,
+        "held_slot": first_held,
+        "table_slot": {name: first_held + held_size + offset for name, offset in table_slot.items()},
+        "first_held": first_held,
+        "groups": groups,
+        "group_count": group_count,
+        "expressions": (p, u, form.force),
+    }
 
 
 def _by_unit(system: HybridSystem, hidden: int) -> tuple[np.ndarray, int]:
@@ -219,7 +241,7 @@ def _holds_expression(key: Any) -> bool:
     return isinstance(key, tuple) and key[0] == "program" and any(isinstance(kind, ExpressionKey) for _, kind in key[1])
 
 
-def _forced(t: ca.SX, form: Switching, elements: list[Element]) -> bool:
+def _forced(t: ca.SX, form: Switching, elements: Sequence[Element]) -> bool:
     """Whether time enters nonlinearly."""
     if solved_in_calls(form):
         force = ca.vertcat(*[element.multiplier for element in elements])

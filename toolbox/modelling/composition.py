@@ -201,12 +201,14 @@ class _Composer:
     def _add_elements(self, component: Component, originals: list[Element], own: str, renamed: Callable[[str], str]) -> list[Element]:
         """Copies of the elements of a component, under their names in the plant."""
         elements = [copy.copy(element) for element in originals]
+        taken = {element.name for element in self.elements}
         for element in elements:
             element.name = renamed(element.name)
             if component.name and element.name.partition(".")[0] != own:
                 element.name = f"{own}.{element.name}"
-            if element.name in self.modeless or any(element.name == other.name for other in self.elements):
+            if element.name in self.modeless or element.name in taken:
                 raise SceneError(f"Two elements are called `{element.name}`: give one of the parts a `name=`.")
+            taken.add(element.name)
             self.modeless |= {element.name: type(element.law).__name__} if element.flow else {}
             self.elements += [] if element.flow else [element]
         return elements
@@ -260,14 +262,11 @@ class _Composer:
         expressions += [*equations.losses.values(), *equations.supplies.values(), 0 if equations.stored is None else equations.stored]
         if equations.update is not None:
             expressions += [*equations.update.memory.values(), *(e for e, _ in equations.update.outputs.values())]
-        for expression in expressions:
-            expression = ca.SX(expression)
-            function = ca.Function("scan", ca.symvar(expression), [expression], {"max_io": 10**9})
-            for k in range(function.n_instructions()):
-                if function.instruction_id(k) == ca.OP_CONST and math.isnan(function.instruction_constant(k)):
-                    raise SceneError(
-                        f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`."
-                    )
+        together = ca.vertcat(*[ca.vec(ca.SX(expression)) for expression in expressions])
+        function = ca.Function("scan", ca.symvar(together), [together], {"max_io": 10**9})
+        for k in range(function.n_instructions()):
+            if function.instruction_id(k) == ca.OP_CONST and math.isnan(function.instruction_constant(k)):
+                raise SceneError(f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`.")
 
     def _add_parameter(self, own: str, slot: Slot, users: Sequence[Element]) -> None:
         """A number of a part, or of a friction law that these elements use."""

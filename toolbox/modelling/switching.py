@@ -199,11 +199,11 @@ def _sizes(matrix: ca.SX, right: ca.SX, solved: ca.SX) -> ca.SX:
 
 def _guards(elements: Sequence[Element], cones: Cones, stuck: ca.SX, limit: ca.SX) -> ca.SX:
     """The guards of all elements, of which those of a cone share theirs."""
-    found = ca.SX(0, 1)
+    found: list[ca.SX] = []
     for i, element in enumerate(elements):
         of_cone = cones.guards(i, stuck, limit)
-        found = ca.vertcat(found, *(element.guards(stuck[i], limit[i]) if of_cone is None else of_cone))
-    return found
+        found += element.guards(stuck[i], limit[i]) if of_cone is None else of_cone
+    return ca.vertcat(ca.SX(0, 1), *found)
 
 
 def _check_forces(elements: Sequence[Element], force: ca.SX, static: ca.SX, gain_of_force: ca.SX, coupling: ca.SX, gain: ca.SX) -> None:
@@ -353,10 +353,8 @@ def kink_arguments(expression: ca.SX) -> list[ca.SX]:
              ca.OP_NE: "!=", ca.OP_IF_ELSE_ZERO: "if_else", ca.OP_FMOD: "fmod", ca.OP_COPYSIGN: "copysign", ca.OP_REMAINDER: "remainder"}  # fmt: skip
     expression = ca.densify(expression)
     function = ca.Function("scan", ca.symvar(expression), [expression], {"max_io": 10**9}) if not expression.is_constant() else None
-    if function is None or not any(
-        function.instruction_id(k) in jumps or function.instruction_id(k) in (ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX)
-        for k in range(function.n_instructions())
-    ):
+    sought = {*jumps, ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX}
+    if function is None or sought.isdisjoint(map(function.instruction_id, range(function.n_instructions()))):
         return []
     found: dict[int, ca.SX] = {}
     seen: set[int] = set()

@@ -15,7 +15,7 @@ from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Drop, Exponential, Hyperbolic, wells
 from studies.questions.synthetic import COLUMNS, FOLDER, NOISE, TRUTH, recording, true_rig, write
 from toolbox import Sampled, Scene, SceneError, closed_loop, compose, fit, measure, simulate
-from toolbox.calibration import Recording
+from toolbox.calibration import MeasuredContact, Recording
 from toolbox.commands.command_line import main
 
 FREE = list(TRUTH)
@@ -88,7 +88,9 @@ def test_the_force_at_break_away_is_the_static_bound_of_a_law_that_jumps():
     random = np.random.default_rng(1)
     data = {name: run[name] + 0.01 * random.standard_normal(time.size) for name in ("block.speed", "belt.force")}
     guess = belt.with_parameters({"belt.friction.static": 1.5, "belt.friction.kinetic": 0.4})
-    found = fit(guess, {"time": time, **data}, ["belt.friction.static", "belt.friction.kinetic"], contact="belt", still=0.05)
+    found = fit(
+        guess, {"time": time, **data}, ["belt.friction.static", "belt.friction.kinetic"], contact=MeasuredContact("belt", still=0.05)
+    )
     assert all(inside(found, {"belt.friction.static": 1.0, "belt.friction.kinetic": 0.6}))
     assert found.misfit.released.sum() == sum(event.before == "stick" for event in run.events)
 

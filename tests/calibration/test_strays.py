@@ -6,7 +6,7 @@ import pytest
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, wells
 from studies.questions.synthetic import COLUMNS, FOLDER, TRUTH
 from toolbox import SceneError, compose, fit
-from toolbox.calibration import Recording
+from toolbox.calibration import Recording, Search
 from toolbox.commands.command_line import main
 
 RIG = compose(wells.JANSEN_2, BitRock())
@@ -31,10 +31,10 @@ def test_half_a_per_cent_of_samples_with_reversed_speed_moves_no_number_out_of_i
     moved = np.abs(found.values - clean.values) / (clean.factor * clean.errors)
     assert (moved < 0.5).all() and found.strays == {"bit.torque": 5}
     assert "5 sample(s) of bit.torque break the law and were left out" in str(found)
-    kept = fit(RIG, reversed_speed(), FREE, contact="bit", starts=1, robust=None)  # and without it they do
+    kept = fit(RIG, reversed_speed(), FREE, contact="bit", starts=Search(1, robust=None))  # and without it they do
     assert (np.abs(kept.values - clean.values) / (clean.factor * clean.errors)).max() > 3.0
     with pytest.raises(SceneError, match="`robust` must be > 1"):
-        fit(RIG, reversed_speed(), FREE, contact="bit", robust=0.5)
+        fit(RIG, reversed_speed(), FREE, contact="bit", starts=Search(robust=0.5))
 
 
 def test_nothing_is_left_out_where_the_law_itself_is_wrong():

@@ -23,7 +23,7 @@ COMPILED_LOOPS = {
     "event_stepper.advance", "time_stepper._advance", "lanes/loop.run", "rollout_loop.advance", "rollout_loop._switched", "rollout_loop._first_crossing",
 }  # fmt: skip
 """Event loops in machine code, as file.name: a call of them, and every argument of it, is paid for at each step."""
-MORE_ARGUMENTS = {"fit.fit": 14, "tabulated_string.from_tables": 16}
+MORE_ARGUMENTS = {"tabulated_string.from_tables": 16}
 """Functions, as file.name, that take what their users need to say, and how many arguments at most."""
 
 

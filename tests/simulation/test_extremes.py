@@ -31,6 +31,7 @@ from toolbox import (
     quantity,
     state,
 )
+from toolbox.calibration import Search
 from toolbox.errors import AccuracyError, BudgetError
 from toolbox.modelling import Hysteresis, Observed, Relay, Takeover
 from toolbox.modelling.components import fields_of
@@ -379,7 +380,7 @@ VERBS = {
     "fit bounds": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", bad), "bounds", (5, "strong", [1.0, 2.0])),
     "fit noise": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", noise=bad), "noise", (5, "strong", {"block.speed": math.nan})),
     "fit columns": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", columns=bad), "columns", (5, "strong", {"block.speed": math.nan})),
-    "fit seed": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", seed=bad), "seed", (math.nan, "strong", -1)),
+    "fit seed": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", starts=Search(seed=bad)), "seed", (math.nan, "strong", -1)),
     "fit confidence": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", confidence=bad), "confidence", (*NO_NUMBERS, 0.0, 1.0)),
     "export_c period": (
         lambda bad: toolbox.export_c(closed_loop(RIG, StiffPI(), sample_time=bad), "nowhere"), "sample_time|must be sampled",

@@ -13,17 +13,23 @@ one point of a line of equally good ones. The singular values of J show that, an
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import mapping, number, whole
+from toolbox.arguments import mapping, number
 from toolbox.calibration.least_squares import LeastSquares
+from toolbox.calibration.locating import located
+from toolbox.calibration.measured_loop import MeasuredLoop
+from toolbox.calibration.memory_loop import MemoryLoop
 from toolbox.calibration.recording import Recording
-from toolbox.calibration.residuals import MeasuredLoop, Simulated
+from toolbox.calibration.residuals import Simulated
 from toolbox.calibration.results import Fit
+from toolbox.calibration.shifts import shift_number, shifts_of
+from toolbox.calibration.windows import MeasuredContact, Search, Together, Window, shared, windows_of
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText, in_si
@@ -42,15 +48,11 @@ def fit(
     bounds: Mapping[str, tuple[NumberOrText, NumberOrText]] | None = None,
     *,
     columns: Mapping[str, str] | None = None,
-    contact: str | None = None,
-    still: float | None = None,
+    contact: str | MeasuredContact | None = None,
+    window: tuple[NumberOrText, NumberOrText] | Window | Sequence[Window | tuple[NumberOrText, NumberOrText]] | None = None,
     noise: Mapping[str, float] | None = None,
-    window: tuple[NumberOrText, NumberOrText] | None = None,
-    robust: float | None = 5.0,
-    starts: int = 4,
-    seed: int = 0,
+    starts: int | Search = 4,
     confidence: float = 0.95,
-    accuracy: float = 1e-8,
 ) -> Fit:
     """Estimate parameters of a machine, with confidence intervals, from measured signals.
 
@@ -66,28 +68,24 @@ def fit(
         What was measured, and which of its columns are which signals; see `Recording.of`.
     free
         Names of what is estimated, any numbers of the loop: parameters (`bit.friction.static`), constant inputs (`top.torque`), start values (`bit.speed`,
-        `chain.twist.0`) and the others. Each search begins at their values in the loop.
+        `chain.twist.0`) and the others; and shifts in time, how much later than it was a channel was written: `bit.speed.shift` of that signal, `bit.shift`
+        of all measured ones of `bit` that are no inputs. Each search begins at their values in the loop, and at no shift.
     bounds
-        Bounds {name: (low, high)}; by default those that the part declares.
+        Bounds {name: (low, high)}; by default those that the part declares, and for a shift 5 s or a tenth of the data. Where there is a shift, samples that
+        near to the ends of the data are not compared.
     contact
-        Fit the friction law of this contact directly to measured force at measured slip, without simulation. The slip must be measured well: its own noise is
-        not modelled.
-    still
-        Slip speeds up to this count as stick (with `contact`); by default a hundredth of the largest.
+        Fit the friction law of this contact directly to measured force at measured slip, without simulation; a `MeasuredContact` says from which speed on it
+        slips. The slip must be measured well: its own noise is not modelled. A law with memory is integrated along the slip, whose speed or way is measured;
+        its start, such as `belt.deflection`, may be free.
+    window
+        Times (begin, end) [s] of the data that are used, or several windows that are fitted together, each a `Window` where it has numbers of its own; all by
+        default.
     noise
         Standard deviations {signal: value}; estimated if not given.
-    window
-        Times (begin, end) [s] of the data that are used; all by default.
-    robust
-        Samples that are farther from the fitted model than so many deviations (by the median, which they do not move) are left out and told, as long as
-        they are at most a twentieth of a signal: a few with the wrong sign would move an estimate by many of its intervals. None keeps all.
-    starts, seed
-        Number of searches, and seed of their starts: the first begins at the declared values, the others between the bounds, or between half and twice the
-        value.
+    starts
+        Number of searches, or a `Search` that says more: seed, samples that are left out, accuracy of the runs.
     confidence
         Confidence level of the intervals.
-    accuracy
-        Accuracy of the runs, as in `simulate`.
 
     Returns
     -------
@@ -103,45 +101,93 @@ def fit(
     """
     bounds = mapping("bounds", bounds)
     noise = None if noise is None else mapping("noise", noise)
-    whole("seed", seed, 0)
     names = names_of(free)
     if not names or len(set(names)) < len(names):
         raise SceneError(f"Argument `free` must name at least one number, and each once, but it is {names!r}.")
-    confidence, starts = number("confidence", confidence, above=0, below=1), whole("starts", starts, 1)
-    still = None if still is None else number("still", still, above=0)
-    robust = None if robust is None else number("robust", robust, above=1)
-    misfit: Any
-    if contact is not None:
-        alone = loop.bare
-        plant = alone.closed.plant
-        numbers = [_parameter(alone, name) for name in names]
-        misfit = MeasuredLoop(alone, _read(data, plant, columns, window), numbers, contact, still)
-    else:
-        bare = dataclasses.replace(loop, inputs={})  # what drives an input of the plant in closed loop is an output of the loop
-        recording = _read(data, bare.system, columns, window)
-        driving = _driving(recording, bare.system)
-        driven = closed_loop(loop, inputs=driving)
-        Request(driven, float(recording.time[-1]), accuracy=accuracy).checked()
-        misfit = Simulated(driven, recording, [_free(driven, recording, name) for name in names], accuracy)
-        if not misfit.outputs:
-            raise SceneError(
-                "The data must hold an output to be compared with, but all their signals are inputs: " + ", ".join(recording.signals) + "."
-            )
-    first, units = np.array([number.value for number in misfit.numbers]), tuple(number.unit for number in misfit.numbers)
-    lowest, highest = _bounds(misfit.numbers, bounds)
-    found = LeastSquares(misfit, names, units, first, lowest, highest, noise, robust, starts, seed, confidence).fit()
+    confidence = number("confidence", confidence, above=0, below=1)
+    search = starts if isinstance(starts, Search) else Search(starts)
+    on = MeasuredContact(contact) if isinstance(contact, str) else contact
+    windows = windows_of(window)
+    called = shared(names, windows) or [names]
+    make: Any = _Simulating(loop, names, search.accuracy) if on is None else _AlongLoop(loop.bare, names, on)
+    recording = Recording.of(data, make.plant, columns)
+    parts = [recording.between(each.begin, each.end) for each in windows] or [recording]
+    known = [make.numbers(part) for part in parts]
+    words = sorted({*names, *itertools.chain(*called)})
+    for name in bounds:
+        if name not in words:
+            raise SceneError(f"Argument `bounds` has `{name}`, which is not free: {suggest(name, words)}")
+    limits = [_bounds(numbers, own, bounds) for numbers, own in zip(known, called, strict=True)]
+    each = [make.misfit(part, numbers, *ends) for part, numbers, ends in zip(parts, known, limits, strict=True)]
+    begins = [float(recording.time[recording.time >= each.begin][0]) for each in windows]
+    misfit = each[0] if called == [names] else Together(each, called, begins)
+    numbers = misfit.numbers
+    names, units = tuple(number.name for number in numbers), tuple(number.unit for number in numbers)
+    ends = {name: pair for own, limit in zip(called, limits, strict=True) for name, *pair in zip(own, *limit, strict=True)}
+    lowest, highest = np.array([ends[name] for name in names]).T
+    first = np.array([number.value for number in numbers])
+    found = LeastSquares(misfit, names, units, first, lowest, highest, noise, search.robust, search.starts, search.seed, confidence).fit()
     typed = [in_si(bounds[name], unit, name) for name, unit in zip(names, units, strict=True) if name in bounds]
     return dataclasses.replace(found, asked={**loop.asked, **asked_units(typed)})
 
 
-def _read(data: Any, plant: HybridSystem, columns: Mapping[str, str] | None, window: tuple[NumberOrText, NumberOrText] | None) -> Recording:
-    """The recording, or its window."""
-    recording = Recording.of(data, plant, columns)
-    if window is None:
-        return recording
-    if not isinstance(window, (tuple, list)) or len(window) != 2:
-        raise SceneError(f"Argument `window` must be two times (begin, end), but it is {window!r}.")
-    return recording.between(*window)
+class _Simulating:
+    """Makes the misfits of windows by simulation."""
+
+    def __init__(self, loop: ClosedLoop, names: Sequence[str], accuracy: float):
+        self.loop, self.names, self.accuracy = loop, names, accuracy
+        self.plant = dataclasses.replace(
+            loop, inputs={}
+        ).system  # what drives an input of the plant in closed loop is an output of the loop
+
+    def _driven(self, recording: Recording) -> ClosedLoop:
+        driven = closed_loop(self.loop, inputs=_driving(recording, self.plant))
+        Request(driven, float(recording.time[-1]), accuracy=self.accuracy).checked()
+        return driven
+
+    def numbers(self, recording: Recording) -> list[Number]:
+        """The free numbers as they are in a window."""
+        driven = self._driven(recording)
+        for name in self.names:  # tables of what was measured have very many numbers, which are no answer to a wrong name
+            if shift_number(driven, recording, name) is None:
+                self.loop.number(name)
+        return [shift_number(driven, recording, name) or _free(driven, recording, name) for name in self.names]
+
+    def misfit(self, recording: Recording, numbers: list[Number], low: np.ndarray, high: np.ndarray) -> Simulated:
+        """The misfit of a window. Raises SceneError where nothing is left to be compared."""
+        found = Simulated(self._driven(recording), recording, numbers, self.accuracy, shifts_of(self.loop, numbers, recording, low, high))
+        if not found.outputs:
+            raise SceneError(
+                "The data must hold an output to be compared with, but all their signals are inputs: " + ", ".join(recording.signals) + "."
+            )
+        if short := next((name for name in found.outputs if found.time[name].size < 3), None):
+            raise SceneError(f"The data must hold more of `{short}` than shifts reach from both ends: give closer bounds of the shift.")
+        return found
+
+
+class _AlongLoop:
+    """Makes the misfits of windows from the measured loop of a contact."""
+
+    def __init__(self, loop: ClosedLoop, names: Sequence[str], on: MeasuredContact):
+        self.loop, self.names, self.on = loop, names, on
+        self.plant = loop.closed.plant
+        self.remembers = on.name in self.plant.modeless
+
+    def numbers(self, recording: Recording) -> list[Number]:
+        """The free numbers."""
+        return [shift_number(self.loop, recording, name) or self._number(name) for name in self.names]
+
+    def _number(self, name: str) -> Number:
+        return self.loop.number(name) if self.remembers and self.plant.rows(name) is not None else _parameter(self.loop, name)
+
+    def misfit(self, recording: Recording, numbers: list[Number], low: np.ndarray, high: np.ndarray) -> Any:
+        """The misfit of a window."""
+        shifts = shifts_of(self.loop, numbers, recording, low, high)
+        if self.remembers:
+            first = np.clip([number.value for number in numbers], low, high)
+            return MemoryLoop(self.loop, recording, numbers, self.on.name, shifts).resolved(first)
+        made = MeasuredLoop(self.loop, recording, numbers, self.on.name, self.on.still, shifts)
+        return located(made, low, high) if shifts else made
 
 
 def _driving(recording: Recording, plant: HybridSystem) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -179,16 +225,13 @@ def _free(loop: ClosedLoop, recording: Recording, name: str) -> Number:
     return number
 
 
-def _bounds(numbers: Sequence[Number], bounds: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """(low, high) of every free number: as given, or as its part declares."""
-    names = [number.name for number in numbers]
-    for name in bounds:
-        if name not in names:
-            raise SceneError(f"Argument `bounds` has `{name}`, which is not free: {suggest(name, names)}")
-    low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
-    for i, each in enumerate(numbers):
-        if each.name in bounds:
-            low[i], high[i] = each.between(bounds[each.name], f"bounds.{each.name}")
+def _bounds(numbers: Sequence[Number], called: Sequence[str], bounds: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """(low, high) of every free number: as given under the name that it has in the fit, or that it has in the loop, or as its part declares."""
+    low, high = np.full(len(numbers), -np.inf), np.full(len(numbers), np.inf)
+    for i, (each, name) in enumerate(zip(numbers, called, strict=True)):
+        given = name if name in bounds else each.name
+        if given in bounds:
+            low[i], high[i] = each.between(bounds[given], f"bounds.{given}")
         elif each.bounds:
             lowest = [value for value in (each.bounds["at_least"], each.bounds["above"]) if value is not None]
             low[i] = max(lowest, default=-np.inf)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import number
-from toolbox.calibration.residuals import MeasuredLoop, residuals
+from toolbox.calibration.residuals import residuals
 from toolbox.calibration.resting import Resting, resting
 from toolbox.calibration.results import Fit
 from toolbox.calibration.trust import correlated, residual_of, sampling_error
@@ -133,8 +133,8 @@ class LeastSquares:
         factor = float(student.ppf(0.5 + self.confidence / 2, n - k))
         span = np.where(np.isfinite(self.high - self.low), self.high - self.low, self._size(values))
         edge = np.minimum(values - self.low, self.high - values) < 1e-6 * span
-        recording, count = misfit.recording, sum(values.size for values in misfit.measured.values())
-        measured = f"{count} measured values over {recording.time[-1]:g} s ({recording.source}), {misfit.how}"
+        count = sum(each.size for each in misfit.measured.values())
+        measured = f"{count} measured values over {misfit.span:g} s ({misfit.source}), {misfit.how}"
         return Fit(
             self.names, self.units, values, np.sqrt(np.diag(covariance)), covariance, self.confidence, factor,
             tuple(left_of), condition,
@@ -324,7 +324,7 @@ class LeastSquares:
                 "gtol": 1e-12,
                 "max_nfev": 100 if whole else 30,
             }
-            found: Any = self._unbounded(given, size) if isinstance(misfit, MeasuredLoop) else None
+            found: Any = self._unbounded(given, size) if misfit.by_samples else None
             found = found or least_squares(**given, bounds=(self.low / size, self.high / size))
             values = found.x * size
         found.x = values

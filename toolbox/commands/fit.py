@@ -39,19 +39,32 @@ def add(commands: Any) -> None:
         "data", type=Path, metavar="DATA", help="measured signals: CSV as it comes, TOML, MAT; with the extra data also xlsx, parquet, LAS"
     )
     calibration.add_argument(
-        "--free", required=True, metavar="NAME[=LOW:HIGH]", action="append", help="what to fit, with bounds; may be repeated"
+        "--free",
+        required=True,
+        metavar="NAME[=LOW:HIGH]",
+        action="append",
+        help="what to fit, with bounds; SIGNAL.shift is how much later a signal was written than it was; may be repeated",
     )
     calibration.add_argument(
         "--column", metavar="SIGNAL=HEADING", action="append", default=[], help="what a signal, or time, is called in the data"
     )
     calibration.add_argument("--contact", metavar="NAME", help="fit the law of this contact to the measured loop, without simulation")
-    calibration.add_argument("--window", metavar="BEGIN:END", help="times [s] of the data that are used")
+    calibration.add_argument(
+        "--window", metavar="BEGIN:END", action="append", default=[], help="times [s] of the data that are used; may be repeated"
+    )
+    calibration.add_argument(
+        "--own",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="a free number that has a value of its own in every window; may be repeated",
+    )
     calibration.add_argument(
         "--shift",
         metavar="SIGNAL=TIME",
         action="append",
         default=[],
-        help="how much later a signal was written than it was; may be repeated",
+        help="how much later a signal was written than it was, where it is known; may be repeated",
     )
     calibration.add_argument(
         "--robust",
@@ -67,6 +80,8 @@ def run(given: argparse.Namespace) -> int:
     """Fit parameters to measured signals. Returns the exit code."""
     from toolbox.calibration.fit import fit
     from toolbox.calibration.recording import Recording
+    from toolbox.calibration.shifts import is_shift
+    from toolbox.calibration.windows import Search, Window
     from toolbox.errors import SimulationError
     from toolbox.scenes.scene import Scene
 
@@ -75,11 +90,14 @@ def run(given: argparse.Namespace) -> int:
     if given.controller is None:  # the plant alone, driven by what was measured
         loop = dataclasses.replace(loop, laws=(), inputs={name: v for name, v in loop.inputs.items() if name in scene.inputs})
     free = ranges("--free", given.free, bare=True)
-    spans = {name: numbers(f"--free {name}", ends, loop.number(name).unit) for name, ends in free.items() if ends}
+    units = {name: "s" if is_shift(loop, name) else loop.number(name).unit for name in free}
+    spans = {name: numbers(f"--free {name}", ends, units[name]) for name, ends in free.items() if ends}
     bounds = {name: (low, high) for name, (low, high) in spans.items()}
     columns = dict(pairs("--column", "SIGNAL=HEADING", given.column))
     shifts = dict(pairs("--shift", "SIGNAL=TIME", given.shift))
-    window = None if given.window is None else _window(given.window)
+    windows = [Window(*_window(text), own=given.own) for text in given.window]
+    if given.own and not windows:
+        raise SceneError("Argument `--own` must come with windows, by `--window`, but there is none.")
     robust = None if given.robust == "off" else number("--robust", given.robust, "1", above=1)
     starts = whole("--starts", given.starts, 1)
     recording = Recording.of(
@@ -93,10 +111,9 @@ def run(given: argparse.Namespace) -> int:
                 recording,
                 list(free),
                 bounds,
-                window=window,
-                robust=robust,
+                window=windows or None,
                 contact=given.contact,
-                starts=starts,
+                starts=Search(starts, robust=robust),
             )
         except SimulationError as error:
             return complaint(str(error), 1)

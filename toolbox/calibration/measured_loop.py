@@ -1,0 +1,327 @@
+"""The law of one contact against measured force at measured slip, sample by sample: in stick friction is whatever the machine asks for and says nothing,
+except at its end, where the force at break-away is the static bound."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.calibration.columnwise import Columnwise
+from toolbox.calibration.panels import Panel
+from toolbox.calibration.recording import Recording
+from toolbox.calibration.shifts import Shift, moved
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.elements import check_one_direction
+from toolbox.modelling.numbers import Number
+from toolbox.modelling.start import place_start
+
+TRIAL = 500
+"""Samples of a loop, about, with which the searches from different starts are done."""
+
+
+BREAKAWAY_SAMPLES = 10
+"""Last samples of a stick phase through which a line is laid, whose end is the force at break-away; a shorter phase tells nothing."""
+
+
+class MeasuredLoop:
+    """The friction law of one contact against measured force at measured slip.
+
+    output: the measured signal that holds the force;  slip: at every sample;  still: slip speed up to which the contact counts as at rest;  rows: indices of
+    the samples that count;  released: True for those of them at break-away.
+    """
+
+    exact, by_samples = True, True
+
+    def __init__(
+        self,
+        loop: ClosedLoop,
+        recording: Recording,
+        numbers: Sequence[Number],
+        contact: str,
+        still: float | None,
+        shifts: Sequence[Shift] = (),
+        begin: np.ndarray | None = None,
+    ):
+        plant, inputs, names = loop.closed.plant, loop.values, [number.name for number in numbers]
+        elements = [element.name for element in plant.elements]
+        if contact not in elements or plant.elements[elements.index(contact)].law is None:
+            raise SceneError(f"There is no contact with dry friction `{contact}`: {suggest(contact, elements)}")
+        check_one_direction(plant.elements, "Measured friction", "fit the motion instead")
+        self.plant, self.recording, self.names, self.place = plant, recording, names, elements.index(contact)
+        self.loop, self.numbers, self.contact, self.shifts = loop, numbers, contact, tuple(shifts)
+        self.given_still = still
+        element: Any = plant.elements[self.place]
+        force = plant.F[self.place]
+        self.output = self._holder(contact, force)
+        self._measured = recording
+        if begin is not None:  # the samples that count are those that slip on the clock of the force
+            self.recording = recording = dataclasses.replace(recording, signals=moved(recording, shifts, begin, self.output))
+        switches = [elements.index(twin.name) for twin in element.breaks]
+        inside = self._inputs(inputs)
+        gain, rest = ca.jacobian(plant.expression(self.output), force), ca.substitute(plant.expression(self.output), force, 0)
+        side = ca.SX.sym("side")
+        law: list[Any] = [element.slip, rest - gain * element.mode * element.kinetic, rest - gain * side * element.static]
+        law += [-gain * side, ca.vertcat(*[twin.high for twin in element.breaks])]
+        law = [ca.substitute(each, plant.u, inside) for each in law]
+        self._complain_about_missing(contact, ca.vertcat(*law))
+        self._parameters = [number.name for number in numbers if number.kind == "parameter"]
+        free = ca.vertcat(*[plant.p[plant._parameter(name).offset] for name in self._parameters])
+        symbols = [plant.x, self._u_symbol, plant.p, plant.m, side]
+        self._law = Columnwise(ca.Function("law", symbols, law))
+        self._law_slopes = Columnwise(ca.Function("law_slopes", symbols, [ca.densify(ca.jacobian(each, free)) for each in law[1:3]]))
+        self._switches = switches
+
+        self._last: tuple[bytes, np.ndarray] = (b"", plant.values)
+        self._late = np.full(len(shifts), np.nan)
+        self._chosen: Any = slice(None)
+        self._side = np.zeros(recording.time.size)
+        known = np.all([np.isfinite(values) for values in recording.signals.values()], axis=0)
+        self.slip = np.broadcast_to(self._of(self._law, plant.values)[0][0], recording.time.size)
+        self.still = 0.01 * float(np.abs(self.slip[known]).max(initial=0.0)) if still is None else still
+        moving = known & (np.abs(self.slip) > self.still)
+        if begin is not None:
+            moving &= self._slips_around(begin)
+        if not moving.any():
+            raise SceneError(
+                f"The data must hold samples in which `{contact}` slips faster than {self.still:g} {element.slip_unit}, but there are none."
+            )
+        self._side = np.sign(np.where(moving, self.slip, np.append(self.slip[1:], 0.0)))
+        values, release = recording.signals[self.output].copy(), []
+        cut = ~known | np.insert(np.diff(recording.time) > recording.gap, 0, False)  # no stick phase reaches over it
+        toward = np.broadcast_to(np.sign(self._of(self._law, plant.values)[3][0]), values.size)
+        for k in np.flatnonzero(moving[1:] & ~moving[:-1] & ~cut[1:]) if self._jumps(element) else []:
+            first = 1 + int(np.max(np.flatnonzero((moving | ~known)[: k + 1]), initial=-1))
+            first = max(first, int(np.max(np.flatnonzero(cut[: k + 1] & known[: k + 1]), initial=0)))
+            if k + 1 - first >= BREAKAWAY_SAMPLES:  # a shorter one is noise where slip begins or ends
+                top, value = _peak(recording.time[first : k + 1], values[first : k + 1], toward[k])
+                values[first + top] = value
+                self._side[first + top] = self._side[k]
+                release.append(first + top)
+        away = np.zeros(values.size, bool)
+        away[release] = True
+        rows = np.flatnonzero(moving | away)
+        self.rows, self.released = rows, away[rows]
+        self.outputs = [self.output]
+        self.time, self.measured = {self.output: recording.time[rows]}, {self.output: values[rows]}
+
+    def _slips_around(self, values: np.ndarray) -> np.ndarray:
+        """Where the contact slips at both samples around the time of a force: between one at rest and one that slips the line would be taken for slip."""
+        slip = np.broadcast_to(self._of(self._law, self.plant.values, self._laid(self._measured.signals))[0][0], self._side.size)
+        slips = (np.abs(slip) > self.still) * 1.0
+        time, around = self.recording.time, np.ones(slip.size, bool)
+        late = {name: float(values[shift.place]) for shift in self.shifts for name in shift.channels}
+        for ahead in {late.get(name, 0.0) - late.get(self.output, 0.0) for name, rows in self._states.items() if rows.size}:
+            for edge in (-0.5, 0.0, 0.5):  # and where a fit may move it
+                around &= np.interp(time + ahead + edge * self.recording.interval, time, slips) == 1.0
+        return around
+
+    @property
+    def span(self) -> float:
+        """Time that was measured [s]."""
+        return float(self.recording.time[-1])
+
+    @property
+    def source(self) -> str:
+        """Where the data come from."""
+        return self.recording.source
+
+    @property
+    def how(self) -> str:
+        """What was fitted, in words."""
+        return f"law of `{self.plant.elements[self.place].name}` against the measured loop"
+
+    def panels(self, left: Mapping[str, np.ndarray], _: np.ndarray) -> tuple[Panel, ...]:
+        """What was measured beside the law; left: law less measured."""
+        name, element = self.output, self.plant.elements[self.place]
+        measured = self.measured[name]
+        rests = np.isfinite(self.slip + self.recording.signals[name])
+        rests[self.rows] = False
+        still = np.flatnonzero(rests)
+        resting = np.stack([self.slip[still], self.recording.signals[name][still]])
+        over = f"slip of {element.name} [{element.slip_unit}]"
+        return (Panel(name, self.plant.unit(name), over, self.slip[self.rows], measured, measured + left[name], self.released, resting),)
+
+    def at(self, values: np.ndarray) -> ClosedLoop:
+        """The loop with the free numbers at given values."""
+        return self.loop.but(parameters={**self.loop.parameters, **self._of_plant(values)})
+
+    def begun(self, values: np.ndarray) -> MeasuredLoop:
+        """The misfit with the samples that slip at these numbers, where its search begins."""
+        numbers = [dataclasses.replace(number, value=float(value)) for number, value in zip(self.numbers, values, strict=True)]
+        return MeasuredLoop(self.loop, self._measured, numbers, self.contact, self.given_still, self.shifts, values)
+
+    def horizons(self) -> list[MeasuredLoop]:
+        """The misfit itself: samples of a loop do not know of each other."""
+        return [self]
+
+    def thinned(self) -> None:
+        """None: a loop asks for its inputs at the samples only."""
+        return
+
+    def trial(self) -> MeasuredLoop:
+        """The misfit of at most about `TRIAL` samples, all break-aways among them: enough to find what is then fitted to all."""
+        if self.rows.size <= 2 * TRIAL:
+            return self
+        chosen = self.released.copy()
+        chosen[:: self.rows.size // TRIAL] = True
+        few, kept = copy.copy(self), self.rows[chosen]
+        few._x, few._u, few._side, few._chosen = self._x[:, kept], self._u[:, kept], self._side[kept], kept
+        few.rows, few.released = np.arange(kept.size), self.released[chosen]
+        few.time, few.measured = ({name: values[chosen] for name, values in each.items()} for each in (self.time, self.measured))
+        return few
+
+    def _jumps(self, element: Any) -> bool:
+        """Whether the force drops at release: then release is sharp, and the force before it is the static bound; else slip itself tells the bound."""
+        away = self.plant.p * 0 + self.plant.values * (1 + 0.1 * np.cos(np.arange(self.plant.values.size)))
+        law = ca.vertcat(element.load * element.law.sliding(ca.SX(0), *[0] * len(element.breaks)), element.static)
+        law = ca.substitute(ca.substitute(law, self.plant.u, ca.SX.ones(self.plant.u.numel())), self.plant.p, away)
+        kinetic, static = np.array(ca.evalf(ca.substitute(law, ca.vertcat(*ca.symvar(law)), 1.0))).ravel()
+        return bool(abs(static - kinetic) > 1e-12 * abs(static))
+
+    def _holder(self, contact: str, force: ca.SX) -> str:
+        """The measured signal that the force of the contact enters."""
+        scalars = {name: expression for name, (expression, _) in self.plant.signals.items() if expression.numel() == 1}
+        able = [name for name, expression in scalars.items() if ca.depends_on(expression, force)]
+        there = [name for name in self.recording.signals if name in able]
+        if len(there) != 1:
+            raise SceneError(
+                f"The data must hold exactly one signal with the force of `{contact}`, such as {' or '.join(f'`{name}`' for name in able)}, but "
+                f"they hold {' and '.join(f'`{name}`' for name in there) or 'none'}."
+            )
+        expression = scalars[there[0]]
+        others = [each.name for i, each in enumerate(self.plant.elements) if i != self.place and ca.depends_on(expression, self.plant.F[i])]
+        if others or ca.depends_on(ca.jacobian(expression, force), force):
+            raise SceneError(
+                f"The signal `{there[0]}` must hold the force of `{contact}` alone, but that of `{others[0]}` enters it as well."
+            )
+        return there[0]
+
+    def _inputs(self, given: Mapping[str, Any]) -> ca.SX:
+        """The inputs of the plant: measured ones as symbols, others as given, or their defaults."""
+        measured = [name for name in self.plant.inputs if name in self.recording.signals]
+        self._u_symbol = ca.SX.sym("measured", len(measured))
+        self._driven = measured
+        out = []
+        for name, entry in self.plant.inputs.items():
+            if name in given and not isinstance(given[name], (int, float)) and name not in measured:
+                raise SceneError(f"Argument `{name}` must be a number or be measured for a loop to be fitted, but it varies in time.")
+            out.append(self._u_symbol[measured.index(name)] if name in measured else given.get(name, entry.default))
+        return ca.vertcat(*out) if out else ca.SX(0, 1)
+
+    def _complain_about_missing(self, contact: str, law: ca.SX) -> None:
+        """Find the place of every measured state; raises SceneError where the law needs another."""
+        self._states: dict[str, np.ndarray] = {}
+        for name in self.recording.signals:
+            mark = np.zeros(self.plant.x.numel())
+            with contextlib.suppress(SceneError):  # a signal that is computed from states
+                place_start(self.plant, mark, name, 1.0)
+            self._states[name] = np.flatnonzero(mark == 1.0)
+        there = {int(row) for rows in self._states.values() for row in rows}
+        self._x, self._u = self._laid(self.recording.signals)
+        for name, (first, size, _) in self.plant.states.items():
+            for i in range(size or 1):
+                if first + i not in there and ca.depends_on(law, self.plant.x[first + i]):
+                    alias = [
+                        word for word, (e, _) in self.plant.signals.items() if e.numel() == 1 and ca.is_equal(e, self.plant.x[first + i])
+                    ]
+                    label = (alias or [name if size is None else f"{name}.{i}"])[0]
+                    held = ", ".join(f"`{each}`" for each in self.recording.signals)
+                    raise SceneError(
+                        f"The data must hold `{label}`, which the friction of `{contact}` depends on, but they hold only {held}."
+                    )
+
+    def _laid(self, signals: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """The states and the measured inputs at all samples."""
+        size = self.recording.time.size
+        x = np.zeros((self.plant.x.numel(), size))
+        for name, rows in self._states.items():
+            x[rows] = signals[name]
+        return x, np.array([signals[name] for name in self._driven]).reshape(len(self._driven), size)
+
+    def _of(self, function: Columnwise, p: np.ndarray, laid: tuple[np.ndarray, np.ndarray] | None = None) -> list[list[Any]]:
+        """Entries of the results of a function of the law, each a number or an array of all samples; a law with breaks is beyond those that slip exceeds."""
+        count = self._side.size
+        m: list[Any] = [0.0] * self.plant.m.numel()
+        m[self.place] = self._side
+        x, u = laid or (self._x, self._u)
+        given = (list(x), list(u), p.tolist(), m, [self._side])
+        if self._switches:
+            (slip,), *_, places = self._law(*given, count=count)
+            for at, place in zip(self._switches, places, strict=True):
+                m[at] = 1.0 * (self._side * slip >= place)
+        return function(*given, count=count)
+
+    def _counted(self, sliding: Any, release: Any) -> np.ndarray:
+        """A quantity at the samples that count: at break-away that of release."""
+        found = np.broadcast_to(sliding, self._side.size)[self.rows]
+        if self.released.any():
+            found[self.released] = np.broadcast_to(release, self._side.size)[self.rows[self.released]]
+        return found
+
+    def allowed(self, values: np.ndarray) -> None:
+        """Raise SceneError where the numbers contradict each other."""
+        self._numbers(values)
+
+    def _of_plant(self, values: np.ndarray) -> dict[str, float]:
+        """{parameter: value} of those that are free."""
+        free = zip(self.numbers, values.tolist(), strict=True)
+        return {number.name: value for number, value in free if number.kind == "parameter"}
+
+    def _numbers(self, values: np.ndarray) -> np.ndarray:
+        """All numbers of the plant; raises SceneError where they contradict each other. Kept for the slopes at the same place."""
+        key = values.tobytes()
+        if self._last[0] != key:
+            self._last = (key, self.plant.with_parameters(self._of_plant(values)).values)
+        return self._last[1]
+
+    def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """The force of the law at the measured slip, and with the static bound at break-away."""
+        self._place(values)
+        _, (sliding,), (release,), *_ = self._of(self._law, self._numbers(values))
+        return {self.output: self._counted(sliding, release)}
+
+    def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of `model` with respect to the free numbers, shape (nt, k): exact, those of a shift by central differences."""
+        self._place(values)
+        both = self._of(self._law_slopes, self._numbers(values))
+        found = np.empty((self.rows.size, values.size))
+        places = [i for i, number in enumerate(self.numbers) if number.kind == "parameter"]
+        for i, each in zip(places, zip(*both, strict=True), strict=True):
+            found[:, i] = self._counted(*each)
+        for shift in self.shifts:
+            step = np.zeros(values.size)
+            step[shift.place] = 0.1 * self.recording.interval
+            ahead, back = (self.model(values + sign * step)[self.output] for sign in (1.0, -1.0))
+            found[:, shift.place] = (ahead - back) / (2.0 * step[shift.place])
+        return {self.output: found}
+
+    def _place(self, values: np.ndarray) -> None:
+        """Take slip and inputs on the clock of the force."""
+        late = values[[shift.place for shift in self.shifts]]
+        if not self.shifts or np.array_equal(late, self._late):
+            return
+        signals = moved(self._measured, self.shifts, values, self.output)
+        x, u = self._laid(signals)
+        self._x, self._u, self._late = x[:, self._chosen], u[:, self._chosen], late
+
+
+def _peak(time: np.ndarray, values: np.ndarray, toward: float) -> tuple[int, float]:
+    """(sample, force) at break-away in a stick phase: where the force is largest in one direction, by the line through the samples up to it.
+
+    Slip is slow at first, so that a force that drops may end the samples at rest: the peak is where they rise no more. Release comes, on average, half a
+    sample after the last one before it.
+    """
+    smooth = np.convolve(np.pad(values, 1, mode="edge"), np.ones(3) / 3, mode="valid")
+    top = int(np.argmax(toward * smooth[:-1]))
+    before = slice(max(0, top + 1 - BREAKAWAY_SAMPLES), top + 1)
+    if before.stop - before.start < 3:
+        return top, float(values[top])
+    line = np.polynomial.polynomial.polyfit(time[before] - time[top], values[before], 1)
+    return top, float(line[0] + line[1] * (time[top + 1] - time[top]) / 2)

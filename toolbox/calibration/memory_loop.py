@@ -1,0 +1,352 @@
+"""A law of friction with memory against measured force over measured slip: its memory is integrated along the slip that was measured, without the machine.
+
+Between samples the slip is linear in time where its speed was measured; where only its way was, the speed is that of the line between two samples. Steps are
+those of a linearly implicit method of second order, ROS2 (J. G. Verwer and others, SIAM J. Sci. Comput. 20 (1999) 1456-1480), because a
+bristle yields within a small part of the time between samples. Slopes are those of these very steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.calibration.columnwise import Columnwise
+from toolbox.calibration.panels import Panel
+from toolbox.calibration.recording import Recording
+from toolbox.calibration.shifts import Shift, moved
+from toolbox.errors import SceneError
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.numbers import Number
+
+FINE = 1e-4
+"""Change of the force, in parts of its deviation, by twice as many steps between samples, below which there are enough."""
+
+MOST_STEPS = 64
+"""Steps between two samples, at most."""
+
+TRIAL_MEMORY = 4000
+"""Samples, from the first on, with which the searches from different starts are done."""
+
+
+class MemoryLoop:
+    """The law of a contact without modes against measured force over measured slip.
+
+    output: the measured signal that holds the force;  memory: rows of the states that the law remembers by.
+    """
+
+    exact, by_samples = True, True
+
+    def __init__(self, loop: ClosedLoop, recording: Recording, numbers: Sequence[Number], contact: str, shifts: Sequence[Shift] = ()):
+        plant = loop.closed.plant
+        self.loop, self.plant, self.numbers, self.contact = loop, plant, list(numbers), contact
+        self.names = [number.name for number in numbers]
+        rows = [(first, size or 1) for name, (first, size, _) in plant.states.items() if name.startswith(f"{contact}.")]
+        self.memory = [row for first, size in rows for row in range(first, first + size)]
+        memory = plant.x[self.memory]
+        self.output = self._holder(recording, memory)
+        given = loop.values
+        self.recording, self.shifts = _continuous(recording, [name for name in recording.signals if name != self.output]), tuple(shifts)
+        law = ca.vertcat(plant.flow[self.memory], plant.expression(self.output))
+        if plant.F.numel() and ca.depends_on(law, plant.F):
+            raise SceneError(f"The signal `{self.output}` must hold the force of `{contact}` alone, but that of another contact enters it.")
+        measured = [name for name in plant.inputs if name in self.recording.signals]
+        law = self._driven(law, given, measured)
+        self._sources = self._driving(law, measured)
+        self._begin = {
+            row: (number.name, i) for i, number in enumerate(numbers) if number.kind == "start" for row in self._row(number.name)
+        }
+        self._first = np.array([self._declared(row) for row in self.memory])
+        self._last: tuple[bytes, np.ndarray] = (b"", plant.values)
+        free = ca.vertcat(*[plant.p[plant._parameter(name).offset] for name in self._parameters]) if self._parameters else ca.SX(0, 1)
+        self._law = law, free
+        driving = ca.vertcat(*[symbol for symbol, *_ in self._sources])
+        symbols = [memory, driving, plant.p]
+        force = law[len(self.memory)]
+        slopes = [ca.densify(ca.jacobian(force, each)) for each in (memory, free)]
+        self._force = Columnwise(ca.Function("force", symbols, [force]))
+        self._force_slopes = Columnwise(ca.Function("force_slopes", symbols, slopes))
+        self.outputs = [self.output]
+        self._kept = self._compared()
+        self.time = {self.output: self.recording.time[self._kept]}
+        self.measured = {self.output: self.recording.signals[self.output][self._kept]}
+        self.steps = 1
+        self._made: dict[tuple[int, bool], ca.Function] = {}
+
+    def _driven(self, law: ca.SX, given: Mapping[str, Any], measured: Sequence[str]) -> ca.SX:
+        """The law with inputs that were not measured as numbers. Raises SceneError for one that varies in time."""
+        constants = []
+        for name, entry in self.plant.inputs.items():
+            value = given.get(name, entry.default)
+            known = isinstance(value, (int, float, ca.SX))
+            if name not in measured and not known and ca.depends_on(law, entry.symbol):
+                raise SceneError(f"Argument `{name}` must be a number or be measured for a loop to be fitted, but it varies in time.")
+            constants.append(value if known and name not in measured else entry.symbol)
+        return ca.substitute(law, self.plant.u, ca.vertcat(*constants)) if constants else law
+
+    def _compared(self) -> np.ndarray:
+        """Where the force was measured, and the slip for every shift between its bounds."""
+        time = self.recording.time
+        kept: np.ndarray = np.isfinite(self.recording.signals[self.output])
+        for shift in self.shifts:
+            reach = max(shift.high, -shift.low, 0.0)
+            kept &= (time >= reach) & (time <= time[-1] - reach)
+        return kept
+
+    @property
+    def _parameters(self) -> list[str]:
+        return [number.name for number in self.numbers if number.kind == "parameter"]
+
+    @property
+    def how(self) -> str:
+        """What was fitted, in words."""
+        return f"law of `{self.contact}`, with memory, along the measured slip"
+
+    @property
+    def span(self) -> float:
+        """Time that was measured [s]."""
+        return float(self.recording.time[-1])
+
+    @property
+    def source(self) -> str:
+        """Where the data come from."""
+        return self.recording.source
+
+    def _holder(self, recording: Recording, memory: ca.SX) -> str:
+        """The measured signal that the force enters."""
+        able = [
+            name
+            for name, (expression, _) in self.plant.signals.items()
+            if expression.numel() == 1 and ca.depends_on(expression, memory) and self.plant.rows(name) is None
+        ]
+        there = [name for name in able if name in recording.signals]
+        if len(there) != 1:
+            raise SceneError(
+                f"The data must hold exactly one signal with the force of `{self.contact}`, such as {' or '.join(f'`{name}`' for name in able)}, but they "
+                f"hold {' and '.join(f'`{name}`' for name in there) or 'none'}."
+            )
+        return there[0]
+
+    def _row(self, name: str) -> list[int]:
+        """The row of a start value of the memory. Raises SceneError for any other start value."""
+        rows = self.plant.rows(name)
+        if rows is None or rows[0] not in self.memory:
+            raise SceneError(
+                f"Argument `free` must hold parameters and the memory of `{self.contact}` for its law to be fitted, but it has `{name}`."
+            )
+        return [rows[0]]
+
+    def _declared(self, row: int) -> float:
+        """Where an entry of the memory starts, as the loop says."""
+        for name, value in self.loop.start.items():
+            rows = self.plant.rows(name)
+            if rows is not None and rows[0] == row:
+                return float(value)
+        return float(self.plant.begin[row])
+
+    def _driving(self, law: ca.SX, measured: Sequence[str]) -> list[tuple[ca.SX, str, bool]]:
+        """(symbol, measured signal, whether the symbol is its rate) of all that the law is driven by. Raises SceneError for what was not measured."""
+        plant = self.plant
+        found = [(plant.inputs[name].symbol, name, False) for name in measured if ca.depends_on(law, plant.inputs[name].symbol)]
+        held = {name: rows[0] for name in self.recording.signals if (rows := self._state(name)) is not None}
+        for row in range(plant.x.numel()):
+            symbol = plant.x[row]
+            if row in self.memory or not ca.depends_on(law, symbol):
+                continue
+            own = next((name for name, at in held.items() if at == row), None)
+            way = next((name for name, at in held.items() if ca.is_equal(plant.flow[at], symbol)), None)
+            if own is None and way is None:
+                words = ", ".join(f"`{name}`" for name in self.recording.signals)
+                label = next((name for name, (e, _) in plant.signals.items() if e.numel() == 1 and ca.is_equal(e, symbol)), f"state {row}")
+                raise SceneError(
+                    f"The data must hold `{label}`, which the friction of `{self.contact}` depends on, but they hold only {words}."
+                )
+            found.append((symbol, own or way or "", own is None))
+        return found
+
+    def _state(self, name: str) -> tuple[int, int] | None:
+        """(row, 1) of a measured signal that is a state."""
+        expression = self.plant.expression(name)
+        if expression.numel() != 1:
+            return None
+        rows = (row for row in range(self.plant.x.numel()) if ca.is_equal(expression, self.plant.x[row]))
+        row = next(rows, None)
+        return None if row is None else (row, 1)
+
+    def _columns(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What drives the law: at the begin and the end of every interval between samples, and at the samples."""
+        time = self.recording.time
+        signals = moved(self.recording, self.shifts, values, self.output)
+        begins, ends, at = [], [], []
+        for _, name, is_way in self._sources:
+            own = signals[name]
+            if is_way:
+                rate = np.diff(own) / np.diff(time)
+                begins.append(rate)
+                ends.append(rate)
+                at.append(np.append(rate, rate[-1]))
+                at[-1][1:-1] = 0.5 * (rate[1:] + rate[:-1])
+            else:
+                begins.append(own[:-1])
+                ends.append(own[1:])
+                at.append(own)
+        return np.array(begins), np.array(ends), np.array(at)
+
+    def _step(self, steps: int, slopes: bool) -> ca.Function:
+        """What the memory, and its slopes, come to over one interval between samples."""
+        made = self._made.get((steps, slopes))
+        if made is not None:
+            return made
+        law, free = self._law
+        n, driving = len(self.memory), ca.vertcat(*[symbol for symbol, *_ in self._sources])
+        memory, p = self.plant.x[self.memory], self.plant.p
+        rate = ca.Function("rate", [memory, driving, p], [law[:n]])
+        z, begin, end, h = ca.SX.sym("z", n), ca.SX.sym("begin", driving.numel()), ca.SX.sym("end", driving.numel()), ca.SX.sym("h")
+        gamma = 1.0 - 1.0 / math.sqrt(2.0)
+        flow = rate(z, begin, p)
+        matrix = ca.SX.eye(n) - gamma * h * ca.jacobian(flow, z)
+        turn = gamma * ca.jtimes(flow, begin, end - begin)
+        one = ca.solve(matrix, flow + turn)
+        two = ca.solve(matrix, rate(z + h * one, end, p) - 2.0 * one - turn)
+        after = z + h * (1.5 * one + 0.5 * two)
+        tangent = ca.SX.sym("tangent", n, free.numel() + n)
+        turned = ca.jacobian(after, z) @ tangent + ca.horzcat(ca.densify(ca.jacobian(after, free)), ca.SX.zeros(n, n))
+        part = ca.Function("part", [z, tangent, begin, end, h, p], [after, turned if slopes else tangent])
+        a, b, whole = z, tangent, h
+        for i in range(steps):
+            first, last = (begin + (end - begin) * (k / steps) for k in (i, i + 1))
+            a, b = part(a, b, first, last, whole / steps, p)
+        if slopes:
+            made = ca.Function("step", [z, tangent, begin, end, h, p], [a, b])
+        else:
+            made = ca.Function("step", [z, begin, end, h, p], [ca.substitute(a, tangent, ca.SX.zeros(tangent.shape))])
+        count = self.recording.time.size - 1
+        carried = [0, 1] if slopes else [0]
+        made = self._made[steps, slopes] = made.mapaccum("along", count, carried, carried, {"base": 16})
+        return made
+
+    def _along(self, values: np.ndarray, slopes: bool, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """(what drives the law, its memory (n, nt), slopes of the memory (nt, n, parameters and starts), numbers of the plant) at all samples."""
+        p, n = self._numbers(values), len(self.memory)
+        begins, ends, at = self._columns(values)
+        first = self._first.copy()
+        for i, row in enumerate(self.memory):
+            if row in self._begin:
+                first[i] = values[self._begin[row][1]]
+        h = np.diff(self.recording.time)[None]
+        k = len(self._parameters)
+        tangent = np.hstack([np.zeros((n, k)), np.eye(n)])
+        given = [first, tangent, begins, ends, h, np.repeat(p[:, None], h.size, axis=1)]
+        found = self._step(steps, slopes)(*(given if slopes else [given[0], *given[2:]]))
+        memory = np.hstack([first[:, None], np.array(found[0] if slopes else found)])
+        if not slopes:
+            return at, memory, np.empty(0), p
+        turned = np.array(found[1]).reshape(n, h.size, k + n).transpose(1, 0, 2)
+        return at, memory, np.concatenate([tangent[None], turned]), p
+
+    def _numbers(self, values: np.ndarray) -> np.ndarray:
+        """All numbers of the plant; raises SceneError where they contradict each other."""
+        key = values.tobytes()
+        if self._last[0] != key:
+            given = {number.name: float(value) for number, value in zip(self.numbers, values, strict=True) if number.kind == "parameter"}
+            self._last = (key, self.plant.with_parameters(given).values)
+        return self._last[1]
+
+    def allowed(self, values: np.ndarray) -> None:
+        """Raise SceneError where the numbers contradict each other."""
+        self._numbers(values)
+
+    def at(self, values: np.ndarray) -> ClosedLoop:
+        """The loop with the free numbers at given values."""
+        loop = self.loop
+        for number, value in zip(self.numbers, values.tolist(), strict=True):
+            loop = loop if number.kind == "shift" else number.put(loop, value)
+        return loop
+
+    def resolved(self, values: np.ndarray) -> MemoryLoop:
+        """Itself, with as many steps between samples as the force at these numbers asks for."""
+        size = float(np.std(self.measured[self.output])) or 1.0
+        coarse = self.model(values)[self.output]
+        while self.steps < MOST_STEPS:
+            self.steps *= 2
+            fine = self.model(values)[self.output]
+            if np.abs(fine - coarse).max(initial=0.0) < FINE * size:
+                break
+            coarse = fine
+        return self
+
+    def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """The force of the law along the measured slip."""
+        at, memory, _, p = self._along(values, False, self.steps)
+        ((force,),) = self._force(list(memory), list(at), p.tolist(), count=memory.shape[1])
+        return {self.output: np.broadcast_to(force, memory.shape[1])[self._kept]}
+
+    def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of `model` with respect to the free numbers, shape (nt, k): exact, those of a shift by central differences."""
+        at, memory, turned, p = self._along(values, True, self.steps)
+        count = memory.shape[1]
+        of_memory, of_free = self._force_slopes(list(memory), list(at), p.tolist(), count=count)
+        along = np.stack([np.broadcast_to(each, count) for each in of_memory], axis=1)
+        through = np.einsum("ni,nij->nj", along, turned)
+        found = np.empty((count, values.size))
+        k, parameters = len(self._parameters), self._parameters
+        for i, number in enumerate(self.numbers):
+            if number.kind == "parameter":
+                j = parameters.index(number.name)
+                found[:, i] = through[:, j] + of_free[j]
+            elif number.kind == "start":
+                found[:, i] = through[:, k + self.memory.index(self._row(number.name)[0])]
+        found = found[self._kept]
+        for shift in self.shifts:
+            ahead, back = values.copy(), values.copy()
+            h = 0.1 * self.recording.interval
+            ahead[shift.place] += h
+            back[shift.place] -= h
+            found[:, shift.place] = (self.model(ahead)[self.output] - self.model(back)[self.output]) / (2.0 * h)
+        return {self.output: found}
+
+    def panels(self, left: Mapping[str, np.ndarray], _: np.ndarray) -> tuple[Panel, ...]:
+        """What was measured beside the law, over what drives it; left: law less measured."""
+        name, measured = self.output, self.measured[self.output]
+        source = next((signal for _, signal, _ in self._sources), name)
+        unit = self.plant.unit(source)
+        over = self.recording.signals[source][self._kept]
+        nowhere = np.zeros(measured.size, bool)
+        return (Panel(name, self.plant.unit(name), f"{source} [{unit}]", over, measured, measured + left[name], nowhere, np.empty((2, 0))),)
+
+    def horizons(self) -> list[MemoryLoop]:
+        """The misfit itself: what a law remembers fades."""
+        return [self]
+
+    def thinned(self) -> None:
+        """None: a loop asks for its inputs at the samples only."""
+        return
+
+    def trial(self) -> MemoryLoop:
+        """The misfit of the first samples: enough to find what is then fitted to all."""
+        if self.recording.time.size <= 2 * TRIAL_MEMORY:
+            return self
+        few = self.recording.between(0.0, float(self.recording.time[TRIAL_MEMORY]))
+        made = MemoryLoop(self.loop, few, self.numbers, self.contact, self.shifts)
+        made.steps = self.steps
+        return made
+
+
+def _continuous(recording: Recording, names: Sequence[str]) -> Recording:
+    """The samples at which all of these were measured. Raises SceneError where they lie farther apart than a gap, over which a memory is lost."""
+    if not names:  # the law will say what it lacks
+        return recording
+    stretches = recording.windows(names)
+    if len(stretches) != 1:
+        found = ", ".join(f"{begin:.6g} .. {end:.6g} s" for begin, end in stretches[:8])
+        raise SceneError(
+            f"The data must hold what a law with memory is driven by without gaps, but it is there in {len(stretches)} stretches: choose among the windows "
+            f"{found}."
+        )
+    good = np.all([np.isfinite(recording.signals[name]) for name in names], axis=0)
+    time = recording.time[good]
+    signals = {name: values[good] for name, values in recording.signals.items()}
+    return Recording(time - time[0], signals, recording.source, recording.units, recording.flaws, recording.notes)

@@ -1,0 +1,248 @@
+"""Parts of a log that are fitted together, with numbers of their own beside common ones, and how the optimum is searched for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import number, whole
+from toolbox.calibration.panels import TIME, Panel
+from toolbox.errors import SceneError
+from toolbox.files.units import NumberOrText
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import names
+from toolbox.modelling.numbers import Number
+
+
+@dataclass(frozen=True)
+class Window:
+    """A part of a log, and which of the free numbers are its own.
+
+    Attributes
+    ----------
+    begin, end
+        Times of the log [s].
+    own
+        Names of free numbers that have a value of their own here, such as the weight on bit of a stand or a start value. Those of the second window are called
+        `bit.weight[2]` in the fit; numbers that no window owns are common to all.
+    """
+
+    begin: NumberOrText
+    end: NumberOrText
+    own: str | Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        begin, end = number("begin", self.begin, "s"), number("end", self.end, "s")
+        if not begin < end:
+            raise SceneError(f"Argument `end` must be > begin = {begin:g} s, but it is {end:g} s.")
+        object.__setattr__(self, "begin", begin)
+        object.__setattr__(self, "end", end)
+        object.__setattr__(self, "own", names(self.own))
+
+
+@dataclass(frozen=True)
+class Search:
+    """How a fit looks for its optimum.
+
+    Attributes
+    ----------
+    starts, seed
+        Number of searches, and seed of their starts: the first begins at the declared values, the others between the bounds, or between half and twice the
+        value.
+    robust
+        Samples that are farther from the fitted model than so many deviations (by the median, which they do not move) are left out and told, as long as
+        they are at most a twentieth of a signal: a few with the wrong sign would move an estimate by many of its intervals. None keeps all.
+    accuracy
+        Accuracy of the runs, as in `simulate`.
+    """
+
+    starts: int = 4
+    seed: int = 0
+    robust: float | None = 5.0
+    accuracy: float = 1e-8
+
+    def __post_init__(self) -> None:
+        whole("starts", self.starts, 1)
+        whole("seed", self.seed, 0)
+        if self.robust is not None:
+            number("robust", self.robust, above=1)
+
+
+@dataclass(frozen=True)
+class MeasuredContact:
+    """A contact whose law is fitted to its measured loop, without simulation.
+
+    Attributes
+    ----------
+    name
+        The contact.
+    still
+        Slip speeds up to this count as stick; by default a hundredth of the largest.
+    """
+
+    name: str
+    still: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.still is not None:
+            number("still", self.still, above=0)
+
+
+def windows_of(given: Any) -> list[Window]:
+    """What was given as windows: none, two times, a window, or several of both. Raises SceneError for anything else."""
+    if given is None:
+        return []
+    if isinstance(given, Window):
+        return [given]
+    if isinstance(given, Sequence) and not isinstance(given, str) and given:
+        if all(isinstance(each, Window) or (isinstance(each, (tuple, list)) and len(each) == 2) for each in given):
+            return [each if isinstance(each, Window) else Window(*each) for each in given]
+        if len(given) == 2 and not any(isinstance(each, (Window, tuple, list)) for each in given):
+            return [Window(*given)]
+    raise SceneError(f"Argument `window` must be two times (begin, end), a `Window`, or several of them, but it is {given!r}.")
+
+
+def own_name(name: str, window: int) -> str:
+    """What a number that a window owns is called; windows are counted from 1."""
+    return f"{name}[{window}]"
+
+
+def shared(free: Sequence[str], windows: Sequence[Window]) -> list[tuple[str, ...]]:
+    """What every free number is called in the fit, window by window. Raises SceneError for an own number that is not free."""
+    called = []
+    for i, window in enumerate(windows, 1):
+        unknown = next((name for name in window.own if name not in free), None)
+        if unknown is not None:
+            raise SceneError(f"Argument `free` must hold `{unknown}`, which window {i} has for its own, but it holds {', '.join(free)}.")
+        called.append(tuple(own_name(name, i) if name in window.own else name for name in free))
+    return called
+
+
+class Together:
+    """Several windows as one misfit, in which numbers of one name are one number.
+
+    Parameters
+    ----------
+    each
+        The misfits of the windows, whose free numbers come in one order.
+    called
+        What the free numbers are called in each window.
+    begins
+        Times of the log at which the windows begin.
+    """
+
+    def __init__(self, each: Sequence[Any], called: Sequence[tuple[str, ...]], begins: Sequence[float]):
+        self.each, self.called, self.begins = list(each), list(called), list(begins)
+        self.names = list(dict.fromkeys(name for names in called for name in names))
+        self.places = [np.array([self.names.index(name) for name in names]) for names in called]
+        self.outputs = list(dict.fromkeys(name for misfit in each for name in misfit.outputs))
+        self.measured = self._joined([misfit.measured for misfit in each])
+        self.by_samples = all(misfit.by_samples for misfit in each)
+
+    def _joined(self, parts: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+        """What the windows have of each signal, one after another."""
+        return {name: np.concatenate([part[name] for part in parts if name in part]) for name in self.outputs}
+
+    @property
+    def numbers(self) -> list[Number]:
+        """The free numbers, as the windows have them at the start."""
+        found: dict[str, Number] = {}
+        for misfit, called in zip(self.each, self.called, strict=True):
+            for own, name in zip(misfit.numbers, called, strict=True):
+                found.setdefault(name, replace(own, name=name))
+        return [found[name] for name in self.names]
+
+    @property
+    def exact(self) -> bool:
+        """Whether slopes are exact in every window."""
+        return all(misfit.exact for misfit in self.each)
+
+    @property
+    def plant(self) -> HybridSystem:
+        """The plant."""
+        system: HybridSystem = self.each[0].plant
+        return system
+
+    @property
+    def loop(self) -> ClosedLoop:
+        """The loop of the first window."""
+        first: ClosedLoop = self.each[0].loop
+        return first
+
+    @property
+    def how(self) -> str:
+        """What was fitted, in words."""
+        return f"{self.each[0].how}, {len(self.each)} windows together"
+
+    @property
+    def span(self) -> float:
+        """Time that was measured [s]."""
+        return float(sum(misfit.span for misfit in self.each))
+
+    @property
+    def source(self) -> str:
+        """Where the data come from."""
+        return str(self.each[0].source)
+
+    def at(self, values: np.ndarray) -> ClosedLoop:
+        """The loop of the first window with its numbers."""
+        loop: ClosedLoop = self.each[0].at(values[self.places[0]])
+        return loop
+
+    def allowed(self, values: np.ndarray) -> None:
+        """Raise SceneError where the numbers of a window contradict each other."""
+        for misfit, places in zip(self.each, self.places, strict=True):
+            misfit.allowed(values[places])
+
+    def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """What the model makes of all windows."""
+        return self._joined([misfit.model(values[places]) for misfit, places in zip(self.each, self.places, strict=True)])
+
+    def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of `model` with respect to the free numbers, shape (nt, k)."""
+        parts = []
+        for misfit, places in zip(self.each, self.places, strict=True):
+            found = {}
+            for name, own in misfit.slopes(values[places], sizes[places]).items():
+                found[name] = np.zeros((len(own), values.size))
+                found[name][:, places] = own
+            parts.append(found)
+        return self._joined(parts)
+
+    def panels(self, left: Mapping[str, np.ndarray], values: np.ndarray) -> tuple[Panel, ...]:
+        """What was measured beside the model, window by window on the clock of the log; values: the free numbers."""
+        taken, found = dict.fromkeys(self.outputs, 0), []
+        for i, (misfit, begin, places) in enumerate(zip(self.each, self.begins, self.places, strict=True), 1):
+            own = {}
+            for name in misfit.outputs:
+                first, taken[name] = taken[name], taken[name] + misfit.measured[name].size
+                own[name] = left[name][first : taken[name]]
+            for panel in misfit.panels(own, values[places]):
+                later = panel.x + begin if panel.over == TIME else panel.x
+                found.append(replace(panel, name=own_name(panel.name, i), x=later, sticks=panel.sticks + begin))
+        return tuple(found)
+
+    def horizons(self) -> list[Together]:
+        """The misfits of longer and longer parts of every window, where all have as many."""
+        steps = [misfit.horizons() for misfit in self.each]
+        if len({len(own) for own in steps}) > 1:
+            return [self]
+        shorter = [self._of(list(own)) for own in zip(*[own[:-1] for own in steps], strict=True)]
+        return [*shorter, self]
+
+    def trial(self) -> Together:
+        """The misfit with which searches are done."""
+        few = [misfit.trial() for misfit in self.each]
+        return self if all(one is two for one, two in zip(few, self.each, strict=True)) else self._of(few)
+
+    def thinned(self) -> Together | None:
+        """The misfit with every other sample of measured inputs left out; None where no input is measured."""
+        fewer = [misfit.thinned() for misfit in self.each]
+        return None if any(each is None for each in fewer) else self._of(fewer)
+
+    def _of(self, each: Sequence[Any]) -> Together:
+        return Together(each, self.called, self.begins)

@@ -1,5 +1,6 @@
 """Loops as machine code do what their text does in Python, to the last bit, on every processor, and are compiled once."""
 
+import gc
 import math
 import subprocess
 import sys
@@ -198,6 +199,19 @@ def test_arrays_that_are_not_as_was_said_are_refused(empty):
     for wrong in (given.reals.astype(np.float32), given.wholes, np.zeros((4, 2))[:, 0], np.zeros((2, 2))):
         with pytest.raises(TypeError, match="reals"):
             made(given._replace(reals=wrong))
+        with pytest.raises(TypeError, match="reals"):
+            made.bound(given._replace(reals=wrong))
+
+
+def test_it_may_be_bound_to_its_arrays_and_holds_on_to_them(empty):
+    made, given, other = Compiled(on_arrays, KINDS), arrays(), arrays()
+    run, values = made.bound(given), tuple(given)
+    del given
+    gc.collect()
+    for _ in range(2):
+        assert run() == made(other)
+    for mine, theirs in zip(values, other, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
 
 
 def test_it_is_compiled_once_and_a_damaged_object_anew(empty, monkeypatch):

@@ -98,6 +98,8 @@ class Environment(gymnasium.Env):
         self.machine, self.duration = machine, duration
         self._reward, self._terminated, self._start = reward, terminated, start
         self.action_space, self.observation_space = _box(actions), _box(observations)
+        self._spans, self._names = list(actions.values()), (*machine.outputs, *machine.inputs)
+        self._late = duration - 1e-9 * machine.period
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin an episode; options: {"start": {state: value}} in place of the drawn one. Returns (observation, {})."""
@@ -111,14 +113,15 @@ class Environment(gymnasium.Env):
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Go on by one period; actions beyond their ranges are cut off. Returns (observation, reward, terminated, truncated, {"time", "events"})."""
-        space: Any = self.action_space
-        given = np.clip(np.asarray(action, float), space.low, space.high)
-        seen = self.machine.step(given)
-        signals = dict(zip(self.machine.outputs, seen.tolist(), strict=True)) | dict(zip(self.machine.inputs, given.tolist(), strict=True))
+        machine = self.machine
+        given = np.asarray(action, float).ravel().tolist()
+        if len(given) == len(self._spans):  # the machine refuses others
+            given = [min(max(value, low), high) for value, (low, high) in zip(given, self._spans, strict=True)]
+        seen = machine.step(given)
+        signals = dict(zip(self._names, seen.tolist() + given, strict=True))
         ended = bool(self._terminated(signals)) if self._terminated else False
-        late = self.machine.time >= self.duration - 1e-9 * self.machine.period
-        about = {"time": self.machine.time, "events": self.machine.events}
-        return seen, float(self._reward(signals, self.machine.events)), ended, late, about
+        time, events = machine.time, machine.events
+        return seen, float(self._reward(signals, events)), ended, time >= self._late, {"time": time, "events": events}
 
     def close(self) -> None:
         """End the use of the machine."""

@@ -61,10 +61,26 @@ class Compiled:
         if not self.kinds:
             return self._entry(*[float(each) if kind == "f" else int(each) for each, kind in zip(given, self.arguments, strict=True)])
         (work,) = given
+        self._check(work)
+        return self._entry(id(work))
+
+    def bound(self, work: Any) -> Callable[[], Any]:
+        """Return a function that runs it on these arrays, checked here once: a call checks them anew, which takes longer than a run of some microseconds.
+
+        The tuple lives on in it; its arrays must keep their sizes and types. Raises TypeError as a call does.
+        """
+        self._check(work)
+        entry = self._entry
+
+        def run(work: Any = work, place: int = id(work)) -> Any:
+            return entry(place)
+
+        return run
+
+    def _check(self, work: Any) -> None:
         fits = [each.dtype for each in work] == self._dtypes and [each.ndim for each in work] == self._dimensions
         if not (fits and all([each.flags.c_contiguous for each in work])):  # noqa: C419 (a generator is slower)
             raise TypeError(f"Function `{self.py_func.__qualname__}` must be given arrays {dict(self.kinds)} in one piece each.")
-        return self._entry(id(work))
 
     def known(self) -> bool:
         """Whether it needs no compiling here."""

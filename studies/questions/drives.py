@@ -5,8 +5,8 @@ rig and on others, with seeds of the noise that no tuning has seen. All measure 
 are sampled every 10 ms; those that ask for more act on a Kalman filter. Predictive laws are sampled every 0.1 s, plan 4 s and bring their own filter; a run
 of theirs costs hundreds of times that of the others, so that their set-points are searched in steps of 0.5 rad/s, with two phases and one seed.
 
-Laws with "tuned" in their label have the gains of `studies/data/gains.json`; those of the others are as they are delivered. Laws
-with "lifting" in it lift their own set-point where an observer shows that the bit sticks and slips (`controllers.Lifting`).
+Laws with "tuned" in their label have the gains of `studies/data/gains.json`, each with its budget; those of the others are as they are delivered.
+Laws with "lifting" in it lift their own set-point where an observer shows that the bit sticks and slips (`controllers.Lifting`).
 
 Columns: lowest set-points [rad/s] on the groups of rigs, direct / raised, each kept for half an hour on machines whose smooth running is stable (predictive
 laws: for 80 s);  settling (into 5 %, for good) and overshoot of the bit speed from the takeover at 8 rad/s on the declared rig, and there the standard
@@ -16,7 +16,7 @@ of the bit over it;  99th percentile of the processor time of a sample.
 
     python -m studies drives [--out FOLDER] [--only LABEL ...] [--groups NAME ...] [--margin M] [--jobs N]
         (the table, drives.csv and drives.png; goes on where it was stopped)
-    python -m studies drives --tune FAMILY ... [--runs N]                               (the gains, see `studies.gains`)
+    python -m studies drives --tune FAMILY ... [--runs N] [--jobs N] [--out FOLDER]      (the gains, see `studies.gains`)
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -74,6 +74,11 @@ SHOWN = ("soft torque", "LQG, tuned", "Z-torque, tuned, lifting")
 """Laws of the picture."""
 LATE = round(DELAY / 0.01)
 PREDICTIVE = ("linear MPC", "nonlinear MPC")
+KINDS = (
+    "stiff PI", "PI", "active damping", "soft torque", "impedance", "Z-torque", "sliding mode", "implicit sliding mode", "super-twisting",
+    "impedance super-twisting", "LQR on a Kalman filter", "H-infinity", "LQG", *PREDICTIVE,
+)  # fmt: skip
+"""Laws in the order of the table."""
 
 
 def laws() -> dict[str, Trial]:
@@ -87,32 +92,39 @@ def laws() -> dict[str, Trial]:
         "PI": PI(**LIMITS),
         "active damping": ActiveDamping(**LIMITS),
         "soft torque": SoftTorque(**LIMITS),
-        "impedance, tuned": gains.tuned("impedance"),
         "Z-torque": ZTorque(filter_time=0.02, **LIMITS),
-        "Z-torque, tuned": gains.tuned("Z-torque"),
         "sliding mode": on_estimates(SlidingMode),
         "implicit sliding mode": on_estimates(ImplicitSlidingMode),
         "super-twisting": on_estimates(SuperTwisting),
         "impedance super-twisting": on_estimates(ImpedanceSuperTwisting),
         "LQR on a Kalman filter": on_estimates(LQR),
         "H-infinity": HInfinity(**LIMITS),
-        "H-infinity, tuned": gains.tuned("H-infinity"),
         "LQG": LQG(late=LATE, speed_noise=NOISE, **LIMITS),
-        "LQG, tuned": gains.tuned("LQG"),
-        "impedance, tuned, lifting": gains.tuned("impedance, lifting"),
-        "Z-torque, tuned, lifting": gains.tuned("Z-torque, lifting"),
-        "LQG, tuned, lifting": gains.tuned("LQG, lifting"),
         "soft torque, lifting": Lifting(SoftTorque(**LIMITS)),
     }
     found = {label: trial(label, law) for label, law in rows.items()}
     for label, kind in zip(PREDICTIVE, (LinearMPC, NonlinearMPC), strict=True):
         found[label] = trial(label, kind(delay=DELAY, **LIMITS), 0.1)
-    return found
+    for family in gains.known():
+        label, planned = gains.label_of(family), gains.FAMILIES[family].planned
+        found[label] = trial(label, gains.tuned(family), 0.1 if planned else 0.01)
+    return dict(sorted(found.items(), key=lambda pair: _place(pair[0])))
+
+
+def _place(label: str) -> tuple[bool, bool, int, str]:
+    """Where a row stands: predictive laws last, those that lift before them, kinds in one order, tuned ones after those as they are."""
+    kind = label.partition(",")[0]
+    return kind in PREDICTIVE, label.endswith("lifting"), KINDS.index(kind) if kind in KINDS else len(KINDS), label
+
+
+def predictive(law: Trial) -> bool:
+    """Whether a law is one of `PREDICTIVE`, as it is or tuned."""
+    return law.label.partition(",")[0] in PREDICTIVE
 
 
 def groups_of(law: Trial) -> dict[str, Group]:
     """The groups of rigs for a law: fewer phases and seeds for laws that are Python."""
-    if law.label not in PREDICTIVE:
+    if not predictive(law):
         return GROUPS
     return {name: replace(group, phases=group.phases[::4], seeds=group.seeds[:1]) for name, group in GROUPS.items()}
 
@@ -138,9 +150,9 @@ class Row:
 
 def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = None, margin: float = 0.0) -> Row:
     """The line of a law with some of the groups; margin: disk margin that its set-points have to leave."""
-    predictive = law.label in PREDICTIVE
+    planned = predictive(law)
     groups = [replace(groups_of(law)[name], margin=margin) for name in names]
-    found = borders(law, groups, cells=cells, lower=LOWEST, higher=HIGHEST, step=0.5 if predictive else 0.1, lasts=not predictive)
+    found = borders(law, groups, cells=cells, lower=LOWEST, higher=HIGHEST, step=0.5 if planned else 0.1, lasts=not planned)
     quiet = law.run(Machine("declared"), COMMON, noise=0.0)
     speed = quiet.at(np.arange(law.takeover(COMMON), quiet.end, 0.02))["bit.speed"]
     outside = np.flatnonzero(np.abs(speed / COMMON - 1.0) > 0.05)
@@ -157,7 +169,7 @@ def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = 
 
 def judged_rows(labels: Sequence[str], names: Sequence[str], path: Path | None, jobs: int, margin: float = 0.0) -> list[Row]:
     """The lines of some laws, judged in so many processes, those that take longest first; each writes its cells to one file as it knows them."""
-    ordered = sorted(labels, key=lambda label: label not in PREDICTIVE)
+    ordered = sorted(labels, key=lambda label: label.partition(",")[0] not in PREDICTIVE)
     with Workers(jobs) as workers:
         found = dict(
             zip(ordered, workers.map(_row_of, ordered, [names] * len(labels), [path] * len(labels), [margin] * len(labels)), strict=True)
@@ -288,6 +300,13 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
         pyplot.close(figure)
 
 
+def _searched(families: Sequence[str], points: int, kept: Path | None, jobs: int) -> Iterator[gains.Found]:
+    """The searches of some families in so many processes; each keeps its points in a file of a folder."""
+    paths = [kept / f"{family.replace(', ', '_').replace(' ', '_')}.jsonl" if kept else None for family in families]
+    with Workers(jobs) as workers:
+        yield from workers.map(gains.searched, families, [points] * len(families), [1] * len(families), paths)
+
+
 def flat(each: Row) -> dict[str, Any]:
     """A row as one level of names."""
     speeds = {f"{name} {way}": value for name, pair in each.lowest.items() for way, value in zip(WAYS, pair, strict=True)}
@@ -307,18 +326,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--tune", nargs="+", choices=list(gains.FAMILIES), metavar="FAMILY", help=f"search gains of: {', '.join(gains.FAMILIES)}"
     )
-    parser.add_argument("--runs", type=int, default=240, help="points that a search tries (240)")
+    parser.add_argument("--runs", type=int, default=60, help="points that a search tries (60)")
     parser.add_argument("--margin", type=float, default=0.0, help="disk margin that a set-point has to leave on every rig of its group (0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes that judge laws side by side (one a core)")
     given = parser.parse_args(arguments)
-    for label in given.tune or ():
-        found = gains.searched(label, given.runs)
-        gains.store(label, found)
-        print(f"{label}: {found.numbers}, {found.failures} failures, {found.points} points in {found.seconds:.0f} s of the processor")
-    if given.tune:
-        return
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
+    for label, found in zip(given.tune or (), _searched(given.tune or (), given.runs, given.out, given.jobs), strict=True):
+        gains.store(label, found)
+        print(f"{label}: {found.numbers}, {found.score}, {len(found.points)} points in {found.seconds:.0f} s of the processor")
+    if given.tune:
+        return
     began = time.monotonic()
     rows = judged_rows(given.only, given.groups, given.out / "drives.jsonl" if given.out else None, given.jobs, given.margin)
     print(f"{table(rows)}\n{time.monotonic() - began:.0f} s with {given.jobs} processes")

@@ -47,6 +47,8 @@ from toolbox.robustness.set_points import at_set_point
 PERIOD = 0.01
 LATE = round(DELAY / PERIOD)
 SPEEDS = (3.0, 3.5, 4.0, 5.0, 6.5, 8.0)
+TUNED = ("impedance", "Z-torque", "H-infinity", "LQG", "impedance, lifting", "Z-torque, lifting", "LQG, lifting")
+"""Families with a slope whose stored gains are shown."""
 WORKING = 6.5
 """Set-point at which all margins are shown [rad/s]."""
 
@@ -64,7 +66,7 @@ LAWS: dict[str, Any] = {
     "Z-torque": ZTorque(filter_time=0.02),
     "H-infinity": HInfinity(),
     "LQG": LQG(late=LATE, speed_noise=0.01),
-    **{gains.label_of(family): gains.tuned(family) for family in gains.FAMILIES},
+    **{gains.label_of(family): gains.tuned(family) for family in TUNED},
     "sliding mode, filter": on_estimates(SlidingMode),
     "implicit sliding mode, filter": on_estimates(ImplicitSlidingMode),
     "super-twisting, filter": on_estimates(SuperTwisting),
@@ -85,7 +87,7 @@ def worst_table(speeds: Sequence[float] = SPEEDS) -> str:
     """The smallest disk margins of the tuned laws as text, each with the error that sets it at 6.5 rad/s."""
     lines = [f"{'worst of one error at a time':<32}" + "".join(f"{speed:>8g}" for speed in speeds) + f"   set at {WORKING:g} by"]
     lines.append("-" * len(lines[0]))
-    for family in gains.FAMILIES:
+    for family in TUNED:
         label = gains.label_of(family)
         found = {speed: worst_at(label, speed) for speed in (*speeds, WORKING)}
         lines.append(f"{label:<32}" + "".join(f"{shown(found[speed][0]):>8}" for speed in speeds) + f"   {found[WORKING][1]}")
@@ -160,7 +162,7 @@ def picture(path: Path, absorbing: tuple[float, float], points: int = 25) -> Non
     ax.plot(fine, top, color="black", lw=1.6)
     ax.plot(fine, both, color="black", lw=1.0, ls=(0, (5, 2)), label="limit with the bit speed measured")
     marks, ends = "osD^vPX*", {}  # a line is known by its mark and by its name at its end, not by its colour alone
-    lifting = (gains.label_of(family) for family, each in gains.FAMILIES.items() if each.lifts)
+    lifting = (gains.label_of(family) for family in TUNED if gains.FAMILIES[family].lifts)
     drawn = ("stiff PI", "soft torque", "LQG", "LQG, tuned", "impedance, tuned", *lifting)
     for k, label in enumerate(drawn):
         values = [found_at(label, speed, measured=False).disk_margin for speed in speeds]

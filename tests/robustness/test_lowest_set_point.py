@@ -190,3 +190,14 @@ def test_a_group_may_want_a_disk_margin_and_its_border_is_raised_until_there_is_
     assert more.why == f"declared: disk margin {held.margin:.3f}"
     none = lowest_set_point(LOOP, StiffPI(), [dataclasses.replace(BRIEF, margin=1.9)], **search)["SoftTorque", "declared"]
     assert np.isnan(none.speed) and "disk margin" in none.why
+
+
+def test_the_command_raises_borders_to_a_disk_margin_and_refuses_one_that_no_loop_has(tmp_path, capsys):
+    call = ["drives", "studies/scenes/jansen_2.toml", "--controller", "softer PI, 100 Hz", "--group", "declared", "--way", "direct"]
+    call += ["--from", "80 rpm", "--to", "120 rpm", "--step", "20 rpm"]
+    assert main([*call, "--margin", "1.99"]) == 0
+    told = capsys.readouterr().out
+    row = next(line for line in told.splitlines() if line.strip().startswith("softer PI, 100 Hz"))
+    assert "declared: disk margin" in row and row.split("direct")[1].split()[0] == "-"
+    assert main([*call, "--margin", "2.5"]) == 2
+    assert "--margin" in capsys.readouterr().err

@@ -10,8 +10,9 @@ import pytest
 
 from controllers import PI, LinearMPC
 from studies import gains
-from studies.protocol import CORNERS, GROUPS, LIMITS, SINGLES, rock_torques, trial
+from studies.protocol import CORNERS, GROUPS, LIMITS, PLANT, SINGLES, rock_torques, trial
 from studies.questions.drives import Row, judged_rows, laws, picture, row, step_time, table
+from toolbox.modelling.laws import designed
 from toolbox.robustness.groups import Group, Machine
 from toolbox.robustness.lowest_set_point import Cells, lowest
 from toolbox.robustness.set_points import Outcome, Trial, set_point, verdict
@@ -79,8 +80,9 @@ def test_the_groups_are_those_of_the_protocol():
     assert all(len(each.factors) + (each.late > 0.0) == 1 for each in SINGLES)
     assert {tuple(factor for _, factor in each.factors) for each in CORNERS} == {(0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8)}
     # what laws are tuned on is not what they are judged on
-    assert not set(gains.TUNING.seeds) & {seed for group in GROUPS.values() for seed in group.seeds if group.noise}
-    assert not set(gains.TUNING.phases) & set(GROUPS["robust"].phases)
+    judged = {seed for group in GROUPS.values() for seed in group.seeds if group.noise}
+    for group in (gains.TUNING, gains.NEARLY, gains.WEIGHTS, gains.BRIEF, gains.BRIEF_WEIGHTS):
+        assert not set(group.seeds) & judged and not set(group.phases) & set(GROUPS["robust"].phases)
 
 
 def test_rocks_agree_at_rest_and_differ_at_the_set_point():
@@ -176,14 +178,59 @@ def test_laws_are_judged_side_by_side_as_one_after_the_other(tmp_path):
     assert [(each.settling, each.ripple) for each in both] == [(each.settling, each.ripple) for each in judged_rows(labels, (), None, 1)]
 
 
-def test_gains_are_stored_with_the_command_that_found_them(tmp_path):
+def test_gains_are_stored_with_the_command_that_found_them_and_their_front(tmp_path):
     rows = json.loads(gains.STORE.read_text())
-    assert rows and all("python -m studies drives --tune" in each["command"] for each in rows.values())
-    assert len({each["points"] for each in rows.values()}) == 1  # equal budgets
+    assert set(rows) <= set(gains.FAMILIES) and all("python -m studies drives --tune" in each["command"] for each in rows.values())
+    assert all(set(each["numbers"]) == set(gains.FAMILIES[label].bounds) for label, each in rows.items())
     path = tmp_path / "gains.json"
-    gains.store("LQG", gains.Found({"top_size": 2.0}, 1, 10, 3.0), path)
+    points = [
+        ({"top_size": 2.0}, gains.Score(1, 2, 0.3)),
+        ({"top_size": 3.0}, gains.Score(0, 3, 0.3)),
+        ({"top_size": 4.0}, gains.Score(1, 3, 0.2)),
+    ]
+    gains.store("LQG", gains.Found(*points[0], points, {"top_size": 5.0}, 1, 3.0), path)
     assert gains.stored("LQG", path) == {"top_size": 2.0}
+    assert [each["top_size"] for each in json.loads(path.read_text())["LQG"]["front"]] == [2.0, 3.0]
     impedance = gains.FAMILIES["impedance"]
     stiff = {"proportional": 4000.0, "integral": 300.0}
     good, bad = (gains.failures(impedance, numbers, (6.5,)) for numbers in (gains.stored("impedance"), stiff))
     assert good < bad
+
+
+def test_a_search_keeps_its_points_begins_where_it_is_told_and_goes_on_from_its_file(tmp_path, monkeypatch):
+    tried = []
+
+    def score(family, numbers):
+        tried.append(dict(numbers))
+        return gains.Score(round(10 * abs(np.log(numbers["detuning"] / 1.5))), 0, 0.0)
+
+    monkeypatch.setattr(gains, "score", score)
+    path = tmp_path / "soft.jsonl"
+    found = gains.searched("soft torque", 30, kept=path, first={"detuning": 3.0})
+    assert tried[0] == pytest.approx({"detuning": 3.0}, rel=1e-3) and len(tried) == len(found.points) == 30
+    assert found.score.rigs == 0 and found.numbers["detuning"] == pytest.approx(1.5, rel=0.06)
+    tried.clear()
+    again = gains.searched("soft torque", 30, kept=path, first={"detuning": 3.0})
+    assert not tried and again.numbers == found.numbers
+
+
+def test_every_family_makes_a_law_that_is_designed_on_the_rig():
+    for label, family in gains.FAMILIES.items():
+        law = designed(family.trial(gains.begun(label)).of(5.0), PLANT)
+        assert callable(law) or "top.torque" in law.drives, label
+        assert family.lifts == label.endswith("lifting") and family.runs[1] > 0
+
+
+def test_a_dither_of_the_weight_presses_harder_while_the_bit_turns_faster_and_ends_a_stick_slip_that_the_drive_alone_does_not():
+    numbers = {"proportional": 900.0, "integral": 900.0, "size": 2.0, "torque_walk": 8000.0, "drive_walk": 50.0}
+    stuck = {}
+    for depth in (1e-6, 0.2):
+        tried = trial("dithered", gains.FAMILIES["impedance and dither of the weight"].of({**numbers, "depth": depth}))
+        run = tried.run(Machine("declared"), 6.0, noise=0.0, duration=70.0)
+        begin = tried.takeover(6.0) + 1.0
+        at = run.at(np.arange(begin, run.end, 0.05))
+        faster, weight = at["bit.speed"] - 6.0, at["bit.weight"] / 97_347.0 - 1.0
+        assert np.abs(weight).max() <= depth * (1.0 + 1e-9)
+        stuck[depth] = run.time_in("bit", "stick", after=40.0)
+    assert stuck[1e-6] > 1.0 and stuck[0.2] == 0.0
+    assert weight.max() > 0.05 and np.corrcoef(faster, weight)[0, 1] > 0.7

@@ -45,6 +45,9 @@ def add(commands: Any) -> None:
     )
     table.add_argument("--to", dest="high", default="14", metavar="HIGH", help="end of the range (14)")
     table.add_argument("--step", default="0.1", metavar="X", help="distance of the set-points that are tried (0.1)")
+    table.add_argument(
+        "--margin", default="0", metavar="M", help="disk margin that a border has to leave on every machine of its group, such as 0.05 (0)"
+    )
     table.add_argument("--sample-time", default="10 ms", metavar="T", help="of controllers for which the scene says none ('10 ms')")
     table.add_argument("--delay", default="30 ms", metavar="T", help="of these ('30 ms')")
     table.set_defaults(action=run, spelled={"between": "--from` and `--to"}, words=lambda given: GOES_ON if given.out else "interrupted.")
@@ -54,14 +57,15 @@ def run(given: argparse.Namespace) -> int:
     """Find the lowest set-points. Returns the exit code."""
     from toolbox.modelling.laws import Sampled
     from toolbox.robustness.groups import NAMES
-    from toolbox.robustness.lowest_set_point import LowestSetPoints, lowest_set_point
-    from toolbox.robustness.set_points import WAYS
+    from toolbox.robustness.lowest_set_point import LowestSetPoints, chosen_groups, lowest_set_point
+    from toolbox.robustness.set_points import WAYS, Trial
     from toolbox.scenes.scene import Scene
     from toolbox.sweeps.store import folder_of
 
     scene = Scene.load(given.scene)
     first = scene.case(given.before or next((each for each in scene.labels if len(scene[each].laws) == 1), scene.labels[0])).label
     labels = [scene.case(label).label for label in given.controller or [each for each in scene.labels if each != first]]
+    margin = number("--margin", plain(given.margin), at_least=0, below=2)
     period, delay = number("--sample-time", plain(given.sample_time), "s", above=0), number("--delay", plain(given.delay), "s", at_least=0)
 
     def law_of(label: str) -> Any:
@@ -80,10 +84,11 @@ def run(given: argparse.Namespace) -> int:
         try:
             law = law_of(label)
             loop = scene[label].with_laws([law if isinstance(law, Sampled) else Sampled(law, period, delay)])
+            loop = replace(loop, label=label)
             one = lowest_set_point(
-                replace(loop, label=label),
+                loop,
                 before,
-                given.group or NAMES,
+                chosen_groups(Trial(loop, before), given.group or NAMES, margin=margin),
                 ways=given.way or WAYS,
                 between=(plain(given.low), plain(given.high)),
                 step=plain(given.step),

@@ -261,6 +261,20 @@ def _told(value: float, form: str, unit: str = "") -> str:
     return "-" if math.isnan(value) else f"{value:{form}}{unit}"
 
 
+def chosen_groups(trial: Trial, groups: Sequence[str | Group], later: float = 0.03, margin: float | None = None) -> list[Group]:
+    """The groups of a trial by their names, with the noise of its loop; those that its machine does not have are left out, groups of one's own stay.
+
+    later: by how much commands come later on one of the robust machines [s].  margin: disk margin that their borders have to leave.
+    """
+    every = machine_groups(trial.loop, dict(trial.clock.noise).get("top.speed", 0.01), later)
+    chosen = []
+    for each in groups:
+        if isinstance(each, str) and each not in NAMES:
+            raise SceneError(f"There is no group `{each}`: {suggest(each, NAMES)}")
+        chosen += [each] if isinstance(each, Group) else [every[each]] if each in every else []
+    return chosen if margin is None else [dataclasses.replace(each, margin=margin) for each in chosen]
+
+
 @takes_loop
 def lowest_set_point(
     loop: ClosedLoop,
@@ -324,13 +338,7 @@ def lowest_set_point(
     low, high = checked_range(typed, "between", "rad/s")
     asked = {"rad/s": asked_in(typed, "rad/s")}
     grid = number("step", step, "rad/s", above=0)
-    noise = dict(trial.clock.noise).get("top.speed", 0.01)
-    every = machine_groups(loop, noise, number("later", later, "s", at_least=0))
-    chosen = []
-    for each in groups:
-        if isinstance(each, str) and each not in NAMES:
-            raise SceneError(f"There is no group `{each}`: {suggest(each, NAMES)}")
-        chosen += [each] if isinstance(each, Group) else [every[each]] if each in every else []
+    chosen = chosen_groups(trial, groups, number("later", later, "s", at_least=0))
     for way in ways:
         if way not in WAYS:
             raise SceneError(f"There is no way `{way}` of taking over: {suggest(way, WAYS)}")

@@ -28,16 +28,20 @@ class NumericFunction:
         return NumericFunction, (self.function,)
 
     def __call__(self, *arguments: Any) -> Any:
-        for size, argument in zip(self._sizes, arguments, strict=True):
-            if np.size(argument) not in (1, size):
+        own = self._own
+        if not hasattr(own, "given"):
+            own.given, own.found, own.evaluate = self._memory()
+        for array, argument in zip(own.given, arguments, strict=True):
+            if isinstance(argument, float):  # asked first, because numpy takes a microsecond to tell the size of a number
+                array.fill(argument)
+                continue
+            values = argument if isinstance(argument, np.ndarray) else np.asarray(argument)
+            if values.size not in (1, array.size):
                 found = self.function(*arguments)
                 return tuple(map(np.array, found)) if isinstance(found, tuple) else np.array(found)
-        if not hasattr(self._own, "given"):
-            self._own.given, self._own.found, self._own.evaluate = self._memory()
-        for array, argument in zip(self._own.given, arguments, strict=True):
-            array[:] = argument if np.ndim(argument) < 2 else np.ravel(argument)
-        self._own.evaluate()
-        shaped = tuple(array.reshape(shape, order="F").copy(order="F") for array, shape in zip(self._own.found, self._shapes, strict=True))
+            array[:] = values if values.ndim < 2 else values.ravel()
+        own.evaluate()
+        shaped = tuple([array.copy().reshape(shape, order="F") for array, shape in zip(own.found, self._shapes, strict=True)])
         return shaped if len(shaped) > 1 else shaped[0]
 
     def _memory(self) -> tuple[list[np.ndarray], list[np.ndarray], Any]:

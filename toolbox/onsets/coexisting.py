@@ -17,8 +17,8 @@ from toolbox.simulation.run_state import RunState
 UNLIKE = 0.1
 """Part by which the time of a stick or the severity of two rounds differs where they are different cycles."""
 
-FIRST, LAST = 1 / 32, 1 / 4096
-"""Steps, in parts of the range, with which a cycle is carried on: the first, and the one at which its end is found."""
+FIRST, LONGEST, LAST = 1 / 32, 1 / 8, 1 / 4096
+"""Steps, in parts of the range, with which a cycle is carried on: the first, the longest, and the one at which its end is found."""
 
 
 def coexisting(inside: Inside, values: Sequence[float], at: float) -> tuple[Coexisting, ...]:
@@ -62,7 +62,7 @@ def _carried(inside: Inside, origin: float, goal: float, judged: Judged, state: 
         following = origin + (goal - origin) * min(part + size, 1.0)
         found, end = inside.search.run(following, inside.search.walked(state, here, following))
         if found.regime == STICKS and end is not None and _alike(found, judged):
-            part, here, judged, state, size = min(part + size, 1.0), following, found, end, min(2 * size, FIRST)
+            part, here, judged, state, size = min(part + size, 1.0), following, found, end, min(2 * size, LONGEST)
             inside.cycling.setdefault(here, end)
         else:
             size /= 2

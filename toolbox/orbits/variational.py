@@ -14,21 +14,20 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from toolbox.compilation import work_layout
 from toolbox.compilation.bodies import plain_body
-from toolbox.compilation.calls import call
 from toolbox.compilation.emitter import compiled, function_text
-from toolbox.compilation.numba_cache import cached
 from toolbox.compilation.program import Program
 from toolbox.errors import GrazingError
 from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.elimination import calls
 from toolbox.orbits.sampled_memory import SampledLaws, SampledTangent, default_slopes
+from toolbox.orbits.transport import Tableau, Transport
 from toolbox.simulation.samples import Samples
 from toolbox.simulation.trajectory import Trajectory
 
@@ -50,89 +49,6 @@ class Tangent:
     event_times: np.ndarray
     memory: np.ndarray
     approach: float
-
-
-class Tableau(NamedTuple):
-    """How a step is taken: coefficients a, b, c of the pair, and the compiled function of the field.
-
-    The function at `address` gives the field and the nonzeros (rows, columns) of its derivatives with respect to states and parameters.
-    """
-
-    address: int
-    a: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
-    rows: np.ndarray
-    columns: np.ndarray
-
-
-class Steps(NamedTuple):
-    """Recorded steps: times, whole states, modes, held parameters, and the parameters p, in which those stand behind `first_held`."""
-
-    time: np.ndarray
-    state: np.ndarray
-    mode: np.ndarray
-    held: np.ndarray
-    p: np.ndarray
-    first_held: int
-
-
-@cached
-def transport(tableau, steps, first_parameter, tangent, first, last, kept):
-    """Carry `tangent` (n, k) in place over the recorded steps from node `first` to `last`; kept: (nodes, n, k) to fill, or empty.
-
-    The parameter of column n + j of the derivatives has the direction first_parameter + j.
-    """
-    a, b, c, rows, columns = tableau.a, tableau.b, tableau.c, tableau.rows, tableau.columns
-    time, state, mode, held, p = steps.time, steps.state, steps.mode, steps.held, steps.p
-    n, directions = tangent.shape
-    stages = b.size
-    slopes, turns = np.empty((stages, n)), np.empty((stages, n, directions))
-    x, s = np.empty(n), np.empty((n, directions))
-    y = np.empty(n + rows.size + 1)
-    m = np.empty(mode.shape[1] + 1)
-    for k in range(first, last):
-        h = time[k + 1] - time[k]
-        if h <= 0.0:
-            if kept.shape[0]:
-                kept[k + 1] = tangent
-            continue
-        for i in range(mode.shape[1]):
-            m[i] = mode[k, i]
-        for i in range(held.shape[1]):
-            p[steps.first_held + i] = held[k, i]
-        for stage in range(stages):
-            for i in range(n):
-                x[i] = state[k, i]
-                for d in range(directions):
-                    s[i, d] = tangent[i, d]
-            for q in range(stage):
-                factor = h * a[stage, q]
-                if factor != 0.0:
-                    for i in range(n):
-                        x[i] += factor * slopes[q, i]
-                        for d in range(directions):
-                            s[i, d] += factor * turns[q, i, d]
-            call(tableau.address, time[k] + c[stage] * h, h, x, x, p, m, y)
-            for i in range(n):
-                slopes[stage, i] = y[i]
-                for d in range(directions):
-                    turns[stage, i, d] = 0.0
-            for z in range(rows.size):
-                entry = y[n + z]
-                if columns[z] < n:
-                    for d in range(directions):
-                        turns[stage, rows[z], d] += entry * s[columns[z], d]
-                else:
-                    turns[stage, rows[z], first_parameter + columns[z] - n] += entry
-        for q in range(stages):
-            factor = h * b[q]
-            if factor != 0.0:
-                for i in range(n):
-                    for d in range(directions):
-                        tangent[i, d] += factor * turns[q, i, d]
-        if kept.shape[0]:
-            kept[k + 1] = tangent
 
 
 class VariationalEquations:
@@ -236,7 +152,7 @@ class VariationalEquations:
         kept = np.empty((time.size if keep else 0, n, tangent.shape[1]))
         if keep:
             kept[0] = tangent
-        steps = Steps(time, state, modes, held, p, first_held)
+        steps = Transport.of(self.tableau, time, state, modes, held, p, first_held, own)._replace(kept=kept)
         together = np.flatnonzero(np.diff(time) <= 0.0)
         # where an input jumps at a given time states do not, and carrying over a step of no length leaves the directions as they are
         pairs = set(together[~(held[together] != held[together + 1]).any(axis=1)].tolist())
@@ -244,7 +160,7 @@ class VariationalEquations:
         place, dated = 0, []
         approach = np.inf
         for k in sorted({*pairs, *acts, time.size - 1}):
-            transport(self.tableau, steps, own, tangent, place, k, kept)
+            steps.carrying(tangent).over(place, k)  # in place
             begin, place = int(stops[max(np.searchsorted(stops, k) - 1, 0)]), k
             if sampled is not None and k in sampled.due:
                 tangent = np.ascontiguousarray(sampled.act(k, p, tangent))
@@ -276,8 +192,8 @@ class VariationalEquations:
             if t > nodes.time[k]:
                 once = slice(k, k + 1)
                 times_of = np.array([nodes.time[k], t])
-                steps = Steps(times_of, state[once].copy(), modes[once].copy(), nodes.held[once].copy(), p, first_held)
-                transport(self.tableau, steps, own, found[q], 0, 1, np.empty((0, 0, 0)))
+                steps = Transport.of(self.tableau, times_of, state[once], modes[once], nodes.held[once], p, first_held, own)
+                steps.carrying(found[q]).over(0, 1)
         return found
 
     def flow(self, nodes: Trajectory, t: float) -> np.ndarray:

@@ -21,10 +21,9 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from controllers import IdealSlidingMode, SlidingMode, SoftTorque
 from models import BitRock, BlocksOnBelt, DiscBrake, SquealingPad, wells
@@ -44,6 +43,7 @@ from toolbox.simulation.work_arrays import work_arrays
 from toolbox.stepping.event_stepper import loop_of
 from toolbox.sweeps import batch
 from toolbox.sweeps.batch import Task, finished, numbers_of_run
+from toolbox.translation.compiled import Compiled
 
 COMPARED = 1000
 """Scenarios whose switches are compared."""
@@ -59,17 +59,39 @@ SETTINGS = tuple(mantissa * 10.0**-power for power in range(4, 10) for mantissa 
 """Accuracies that are tried for it, the loosest first."""
 
 
-@njit(nogil=True, error_model="numpy")
-def one_by_one(scalar, w, rest, memory, parameters, starts, statuses, switches, states, ev_t):
-    """Run every scenario by the scalar loop; rest, memory: what changes of the parameters, and laws remember, as at the start."""
-    held = rest[:0]
-    for s in range(len(parameters)):
+class Alone(NamedTuple):
+    """Scenarios that run one after the other in the scalar loop, as `Scenarios` of `toolbox.lanes.layout` and the address in `code`, and what they come to."""
+
+    code: np.ndarray
+    parameters: np.ndarray
+    starts: np.ndarray
+    memories: np.ndarray
+    held: np.ndarray
+    rest: np.ndarray
+    statuses: np.ndarray
+    switches: np.ndarray
+    states: np.ndarray
+    ev_t: np.ndarray
+
+
+ALONE_KINDS = dict.fromkeys(Alone._fields, ("float64", 2)) | {
+    "code": ("int64", 1), "rest": ("float64", 1), "statuses": ("int64", 1), "switches": ("int64", 1),
+}  # fmt: skip
+
+
+def _one_by_one(given, w):  # type: ignore[no-untyped-def]
+    """Run every scenario by the scalar loop."""
+    for s in range(given.parameters.shape[0]):
         w.ints[work_layout.EVENTS] = 0
-        statuses[s] = begin(scalar, w, rest, parameters[s], starts[s], memory, held, 10_000_000)
-        switches[s] = w.ints[work_layout.EVENTS]
-        states[s] = w.x[: states.shape[1]]
-        for e in range(min(switches[s], ev_t.shape[1])):
-            ev_t[s, e] = w.ev_t[e]
+        given.statuses[s] = begin(given, given, w, s, 10_000_000)
+        given.switches[s] = w.ints[work_layout.EVENTS]
+        for i in range(given.states.shape[1]):
+            given.states[s, i] = w.x[i]
+        for e in range(min(given.switches[s], given.ev_t.shape[1])):
+            given.ev_t[s, e] = w.ev_t[e]
+
+
+one_by_one = Compiled(_one_by_one, ALONE_KINDS, work_layout.KINDS)
 
 
 def scenarios(run: Run, spread: dict[str, tuple[float, float]], count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -106,9 +128,11 @@ def first_scenarios(run: Run, parameters: np.ndarray, starts: np.ndarray) -> tup
     work.ints[work_layout.NODES] = 0
     few = len(parameters)
     results = np.zeros(few, np.int64), np.zeros(few, np.int64), np.zeros_like(starts), np.zeros((few, ROOM))
-    fixed = loop_of(work).address, work, work.p.copy(), work.memory.copy()
-    one_by_one(*fixed, parameters[:1], starts[:1], *results)
-    return lambda: one_by_one(*fixed, parameters, starts, *results), results
+    code = np.array([0, 0, 0, 0, loop_of(work).address])
+    memories, held = np.tile(work.memory, (few, 1)), np.zeros((few, 0))
+    given = Alone(code, np.ascontiguousarray(parameters), np.ascontiguousarray(starts), memories, held, work.p.copy(), *results)
+    one_by_one(given._replace(parameters=given.parameters[:1]), work)
+    return lambda: one_by_one(given, work), results
 
 
 def error(run: Run, states: np.ndarray, exact: np.ndarray) -> float:

@@ -44,7 +44,7 @@ FILES = {
     "loops_b": """
         from numba.extending import intrinsic
         from numba import types
-        from toolbox.compilation.numba_cache import inlined
+        from toolbox.compilation.numba_cache import cached
         from loops_c import deepest
 
         FACTOR = 2
@@ -57,12 +57,12 @@ FILES = {
                 return getattr(builder, times)(arguments[0], arguments[0])
             return types.float64(types.float64), codegen
 
-        @inlined
+        @cached
         def helped(x):
             return taken(x)
 
         def made(y):
-            @inlined
+            @cached
             def deep(x):
                 return y + deepest(x)
             return deep
@@ -159,7 +159,7 @@ def test_another_version_of_a_compiler_compiles_anew(package, monkeypatch, modul
 def test_a_damaged_file_of_machine_code_is_compiled_anew_and_files_of_earlier_texts_go(package):
     write, called, folder = package
     called()
-    (path,) = folder.rglob("*.code")
+    (path,) = folder.rglob("loops_a*.code")
     content = path.read_bytes()
     for damaged in (content[:100], content[:-1] + bytes([content[-1] ^ 1]), b""):
         path.write_bytes(damaged)
@@ -169,7 +169,7 @@ def test_a_damaged_file_of_machine_code_is_compiled_anew_and_files_of_earlier_te
         write("loops_a", f"{factor}000.0", f"{factor + 1}000.0")
         called()
         assert path.exists() == (factor < KEPT)
-    assert len(list(folder.rglob("*.code"))) == KEPT
+    assert len(list(folder.rglob("loops_a*.code"))) == KEPT
 
 
 def test_a_value_that_cannot_be_told_from_another_is_refused():

@@ -5,10 +5,6 @@ the machine code under a number of everything that enters it: the byte code of t
 the values of the constants that these read; the fields of the named tuples that it is given; the options of compiling; the versions of numba, llvmlite,
 LLVM and numpy. Nothing has to be declared, so that nothing can be forgotten, and an edited comment compiles nothing anew. A file of the cache carries
 its checksum and its name carries that number, so that a damaged file, or one that another process is just writing, is no more than a file that is not there.
-
-Small functions for compiled loops alone are `inlined`: they are a part of each loop and not cached by themselves. Nor are they given what Python would
-call them through: for a function of fifty arrays that takes longer to compile than the function. Without it, without machine code of their own
-(`toolbox.compilation.loop_parts`) and without counting references, the event loop compiles in a third of the time.
 """
 
 from __future__ import annotations
@@ -32,7 +28,6 @@ from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
 from toolbox.compilation.kept_code import cache_directory, keep, kept, trusted
-from toolbox.compilation.loop_parts import PartCompiler
 from toolbox.compilation.stamps import stamp_of
 from toolbox.errors import check_version
 
@@ -40,22 +35,6 @@ check_version("numba")
 
 OPTIONS = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "CPU_NAME", "CPU_FEATURES")
 """Settings of numba, of the environment, that change machine code."""
-
-
-def inlined(function: Any = None, **options: Any) -> Any:
-    """A function for compiled loops alone, which becomes a part of each of them; else as `called`."""
-    return called(function, forceinline=True, **options)
-
-
-def called(function: Any = None, **options: Any) -> Any:
-    """A function for compiled loops alone that they call: for what is seldom needed, and would only make a loop longer.
-
-    It takes its arrays on loan, without counting references, and makes none, unless it says `_nrt=True`.  options: of `numba.njit`.
-    """
-    if function is None:
-        return lambda given: called(given, **options)
-    alone = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": PartCompiler, "_nrt": False}
-    return numba.njit(**{"nogil": True, "error_model": "numpy", **alone, **options})(function)
 
 
 def cached(function: Any = None, **options: Any) -> Any:
@@ -66,8 +45,7 @@ def cached(function: Any = None, **options: Any) -> Any:
     function
         The function; without it a decorator is returned.
     options
-        Options of `numba.njit`. By default the function runs without the interpreter's lock, and a division by zero gives infinity. With `_nrt=False` it
-        takes its arrays on loan, without counting references: it is compiled and called faster, and can make no arrays.
+        Options of `numba.njit`. By default the function runs without the interpreter's lock, and a division by zero gives infinity.
     """
     if function is None:
         return lambda given: cached(given, **options)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.translation.kinds import FUNCTIONS, Array, Kind, NotTranslatable, Value
+from toolbox.translation.kinds import FUNCTIONS, Array, Arrays, Kind, NotTranslatable, Value
 from toolbox.translation.statements import Writer
 from toolbox.translation.translation import Function, Translation
 
@@ -320,7 +320,7 @@ class CTranslation(Translation):
             return self.struct_of(kind)
         if isinstance(kind, Array):
             return f"{STORED_TYPES[kind.dtype]} *"
-        return f"{self.struct} *" if kind == "w" else C_TYPES[kind]
+        return f"{self.struct} *" if isinstance(kind, Arrays) else C_TYPES[kind]
 
     def declaration(self, made: Function) -> str:
         """The head of a function."""

@@ -30,7 +30,7 @@ from toolbox.simulation.methods import Explicit
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
 from toolbox.simulation.work_arrays import work_arrays
-from toolbox.translation.kinds import STORED, NotTranslatable, Value, known
+from toolbox.translation.kinds import STORED, WORK, NotTranslatable, Value, known
 
 FIXED = (
     layout.N,
@@ -173,11 +173,11 @@ class Machine:
         models = {int(ints[place]): f"{self.name}_model_{word}" for place, word in MODELS.items() if ints[place]}
         constant = {word: f"{self.name}_{word}" for word in CONSTANT}
         made = CTranslation(
-            kinds_of(self.work), numbers, constant, models=models, update=f"{self.name}_update", struct=f"{self.name}_machine"
+            {WORK: kinds_of(self.work)}, numbers, constant, models=models, update=f"{self.name}_update", struct=f"{self.name}_machine"
         )
-        made.written(advance, [Value("w", "w"), known(None)])
+        made.written(advance, [Value("w", WORK), known(None)])
         if importer:
-            made.written(event_mode, [Value("w", "w"), Value("entered", "b")])
+            made.written(event_mode, [Value("w", WORK), Value("entered", "b")])
         return made
 
 

@@ -17,7 +17,8 @@ from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program, program_of, solved_in_calls
 from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SceneError
-from toolbox.lanes.layout import ITEMS, BlockArrays, BlockCode, Results, Scenarios, lane_states
+from toolbox.lanes import layout
+from toolbox.lanes.layout import ITEMS, BlockArrays, Results, Scenarios, lane_states
 from toolbox.measuring.measures import Measure
 from toolbox.measuring.readings import Layout, Readings
 from toolbox.modelling.elements import check_one_direction
@@ -69,7 +70,6 @@ class Lanes:
     def __init__(self, run: Run, measures: Sequence[Measure] = (), width: int | None = None):
         from toolbox.compilation.notices import announced
         from toolbox.lanes import loop as lanes_loop
-        from toolbox.lanes import scalar_parts
         from toolbox.lanes.kernel import block
         from toolbox.lanes.samples import noise_table
         from toolbox.stepping.event_stepper import loop_of
@@ -99,11 +99,10 @@ class Lanes:
         self.noise = noise_table(self.work, run.duration)
         self.held = self.work.p[self.program.held_slot : self.program.held_slot + system.held.numel()].copy()
         self.rows = np.array([self.block.rows[name] for name in ITEMS], np.int64)
-        made, parts = self.block, (loop_of(self.work), scalar_parts.event, scalar_parts.measured, scalar_parts.spread)
-        self.code = BlockCode(made.address, made.settle, made.observe, made.sample, *(part.address for part in parts))
-        if not lanes_loop.run.signatures:  # the first use in this process
-            announced("loop of lanes", lanes_loop.run)
-            self.run(np.zeros((0, self.values)), np.zeros((0, self.states)))
+        made = self.block
+        self.code = np.array([made.address, made.settle, made.observe, made.sample, loop_of(self.work).address], np.int64)
+        announced("loop of lanes", lanes_loop.run)
+        lanes_loop.run.ready()
 
     def run(
         self,
@@ -157,11 +156,17 @@ class Lanes:
             block = raw[shift : shift + made.size * made.width].reshape(made.size, made.width)
             own_work = type(self.work)(*(array.copy() for array in self.work))._replace(out_t=np.empty(0))
             own_work.ints[work_layout.NODES] = 0
+            reals = own_work.reals
+            block[layout.STOP_ROW], block[layout.FLAG_ROW] = np.inf, layout.STOP
+            block[layout.LONGEST_ROW], block[layout.END_ROW], block[layout.RTOL_ROW] = (
+                reals[k] for k in (work_layout.LONGEST, work_layout.END, work_layout.RTOL)
+            )
             waiting, due = (block[made.rows[name]].view(np.int64) for name in ("waiting", "due"))
             queue = np.zeros((own_work.queue.size, made.width))
             clocks = clock_numbers(own_work.clocks, own_work.queue, self.noise)
-            arrays = BlockArrays(block, waiting, due, self.rows, clocks, self.noise, queue)
-            self.loop(self.code, arrays, given, found, lane_states(own_work, made.width, self.layout.count), own_work, first, last)
+            waiting[0] = 1
+            arrays = BlockArrays(self.code, np.array([first, last]), block, waiting, due, self.rows, clocks, self.noise, queue)
+            self.loop(arrays, given, found, lane_states(own_work, made.width, self.layout.count), own_work)
 
         if threads == 1:
             chunk(0, n)

@@ -47,26 +47,19 @@ MOST_STEPS = 20_000_000
 """Steps after which a scenario ends with the status PAUSED."""
 
 
-class BlockCode(NamedTuple):
-    """Addresses of the functions of a block (0 for none): of the pass, the settling of events, the signals, the samples, the scalar loop and parts of it."""
-
-    advance: int
-    settle: int
-    observe: int
-    sample: int
-    scalar: int
-    event: int
-    measured: int
-    spread: int
+PASS, SETTLE, OBSERVE, SAMPLING, SCALAR = range(5)
+"""Addresses of the functions of a block (0 for none): the pass, the settling of events, the signals, the samples, and the scalar loop."""
 
 
 class BlockArrays(NamedTuple):
     """The arrays of one block.
 
-    block: shape (rows, lanes);  waiting, due: its rows of these names as integers;  rows: the first rows of `ITEMS`;  clocks, noise, queue: see
-    `toolbox.lanes.samples`.
+    code: the addresses `PASS` to `SCALAR`;  span: the first scenario, and the one behind the last;  block: shape (rows, lanes);  waiting, due: its rows of
+    these names as integers;  rows: the first rows of `ITEMS`;  clocks, noise, queue: see `toolbox.lanes.samples`.
     """
 
+    code: np.ndarray
+    span: np.ndarray
     block: np.ndarray
     waiting: np.ndarray
     due: np.ndarray
@@ -150,3 +143,28 @@ def lane_states(work: Work, width: int, signals: int) -> LaneStates:
         close=np.zeros(width, np.int64), jump=np.zeros(width, np.int64), since=np.zeros((width, ne)), happened=np.zeros(width, np.bool_),
         x_old=np.zeros(n), k_old=np.zeros(work.k.size), m_old=np.zeros(max(ne, 1)), p_old=np.zeros(parameters), signals=np.zeros((3, signals)),
     )  # fmt: skip
+
+
+def _kinds(fields: tuple[str, ...], **others: tuple[str, int]) -> dict[str, tuple[str, int]]:
+    return dict.fromkeys(fields, ("float64", 2)) | others
+
+
+BLOCK_KINDS = _kinds(
+    BlockArrays._fields,
+    code=("int64", 1),
+    span=("int64", 1),
+    waiting=("int64", 1),
+    due=("int64", 1),
+    rows=("int64", 1),
+    clocks=("float64", 1),
+)
+SCENARIO_KINDS = _kinds(Scenarios._fields, edges=("float64", 1), rest=("float64", 1))
+RESULT_KINDS = _kinds(
+    Results._fields, modes=("int8", 2), statuses=("int64", 1), counts=("int64", 2), doubtful=("bool", 1), lowest=("float64", 3),
+    highest=("float64", 3), integral=("float64", 3), event_elements=("int32", 2), event_modes=("int8", 2),
+)  # fmt: skip
+LANE_KINDS = _kinds(
+    LaneStates._fields, scenario=("int64", 1), last_event=("float64", 1), close=("int64", 1), jump=("int64", 1), happened=("bool", 1),
+    x_old=("float64", 1), k_old=("float64", 1), m_old=("float64", 1), p_old=("float64", 1),
+)  # fmt: skip
+"""{field: (dtype, number of dimensions)} of the arrays that the loop over blocks is given."""

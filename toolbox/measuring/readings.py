@@ -25,6 +25,7 @@ from toolbox.compilation.program import Program
 from toolbox.measuring.measures import Measure
 from toolbox.measuring.quintics import _compiled, _tolerance
 from toolbox.measuring.severity import Extent, severity_of
+from toolbox.measuring.stay_loop import Stays, read_events
 
 OF_SIGNALS = ("lowest", "highest", "mean", "severity", "peak", "ends")
 """What is read of a signal, in the words of `Measure.compiled`; all else is read of an element."""
@@ -149,9 +150,7 @@ class RunningMeasures:
         self.program, self.layout = program, Layout(program, measures, duration)
         announced("reader of measures", measuring_loop.read_nodes)
         if len(self.layout.asked):
-            from toolbox.measuring import stay_loop  # here, because numba is slow to import
-
-            announced("reader of stays", stay_loop.read_events)
+            announced("reader of stays", read_events)
         count = self.layout.count
         by_window = (len(self.layout.windows), count)  # what the reader of nodes fills a row at a time
         self.found = replace(
@@ -187,11 +186,23 @@ class RunningMeasures:
                 array[0] = array[r]
             ints[work_layout.RECORDS] = 1
         if len(layout.asked):
-            from toolbox.measuring.stay_loop import Events, StayCounts, read_events
-
-            found, events = self.found, Events(work.ev_t, work.ev_i, work.ev_m)
-            stays = StayCounts(layout.asked, self.since, found.spent, found.number, found.latest, found.switches)
-            read_events(events, ints[work_layout.EVENTS], finished, work.reals[work_layout.TIME], work.m, stays)
+            found, counted = self.found, np.array([ints[work_layout.EVENTS], finished])
+            end = work.reals[work_layout.TIME : work_layout.TIME + 1]
+            stays = Stays(
+                counted,
+                end,
+                work.ev_t,
+                work.ev_i,
+                work.ev_m,
+                work.m,
+                layout.asked,
+                self.since,
+                found.spent,
+                found.number,
+                found.latest,
+                found.switches,
+            )
+            read_events(stays)
         ints[work_layout.EVENTS] = 0
 
     def values(self) -> np.ndarray:

@@ -6,24 +6,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolbox.compilation.numba_cache import cached
+from toolbox.translation.compiled import Compiled
 
 
-class Events(NamedTuple):
-    """Recorded events: time, element, and modes before and after."""
+class Stays(NamedTuple):
+    """Recorded events, and the stays and switches to which they are added.
 
+    ints: (number of events, whether the run has ended);  end: its end, in an array;  time, element, modes: of each event, with the modes before and after;
+    m: modes at the end;  asked: rows (element, mode, begin, end of the window), one per measure;  since: begin of the current stay of each element;  spent,
+    number, latest, switches: seconds, stays, end of the last stay, and switches, one per measure.
+    """
+
+    ints: np.ndarray
+    end: np.ndarray
     time: np.ndarray
     element: np.ndarray
     modes: np.ndarray
-
-
-class StayCounts(NamedTuple):
-    """Stays and switches, to which is added.
-
-    asked: rows (element, mode, begin, end of the window), one per measure;  since: begin of the current stay of each element;  spent, number, latest,
-    switches: seconds, stays, end of the last stay, and switches, one per measure.
-    """
-
+    m: np.ndarray
     asked: np.ndarray
     since: np.ndarray
     spent: np.ndarray
@@ -32,16 +31,20 @@ class StayCounts(NamedTuple):
     switches: np.ndarray
 
 
-@cached(forceinline=True)
-def note_end(i, was, t, switched, since, asked, spent, number, latest, switches):
-    """Add a stay of element i in mode `was`, which ends at t, by a switch or with the run."""
-    for q in range(asked.shape[0]):
-        if asked[q, 0] != i:
+KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Stays._fields, ("float64", 1)) | {
+    "ints": ("int64", 1), "element": ("int32", 1), "modes": ("int8", 2), "asked": ("float64", 2),
+}  # fmt: skip
+
+
+def note_end(given, i, was, t, switched, since, spent, number, latest, switches):
+    """Add a stay of element i in mode `was`, which ends at t, by a switch or with the run; given: holds what is `asked`."""
+    for q in range(given.asked.shape[0]):
+        if given.asked[q, 0] != i:
             continue
-        if switched and asked[q, 2] <= t <= asked[q, 3]:
+        if switched and given.asked[q, 2] <= t <= given.asked[q, 3]:
             switches[q] += 1
-        first, last = max(since[i], asked[q, 2]), min(t, asked[q, 3])
-        if was == asked[q, 1] and first < last:
+        first, last = max(since[i], given.asked[q, 2]), min(t, given.asked[q, 3])
+        if was == given.asked[q, 1] and first < last:
             spent[q] += last - first
             if latest[q] != first:  # a stay that is left and taken up at one instant is one
                 number[q] += 1
@@ -49,22 +52,12 @@ def note_end(i, was, t, switched, since, asked, spent, number, latest, switches)
     since[i] = t
 
 
-@cached
-def read_events(events, count, finished, end, m, stays):
-    """Stays and switches from `count` recorded events, added to what `stays` holds; when `finished`, the last stays end at `end` in the modes m."""
-    asked, since = stays.asked, stays.since
-    for e in range(count):
-        note_end(
-            events.element[e],
-            events.modes[e, 0],
-            events.time[e],
-            True,
-            since,
-            asked,
-            stays.spent,
-            stays.number,
-            stays.latest,
-            stays.switches,
-        )
-    for i in range(since.size if finished else 0):
-        note_end(i, np.int8(m[i]), end, False, since, asked, stays.spent, stays.number, stays.latest, stays.switches)
+def _read_events(w):
+    """Stays and switches from the recorded events, added to what `w` holds; where the run has ended, the last stays end with it."""
+    for e in range(w.ints[0]):
+        note_end(w, w.element[e], w.modes[e, 0], w.time[e], True, w.since, w.spent, w.number, w.latest, w.switches)
+    for i in range(w.since.size if w.ints[1] != 0 else 0):
+        note_end(w, i, np.int8(w.m[i]), w.end[0], False, w.since, w.spent, w.number, w.latest, w.switches)
+
+
+read_events = Compiled(_read_events, KINDS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from toolbox.compilation.calls import call
-from toolbox.compilation.numba_cache import cached, inlined
+from toolbox.compilation.numba_cache import cached
 
 MOST_SWITCHES = 50
 """Switches in one interval after which the rest of it is taken without looking at guards."""
@@ -14,7 +14,7 @@ MOST_STEPS = 500
 """Steps beyond the planned ones that an interval may take; one of a bit that chatters takes some two for each of its switches."""
 
 
-@inlined
+@cached(forceinline=True)
 def _released(z, x, m, i):  # pragma: no cover - compiled
     """Set contact i in motion where its guards `z` say that its bound cannot hold it."""
     if z[x.size + 2 * i] < 0.0:
@@ -23,7 +23,7 @@ def _released(z, x, m, i):  # pragma: no cover - compiled
         m[i] = 1.0
 
 
-@inlined
+@cached(forceinline=True)
 def _bearable_step(function, h, interval, x, k, p, m, y, count):  # pragma: no cover - compiled
     """Take a step of length h, halved until its first `count` numbers are finite; returns its length."""
     call(function, 0.0, h, x, k, p, m, y)
@@ -38,7 +38,7 @@ def _bearable_step(function, h, interval, x, k, p, m, y, count):  # pragma: no c
     return h
 
 
-@inlined
+@cached(forceinline=True)
 def _most_negative(y, n, ne, besides, level):  # pragma: no cover - compiled
     """The guard that is most negative after a step, and below -level, other than one; -1 for none."""
     found = -1
@@ -48,7 +48,7 @@ def _most_negative(y, n, ne, besides, level):  # pragma: no cover - compiled
     return found
 
 
-@inlined
+@cached(forceinline=True)
 def _first_crossing(addresses, guard, h, interval, x, k, p, m, y, z, ne):  # pragma: no cover - compiled
     """The step to the first crossing: regula falsi on the guard that is most negative, restarted where another one is negative there.
 
@@ -77,7 +77,7 @@ def _first_crossing(addresses, guard, h, interval, x, k, p, m, y, z, ne):  # pra
     return h, guard
 
 
-@inlined(_nrt=True)
+@cached(forceinline=True)
 def _carried(y, J, K, ne):  # pragma: no cover - compiled
     """Carry the derivatives J over a step, whose own derivatives stand in y behind states and guards."""
     n, nu = J.shape[0], J.shape[1] - J.shape[0]
@@ -91,7 +91,7 @@ def _carried(y, J, K, ne):  # pragma: no cover - compiled
     J[:, :] = K
 
 
-@inlined
+@cached(forceinline=True)
 def _switched(addresses, guard, x, k, p, m, z, f, row, J, ne, derivatives):  # pragma: no cover - compiled
     """Switch the contact whose guard is zero, and carry the derivatives J over the event."""
     n, nu = J.shape[0], J.shape[1] - J.shape[0]

@@ -10,10 +10,9 @@ from toolbox.compilation import work_layout as layout
 from toolbox.stepping.guards import bounds_hold, nudge, refresh, two_directions
 from toolbox.stepping.modes import settle, turn_switches
 from toolbox.stepping.noise import normal
-from toolbox.translation.words import call, inlined
+from toolbox.translation.words import call
 
 
-@inlined
 def record(w, t, x):
     """Write a node: time, state, modes and held parameters."""
     r = w.ints[layout.RECORDS]
@@ -28,7 +27,6 @@ def record(w, t, x):
     w.ints[layout.RECORDS] = r + 1
 
 
-@inlined
 def inputs_changed(w, t, slips_jump):
     """After a parameter jumped, or a sample: elements whose slip jumped away from zero slide, switches turn, the others are decided by force.
 
@@ -69,7 +67,6 @@ def inputs_changed(w, t, slips_jump):
     return settle(w, t) if wrong else bounds_hold(w)
 
 
-@inlined
 def jumps(w, t):
     """Apply the parameter jumps due at time t, and leave the slips before them in `y`; returns whether there were any."""
     changed = False
@@ -84,7 +81,6 @@ def jumps(w, t):
     return changed
 
 
-@inlined
 def samples(w, t):
     """Take all samples due at time t, then hold the outputs due. Returns (status, whether a held value was set)."""
     depth = w.queue.shape[1]
@@ -117,7 +113,6 @@ def samples(w, t):
     return layout.DONE, changed
 
 
-@inlined
 def next_stop(w):
     """The next instant at which a step must end: end of the run, parameter jump, sample or application of a delayed output."""
     stop = w.reals[layout.END]
@@ -131,7 +126,6 @@ def next_stop(w):
     return stop
 
 
-@inlined
 def outputs_before(w, end, t_new):
     """Record the output times inside the step (t, t_new) by stepping to each of them."""
     t = w.reals[layout.TIME]

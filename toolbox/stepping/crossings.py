@@ -6,10 +6,9 @@ import math
 
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.guards import close_to_zero, guard_size
-from toolbox.translation.words import call, inlined
+from toolbox.translation.words import call
 
 
-@inlined
 def first_descent(a, da, b, db):
     """First fraction in (0, 1] at which the cubic Hermite interpolant, once positive, is no longer; 2 where there is none.
 
@@ -61,7 +60,6 @@ def first_descent(a, da, b, db):
     return 2.0
 
 
-@inlined
 def hermite_minimum(a, da, b, db):
     """Place and value of the minimum of the cubic Hermite interpolant between a falling start (da < 0) and a rising end (db > 0)."""
     c2 = 3.0 * (b - a) - 2.0 * da - db
@@ -73,7 +71,6 @@ def hermite_minimum(a, da, b, db):
     return s, a + s * (da + s * (c2 + s * c3))
 
 
-@inlined
 def dip_inside(w, h, j):
     """Whether guard j, positive at both ends of the step h but falling at first and rising at last, dips below zero inside it.
 
@@ -105,7 +102,6 @@ def dip_inside(w, h, j):
     return 2.0
 
 
-@inlined
 def candidate(w, h, low, high, width):
     """Earliest fraction of [low, high] (in parts of h) where some guard descends through zero, by Hermite interpolation; 2 where none does."""
     ng = w.ints[layout.NG]
@@ -126,7 +122,6 @@ def candidate(w, h, low, high, width):
     return best
 
 
-@inlined
 def rising_fraction(w, h, j):
     """Where guard j, at zero now and negative after the step h, is positive in between: a fraction, or 0 where it only falls.
 
@@ -143,7 +138,6 @@ def rising_fraction(w, h, j):
     return 0.0
 
 
-@inlined
 def locate(w, h, low):
     """Step from the current point to the first event inside the step h, whose end guards are in `g_high`; its result is left in `y`.
 
@@ -191,7 +185,6 @@ def locate(w, h, low):
     return fraction * h
 
 
-@inlined
 def watch(w, h, error, node):
     """Whether a guard has crossed zero over the step in `y`, and whether one may have dipped below it; its end guards are then in `g_high`.
 

@@ -37,13 +37,12 @@ from toolbox.stepping.step_control import (
     spread_round_off,
 )
 from toolbox.translation.compiled import Compiled
-from toolbox.translation.words import call, inlined, lent, owned
+from toolbox.translation.words import call
 
 GO_ON = -1
 """What `_due` returns, instead of a status of `advance`, where the run goes on with a step."""
 
 
-@inlined
 def _due(w, t, every_node, undecided):
     """Everything due at this instant: events came first, then samples, then updates, then hold, then records. A status of `advance`, or GO_ON.
 
@@ -89,7 +88,6 @@ def _due(w, t, every_node, undecided):
     return GO_ON
 
 
-@inlined
 def _first_dip(w, t, h):
     """The fraction of the step h at which the first guard dips below zero, 1 where none does; the step to there is left in `y`, its guards in `g_high`."""
     ng, end, top = w.ints[layout.NG], 2 * w.ints[layout.N], 1.0
@@ -107,7 +105,6 @@ def _first_dip(w, t, h):
     return top
 
 
-@inlined
 def _step_to(w, t, h, part):
     """Step by a part of h, unless the whole step is there already, and leave its guards in `g_high`; returns the part."""
     if part < 1.0:
@@ -117,7 +114,6 @@ def _step_to(w, t, h, part):
     return part
 
 
-@inlined
 def _from_zero(w, h):
     """Guards that start at zero and are negative at the end of the step h: where each was positive in between.
 
@@ -155,7 +151,6 @@ def _from_zero(w, h):
     return False, False, low, h
 
 
-@inlined
 def _next_size(w, h, h_wanted, error, rejected):
     """Choose the next step size after an accepted step h, of which h_wanted was wanted, by Gustafsson's prediction from the last two steps.
 
@@ -176,7 +171,6 @@ def _next_size(w, h, h_wanted, error, rejected):
     w.reals[layout.STEP_SIZE] = max(grown, h_wanted) if h < h_wanted else grown
 
 
-@inlined
 def _crossed(w, t, h, t_new, error, node, series):
     """Look at the guards over the step h to t_new, which is in `y`, and end it where the first of them crosses zero.
 
@@ -227,12 +221,11 @@ def advance(w, series):
     series: True where the steps are Taylor series, else None: another type, so that the loop of other steps is compiled without them. A condition
     on it stands alone, because numba leaves out only what such a condition alone decides.
     """
-    w = lent(w)
     ne = w.ints[layout.NE]
     every_node = w.ints[layout.NODES] == 1
     budget = w.ints[layout.ACCEPTED] + w.ints[layout.REJECTED] + w.ints[layout.BUDGET]
     rejected, undecided = False, False
-    if w.ints[layout.STARTED] == 0 and not begin(owned(w)):
+    if w.ints[layout.STARTED] == 0 and not begin(w):
         return layout.INCONSISTENT
     while True:
         t = w.reals[layout.TIME]
@@ -248,7 +241,7 @@ def advance(w, series):
         undecided = False
         if series is None:  # noqa: SIM102
             if samples_rule(w):
-                undecided = from_sample_to_sample(owned(w), every_node, budget)
+                undecided = from_sample_to_sample(w, every_node, budget)
                 if w.reals[layout.TIME] > t:
                     continue
 

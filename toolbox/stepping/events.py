@@ -6,10 +6,9 @@ from toolbox.compilation import work_layout as layout
 from toolbox.stepping.guards import flies, guard_size, project, two_directions
 from toolbox.stepping.modes import fire, mark
 from toolbox.stepping.step_control import first_step, measure_round_off
-from toolbox.translation.words import call, inlined
+from toolbox.translation.words import call
 
 
-@inlined
 def project_event(w, t, again):
     """Mark the guards that fire and set the slips that have just become zero to zero, so that they are so in the record, too.
 
@@ -24,7 +23,6 @@ def project_event(w, t, again):
         w.m[i] = w.before[i]
 
 
-@inlined
 def after_event(w, t):
     """Switch what fires at an event. DONE, or the status of `advance` where switching has no end, no modes are consistent, or a bound becomes negative."""
     if t - w.reals[layout.LAST_EVENT] <= 1e-13 * max(abs(t), min(w.reals[layout.HORIZON], 1.0)):
@@ -48,7 +46,6 @@ def after_event(w, t):
     return layout.DONE
 
 
-@inlined
 def _bound_falls(w):
     """Whether a bound that fires becomes negative: one that only touches zero, or that a kink keeps at zero, does not."""
     ng = w.ints[layout.NG]

@@ -3,34 +3,29 @@
 from __future__ import annotations
 
 from toolbox.compilation import work_layout as layout
-from toolbox.translation.words import call, inlined
+from toolbox.translation.words import call
 
 
-@inlined
 def guard_size(w, j):
     """Size of guard j so far; a contact's first guard is a speed in slip and a force in stick, so each has a slot per kind of mode."""
     return w.guard_scale[w.slot[j]]
 
 
-@inlined
 def close_to_zero(w, j):
     """How near to zero a guard counts as zero: far below what the accuracy asked can see."""
     return min(max(1e-5 * w.reals[layout.RTOL], 1e-13), 1e-9) * guard_size(w, j)
 
 
-@inlined
 def flies(w, i):
     """Whether element i is a friction without load because its contact is open: it has no force, and its slip passes through zero unhindered."""
     return w.loader[i] >= 0 and w.m[w.loader[i]] == 1.0
 
 
-@inlined
 def two_directions(w, i):
     """Whether element i is a friction with two slip directions, of which the second is the next element."""
     return i + 1 < w.ints[layout.NE] and w.loader[i + 1] == layout.SECOND
 
 
-@inlined
 def _grow(w):
     """Take the states into their sizes so far, and into those of their units."""
     for i in range(w.ints[layout.N]):
@@ -41,7 +36,6 @@ def _grow(w):
                 w.group_scale[w.group[i]] = size
 
 
-@inlined
 def refresh(w):
     """Slopes, guards and armed flags at the current point.
 
@@ -66,7 +60,6 @@ def refresh(w):
             w.armed[2 * i] = False
 
 
-@inlined
 def held_quietly(w):
     """Take over new held outputs where they change no mode, as guards at the current point show; False where one may, and nothing has been decided yet.
 
@@ -83,7 +76,6 @@ def held_quietly(w):
     return quiet
 
 
-@inlined
 def nudge(w):
     """States and parameters with small relative changes, all different, in `s` and `q`: they show how large the terms are that cancel."""
     for i in range(w.ints[layout.N]):
@@ -92,7 +84,6 @@ def nudge(w):
         w.p_other[i] = w.p[i] * (1.0 + 1e-7 * (0.9 - 0.37 * (i % 7)))
 
 
-@inlined
 def project(w, t):
     """Set the slip of sticking elements to exactly zero, if there are any."""
     for i in range(w.ints[layout.NE]):
@@ -103,7 +94,6 @@ def project(w, t):
             return
 
 
-@inlined
 def accept_guard(w, j):
     """Take in the value of guard j at the end of an accepted step: its size so far, and whether it is armed from now on."""
     size = abs(w.g[j])
@@ -113,7 +103,6 @@ def accept_guard(w, j):
         w.armed[j] = True
 
 
-@inlined
 def accept(w):
     """Take the step in `y`: states, slopes, guards and their sizes so far."""
     n, ng = w.ints[layout.N], w.ints[layout.NG]
@@ -128,7 +117,6 @@ def accept(w):
         accept_guard(w, j)
 
 
-@inlined
 def bounds_hold(w):
     """Whether no bound of friction is negative at the current guards, beyond round-off."""
     hold = True

@@ -6,10 +6,9 @@ import math
 
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.guards import guard_size, nudge, project
-from toolbox.translation.words import call, called, inlined, lent
+from toolbox.translation.words import call
 
 
-@inlined
 def balanced(w, t):
     """Impulses in `y` of an impact of the held elements: unilateral ones that push, friction within its bound. Returns the energy they add.
 
@@ -42,7 +41,6 @@ def balanced(w, t):
     return energy if energy > 1e-12 * size else 0.0
 
 
-@inlined
 def _end_low_flights(w, t):
     """Close contacts whose next flight would be too low to be resolved."""
     n, ne = w.ints[layout.N], w.ints[layout.NE]
@@ -62,10 +60,8 @@ def _end_low_flights(w, t):
                 w.bounced[i], w.zero[i], w.m[i] = False, True, 0.0
 
 
-@called
 def impact(w, t):
     """The impact of the rigid contacts whose gap has just closed; they bounce, or close where the next flight would be too low to be resolved."""
-    w = lent(w)
     n, ne = w.ints[layout.N], w.ints[layout.NE]
     for elastic in range(1, -1, -1):
         w.m_other[ne] = float(elastic)

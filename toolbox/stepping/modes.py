@@ -9,10 +9,9 @@ import numpy as np
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.guards import bounds_hold, flies, guard_size, nudge, project, refresh, two_directions
 from toolbox.stepping.impacts import impact
-from toolbox.translation.words import call, called, inlined, lent, owned
+from toolbox.translation.words import call
 
 
-@inlined
 def modes_consistent(w, t, change, one):
     """Whether the modes of the elements marked in `zero` agree with the forces; with `change`, correct those that do not (only `one`, or all)."""
     ne = w.ints[layout.NE]
@@ -50,7 +49,6 @@ def modes_consistent(w, t, change, one):
     return consistent
 
 
-@inlined
 def decide(w, t):
     """Modes of the elements marked in `zero`, by force: stick where the bound allows it, else slip in the direction of the excess.
 
@@ -74,7 +72,6 @@ def decide(w, t):
     return settled
 
 
-@inlined
 def turn_switches(w):
     """Turn every switch whose threshold is passed at the current guards by more than events are located to; returns whether there was one."""
     turned = False
@@ -88,7 +85,6 @@ def turn_switches(w):
     return turned
 
 
-@inlined
 def settle(w, t):
     """Decide modes at the current point, note what changed, and make slopes and guards current. False where no modes are consistent.
 
@@ -119,7 +115,6 @@ def settle(w, t):
     return True
 
 
-@inlined
 def mark(w, again):
     """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending, unless it decides again.
 
@@ -139,7 +134,6 @@ def mark(w, again):
         w.fired[j] = (near and not again and not alone and not flying) or j == w.ints[layout.LOCATED]
 
 
-@inlined
 def fire(w, t):
     """Handle the marked guards: kinks change side, switches turn, elements are put at zero slip or released, and modes are decided."""
     ne, ng = w.ints[layout.NE], w.ints[layout.NG]
@@ -154,7 +148,7 @@ def fire(w, t):
             w.m[i] = 1.0 - w.m[i]
         strike = strike or (w.kind[i] == layout.RIGID and w.before[i] != 0.0 and w.fired[2 * i])
     if strike:
-        impact(owned(w), t)
+        impact(w, t)
     else:
         _come_to_rest(w, t)
         _release(w)
@@ -163,13 +157,12 @@ def fire(w, t):
         return False
     if w.ints[layout.COUPLED] == 1:
         for e in range(events, w.ints[layout.EVENTS]):
-            w.ev_m[e, 2] = np.int8(_other_choice(owned(w), t, w.ev_i[e]))
+            w.ev_m[e, 2] = np.int8(_other_choice(w, t, w.ev_i[e]))
     if w.ints[layout.EVENTS] == events and not kink:
         w.ints[layout.MERGED] += 1  # touched zero and went on, or left and came back faster than can be resolved
     return True
 
 
-@inlined
 def _come_to_rest(w, t):
     """Put frictions whose slip has ended at zero slip."""
     ended = False
@@ -187,7 +180,6 @@ def _come_to_rest(w, t):
         project(w, t)
 
 
-@inlined
 def _release(w):
     """Let go what is at the limit of its force: frictions in the direction of the guard that fired, rigid contacts that no longer push."""
     for i in range(w.ints[layout.NE]):
@@ -199,13 +191,11 @@ def _release(w):
             w.m[i], w.forced[i] = 1.0, True
 
 
-@called
 def _other_choice(w, t, i):
     """Whether the contact i that has just switched could have done otherwise: stuck where it slides, or slid on or back where it sticks.
 
     The others decide anew each time. Where forces hold each other and static friction is above kinetic both can be consistent. Leaves the modes in m.
     """
-    w = lent(w)
     ne = w.ints[layout.NE]
     if w.kind[i] != layout.FRICTION or not w.zero[i]:
         return False
@@ -231,7 +221,6 @@ def _other_choice(w, t, i):
     return possible
 
 
-@inlined
 def _gaps_open(w, t):
     """Set `m_other` to 1 where a gap is closed, to 0 where it is open; False where a rigid contact is inside."""
     n, ne = w.ints[layout.N], w.ints[layout.NE]
@@ -253,7 +242,6 @@ def _gaps_open(w, t):
     return True
 
 
-@inlined
 def _turn_switches(w, t):
     """Turn switches until all guards agree: one may turn another."""
     n, ne, ng = w.ints[layout.N], w.ints[layout.NE], w.ints[layout.NG]
@@ -269,14 +257,12 @@ def _turn_switches(w, t):
             break
 
 
-@called
 def begin(w):
     """Modes from the start state, then slopes, guards and the first step size. False where no modes are consistent.
 
     An element slides where its slip is not zero; at zero slip force decides. Rigid contacts are closed where their gap is, and does not close or open;
     switches turn until their guards agree.
     """
-    w = lent(w)
     n, ne, ng = w.ints[layout.N], w.ints[layout.NE], w.ints[layout.NG]
     t = w.reals[layout.TIME]
     for i in range(ne):

@@ -7,10 +7,8 @@ import math
 import numpy as np
 
 from toolbox.translation.compiled import Compiled
-from toolbox.translation.words import inlined
 
 
-@inlined
 def scrambled(z):
     """The 64 bits of an unsigned integer scrambled: the finaliser of splitmix64."""
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

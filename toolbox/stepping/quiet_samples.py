@@ -12,19 +12,17 @@ from toolbox.stepping.calendar import next_stop, record, samples
 from toolbox.stepping.crossings import watch
 from toolbox.stepping.guards import accept, held_quietly, project
 from toolbox.stepping.step_control import scaled_error
-from toolbox.translation.words import call, called, inlined, lent
+from toolbox.translation.words import call
 
 REFRESHED = 32
 """Accepted steps after which the loop measures round-off again."""
 
 
-@inlined
 def cut_short(h, wanted):
     """Whether a step h is so much shorter than the one wanted that its error says nothing of how long the next one may be."""
     return layout.CUT_SHORT * h <= wanted
 
 
-@inlined
 def samples_rule(w):
     """Whether the next step ends on a sample of a compiled law, which cuts it short, and no element bounces or switches."""
     few = w.samplers.shape[0]
@@ -39,13 +37,11 @@ def samples_rule(w):
     return cut_short(next_stop(w) - w.reals[layout.TIME], min(w.reals[layout.STEP_SIZE], w.reals[layout.LONGEST]))
 
 
-@called
 def from_sample_to_sample(w, every_node, budget):
     """Step from sample to sample as long as nothing else happens.
 
     budget: accepted and refused steps at which the loop pauses. Returns whether a sample has been taken after which the modes are still to be decided.
     """
-    w = lent(w)
     wanted = min(w.reals[layout.STEP_SIZE], w.reals[layout.LONGEST])
     last = w.reals[layout.END]
     if w.ints[layout.JUMP] < w.jump_t.size:

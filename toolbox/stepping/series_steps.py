@@ -21,7 +21,7 @@ from toolbox.compilation import work_layout as layout
 from toolbox.stepping.crossings import first_descent
 from toolbox.stepping.guards import close_to_zero, guard_size
 from toolbox.stepping.step_control import exp2, log2, measure_round_off, spread_round_off
-from toolbox.translation.words import call, called, inlined, lent, owned
+from toolbox.translation.words import call
 
 SHARE = 2.0
 """Size of the last term of a state in parts of the error that a step may add."""
@@ -36,13 +36,11 @@ SHORTEST = 1e-4
 """Part of a step below which pieces are not halved: the cubic is then right to round-off."""
 
 
-@inlined
 def _allowance(ratio, power):
     """Binary logarithm of the step at which a term c h^k is as large as allowed, from the ratio of c to that; infinite for none."""
     return -log2(ratio) * power if ratio > 0.0 else 1e3
 
 
-@inlined
 def open_series(w, t):
     """Write the table at the current point and choose the step size by it. False where a coefficient is not finite."""
     n, ng, order = w.ints[layout.N], w.ints[layout.NG], w.ints[layout.ORDER]
@@ -89,14 +87,12 @@ def open_series(w, t):
     return True
 
 
-@called
 def _first_fall(w, h, j, shift, length):
     """The first zero of guard j in the step h, and the end of the piece in which it becomes negative, in parts of h; both 2 where it stays positive.
 
     length: of the first piece;  shift: leave out so many first coefficients, of a guard that begins at zero, and look at what it is divided by that
     power of time.
     """
-    w = lent(w)
     n, ng, order = w.ints[layout.N], w.ints[layout.NG], w.ints[layout.ORDER]
     width = n + ng
     c = w.z
@@ -125,7 +121,6 @@ def _first_fall(w, h, j, shift, length):
     return 2.0, 2.0
 
 
-@called
 def _value(c, degree, s):
     """Value and slope of a polynomial."""
     value, slope = c[degree], 0.0
@@ -135,7 +130,6 @@ def _value(c, degree, s):
     return value, slope
 
 
-@inlined
 def _zero(c, degree, low, high, s):
     """Where a polynomial that is positive at `low` and not at `high` is zero, by Newton's method from s on inside a shrinking bracket."""
     for _ in range(60):
@@ -154,7 +148,6 @@ def _zero(c, degree, low, high, s):
     return s
 
 
-@inlined
 def watch_series(w, h, node):
     """Which guard first crosses zero in the step h, whose end is in `y`.
 
@@ -177,14 +170,14 @@ def watch_series(w, h, node):
                     w.ints[layout.LOCATED] = j
                     return True, True, False, 0.0, 1.0
                 continue
-            zero, fraction = _first_fall(owned(w), h, j, 0, 1.0 if b <= 0.0 else 0.5)
+            zero, fraction = _first_fall(w, h, j, 0, 1.0 if b <= 0.0 else 0.5)
             if node and bound and fraction == 1.0 and b >= -1e-12 * guard_size(w, j) and b <= 0.0:
                 continue  # at its bound, or a bound at zero, where an input turns: what follows decides
         elif b < -1e-12 * guard_size(w, j):
             hit, doubtful = True, True
         elif b > 0.0:
             rise = w.side[j] * w.k[n + j] > 0.0
-            zero, fraction = _first_fall(owned(w), h, j, 1 if rise else 2, 1.0)
+            zero, fraction = _first_fall(w, h, j, 1 if rise else 2, 1.0)
             doubtful = doubtful or fraction <= 1.0
         if fraction <= 1.0:
             hit = True
@@ -195,7 +188,6 @@ def watch_series(w, h, node):
     return hit, False, doubtful, first, top
 
 
-@inlined
 def defect(w, t, h):
     """How well the end of the step h in `y` fulfils the equations, in parts of what is allowed: the error that the terms left out make.
 
@@ -223,7 +215,6 @@ def defect(w, t, h):
     return error
 
 
-@inlined
 def turns(w, h):
     """The part of the step h at which a slip first comes closest to zero and turns, where friction laws have their peak; 1 where none does. The end is
     in `y`."""
@@ -232,14 +223,12 @@ def turns(w, h):
     for i in range(w.ints[layout.NE]):
         j = 2 * i
         if w.m[i] != 0.0 and w.kind[i] == layout.FRICTION and w.g[ng + j] < 0.0 and w.y[2 * n + ng + j] > 0.0:
-            first = min(first, _turn(owned(w), h, j))
+            first = min(first, _turn(w, h, j))
     return first
 
 
-@called
 def _turn(w, h, j):
     """Where the slope of guard j, negative at the start and positive at the end of the step h, is zero, in parts of h."""
-    w = lent(w)
     n, ng, order = w.ints[layout.N], w.ints[layout.NG], w.ints[layout.ORDER]
     width = n + ng
     power = 1.0
@@ -250,7 +239,6 @@ def _turn(w, h, j):
     return _zero(w.z, order - 1, 0.0, 1.0, w.z[0] / (w.z[0] - min(value, 0.0))) if w.z[0] > 0.0 else 1.0
 
 
-@inlined
 def polish(w, t, size):
     """Move the end of a step that ends on the located guard until the guard itself, not its polynomial, is zero; returns the size of the step."""
     n, ng, j = w.ints[layout.N], w.ints[layout.NG], w.ints[layout.LOCATED]
@@ -269,7 +257,6 @@ def polish(w, t, size):
     return size
 
 
-@inlined
 def checked_end(w, t, h, t_new, event, rejected):
     """Check the step h to t_new in `y` against the field, where a slip turns inside it and at its end, and polish an event; (error, size, end) of it."""
     error = 0.0

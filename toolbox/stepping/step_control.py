@@ -8,7 +8,7 @@ import numpy as np
 
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.guards import nudge
-from toolbox.translation.words import call, called, inlined, lent, owned
+from toolbox.translation.words import call
 
 STAGES = 10.0
 """Stages of a step, about: the noise of a slope is in every one of them, that of the first alone leaves a tenth of it in the states."""
@@ -31,7 +31,6 @@ PASSED_OVER = 1e3
 """What counts as its growth where an implicit step has passed over a rest between its ends."""
 
 
-@inlined
 def log2(x):
     """Binary logarithm of a positive number to one part in a hundred, which is all that step sizes need."""
     bits = np.float64(x).view(np.int64)
@@ -39,7 +38,6 @@ def log2(x):
     return float((bits >> 52) - 1023) + fraction * (1.3465 - 0.3465 * fraction)
 
 
-@inlined
 def exp2(x):
     """Two to the power of x, |x| < 1000, to one part in two hundred."""
     floor = math.floor(x)
@@ -47,13 +45,11 @@ def exp2(x):
     return np.int64((np.int64(floor) + 1023) << 52).view(np.float64) * (1.0 + fraction * (0.6565 + 0.3435 * fraction))
 
 
-@inlined
 def tolerance(w, i):
     """Local tolerance of state i: the accuracy asked times its size, with floors for states that are still small."""
     return w.reals[layout.RTOL] * max(w.scale[i], 1e-10 * w.group_scale[w.group[i]], 1e-14)
 
 
-@inlined
 def measure_round_off(w):
     """Size of round-off in every slope, from what small changes do to it and from the forces that cancel in it."""
     nudge(w)
@@ -65,7 +61,6 @@ def measure_round_off(w):
         w.noise[i] += w.z[i] * 32.0 * layout.EPS
 
 
-@inlined
 def spread_round_off(w, h):
     """Add to the noise of every slope what a step h, which has been accepted, makes of the noise of the others.
 
@@ -76,17 +71,15 @@ def spread_round_off(w, h):
     for i in range(w.ints[layout.N]):
         reached = reached or (w.scale[i] > 0.0 and w.noise[i] * h > 1e-7 * w.scale[i])
     if reached:
-        _spread(owned(w), h)
+        _spread(w, h)
 
 
-@called
 def _spread(w, h):
     """Add the noise for `spread_round_off`: what two steps differ by, one of which starts from slopes with their noise; of Taylor series, what the slopes at
     two points differ by that noise puts apart within the step.
 
     A step carries the noise from state to state as far as it carries everything else, and damps it in modes that die within it.
     """
-    w = lent(w)
     n = w.ints[layout.N]
     if w.ints[layout.SERIES] != 0:  # whose steps begin with a table, not with slopes
         for i in range(n):
@@ -103,14 +96,12 @@ def _spread(w, h):
         _take_over(w, i, abs(w.z[i] - w.y[i]) / h)
 
 
-@inlined
 def _take_over(w, i, spread):
     """Add what other slopes pass on to the noise of slope i, unless its state is of a size that round-off does not reach."""
     if w.scale[i] <= REACH * spread * w.reals[layout.TIME] < math.inf:
         w.noise[i] += spread
 
 
-@inlined
 def first_step(w):
     """A first step size by Hairer's rule."""
     n, t = w.ints[layout.N], w.reals[layout.TIME]
@@ -137,16 +128,13 @@ def first_step(w):
     w.reals[layout.STEP_OLD] = 0.0
 
 
-@inlined
 def outgrown(w, h):
     """Whether the implicit step h in `y` is longer than modes that may grow allow."""
     return w.ints[layout.IMPLICIT] == 1 and h > w.reals[layout.FOLLOWED] and not w.y[3 * w.ints[layout.N] + 2 * w.ints[layout.NG]] > 0.0
 
 
-@called
 def _growth_of_slip(w, h, i):
     """How many times larger the slip speed of element i is at the end of the step h in `y` than at its start; PASSED_OVER where the slip has turned round."""
-    w = lent(w)
     ne = w.ints[layout.NE]
     call(w.ints[layout.PROBE], w.reals[layout.TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
     before, first, second = w.z[i], w.z[i + 1], w.z[ne + i + 1]
@@ -156,7 +144,6 @@ def _growth_of_slip(w, h, i):
     return w.z[i] / before if before > 0.0 else 1.0
 
 
-@inlined
 def scaled_error(w, h):
     """Scaled error of the step in `y`: root mean square over the states, in units of the local tolerance.
 
@@ -177,7 +164,7 @@ def scaled_error(w, h):
         for i in range(1, w.ints[layout.NE]):
             if w.loader[i] == layout.SECOND and w.m[i] == 1.0 and w.m[i - 1] != 0.0:
                 portion = h  # a slip that ends must not miss its rest by what other steps may add
-                turned = max(turned, _growth_of_slip(owned(w), h, i - 1) / GROWTH_OF_SLIP)
+                turned = max(turned, _growth_of_slip(w, h, i - 1) / GROWTH_OF_SLIP)
     share = max(w.reals[layout.RTOL] * min(portion / w.reals[layout.HORIZON], 0.1), 1e-14 if w.reals[layout.RTOL] > 1e-14 else 2e-15)
     for i in range(n):
         size = max(w.scale[i], abs(w.y[i]), 1e-10 * w.group_scale[w.group[i]], 1e-14)

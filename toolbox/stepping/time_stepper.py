@@ -12,10 +12,9 @@ from toolbox.stepping.calendar import jumps, next_stop, record, samples
 from toolbox.stepping.guards import project
 from toolbox.stepping.modes import begin
 from toolbox.translation.compiled import Compiled
-from toolbox.translation.words import call, inlined, lent, owned
+from toolbox.translation.words import call
 
 
-@inlined
 def _event(w, t, i, before, after):
     """Note a switch of element i."""
     e = w.ints[layout.EVENTS]
@@ -24,7 +23,6 @@ def _event(w, t, i, before, after):
     w.ints[layout.EVENTS], w.ints[layout.CULPRIT] = e + 1, i
 
 
-@inlined
 def _switches(w, t):
     """Turn the switches whose guards are negative at the begin of a step; those that turn others follow."""
     n, ne = w.ints[layout.N], w.ints[layout.NE]
@@ -42,7 +40,6 @@ def _switches(w, t):
             _event(w, t, i, w.before[i], w.m[i])
 
 
-@inlined
 def _agrees(w, i):
     """Whether the mode of element i agrees with the trial step in `y`; where it does not, it is changed. held[i]: 1 where a contact is thrown back."""
     n, ne = w.ints[layout.N], w.ints[layout.NE]
@@ -74,7 +71,6 @@ def _agrees(w, i):
     return False
 
 
-@inlined
 def _step(w, t, h):
     """One step from t with modes that agree with its forces; its result is left in `y`. False where none are found."""
     n, ne = w.ints[layout.N], w.ints[layout.NE]
@@ -118,14 +114,13 @@ def _step(w, t, h):
 
 def _advance(w):
     """Step until the end time, a full buffer, a sample of a Python controller or the step budget; can be called again."""
-    w = lent(w)
     n, ne = w.ints[layout.N], w.ints[layout.NE]
     every = w.ints[layout.NODES]
     budget = w.ints[layout.ACCEPTED] + w.ints[layout.BUDGET]
     turns = False
     for i in range(ne):
         turns = turns or w.kind[i] == layout.SWITCH
-    if w.ints[layout.STARTED] == 0 and not begin(owned(w)):
+    if w.ints[layout.STARTED] == 0 and not begin(w):
         return layout.INCONSISTENT
     while True:
         t = w.reals[layout.TIME]

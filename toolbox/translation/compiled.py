@@ -4,7 +4,7 @@ The machine code is for the plain processor of its kind, not for the one at hand
 everything that enters it (`toolbox.compilation.stamps`): the functions, all that they call and read, the translator, and the version of LLVM. An installed
 package can hold it as well (`toolbox.translation.shipped`), under a number of the text of LLVM itself.
 
-A loop takes a named tuple of arrays as it stands: its machine code reads where their data are from the arrays of numpy themselves, which is laid down for
+A loop takes named tuples of arrays as they stand: its machine code reads where their data are from the arrays of numpy themselves, which is laid down for
 every program in C that uses them.
 """
 
@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import itertools
 import platform
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ import numpy as np
 from toolbox.compilation.emitter import COMPILING, linked, object_code
 from toolbox.compilation.kept_code import cache_directory, keep, kept
 from toolbox.compilation.stamps import stamp_of
-from toolbox.translation.kinds import Array, Value, known
+from toolbox.translation.kinds import Array, Arrays, Value, known
 
 HEADER = object.__basicsize__
 """Bytes of what begins every object of Python; behind it an array of numpy has the address of its data, its dimensions, their sizes and their strides."""
@@ -44,7 +45,7 @@ class Compiled:
         The function. What it calls stands in files of the toolbox.
     arguments
         Its arguments: "f", "i" or "u" for a real number and for a whole one with and without sign; None and True for a condition that is known; and for the
-        named tuple of arrays its kinds, {field: (dtype, number of dimensions)}. Such a function takes the tuple alone.
+        named tuple of arrays its kinds, {field: (dtype, number of dimensions)}. A function of tuples is given them alone, and gives a whole number.
     gives
         What it gives, as of an argument.
     """
@@ -52,35 +53,35 @@ class Compiled:
     def __init__(self, py_func: Any, *arguments: Any, gives: str = "i"):
         self.py_func, self.arguments, self.gives = py_func, arguments, gives
         self.__doc__, self.__module__ = py_func.__doc__, py_func.__module__
-        self.kinds: Mapping[str, tuple[str, int]] = next((each for each in arguments if isinstance(each, Mapping)), {})
-        self._dtypes = [np.dtype(dtype) for dtype, _ in self.kinds.values()]
-        self._dimensions = [dimensions for _, dimensions in self.kinds.values()]
+        self.tuples: list[Mapping[str, tuple[str, int]]] = [each for each in arguments if isinstance(each, Mapping)]
+        self._dtypes = [np.dtype(dtype) for kinds in self.tuples for dtype, _ in kinds.values()]
+        self._dimensions = [dimensions for kinds in self.tuples for _, dimensions in kinds.values()]
 
     def __call__(self, *given: Any) -> Any:
         """Run it. Raises TypeError for arrays that are not as was said of them."""
-        if not self.kinds:
+        if not self.tuples:
             return self._entry(*[float(each) if kind == "f" else int(each) for each, kind in zip(given, self.arguments, strict=True)])
-        (work,) = given
-        self._check(work)
-        return self._entry(id(work))
+        self._check(given)
+        return self._entry(*map(id, given))
 
-    def bound(self, work: Any) -> Callable[[], Any]:
+    def bound(self, *given: Any) -> Callable[[], Any]:
         """Return a function that runs it on these arrays, checked here once: a call checks them anew, which takes longer than a run of some microseconds.
 
-        The tuple lives on in it; its arrays must keep their sizes and types. Raises TypeError as a call does.
+        The tuples live on in it; their arrays must keep their sizes and types. Raises TypeError as a call does.
         """
-        self._check(work)
-        entry = self._entry
+        self._check(given)
+        entry, places = self._entry, tuple(map(id, given))
 
-        def run(work: Any = work, place: int = id(work)) -> Any:
-            return entry(place)
+        def run(given: Any = given) -> Any:
+            return entry(*places)
 
         return run
 
-    def _check(self, work: Any) -> None:
-        fits = [each.dtype for each in work] == self._dtypes and [each.ndim for each in work] == self._dimensions
-        if not (fits and all([each.flags.c_contiguous for each in work])):  # noqa: C419 (a generator is slower)
-            raise TypeError(f"Function `{self.py_func.__qualname__}` must be given arrays {dict(self.kinds)} in one piece each.")
+    def _check(self, given: Sequence[Any]) -> None:
+        arrays = given[0] if len(given) == 1 else [each for work in given for each in work]
+        fits = [each.dtype for each in arrays] == self._dtypes and [each.ndim for each in arrays] == self._dimensions
+        if not (fits and all([each.flags.c_contiguous for each in arrays])):  # noqa: C419 (a generator is slower)
+            raise TypeError(f"Function `{self.py_func.__qualname__}` must be given arrays {self.tuples} in one piece each.")
 
     def known(self) -> bool:
         """Whether it needs no compiling here."""
@@ -92,14 +93,14 @@ class Compiled:
 
     @cached_property
     def address(self) -> int:
-        """Address of the machine code that takes a table of the arrays: of each its address, then its sizes."""
+        """Address of the machine code that takes a table for each tuple: of each array its address, then its sizes."""
         return int(self._library["on_table"])
 
     @cached_property
     def _entry(self) -> Callable[..., Any]:
-        if self.kinds:
+        if self.tuples:
             _check_layout()
-            return ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._library["run"])
+            return ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * len(self.tuples))(self._library["run"])
         return ctypes.CFUNCTYPE(*[_IN_C[kind] for kind in (self.gives, *self.arguments)])(self._library["run"])
 
     @cached_property
@@ -109,7 +110,7 @@ class Compiled:
             if image is None:
                 image = self._shipped() or object_code(self.text, plain_processor())
                 keep(self._path, image)
-            return linked(f"{self._name}-{self._stamp}", image, ["run", "on_table"] if self.kinds else ["run"])
+            return linked(f"{self._name}-{self._stamp}", image, ["run", "on_table"] if self.tuples else ["run"])
 
     @property
     def _name(self) -> str:
@@ -144,11 +145,13 @@ class Compiled:
     @cached_property
     def text(self) -> str:
         """The module as text of LLVM."""
-        from toolbox.translation.llvm_language import METADATA, LlvmTranslation, type_of
+        from toolbox.translation.llvm_language import LlvmTranslation, type_of
 
-        work = {name: Array(dtype, (None,) * dimensions) for name, (dtype, dimensions) in self.kinds.items()}
-        made = LlvmTranslation(work, {}, {})
-        values = [self._argument(each) for each in self.arguments]
+        tuples = [{name: Array(dtype, (None,) * dimensions) for name, (dtype, dimensions) in kinds.items()} for kinds in self.tuples]
+        kinds = [Arrays(f"w{k}" if k else "w") for k in range(len(tuples))]
+        made = LlvmTranslation(dict(zip(kinds, tuples, strict=True)), {}, {})
+        waiting = iter(kinds)
+        values = [Value("", next(waiting)) if isinstance(each, Mapping) else _argument(each) for each in self.arguments]
         main = made.written(self.py_func, values)
         result = type_of(main.returns)
         if main.returns not in (self.gives, "none", None):
@@ -158,27 +161,24 @@ class Compiled:
             "i1 true" if value.kind == "b" else f"{type_of(value.kind)} %given{i}" for i, value in enumerate(values) if value.kind != "none"
         ]
         direct = [
-            f"define {type_of(self.gives)} @{'on_table' if self.kinds else 'run'}({', '.join(given)}) nounwind noinline {{",
+            f"define {type_of(self.gives)} @{'on_table' if self.tuples else 'run'}({', '.join(given)}) nounwind noinline {{",
             f"  {'' if result == 'void' else '%done = '}call {result} @{main.name}({', '.join(handed)})",
             f"  ret {type_of(self.gives)} {'0' if result == 'void' else '%done'}",
             "}",
         ]
         head = [*sorted(made.declared), *made.globals, *(function.text for function in made.order), *direct]
-        return "\n".join([*head, *(self._reader() if self.kinds else []), METADATA])
-
-    def _argument(self, given: Any) -> Value:
-        if isinstance(given, Mapping):
-            return Value("w", "w")
-        return known(None) if given is None else Value("", "b" if given is True else given)
+        return "\n".join([*head, *(self._reader() if self.tuples else []), METADATA])
 
     def _reader(self) -> list[str]:
-        """What takes a tuple of arrays of numpy and calls the loop with the table of them."""
-        entries = sum(1 + dimensions for dimensions in self._dimensions)
-        lines = ["define i64 @run(ptr %tuple) nounwind {", f"  %table = alloca [{entries} x i64], align 64"]
-        place = 0
-        for q, dimensions in enumerate(self._dimensions):
+        """What takes tuples of arrays of numpy and calls the loop with the tables of them."""
+        given, tables = (", ".join(f"ptr %{word}{k}" for k in range(len(self.tuples))) for word in ("tuple", "table"))
+        lines = [f"define i64 @run({given}) nounwind {{"]
+        for k, kinds in enumerate(self.tuples):
+            lines += [f"  %table{k} = alloca [{sum(1 + dimensions for _, dimensions in kinds.values())} x i64], align 64"]
+        items = [(k, j, place) for k, kinds in enumerate(self.tuples) for j, place in enumerate(_places(kinds))]
+        for q, ((k, j, place), dimensions) in enumerate(zip(items, self._dimensions, strict=True)):
             lines += [
-                f"  %item{q}.at = getelementptr i8, ptr %tuple, i64 {ITEMS + 8 * q}",
+                f"  %item{q}.at = getelementptr i8, ptr %tuple{k}, i64 {ITEMS + 8 * j}",
                 f"  %item{q} = load ptr, ptr %item{q}.at",
                 f"  %data{q}.at = getelementptr i8, ptr %item{q}, i64 {DATA}",
                 f"  %sizes{q}.at = getelementptr i8, ptr %item{q}, i64 {SIZES}",
@@ -186,15 +186,36 @@ class Compiled:
             ]
             sources = [f"%data{q}.at", *(f"%size{q}.{k}.at" for k in range(dimensions))]
             lines += [f"  %size{q}.{k}.at = getelementptr i64, ptr %sizes{q}, i64 {k}" for k in range(dimensions)]
-            for source in sources:
+            for d, source in enumerate(sources):
                 lines += [
-                    f"  %entry{place} = load i64, ptr {source}",
-                    f"  %entry{place}.at = getelementptr i64, ptr %table, i64 {place}",
-                    f"  store i64 %entry{place}, ptr %entry{place}.at",
+                    f"  %entry{q}.{d} = load i64, ptr {source}",
+                    f"  %entry{q}.{d}.at = getelementptr i64, ptr %table{k}, i64 {place + d}",
+                    f"  store i64 %entry{q}.{d}, ptr %entry{q}.{d}.at",
                 ]
-                place += 1
-        return [*lines, "  %done = call i64 @on_table(ptr %table)", "  ret i64 %done", "}"]
+        return [*lines, f"  %done = call i64 @on_table({tables})", "  ret i64 %done", "}"]
 
+
+def _argument(given: Any) -> Value:
+    return known(None) if given is None else Value("", "b" if given is True else given)
+
+
+def _places(kinds: Mapping[str, tuple[str, int]]) -> Iterator[int]:
+    """The place of every array in the table of a tuple."""
+    return itertools.accumulate((1 + dimensions for _, dimensions in list(kinds.values())[:-1]), initial=0)
+
+
+METADATA = """!0 = !{}
+!1 = !{!"arrays"}
+!2 = !{!"double", !1, i64 0}
+!3 = !{!"i64", !1, i64 0}
+!4 = !{!2, !2, i64 0}
+!5 = !{!3, !3, i64 0}
+!6 = !{!8, !8, i64 0}
+!7 = !{!9, !9, i64 0}
+!8 = !{!"i32", !1, i64 0}
+!9 = !{!"i8", !1, i64 0}
+"""
+"""Arrays of different types share no memory."""
 
 SHIPPED = Path(__file__).with_name("objects")
 """Where an installed package has the machine code of its loops, if it has it."""

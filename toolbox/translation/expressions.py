@@ -10,8 +10,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from toolbox.translation.kinds import CASTS, FUNCTIONS, STORED, Array, Kind, NotTranslatable, Value, joined, known
-from toolbox.translation.words import call, lent, owned
+from toolbox.translation.kinds import CASTS, FUNCTIONS, STORED, Array, Arrays, Kind, NotTranslatable, Value, joined, known
+from toolbox.translation.words import call, call_code, call_loop
 
 COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.Lt: operator.lt,
@@ -81,6 +81,10 @@ class Expressions:
             self.refuse(node)
         return known(value)
 
+    def kind_of(self, name: str) -> Kind:
+        """The kind of an argument; None for what is none."""
+        return self.names[name].kind if name in self.names else None
+
     def outside(self, node: ast.expr) -> Any:
         """What a name means outside of the function; None for nothing."""
         if isinstance(node, ast.Name):
@@ -95,10 +99,11 @@ class Expressions:
 
     def of_Attribute(self, node: ast.Attribute) -> Value:
         """An array, its size, or a constant of a module."""
-        if isinstance(node.value, ast.Name) and node.value.id in self.names and self.names[node.value.id].kind == "w":
-            if node.attr not in self.t.work:
+        if isinstance(node.value, ast.Name) and isinstance(self.kind_of(node.value.id), Arrays):
+            owner, fields = node.value.id, self.t.tuples[self.kind_of(node.value.id)]
+            if node.attr not in fields:
                 self.refuse(node)
-            return Value(self.said("field", None, node.value.id, node.attr).text, self.t.work[node.attr], field=node.attr)
+            return Value(self.said("field", None, owner, node.attr).text, fields[node.attr], field=node.attr, owner=owner)
         if node.attr == "size":
             whole = self.value(node.value)
             if isinstance(whole.kind, Array):
@@ -242,11 +247,13 @@ class Expressions:
         function = self.outside(node.func)
         if function is None:
             self.refuse(node)
-        if function in (lent, owned):
-            return self.value(node.args[0])
         values = [self.value(each) for each in node.args]
         if function is call:
-            return self.model_call(values)
+            return self.said("model", "none", values[0], values[1:])
+        if function is call_code:
+            return self.said("code", "none", values[0], values[1:])
+        if function is call_loop:
+            return self.said("loop", "i", *values)
         for known_function, handler in _CALLS:
             if function is known_function:
                 return handler(self, node, values)
@@ -275,10 +282,6 @@ class Expressions:
         if (value.kind, wanted) != ("i", "f"):
             self.refuse(node)
         return self.said("helped", "f", "number_of", value)
-
-    def model_call(self, values: list[Value]) -> Value:
-        """A call of model code, whose address is a number of the model or stands in an array."""
-        return self.said("model", "none", values[0], values[1:])
 
     def extreme(self, name: str, values: list[Value]) -> Value:
         """The smallest or largest of some numbers, as Python chooses where one is not a number."""

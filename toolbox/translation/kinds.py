@@ -27,18 +27,32 @@ class Array:
     shape: tuple[int | None, ...]
 
 
-Kind = Any  # "f", "i", "u", "b", "none", an Array, a tuple of kinds, or "w"
+@dataclass(frozen=True)
+class Arrays:
+    """The kind of a named tuple of arrays, by the name of the tuple."""
+
+    name: str
+
+
+WORK = Arrays("w")
+"""The arrays of a loop that has one tuple of them."""
+
+Kind = Any  # "f", "i", "u", "b", "none", an Array, Arrays, or a tuple of kinds
 _UNKNOWN = object()
 
 
 @dataclass(frozen=True)
 class Value:
-    """An expression in the language into which is translated: its text, kind, and value where it is known; of an array the field of `w` that it is."""
+    """An expression in the language into which is translated: its text, kind, and value where it is known.
+
+    field, owner: of an array the field of a tuple that it is, and the variable that is the tuple.
+    """
 
     text: str
     kind: Kind
     known: Any = _UNKNOWN
     field: str = ""
+    owner: str = ""
 
     @property
     def is_known(self) -> bool:

@@ -1,18 +1,20 @@
 """The loops in the text of LLVM, for work arrays of any size (`toolbox.translation.translation`).
 
-A function takes `w` as one pointer to a table: for every field of the arrays its address, then its sizes. No flag allows LLVM to contract, reorder or
+A function takes a tuple of arrays as one pointer to a table: for every field its address, then its sizes. No flag allows LLVM to contract, reorder or
 approximate anything, and processors of one kind have the operations that are used, so that the bits are the same on all of them.
 """
 
 from __future__ import annotations
 
 import ast
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from toolbox.compilation.emitter import literal
-from toolbox.translation.kinds import STORED, Array, Kind, NotTranslatable, Value, joined, known
+from toolbox.translation.kinds import STORED, Array, Arrays, Kind, NotTranslatable, Value, joined, known
 from toolbox.translation.statements import Writer
 from toolbox.translation.translation import Function, Translation
 
@@ -21,32 +23,21 @@ STORED_TYPES = {"float64": "double", "int64": "i64", "uint64": "i64", "bool": "i
 _ORDERED: dict[type[ast.AST], tuple[str, str, str]] = {
             ast.Lt: ("olt", "slt", "ult"), ast.LtE: ("ole", "sle", "ule"), ast.Gt: ("ogt", "sgt", "ugt"), ast.GtE: ("oge", "sge", "uge"),
             ast.Eq: ("oeq", "eq", "eq"), ast.NotEq: ("une", "ne", "ne")}  # fmt: skip
-_WHOLE: dict[type[ast.AST], str] = {
-    ast.Add: "add",
-    ast.Sub: "sub",
-    ast.Mult: "mul",
-    ast.BitAnd: "and",
-    ast.BitOr: "or",
-    ast.BitXor: "xor",
-    ast.LShift: "shl",
-}
+_WHOLE: dict[type[ast.AST], str] = dict(
+    zip(
+        (ast.Add, ast.Sub, ast.Mult, ast.BitAnd, ast.BitOr, ast.BitXor, ast.LShift),
+        ["add", "sub", "mul", "and", "or", "xor", "shl"],
+        strict=True,
+    )
+)
 _REAL: dict[type[ast.AST], str] = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul"}
+_TAKEN = {"square": "f", "bits_of": "f", "number_of": "i"}
+"""{small function: kind of what it takes}; others take what they give."""
 FIXED = "!invariant.load !0"
 """What says that the table of addresses and sizes does not change."""
 
 _TAGS = {"double": "!tbaa !4", "i64": "!tbaa !5", "i32": "!tbaa !6", "i8": "!tbaa !7"}
-METADATA = """!0 = !{}
-!1 = !{!"arrays"}
-!2 = !{!"double", !1, i64 0}
-!3 = !{!"i64", !1, i64 0}
-!4 = !{!2, !2, i64 0}
-!5 = !{!3, !3, i64 0}
-!6 = !{!8, !8, i64 0}
-!7 = !{!9, !9, i64 0}
-!8 = !{!"i32", !1, i64 0}
-!9 = !{!"i8", !1, i64 0}
-"""
-"""Arrays of different types share no memory."""
+"""What tells arrays of one type from those of others (`METADATA` of `toolbox.translation.compiled`)."""
 
 
 def type_of(kind: Kind) -> str:
@@ -55,7 +46,7 @@ def type_of(kind: Kind) -> str:
         return "void"
     if isinstance(kind, tuple):
         return "{" + ", ".join(type_of(each) for each in kind) + "}"
-    return "ptr" if isinstance(kind, Array) or kind == "w" else TYPES[kind]
+    return "ptr" if isinstance(kind, (Array, Arrays)) else TYPES[kind]
 
 
 def constant(value: Any, kind: str) -> str:
@@ -154,16 +145,16 @@ class LlvmExpressions(Writer):
         return Value(getattr(self, f"l_{what}")(kind, *given), kind)
 
     def l_variable(self, kind: Kind, name: str) -> str:
-        if kind == "w":
+        if isinstance(kind, Arrays):
             return f"%{name}.given"
         return self.new(f"load {type_of(kind)}, ptr {self.slot(name, kind)}")
 
     def l_field(self, kind: Kind, owner: str, name: str) -> str:
-        return self.table(owner, self.t.places[name], "ptr", name)
+        return self.table(owner, self.t.places[self.kind_of(owner)][name], "ptr", name)
 
     def l_size(self, kind: Kind, whole: Value, place: int) -> str:
-        owner = next(name for name, value in self.names.items() if value.kind == "w")
-        return self.table(owner, self.t.places[whole.field] + 1 + place, "i64", f"{whole.field}.size{place}")
+        at = self.t.places[self.kind_of(whole.owner)][whole.field] + 1 + place
+        return self.table(whole.owner, at, "i64", f"{whole.field}.size{place}")
 
     def l_of_tuple(self, kind: Kind, whole: Value, place: int) -> str:
         return self.new(f"extractvalue {type_of(whole.kind)} {whole.text}, {place}")
@@ -203,7 +194,7 @@ class LlvmExpressions(Writer):
         return self.new(f"fneg double {value.text}" if kind == "f" else f"sub i64 0, {self.cast(value, 'i')}")
 
     def l_helped(self, kind: Kind, name: str, *values: Value) -> str:
-        word, given = name.split("_")[0], [self.cast(value, "f" if name == "square" else name_kind(name, kind)) for value in values]
+        word, given = name.split("_")[0], [self.cast(value, _TAKEN.get(name, kind)) for value in values]
         if name == "square":
             return self.new(f"fmul double {given[0]}, {given[0]}")
         if name in ("bits_of", "number_of"):
@@ -335,10 +326,13 @@ class LlvmExpressions(Writer):
         self.emit(f"call void {function}({', '.join(given)}) nounwind, {_TAGS['double']}")
         return ""
 
+    def l_code(self, kind: Kind, address: Value, arrays: Sequence[Value]) -> str:
+        function = self.new(f"inttoptr i64 {address.text} to ptr")
+        self.emit(f"call void {function}({', '.join(f'ptr {value.text}' for value in arrays)}) nounwind")
+        return ""
 
-def name_kind(name: str, kind: Kind) -> Kind:
-    """The kind of what a small function takes."""
-    return {"bits_of": "f", "number_of": "i"}.get(name, kind)
+    def l_loop(self, kind: Kind, address: Value, work: Value) -> str:
+        return self.new(f"call i64 {self.new(f'inttoptr i64 {address.text} to ptr')}(ptr {work.text}) nounwind")
 
 
 class LlvmWriter(LlvmExpressions):
@@ -356,12 +350,18 @@ class LlvmWriter(LlvmExpressions):
         if not self.ended:
             self.emit("ret void" if gives == "void" else "unreachable")
         given = {name: value.kind for name, value in self.names.items() if value.kind != "none"}
-        stores = [f"store {type_of(kind)} %{name}.given, ptr {self.slot(name, kind)}" for name, kind in given.items() if kind != "w"]
-        arguments = ", ".join(f"{type_of(kind)}{' noalias readonly' if kind == 'w' else ''} %{name}.given" for name, kind in given.items())
+        stores = [
+            f"store {type_of(kind)} %{name}.given, ptr {self.slot(name, kind)}"
+            for name, kind in given.items()
+            if not isinstance(kind, Arrays)
+        ]
+        arguments = ", ".join(
+            f"{type_of(kind)}{' noalias readonly' if isinstance(kind, Arrays) else ''} %{name}.given" for name, kind in given.items()
+        )
         head = [f"  {line}" for lines in self.head.values() for line in lines] + [f"  {line}" for line in stores]
         return "\n".join(
             [
-                f"define internal {gives} @{self.made.name}({arguments}) {self.t.manner(self.made.source)} {{",
+                f"define internal {gives} @{self.made.name}({arguments}) nounwind {{",
                 "entry:",
                 *head,
                 "  br label %begin",
@@ -484,15 +484,8 @@ class LlvmTranslation(Translation):
     globals: list[str] = field(default_factory=list)
     declared: set[str] = field(default_factory=set)
 
-    @property
-    def places(self) -> dict[str, int]:
-        """{field: place of its address in the table}, behind which its sizes stand."""
-        found, place = {}, 0
-        for name, kind in self.work.items():
-            found[name] = place
-            place += 1 + len(kind.shape)
-        return found
-
-    def manner(self, source: Any) -> str:
-        """The attributes of a function."""
-        return "nounwind"
+    @cached_property
+    def places(self) -> dict[Arrays, dict[str, int]]:
+        """{tuple: {field: place of its address in the table}}, behind which its sizes stand."""
+        sizes = {each: [1 + len(kind.shape) for kind in fields.values()] for each, fields in self.tuples.items()}
+        return {each: dict(zip(fields, itertools.accumulate(sizes[each], initial=0), strict=False)) for each, fields in self.tuples.items()}

@@ -6,8 +6,7 @@ import ast
 from collections.abc import Sequence
 
 from toolbox.translation.expressions import Expressions
-from toolbox.translation.kinds import Array, Kind, NotTranslatable, Value, joined, known
-from toolbox.translation.words import lent, owned
+from toolbox.translation.kinds import Array, Arrays, Kind, NotTranslatable, Value, joined, known
 
 
 def _stores(body: list[ast.stmt], name: str) -> bool:
@@ -152,8 +151,6 @@ class Writer(Expressions):
             self.refuse(node)
         target = node.targets[0]
         if not isinstance(target, ast.Tuple):
-            if isinstance(target, ast.Name) and self.same_work(target.id, node.value):
-                return
             self.store(target, self.value(node.value))
             return
         if isinstance(node.value, ast.Tuple):
@@ -181,12 +178,6 @@ class Writer(Expressions):
             if not (isinstance(each, ast.Name) and each.id == "_"):
                 self.store(each, self.said("of_tuple", kind, value, i))
 
-    def same_work(self, name: str, node: ast.expr) -> bool:
-        """Whether an assignment only lends the arrays to the function itself."""
-        return (
-            name in self.names and self.names[name].kind == "w" and isinstance(node, ast.Call) and self.outside(node.func) in (lent, owned)
-        )
-
     def apart(self, target: ast.Tuple, values: ast.Tuple) -> bool:
         """Whether variables may be set one after another, because none of the later values reads one of them."""
         names = [each.id for each in target.elts if isinstance(each, ast.Name)]
@@ -199,7 +190,7 @@ class Writer(Expressions):
         """Set a variable or an entry."""
         if isinstance(target, ast.Name):
             name = target.id
-            if name in self.loops or (name in self.names and self.names[name].kind in ("w", "none")):
+            if name in self.loops or (isinstance(self.kind_of(name), Arrays) or self.kind_of(name) == "none"):
                 self.refuse(target, f"`{name}` may not be set")
             if name in self.names:
                 self.names[name] = Value("", joined(self.names[name].kind, value.kind))

@@ -1,9 +1,9 @@
 """Translation of the compiled loops: the functions under `toolbox.stepping` and all that they call, as they stand, into C99 or into the text of LLVM.
 
-They are written in a part of Python that is nearly C: functions of one set of arrays `w`, numbers and arrays, which allocate nothing and raise nothing. Types
-follow from the arrays and from how the functions are called, one function for every set of types; tuples become structs; conditions that are known, such as
-those on the sizes of a model in C, leave out what they rule out. Whatever is not known here is refused by name and line, so that a change of the loop either
-arrives in both languages or stops them.
+They are written in a part of Python that is nearly C: functions of named tuples of arrays, such as `w`, of numbers and of arrays, which allocate nothing and
+raise nothing. Types follow from the arrays and from how the functions are called, one function for every set of types; tuples become structs; conditions that
+are known, such as those on the sizes of a model in C, leave out what they rule out. Whatever is not known here is refused by name and line, so that a change of
+the loop either arrives in both languages or stops them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from functools import cache
 from types import FunctionType
 from typing import Any
 
-from toolbox.translation.kinds import Array, Kind, NotTranslatable, Value
+from toolbox.translation.kinds import Array, Arrays, Kind, NotTranslatable, Value
 from toolbox.translation.statements import Writer
 
 
@@ -39,8 +39,8 @@ class Translation:
 
     Parameters
     ----------
-    work
-        {field of the arrays: its kind}.
+    tuples
+        {kind of a named tuple of arrays: {field: its kind}}.
     numbers
         {(field, index): value} of entries that never change.
     constant
@@ -49,7 +49,7 @@ class Translation:
         What writes a function.
     """
 
-    work: Mapping[str, Array]
+    tuples: Mapping[Arrays, Mapping[str, Array]]
     numbers: Mapping[tuple[str, int], Any]
     constant: Mapping[str, str]
     language: type[Any]

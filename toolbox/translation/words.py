@@ -5,36 +5,19 @@ None of them does anything in Python: the functions that they stand in are trans
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
-
-Function = TypeVar("Function")
-
-PARTS = "part_of_a_loop"
-"""The attribute of a function that is a part of loops: how numba takes it in where one of its loops needs it, too."""
-
-
-def inlined(function: Function) -> Function:
-    """A function that becomes a part of each loop that calls it."""
-    setattr(function, PARTS, "inlined")
-    return function
-
-
-def called(function: Function) -> Function:
-    """A function that loops call: for what is seldom needed, and would only make a loop longer."""
-    setattr(function, PARTS, "called")
-    return function
+from typing import Any
 
 
 def call(address: Any, t: Any, h: Any, x: Any, k: Any, p: Any, m: Any, y: Any) -> None:
-    """Call void f(double, double, x, k, p, m, y) at a raw address; the arrays are passed by their data pointers."""
+    """Call void f(double, double, x, k, p, m, y) at a raw address; the arrays are passed by their data pointers, and hold real numbers."""
     raise TypeError("Only a compiled loop can call machine code.")
 
 
-def lent(arrays: Any) -> Any:
-    """The arrays for functions that become a part of the loop: of use to numba alone (`toolbox.compilation.calls`)."""
-    return arrays
+def call_code(address: Any, *arrays: Any) -> None:
+    """Call void f(arrays ...) at a raw address; the arrays are passed by their data pointers, and any array may be changed."""
+    raise TypeError("Only a compiled loop can call machine code.")
 
 
-def owned(arrays: Any) -> Any:
-    """Lent arrays for a function that is called: of use to numba alone (`toolbox.compilation.calls`)."""
-    return arrays
+def call_loop(address: Any, w: Any) -> int:
+    """Call another compiled loop at its `Compiled.address` with a tuple of arrays; returns what it gives."""
+    raise TypeError("Only a compiled loop can call another one.")

@@ -15,7 +15,7 @@ looks calm for one. So a verdict rests on what comes back, and on how a small di
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -278,8 +278,10 @@ class Judge:
         rows = np.column_stack([np.diff(begins[first:]), (ends - begins)[first:-1]])
         if found is not None or len(rows) < 3:
             return found
-        for p in range(1, min(MOST_STICKS, len(rows) // 3) + 1):
-            if self._comes_back(rows, p):
+        most = min(MOST_STICKS, len(rows) // 3)
+        parted = [math.inf, *[float(np.abs(rows[-p:] - rows[-2 * p : -p]).max()) for p in range(1, most + 1)]]
+        for p in range(1, most + 1):
+            if self._comes_back(rows, p, parted):
                 return self._round(record, sticks, p)
         return None
 
@@ -288,12 +290,15 @@ class Judge:
         begin, interval = sticks[-1 - p][0], sticks[-1][0] - sticks[-1 - p][0]
         return self._verdict(STICKS, record, begin, sticks[-1 - p : -1], interval)
 
-    def _comes_back(self, rows: FloatArray, p: int) -> bool:
-        """Whether rounds of p sticks, rows (interval, length), are the same, or come to be so before a stick is lost."""
+    def _comes_back(self, rows: FloatArray, p: int, parted: Sequence[float]) -> bool:
+        """Whether rounds of p sticks, rows (interval, length), are the same, or come to be so before a stick is lost.
+
+        parted: largest difference of the last round of 0, 1, 2 ... sticks to the one before.
+        """
         size = rows[-p:, 0].sum()
         # a round of several sticks must be more than shorter rounds that slowly part: they differ by far more than from round to round
-        within = min((float(np.abs(rows[-q:] - rows[-2 * q : -q]).max()) for q in range(1, p) if p % q == 0), default=math.inf) / size
-        if float(np.abs(rows[-p:] - rows[-2 * p : -p]).max()) / size > 1e-3 * within:
+        within = min((parted[q] for q in range(1, p) if p % q == 0), default=math.inf) / size
+        if parted[p] / size > 1e-3 * within:
             return False
         count = len(rows) // p
         rounds = rows[len(rows) - count * p :].reshape(count, p, 2)

@@ -25,6 +25,7 @@ from toolbox.modelling.numeric import NumericFunction
 from toolbox.modelling.start import place_start, place_starts
 from toolbox.modelling.steady_point import Equilibrium, _code, closed_signal, function_of
 from toolbox.simulation.samples import Samples
+from toolbox.steady_states.zeros import CONTRACTION, newton, searched, vanishes
 
 if TYPE_CHECKING:
     import control
@@ -85,8 +86,6 @@ def steady_state(
     asked
         {unit: unit that was typed}.
     """
-    from scipy.optimize import root
-
     plant = _checked(plant)
     u = input_values(plant, inputs or {})
     given = plant.begin.copy()
@@ -107,23 +106,22 @@ def steady_state(
             of_flow, of_slip = jacobian(0.0, x, u, plant.values, m)
             return np.vstack([np.array(of_flow), np.array(of_slip)[sticking]])
 
-        # a plant in stick has more equations than states: its constraints repeat rows of the flow
-        x = root(equations, begin, jac=slopes, method="lm" if sticking.any() else "hybr", options={"xtol": 1e-14}).x
-        for _ in range(4):
-            if not np.isfinite(slopes(x)).all():
-                break
-            step = np.linalg.lstsq(slopes(x), -equations(x), rcond=1e-13)[0]
-            if np.isfinite(step).all() and np.abs(equations(x + step)).sum() <= np.abs(equations(x)).sum():
-                x = x + step
+        def terms(x: np.ndarray, equations: Any = equations, slopes: Any = slopes) -> np.ndarray:
+            """Sizes of what cancels in the equations: round-off is that of these terms, and a force that sticks may cancel all the others."""
+            load, slope = (np.array(v) for v in free(0.0, x, u, plant.values, 1.0))
+            size = np.abs(slopes(x)) @ np.abs(x) + np.abs(equations(plant.begin)) + 1e-300
+            size[: x.size] += np.abs(load).ravel() + np.abs(slope) @ np.abs(x)
+            return size
+
+        x = newton(equations, slopes, begin, 12, CONTRACTION)  # from near a zero, as along a branch, a search from afar costs more
+        if not vanishes(equations(x), terms(x)):
+            x = searched(equations, slopes, begin, "lm" if sticking.any() else "hybr")
         clean = np.where(np.abs(x) > 1e-13 * np.abs(x).max(initial=0.0), x, 0.0)  # what should be zero shows as zero
         if np.abs(equations(clean)).sum() <= np.abs(equations(x)).sum() + 1e-300:
             x = clean
         found = equations(x)
-        # round-off is that of the terms that cancel, and a force that sticks may cancel all the others
-        load, slope = (np.array(v) for v in free(0.0, x, u, plant.values, 1.0))
-        size = np.abs(slopes(x)) @ np.abs(x) + np.abs(equations(plant.begin)) + 1e-300
-        size[: x.size] += np.abs(load).ravel() + np.abs(slope) @ np.abs(x)
-        if not np.isfinite(found).all() or not (np.abs(found) <= 1e-9 * size + 1e-13 * size.max()).all():
+        size = terms(x)
+        if not vanishes(found, size):
             worst = int(np.nanargmax(np.abs(found[: x.size]) / size[: x.size])) if np.isfinite(found).any() else 0
             label, unit = state_labels(plant)[worst]
             reason = f"the search stops where `{label}` still changes by {found[worst]:.3g} {unit} per second"

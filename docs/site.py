@@ -110,7 +110,8 @@ def gallery_page() -> str:
 
 
 def _card(title: str, text: str, picture: str | None, link: str) -> str:
-    image = f'<img src="{picture}" alt="{escape(title)}" loading="lazy">' if picture else ""
+    words = re.sub("<[^>]*>", "", text)  # what the picture answers; formulas as their symbols
+    image = f'<img src="{picture}" alt="{words}" loading="lazy">' if picture else ""
     return f'<a class="card" href="{link}">{image}<strong>{escape(title)}</strong><span>{text}</span></a>'
 
 

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from toolbox.commands import command_line, terminal
@@ -120,3 +121,75 @@ def test_a_shell_is_told_what_could_be_typed_next(tmp_path):
         [sys.executable, "-c", "from toolbox.commands.command_line import script; script()"], env=environment, check=False, timeout=100
     )
     assert told.read_text().strip() == "study"
+
+
+RIG = """
+title = "two inertias"
+duration = "20 s"
+reference = "95 rpm"
+[[plant]]
+part = "wells.JANSEN_2"
+[[plant]]
+part = "BitRock"
+[[controllers]]
+label = "PI"
+law = "PI"
+"""
+
+EVERY = {
+    "study": ["RIG"],
+    "simulate": ["RIG"],
+    "onset": ["RIG", "--parameter", "top.reference", "--from", "90 rpm", "--to", "140 rpm", "--values", "3"],
+    "map": ["RIG", "--x", "top.reference=60rpm:130rpm", "--y", "bit.weight=60kN:110kN", "--shape", "3x3"],
+    "sweep": ["RIG", "--vary", "bit.weight=80kN:90kN:2"],
+    "margins": ["RIG"],
+    "chance": ["RIG", "--over", "top.reference=80rpm:130rpm:2", "--uncertain", "bit.weight=97 kN +- 8 kN", "--draws", "8"],
+    "tune": ["RIG", "--law", "PI", "--free", "pi.proportional=500:10e3", "--objective", "severity", "--runs", "10"],
+    "posterior": ["RIG", "--controller", "PI", "--prior", "bit.weight=50kN:110kN", "--measured", "severity=1.9 +- 0.1", "--draws", "32"],
+    "fit": ["RIG", "LOG", "--free", "bit.friction.kinetic=0.3:0.7"],
+    "estimate": ["RIG", "LOG", "--controller", "PI"],
+    "drives": ["RIG", "--before", "PI", "--group", "declared", "--from", "120 rpm", "--to", "140 rpm", "--step", "10 rpm"],
+    "tradeoff": ["RIG", "--duration", "2"],
+}
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """A scene and a log of its machine."""
+    folder = tmp_path_factory.mktemp("inputs")
+    (folder / "rig.toml").write_text(RIG)
+    (folder / "sampled.toml").write_text(RIG + 'sample_time = "10 ms"\n[[controllers]]\nlabel = "soft torque"\nlaw = "SoftTorque"\n')
+    assert main(["simulate", str(folder / "rig.toml"), "--quiet", "--out", str(folder / "run")]) == 0
+    with np.load(next((folder / "run").glob("*.npz"))) as data:
+        times = np.arange(0.0, 20.0, 0.1)
+        names = {"top.speed": "rad/s", "top.torque": "N m", "bit.speed": "rad/s"}
+        rows = np.column_stack([times, *(np.interp(times, data["time"], data[name]) for name in names)])
+    heads = ",".join(["time [s]", *(f"{name} [{unit}]" for name, unit in names.items())])
+    np.savetxt(folder / "log.csv", rows, delimiter=",", header=heads, comments="")
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", EVERY)
+def test_every_command_that_writes_a_folder_has_its_report_and_writes_the_same_again(command, inputs, tmp_path, capsys):
+    """Of the same call all bytes but those of `origin.json` are the same, `--json` is JSON, `--quiet` is nothing, and `report` makes a page of the folder."""
+    scene = str(inputs / ("sampled.toml" if command in ("drives", "estimate") else "rig.toml"))
+    places = {"RIG": scene, "LOG": str(inputs / "log.csv")}
+    line = [command, *(places.get(word, word) for word in EVERY[command])]
+    (tmp_path / "first").mkdir()
+    (tmp_path / "second").mkdir()
+    assert main([*line, "--json", "--out", str(tmp_path / "first" / "out")]) == 0
+    assert json.loads(capsys.readouterr().out) is not None
+    assert main([*line, "--quiet", "--out", str(tmp_path / "second" / "out")]) == 0
+    assert capsys.readouterr().out == ""
+    first, second = (
+        {str(path.relative_to(tmp_path / side)): path.read_bytes() for path in (tmp_path / side).rglob("*") if path.is_file()}
+        for side in ("first", "second")
+    )
+    origins = [name for name in first if name.endswith("origin.json")]
+    assert origins and first.keys() == second.keys()
+    timed = {"tradeoff": ("tradeoff.csv", "tradeoff.png"), "sweep": "sweep.zarr/zarr.json"}.get(command, ())
+    assert [name for name in first if first[name] != second[name] and name not in origins and not name.endswith(timed or "\0")] == []
+    assert main(["report", str(tmp_path / "first" / "out"), "--page", str(tmp_path / "page.html")]) == 0
+    page = (tmp_path / "page.html").read_text()
+    assert f"stickslip {command}" in page and "<h2>" in page

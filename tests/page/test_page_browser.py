@@ -174,6 +174,20 @@ def test_a_click_on_the_map_sets_both_numbers_and_arrow_keys_move_on(tab):
     assert tab.page.inner_text("#word") == "stick-slip" and tab.page.inner_text("#where").startswith(f"Raise {across} above ")
 
 
+def test_a_driller_finds_how_fast_to_turn_at_his_weight_and_what_the_drive_needs(tab, scene):
+    tab.page.select_option("#law", "soft torque")
+    tab.settle()
+    tab.type("bit.weight", "80")
+    tab.followed()
+    tab.until("map !== null && Boolean(map.last)")
+    words = tab.page.inner_text("#where")
+    assert words.startswith("Here stick-slip dies out: it lasts below top.reference ") and " rpm" in words
+    tab.page.click("#drive summary")
+    loop = scene["soft torque"].at("bit.weight", 80e3)
+    assert tab.page.locator("#drive-words li").all_inner_texts() == loop.law_words
+    assert "proportional 0.4206 kN m s/rad" in loop.law_words[0]
+
+
 def test_the_advice_at_a_border_names_the_side_on_which_stick_slip_ends(tab):
     """Under a constant torque the map goes over the weight, of which stick-slip wants more."""
     tab.until("map !== null && map.points >= 9")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 import math
 import os
@@ -293,7 +294,7 @@ def test_what_is_saved_comes_back(tmp_path):
         if name.endswith("zarr"):
             pytest.importorskip("zarr")
         back = Sweep.load(found.save(tmp_path / name))
-        assert str(back) == str(found)
+        assert str(back) == str(dataclasses.replace(found, seconds=0.0))  # what it took is of the machine, not of the file
         np.testing.assert_array_equal(back["severity"], found["severity"])
         np.testing.assert_array_equal(back.points, found.points)
     xarray = pytest.importorskip("xarray")

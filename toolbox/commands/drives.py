@@ -66,6 +66,8 @@ def run(given: argparse.Namespace) -> int:
     first = scene.case(given.before or next((each for each in scene.labels if len(scene[each].laws) == 1), scene.labels[0])).label
     labels = [scene.case(label).label for label in given.controller or [each for each in scene.labels if each != first]]
     margin = number("--margin", plain(given.margin), at_least=0, below=2)
+    if not labels:
+        raise SceneError(f"The scene must have a controller beside `{first}`, whose stick-slip is taken over, but it has no other.")
     period, delay = number("--sample-time", plain(given.sample_time), "s", above=0), number("--delay", plain(given.delay), "s", at_least=0)
 
     def law_of(label: str) -> Any:

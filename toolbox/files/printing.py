@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import html
+import re
 from collections.abc import Container, Iterable, Sequence
 
 
@@ -22,15 +23,20 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[object]],
     notes
         Sentences that stand below the table.
     """
-    lines = ["<div>", f"<p><b>{html.escape(title)}</b></p>"]
+    lines = ["<div>", f"<p><b>{marked(title)}</b></p>"]
     if headings:
         lines += [
             "<table>",
             "<thead><tr>" + "".join(f'<th style="text-align:left">{html.escape(word)}</th>' for word in headings) + "</tr></thead>",
         ]
         lines += ["<tbody>", *("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows), "</tbody>", "</table>"]
-    lines += [f"<p>{html.escape(note)}</p>" for note in notes]
+    lines += [f"<p>{marked(note)}</p>" for note in notes]
     return "\n".join([*lines, "</div>"])
+
+
+def marked(text: str) -> str:
+    """A sentence in HTML; names, which stand between backticks in text, in the type of code."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", html.escape(text))
 
 
 def columns(rows: Sequence[Sequence[str]], left: Container[int] = (0,), indent: str = "  ") -> list[str]:

@@ -325,10 +325,7 @@ class ClosedLoop(Printed):
     def __str__(self) -> str:
         plant = ", ".join(type(law_of(part)).__name__ for part in self.plant.parts)
         lines = [f"Closed loop{' ' + repr(self.label) if self.label else ''}: {plant}" + ("" if self.laws else ", no law")]
-        parts = self.closed.system.parts[len(self.closed.plant.parts) :]
-        for given, part in zip(self.laws, parts, strict=True):
-            law = law_of(part)
-            lines.append(f"  {described(given)}" + (f": {self._numbers_of(law)}" if isinstance(law, Controller) else ""))
+        lines += [f"  {each}" for each in self.law_words]
         for word, given in (("inputs", self.inputs), ("parameters", self.parameters), ("start", self.start)):
             if given:
                 lines.append(f"  {word}: " + ", ".join(f"{name} {self._read(name, value)}" for name, value in given.items()))
@@ -336,6 +333,13 @@ class ClosedLoop(Printed):
         return "\n".join(lines)
 
     __repr__ = __str__
+
+    @property
+    def law_words(self) -> list[str]:
+        """Each law with its clock and the numbers that it took on this machine, those that one types into the drive, in the units of the question."""
+        parts = self.closed.system.parts[len(self.closed.plant.parts) :]
+        laws = [(given, law_of(part)) for given, part in zip(self.laws, parts, strict=True)]
+        return [described(given) + (f": {self._numbers_of(law)}" if isinstance(law, Controller) else "") for given, law in laws]
 
     def _numbers_of(self, law: Controller) -> str:
         """The numbers that a law took on this machine, in the units of the question."""

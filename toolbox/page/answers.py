@@ -198,8 +198,9 @@ def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Traject
 
 # ------------------------------------------------------------------------------------------------------------------------- what may follow
 def further(run: Trajectory, loop: ClosedLoop) -> dict[str, Any]:
-    """What follows when nobody turns a number: error of the run, poles of steady running, values of all numbers, and those without effect."""
+    """What follows when nobody turns a number: error of the run, poles of steady running, numbers of the drive, values of all, and those without effect."""
     told: dict[str, Any] = {"values": {name: number.value for name, number in loop.numbers().items() if math.isfinite(number.value)}}
+    told["drive"] = loop.law_words
     told["without"] = {name: taken(loop, taking) for name, taking in loop.overridden.items()}
     try:
         told["inexact"] = run.error

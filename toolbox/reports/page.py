@@ -8,7 +8,7 @@ import itertools
 from collections.abc import Iterable, Sequence
 from importlib import resources
 
-from toolbox.files.printing import table
+from toolbox.files.printing import marked, table
 from toolbox.reports.machine import laws, machine
 from toolbox.reports.sections import Picture, Section, preformatted
 
@@ -27,6 +27,7 @@ def page(title: str, sections: Sequence[Section]) -> str:
         + (f"; computed {html.escape(dates[0] if len(dates) == 1 else f'{dates[0]} to {dates[-1]}')}" if dates else "")
         + "</p></header><main>",
         *(_answer(title, each, numbers) for each in sections),
+        *_laws(sections),
         '<section class="appendix"><h2>Appendix</h2>',
         *_machines(sections),
         *(_appendix(each, numbers) for each in sections),
@@ -49,7 +50,7 @@ def page(title: str, sections: Sequence[Section]) -> str:
 
 def _answer(title: str, section: Section, numbers: Iterable[int]) -> str:
     own = "" if section.title == title else f": {html.escape(section.title)}"
-    remarks = "".join(f'<p class="remark">{html.escape(each)}</p>' for each in section.remarks)
+    remarks = "".join(f'<p class="remark">{marked(each)}</p>' for each in section.remarks)
     heading = f"<h2>{html.escape(section.kind)}{own}</h2>"
     return f"<section>{heading}{section.answer}{remarks}{''.join(_figure(each, numbers) for each in section.pictures)}</section>"
 
@@ -64,15 +65,20 @@ def _figure(picture: Picture, numbers: Iterable[int]) -> str:
     )
 
 
+def _laws(sections: Sequence[Section]) -> list[str]:
+    """The laws of each machine once, with what one types into the drive."""
+    return list(dict.fromkeys(f"<section>{laws(each.loops)}</section>" for each in sections if any(loop.laws for _, loop in each.loops)))
+
+
 def _machines(sections: Sequence[Section]) -> list[str]:
-    """Each machine once, with all laws that act on it."""
+    """Each machine once."""
     found: list[str] = []
     for section in sections:
         if section.loops:
-            text = machine(section.loops[0][1]) + laws(section.loops)
+            text = machine(section.loops[0][1])
             if text not in found:
                 found.append(text)
-    return [f"<h3>Machine and laws</h3>{text}" for text in found]
+    return [f"<h3>Machine</h3>{text}" for text in found]
 
 
 def _appendix(section: Section, numbers: Iterable[int]) -> str:

@@ -144,7 +144,6 @@ def evaluated(
         _kept(store, columns, waiting, take, pool if executor is None else None)
     if store is not None:
         store.flush(columns)
-        store.finish(clock.perf_counter() - began)
     return columns.values, dict(sorted(columns.errors.items())), clock.perf_counter() - began
 
 

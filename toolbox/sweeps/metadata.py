@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.errors import SceneError
-from toolbox.files.atomic import replaced
 from toolbox.files.reading import TEXT, content
 
 FILE = "zarr.json"
@@ -34,14 +33,6 @@ def attributes(notes: Mapping[str, Any]) -> dict[str, str]:
     """The notes of a sweep as attributes of its store."""
     text = json.dumps(notes)
     return {"sweep": text, "checksum": _digest(text.encode())}
-
-
-def write_notes(path: Path, notes: Mapping[str, Any]) -> None:
-    """Put other notes in the place of those of a store, and leave what else zarr and xarray have written there as it is."""
-    group = _metadata(path / FILE, "group")
-    group["attributes"] |= attributes(notes)
-    with replaced(path / FILE, durable=True) as file:
-        file.write(json.dumps(group, indent=2).encode())
 
 
 def digests(path: Path, names: tuple[str, ...]) -> dict[str, str]:

@@ -45,7 +45,7 @@ class Sweep:
     duration, accuracy
         Length [s] and accuracy of a run.
     seconds
-        Wall time [s], without the runs that were there already.
+        Wall time [s], without the runs that were there already; 0 in a sweep that was loaded, because files do not hold it.
     asked
         {unit: unit that was typed}: the units in which the report answers.
     """
@@ -150,7 +150,7 @@ class Sweep:
             return path
         notes = {
             "title": self.title, "names": self.names, "units": self.units, "measure_units": self.measure_units, "grid": bool(self.axes),
-            "errors": {str(i): text for i, text in self.errors.items()}, "duration": self.duration, "accuracy": self.accuracy, "seconds": self.seconds,
+            "errors": {str(i): text for i, text in self.errors.items()}, "duration": self.duration, "accuracy": self.accuracy,
             "asked": self.asked,
         }  # fmt: skip
         written: dict[str, np.ndarray] = {"sweep": np.array(json.dumps(notes)), "points": self.points}
@@ -205,5 +205,5 @@ def _fields(data: Mapping[str, np.ndarray]) -> dict[str, Any]:
         "title": notes["title"], "names": tuple(notes["names"]), "units": tuple(notes["units"]), "points": data["points"], "axes": axes,
         "shape": tuple(axis.size for axis in axes) or (len(data["points"]),), "measures": {name: data[f"measure.{name}"] for name in
         notes["measure_units"]}, "measure_units": notes["measure_units"], "errors": {int(i): text for i, text in notes["errors"].items()},
-        "duration": notes["duration"], "accuracy": notes["accuracy"], "seconds": notes["seconds"], "asked": notes.get("asked", {}),
+        "duration": notes["duration"], "accuracy": notes["accuracy"], "asked": notes.get("asked", {}),
     }  # fmt: skip

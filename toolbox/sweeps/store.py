@@ -119,11 +119,6 @@ class Store:
             ) from None
         self._written = clock.monotonic()
 
-    def finish(self, seconds: float) -> None:
-        """Note the seconds that it took."""
-        assert self._open is not None
-        self._open.note({"seconds": seconds})
-
 
 def saved(sweep: Sheet, path: Path) -> None:
     """Write a sweep that is there as the store that it would have left, in place of what is there."""
@@ -168,7 +163,7 @@ def loaded(path: Path) -> dict[str, Any]:
     return {
         "title": notes["title"], "names": names, "units": tuple(notes["units"]), "points": points, "shape": shape, "axes": axes if notes["grid"] else (),
         "measures": measures, "measure_units": notes["measure_units"], "errors": columns.errors, "duration": notes["duration"],
-        "accuracy": notes["accuracy"], "seconds": notes["seconds"], "asked": notes.get("asked", {}),
+        "accuracy": notes["accuracy"], "asked": notes.get("asked", {}),
     }  # fmt: skip
 
 
@@ -202,11 +197,6 @@ class _Open:
     def ranges(self) -> list[tuple[int, int]]:
         """(first, behind the last) run of every chunk."""
         return list(chunk_ranges(self.arrays["status"].shape, self.arrays["status"].chunks))
-
-    def note(self, more: Mapping[str, Any]) -> None:
-        """Write more notes."""
-        self.notes = {**self.notes, **more}
-        metadata.write_notes(self.path, self.notes)
 
     def write(self, both: tuple[int, int], columns: Columns) -> None:
         """Write one chunk of results, whose status comes last."""
@@ -330,7 +320,7 @@ def _laid_out(folder: Path, sheet: Sheet, chunk: tuple[int, ...], more: Mapping[
     zarr = _zarr()
     notes = {
         "title": sheet.title, "names": sheet.names, "units": sheet.units, "measure_units": sheet.measure_units, "grid": bool(sheet.axes),
-        "duration": sheet.duration, "accuracy": sheet.accuracy, "seconds": sheet.seconds, "asked": sheet.asked, **more,
+        "duration": sheet.duration, "accuracy": sheet.accuracy, "asked": sheet.asked, **more,
     }  # fmt: skip
     attributes = {"title": sheet.title}
     if not sheet.axes:

@@ -137,6 +137,8 @@ function follow() {
       live.values = found.values;
       live.without = found.without;
       live.poles = found.poles;
+      find("drive").hidden = !found.drive.length;
+      find("drive-words").replaceChildren(...found.drive.map((words) => { const line = document.createElement("li"); line.textContent = words; return line; }));
       drawPoles(find("poles"), found.poles);
       find("poles-words").textContent = found.poles_words;
       find("cost").textContent = "Simulated in " + short(live.milliseconds) + " ms" + (found.inexact === undefined ? "; its error could not be measured: " + found.error_words : "; measured error " + short(found.inexact) + ", in parts of the size of each state") + ". Server: this computer alone.";

@@ -20,9 +20,11 @@ from models import BlockOnBelt
 from toolbox import Scene, closed_loop, compose, simulate
 from toolbox.errors import SceneError
 from toolbox.onsets.verdicts import verdict_of
-from toolbox.page import explore
+from toolbox.page import explore, maps
+from toolbox.page.controls import controls_of
 from toolbox.page.served import SOON, page_of
 from toolbox.page.server import FILES, LONGEST
+from toolbox.scenes.judged import sticks_before_standstill
 from toolbox.simulation.run import Budget
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
@@ -319,3 +321,22 @@ def test_a_run_that_takes_longer_than_a_moment_is_said_to_and_then_given(page, m
     setting = {"label": "soft torque", "changes": {"bit.weight": 87_654.0}}
     assert "takes a while" in ask(page, "run", setting=setting, soon=True)["waiting"]
     assert ask(page, "run", setting=setting)["whole"]
+
+
+def test_a_stop_tells_of_the_sticks_before_it_stands_and_has_no_map():
+    scene = Scene.load(SCENES / "brake_laws.toml")
+    with explore(scene, port=0) as served:
+        found, told = run(served, "constant force"), ask(served, "scene")["laws"]["constant force"]
+    sticks = sticks_before_standstill(scene.run("constant force"), "pad", "disc.speed", scene.standstill, scene.after)
+    assert f"sticks {len(sticks)} times" in found["reason"] and f"{max(b - a for a, b in sticks):.3g} s at the longest" in found["reason"]
+    assert max(b - a for a, b in sticks) < 0.5 and told["still"] and told["axes"] == []
+
+
+def test_the_range_of_a_map_ends_where_the_machine_is_none():
+    """A kinetic friction above the static one is refused."""
+    scene = Scene.load(SCENES / "elastic_pad.toml")
+    loop = scene[scene.labels[0]]
+    controls = {each.number.name: each for each in controls_of(loop, {})}
+    low, high = maps.ranges(controls, ["disc.speed", "pad.friction.kinetic"], loop)["pad.friction.kinetic"]
+    static = loop.number("pad.friction.static").value
+    assert low < loop.number("pad.friction.kinetic").value and 0.98 * static < high <= static

@@ -337,8 +337,7 @@ class ClosedLoop(Printed):
     @property
     def law_words(self) -> list[str]:
         """Each law with its clock and the numbers that it took on this machine, those that one types into the drive, in the units of the question."""
-        parts = self.closed.system.parts[len(self.closed.plant.parts) :]
-        laws = [(given, law_of(part)) for given, part in zip(self.laws, parts, strict=True)]
+        laws = zip(self.laws, map(law_of, self.closed.system.parts[len(self.closed.plant.parts) :]), strict=True)
         return [described(given) + (f": {self._numbers_of(law)}" if isinstance(law, Controller) else "") for given, law in laws]
 
     def _numbers_of(self, law: Controller) -> str:

@@ -18,6 +18,7 @@ from toolbox.measuring.measure import stick_intervals
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
 from toolbox.onsets.verdicts import verdict_of
+from toolbox.scenes.judged import sticks_before_standstill
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.linear import equilibrium, linearise
 
@@ -154,7 +155,11 @@ def spectrum(run: Trajectory, signal: str | None, after: float, asked: Mapping[s
 def reason(loop: ClosedLoop, words: str, judged: Judged | None, found: Mapping[str, float], run: Trajectory) -> str:
     """Why the verdict is what it is, in a sentence or two."""
     who, after = f"`{loop.element}`" if loop.element else "The contact", loop.after or 0.0
-    sticks = stick_intervals(run, loop.element, after) if loop.element is not None and loop.element in run.modes else []
+    sticks: Sequence[tuple[float, float]] = []
+    if loop.element is not None and loop.element in run.modes:
+        sticks = stick_intervals(run, loop.element, after)
+        if loop.standstill is not None and loop.signal is not None:  # afterwards it only rests
+            sticks = sticks_before_standstill(run, loop.element, loop.signal, loop.standstill, after)
     longest = max((b - a for a, b in sticks), default=0.0)
     seen = (
         f"{who} sticks {len(sticks)} times after {after:g} s, {longest:.3g} s at the longest"

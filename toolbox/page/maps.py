@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ from toolbox.onsets.map_loop import STICK_SLIP
 from toolbox.onsets.regions import outlines
 from toolbox.onsets.severity_map import SeverityMap, severity_map
 from toolbox.page.controls import Control
+from toolbox.simulation.request import Request
 
 STAGES = ((5, 1), (9, 1), (17, 2), (33, 2))
 """(points along both axes, halvings of the edges across a border) of the maps, one after the other."""
@@ -79,11 +81,35 @@ def _rounded(values: Any) -> list[Any]:
     return np.round(values, digits).tolist()
 
 
-def ranges(controls: Mapping[str, Control], names: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """The ranges of a map in SI: those of the sliders, without zero, where nothing runs smoothly."""
+def ranges(controls: Mapping[str, Control], names: Sequence[str], loop: ClosedLoop) -> dict[str, tuple[float, float]]:
+    """The ranges of a map in SI: those of the sliders, without zero, where nothing runs smoothly, and as far as the machine is one.
+
+    loop: the setting, from whose values on an end counts that the machine bears, such as a kinetic friction below the static one.
+    """
     found = {}
     for name in names:
         control = controls[name]
         low, high = control.low / control.read.factor, control.high / control.read.factor
-        found[name] = (max(low, MARGIN * high) if low >= 0.0 else low, high if high > 0.0 else min(high, MARGIN * low))
+        ends = (max(low, MARGIN * high) if low >= 0.0 else low, high if high > 0.0 else min(high, MARGIN * low))
+        found[name] = (_borne(loop, name, ends[0]), _borne(loop, name, ends[1]))
     return found
+
+
+def _borne(loop: ClosedLoop, name: str, end: float) -> float:
+    """The end of a range, or where the machine does not bear it, the value next to it that it bears, to a hundredth of its way from the setting."""
+    value = loop.number(name).value
+    low, high = 0.0, 1.0  # parts of the way
+    if not math.isfinite(value) or _bears(loop, name, end):
+        return end
+    while high - low > 0.01:
+        part = 0.5 * (low + high)
+        low, high = (part, high) if _bears(loop, name, value + part * (end - value)) else (low, part)
+    return value + low * (end - value)
+
+
+def _bears(loop: ClosedLoop, name: str, value: float) -> bool:
+    try:
+        Request(loop.at(name, value), 0.0, accuracy=loop.accuracy or 1e-6).checked()
+    except SceneError:
+        return False
+    return True

@@ -139,7 +139,7 @@ class Page:
                 loop = self.loops[label]
                 asked = {"rad/s": "rpm", **(self.scene.asked if self.scene is not None else loop.asked)}
                 controls = {control.number.name: control for control in controls_of(loop, asked)}
-                self._looks[label] = {"asked": asked, "controls": controls, "axes": maps.axes_of([*controls.values()]),
+                self._looks[label] = {"asked": asked, "controls": controls, "axes": [] if loop.standstill is not None else maps.axes_of([*controls.values()]),
                                       "kinds": {name: each.kind for name, each in loop.numbers().items()}}  # fmt: skip
         return self._looks[label]
 
@@ -161,7 +161,7 @@ class Page:
                     disturbances[kind] = {"names": [], "why": str(refusal)}
             moving = {name: None for name, value in loop.values.items() if not isinstance(value, float)}
             laws[label] = {
-                "controls": [control.told() for control in look["controls"].values()], "axes": look["axes"], "able": able,
+                "controls": [control.told() for control in look["controls"].values()], "axes": look["axes"], "able": able, "still": loop.standstill is not None,
                 "values": {name: each.number.value for name, each in look["controls"].items() if math.isfinite(each.number.value)}, "moving": [*moving],
                 "without": {name: answers.taken(loop, taking) for name, taking in loop.overridden.items()}, "disturbances": disturbances,
             }  # fmt: skip
@@ -246,7 +246,7 @@ class Page:
                 del self._maps[next(iter(self._maps))]
         loop, _ = dataclasses.replace(setting, disturbance="").loop(self.loops[setting.label])
         controls: dict[str, Control] = look["controls"]
-        over = maps.ranges(controls, names)
+        over = maps.ranges(controls, names, loop)
         for name in names:  # the middle of the map takes the place of an input that varies in time
             loop = loop.at(name, sum(over[name]) / 2)
         loop = loop.but(inputs={name: answers.at_last(value) for name, value in loop.values.items()})

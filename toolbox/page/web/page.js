@@ -235,7 +235,7 @@ function show() {
   box.classList.remove("good", "fair", "bad");
   box.classList.add(live.tone);
   find("word").textContent = live.verdict;
-  find("reason").textContent = live.reason;
+  find("reason").textContent = live.reason.replaceAll("`", "");
   find("stuck-name").textContent = live.element || "the contact";
   const list = find("measures");
   list.replaceChildren();
@@ -453,7 +453,7 @@ function mapRanges() {
 
 function drawMapNow() {
   const names = chosenAxes();
-  if (names.length < 2) { find("map-words").textContent = "This loop has no two numbers for a map."; return; }
+  if (names.length < 2) { find("map-words").textContent = law().still ? "What comes to a standstill has no steady running to map: a law that holds its speed has, such as HeldSpeed (stickslip map --law)." : "This loop has no two numbers for a map."; return; }
   const place = (values) => names.map((name) => values(name) * control(name).factor);
   const here = place(valueOf), there = pinned && pinned.setting.label === setting.label ? place((name) => pinned.setting.changes[name] ?? law().values[name]) : null;
   backOfMap = drawMap(find("map"), map && map.axes ? map : null, here, there, mapRanges(), names.map((name) => named({ name, unit: control(name).unit })));
@@ -524,7 +524,7 @@ async function askMap() {
 function noMap(text) {
   map = { error: text };
   find("stage").textContent = "";
-  find("map-words").textContent = "No map: " + text;
+  find("map-words").textContent = "No map: " + text.replaceAll("`", "");
 }
 
 // What is stale is not worked on while somebody drags.

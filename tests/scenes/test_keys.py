@@ -7,6 +7,7 @@ import pytest
 from toolbox import Scene, SceneError
 from toolbox.commands.command_line import main
 from toolbox.scenes import keys
+from toolbox.scenes.cases import Measured
 
 WHOLE = """
 title = "Two inertias"
@@ -40,6 +41,10 @@ signal = "bit.speed"
 effort = "top.torque"
 after = "30 s"
 standstill = 0.1
+[measured]
+file = "log.csv"
+columns = { time = "Time" }
+windows = [["5 s", "35 s"]]
 """
 
 
@@ -53,10 +58,11 @@ def test_every_key_is_read(tmp_path):
     scene = written(WHOLE, tmp_path)
     listed = {name for table in keys.KEYS if table != keys.CONTACTS for name in keys.names(table)}
     assert listed == {line.split(" = ")[0] for line in WHOLE.splitlines() if " = " in line and not line.startswith('"')} - {"weight", "detuning"} | {
-        "plant", "controllers", "start", "parameters", "verdict",
+        "plant", "controllers", "start", "parameters", "verdict", "measured",
     }  # fmt: skip
     assert (
-        scene.case("soft torque").noise == {"top.speed": 0.01}
+        scene.measured == Measured((tmp_path / "log.csv").resolve(), {"time": "Time"}, ((5.0, 35.0),))
+        and scene.case("soft torque").noise == {"top.speed": 0.01}
         and scene.standstill == 0.1
         and scene.parameters == {"bit.friction.static": 0.7}
     )

@@ -131,6 +131,16 @@ def fit(
     return dataclasses.replace(found, asked={**loop.asked, **asked_units(typed)})
 
 
+def simulated(loop: ClosedLoop, data: Any, columns: Mapping[str, str] | None, window: Any, accuracy: float) -> Any:
+    """The misfit by simulation without free numbers, of one window or several."""
+    make, windows = _Simulating(loop, (), accuracy), windows_of(window)
+    recording = Recording.of(data, make.plant, columns)
+    parts = [recording.between(each.begin, each.end) for each in windows] or [recording]
+    nothing = np.zeros(0)
+    each = [make.misfit(part, [], nothing, nothing) for part in parts]
+    return each[0] if len(windows) < 2 else Together(each, [()] * len(each), [float(window.begin) for window in windows])
+
+
 class _Simulating:
     """Makes the misfits of windows by simulation."""
 

@@ -7,6 +7,7 @@ bristle yields within a small part of the time between samples. Slopes are those
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -321,9 +322,16 @@ class MemoryLoop:
         """The misfit itself: what a law remembers fades."""
         return [self]
 
-    def thinned(self) -> None:
-        """None: a loop asks for its inputs at the samples only."""
-        return
+    def thinned(self) -> MemoryLoop:
+        """The misfit with every other sample of what drives the law replaced by the line between its neighbours."""
+        time, signals = self.recording.time, dict(self.recording.signals)
+        keep = np.unique(np.append(np.arange(0, time.size, 2), time.size - 1))
+        for name, values in signals.items():
+            if name != self.output:
+                signals[name] = np.interp(time, time[keep], values[keep])
+        made = MemoryLoop(self.loop, dataclasses.replace(self.recording, signals=signals), self.numbers, self.contact, self.shifts)
+        made.steps = self.steps
+        return made
 
     def trial(self) -> MemoryLoop:
         """The misfit of the first samples: enough to find what is then fitted to all."""

@@ -45,6 +45,11 @@ class Residual:
         """About how many times wider than for white residuals an interval is where each residual repeats so much of the one before (AR(1))."""
         return math.sqrt((1.0 + self.correlation) / (1.0 - self.correlation)) if 0.0 < self.correlation < 1.0 else 1.0
 
+    def deviation(self, asked: Mapping[str, str] | None = None) -> list[str]:
+        """What a report in the units of `asked` says of it where nothing was fitted."""
+        read = reading(self.unit, asked)
+        return [f"  {self.signal}: rms deviation {self.rms * read.factor:.4g}{read.tail}, {100 * self.part:.2g} % of its range"]
+
     def lines(self, asked: Mapping[str, str] | None = None) -> list[str]:
         """What a report in the units of `asked` says of it."""
         read = reading(self.unit, asked)

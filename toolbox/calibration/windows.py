@@ -138,7 +138,7 @@ class Together:
     def __init__(self, each: Sequence[Any], called: Sequence[tuple[str, ...]], begins: Sequence[float]):
         self.each, self.called, self.begins = list(each), list(called), list(begins)
         self.names = list(dict.fromkeys(name for names in called for name in names))
-        self.places = [np.array([self.names.index(name) for name in names]) for names in called]
+        self.places = [np.array([self.names.index(name) for name in names], int) for names in called]
         self.outputs = list(dict.fromkeys(name for misfit in each for name in misfit.outputs))
         self.measured = self._joined([misfit.measured for misfit in each])
         self.by_samples = all(misfit.by_samples for misfit in each)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from toolbox.calibration.results import Fit
+    from toolbox.calibration.validation import Validation
     from toolbox.modelling.hybrid_system import HybridSystem
     from toolbox.onsets.report import Onset
     from toolbox.onsets.severity_map import SeverityMap
@@ -84,7 +85,7 @@ def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
 
 
 def draw_found(
-    found: Trajectory | SeverityMap | LowestSetPoints | Tuned | WorkPrecision | Fit | Chance | Posterior | Estimates,
+    found: Trajectory | SeverityMap | LowestSetPoints | Tuned | WorkPrecision | Fit | Chance | Posterior | Estimates | Validation,
     title: str | None,
     path: Path,
 ) -> None:

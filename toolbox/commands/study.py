@@ -13,8 +13,8 @@ from toolbox.commands import figures
 from toolbox.commands.recording import results, untimed
 from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, progress, show
 
-COMMON_FILES = ("scene.toml", "study.txt", "table.csv", "comparison.png")
-CASE_FILES = (".npz", ".png", "_phase.png")
+COMMON_FILES = ("scene.toml", "study.txt", "table.csv", "comparison.png", "measured.csv")
+CASE_FILES = (".npz", ".png", "_phase.png", "_measured.png")
 
 
 def add(commands: Any) -> None:
@@ -31,7 +31,8 @@ def add(commands: Any) -> None:
         ],
         help="simulate every controller of a scene; table, figures and data",
         description="Simulate every controller of a scene and print a table. The folder gets one figure with time traces, one phase plane and the "
-        "trajectory (npz) per controller, a comparison, the table (csv, SI units) and the scene with every parameter in SI: all of it, or nothing.",
+        "trajectory (npz) per controller, a comparison, the table (csv, SI units) and the scene with every parameter in SI: all of it, or nothing. Where "
+        "the scene names a log under [measured], also a figure per controller of what was measured beside what is simulated, and the deviations (csv).",
         epilog="example: stickslip study studies/scenes/navarro_lopez_4.toml --out results",
     )
     study.add_argument(
@@ -68,15 +69,28 @@ def run(given: argparse.Namespace) -> int:
             if runs:
                 reached(len(scene.cases) - 0.1, "comparison")
                 figures.draw_comparison(scene, runs, folder / f"comparison.{given.format}")
+            notes = _beside_measured(scene, stems, folder, given.format) if scene.measured is not None else []
         given.found = {"title": scene.title, "rows": rows}
         verdicts.write_table(rows, folder / "table.csv")
         scene.save(folder / "scene.toml")
         warning = scene.needs().warning
-        notes = [warning] if warning else []
+        notes += [warning] if warning else []
         (folder / "study.txt").write_text("\n\n".join([verdicts.table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
     show("\n\n".join([verdicts.table(scene, rows), *notes]))
     print(f"\nFigures, trajectories, table and scene are in {given.out}")
     return 1 if all(row.failed for row in rows) else 0
+
+
+def _beside_measured(scene: Any, stems: list[str], folder: Path, ending: str) -> list[str]:
+    """Write what was measured beside what is simulated, for every controller; returns what to say of it."""
+    from toolbox.calibration.validation import validate, write_deviations
+
+    log, found = scene.measured, {}
+    for label, stem in zip(scene.labels, stems, strict=True):
+        found[label] = validate(scene[label], log.file, log.columns or None, list(log.windows) or None)
+        figures.draw_found(found[label], f"{label}: measured and simulated", folder / f"{stem}_measured.{ending}")
+    write_deviations(found, folder / "measured.csv")
+    return [f"{label}: {each}" for label, each in found.items()]
 
 
 def _left(table: str) -> list[str]:

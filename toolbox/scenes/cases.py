@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
 from toolbox.errors import SceneError, suggest
@@ -32,6 +33,25 @@ class Waveform:
         if self.shape == "table":
             return self.numbers["times"], self.numbers["values"]
         return getattr(shapes, self.shape)(**self.numbers)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What was measured on the machine of a scene.
+
+    Attributes
+    ----------
+    file
+        Path of the log.
+    columns
+        {signal, or "time": what it is called there}; empty where it uses the names of the plant.
+    windows
+        Stretches (begin, end) of the log [s]; empty for all of it.
+    """
+
+    file: Path
+    columns: Mapping[str, str] = field(default_factory=dict)
+    windows: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ KEYS: dict[str, tuple[Key, ...]] = {
         Key("inputs", "", "those of the parts", "inputs in time, under [inputs]"),
         Key("parameters", "", "those of the parts", "what the machine really is, under [parameters]"),
         Key("verdict", "", "see there", "what is judged, under [verdict]"),
+        Key("measured", "", "none", "what was measured on the machine, under [measured]"),
     ),
     CONTACTS: (
         Key("title", "", REQUIRED, "title of tables and figures"),
@@ -69,6 +70,11 @@ KEYS: dict[str, tuple[Key, ...]] = {
         Key("effort", "", "what drives", "the signal whose peak is reported"),
         Key("after", "s", "half of the duration", "time from which on a run is judged"),
         Key("standstill", "of `signal`", "none", "of a stop: the value of the signal at which the machine stands, where the verdict ends"),
+    ),
+    "[measured]": (
+        Key("file", "", REQUIRED, "path of the log, from the folder of the scene"),
+        Key("columns", "", "the names of the plant", "what signals, or time, are called in the log: { \"bit.speed\" = \"downhole speed\" }"),
+        Key("windows", "s", "all of it", "stretches of the log, each simulated from `start` on under what was measured of the inputs: [[\"5 s\", \"35 s\"]]"),
     ),
 }  # fmt: skip
 """{table of the file: its keys}; a name in <> stands for many."""

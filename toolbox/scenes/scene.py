@@ -22,7 +22,7 @@ from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_start
 from toolbox.scenes import scene_file
-from toolbox.scenes.cases import Case, Labelled, Number, Waveform, _reference
+from toolbox.scenes.cases import Case, Labelled, Measured, Number, Waveform, _reference
 from toolbox.scenes.judged import judged_effort, judged_element, judged_speed, set_point
 from toolbox.simulation.request import Request
 from toolbox.simulation.simulate import simulate
@@ -62,6 +62,8 @@ class Scene(Labelled):
         As in `simulate`, for all cases; the inputs of a case win.
     standstill
         For a stop, the value of `signal` at which it counts as standing. What is judged then ends there, and a last stick into standstill does not count.
+    measured
+        What was measured on the machine, which a study shows beside what is simulated; None for nothing.
     """
 
     title: str
@@ -78,6 +80,7 @@ class Scene(Labelled):
     start: Mapping[str, Number] = field(default_factory=dict)
     inputs: Mapping[str, float | Waveform] = field(default_factory=dict)
     parameters: Mapping[str, Number] = field(default_factory=dict)
+    measured: Measured | None = None
 
     @staticmethod
     def of(
@@ -118,7 +121,7 @@ class Scene(Labelled):
         title
             Title of the scene; by default the kinds of its parts.
         others
-            Further fields: accuracy, standstill, start, inputs, parameters.
+            Further fields: accuracy, standstill, start, inputs, parameters, measured.
 
         Raises
         ------

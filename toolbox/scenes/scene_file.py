@@ -29,7 +29,7 @@ from toolbox.modelling.elements import FrictionLaw
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import UNITS
 from toolbox.scenes import catalogue, keys
-from toolbox.scenes.cases import Case, Number, Waveform
+from toolbox.scenes.cases import Case, Measured, Number, Waveform
 from toolbox.scenes.judged import judged_effort, judged_speed
 
 _SHAPES = {**UNITS, "table": {"times": "s", "values": ""}}
@@ -118,7 +118,26 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
             name: _number(value, plant._parameter(name).unit, name)
             for name, value in _keys(data.get("parameters", {}), "parameters").items()
         },
+        "measured": _measured(data["measured"], folder) if "measured" in data else None,
     }
+
+
+def _measured(data: Any, folder: Path) -> Measured:
+    """The log that a scene names, by its whole path."""
+    _keys(data, "measured", keys.names("[measured]"), keys.required("[measured]"))
+    columns = {
+        name: _text(heading, f"measured.columns.{name}") for name, heading in _keys(data.get("columns", {}), "measured.columns").items()
+    }
+    windows = []
+    given = data.get("windows", [])
+    for i, window in enumerate(given if isinstance(given, list) else [given]):
+        if not isinstance(window, list) or len(window) != 2:
+            raise SceneError(f"Argument `measured.windows` must be a list of [begin, end], such as [[0, 10]], but it is {given!r}.")
+        begin, end = (parse(each, "s", f"measured.windows.{i}") for each in window)
+        if not begin < end:
+            raise SceneError(f"Argument `measured.windows.{i}` must begin before it ends, but it is {window!r}.")
+        windows.append((float(begin), float(end)))
+    return Measured((folder / _text(data["file"], "measured.file")).resolve(), columns, tuple(windows))
 
 
 def _component(data: Any, where: str, folder: Path, kind: str = "part") -> Any:
@@ -331,6 +350,11 @@ def _resolved(scene: Mapping[str, Any]) -> dict[str, Any]:
     for key in ("start", "inputs", "parameters"):
         if scene[key]:
             data[key] = {name: _plain(value) for name, value in scene[key].items()}
+    if scene["measured"] is not None:
+        log = scene["measured"]
+        data["measured"] = {"file": log.file.as_posix()}
+        data["measured"] |= {"columns": dict(log.columns)} if log.columns else {}
+        data["measured"] |= {"windows": [list(window) for window in log.windows]} if log.windows else {}
     data["plant"] = [{"part": catalogue.name_of(type(part))} | _fields(part) for part in scene["parts"]]
     data["controllers"] = [_resolved_case(case) for case in scene["cases"]]
     return data

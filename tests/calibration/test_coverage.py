@@ -1,0 +1,56 @@
+"""Intervals of fits hold the truth as often as they say, over fifty logs each: with a late channel, along a memory, and not where a shift is left out."""
+
+import numpy as np
+import pytest
+
+from models import BlockOnBelt, Dahl, Exponential
+from toolbox import closed_loop, compose, fit, simulate
+
+SEEDS = 50
+"""Fewer than 43 hits of 50, a cover of 0.85, have a chance of 1 in 1000 where the intervals are those of 95 %."""
+
+TIME = np.linspace(0.0, 20.0, 1001)
+PUSH = {"block.force": (TIME, 3.0 * np.sin(2.0 * TIME) + 2.0 * np.sin(5.2 * TIME))}
+LATE = 0.05
+
+
+def slide(friction):
+    return compose(BlockOnBelt(stiffness=5.0, belt_speed=0.0, friction=friction))
+
+
+def logs(law, late):
+    """Fifty logs of a block that is pushed, whose force was written late and has noise."""
+    run = simulate(closed_loop(slide(law), inputs=PUSH), TIME[-1], accuracy=1e-9)
+    force, speed = run.at(np.clip(TIME - late, 0.0, TIME[-1]))["belt.force"], run.at(TIME)["block.speed"]
+    for seed in range(SEEDS):
+        noise = 0.05 * np.random.default_rng(seed).standard_normal(TIME.size)
+        yield {"time": TIME, "block.speed": speed, "belt.force": force + noise}
+
+
+def covered(found, truth):
+    return [found.interval(name)[0] <= value <= found.interval(name)[1] for name, value in truth.items()]
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_truth_with_the_shift_free_and_do_not_where_it_is_left_out():
+    law = Exponential(static=1.0, kinetic=0.6, decay=1.5)
+    guess = slide(Exponential(static=1.2, kinetic=0.5, decay=1.0))
+    truth = {"belt.friction.static": 1.0, "belt.friction.kinetic": 0.6, "belt.friction.decay": 1.5}
+    free, left_out = [], []
+    for log in logs(law, LATE):
+        names = [*truth, "belt.force.shift"]
+        found = fit(guess, log, names, {"belt.force.shift": (-0.2, 0.2)}, contact="belt", starts=1)
+        free.append(covered(found, {**truth, "belt.force.shift": LATE}))
+        left_out.append(covered(fit(guess, log, list(truth), contact="belt", starts=1), truth))
+    cover = np.mean(free, axis=0)
+    assert (cover >= 0.85).all(), cover
+    assert np.mean(left_out, axis=0).min() < 0.2
+
+
+@pytest.mark.slow
+def test_intervals_of_a_law_with_memory_hold_the_truth():
+    truth = {"belt.friction.stiffness": 80.0, "belt.friction.kinetic": 1.2}
+    found = [fit(slide(Dahl()), log, list(truth), contact="belt", starts=1) for log in logs(Dahl(stiffness=80.0, kinetic=1.2), 0.0)]
+    cover = np.mean([covered(each, truth) for each in found], axis=0)
+    assert (cover >= 0.85).all(), cover
+    assert all(abs(each[name] / value - 1) < 0.02 for each in found for name, value in truth.items())

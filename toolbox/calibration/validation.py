@@ -1,0 +1,97 @@
+"""Validation: what was measured beside what a machine with known numbers does under the inputs that were measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.calibration.fit import simulated
+from toolbox.calibration.panels import Panel
+from toolbox.calibration.trust import Residual, residual_of
+from toolbox.calibration.windows import Window
+from toolbox.files.tables import write
+from toolbox.files.units import NumberOrText
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What a machine does beside what was measured: `print(validation)`, `validation.plot()`.
+
+    Attributes
+    ----------
+    residuals
+        Deviation of each signal, simulated less measured, one after another.
+    panels
+        What was measured beside what is simulated, a `Panel` for each signal and window.
+    compared
+        What was compared, in words.
+    asked
+        {unit: unit that was typed}: the units in which report and figure answer.
+    """
+
+    residuals: tuple[Residual, ...]
+    panels: tuple[Panel, ...] = field(repr=False)
+    compared: str
+    asked: Mapping[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return "\n".join([self.compared, *(line for each in self.residuals for line in each.deviation(self.asked))])
+
+    def plot(self) -> Any:
+        """Draw what was measured against what is simulated, and the difference below. Returns the axes."""
+        from toolbox.calibration.figures import fitted  # here, because matplotlib is slow to import
+
+        return fitted(self.panels, self.asked)
+
+
+@takes_loop
+def validate(
+    loop: ClosedLoop,
+    data: Any,
+    columns: Mapping[str, str] | None = None,
+    window: tuple[NumberOrText, NumberOrText] | Window | Sequence[Window | tuple[NumberOrText, NumberOrText]] | None = None,
+    accuracy: float = 1e-8,
+) -> Validation:
+    """Simulate a machine under the inputs that were measured, and compare its outputs with the measured ones.
+
+    Parameters
+    ----------
+    loop
+        A loop, or a plant; what of its inputs is measured takes the place of what they are.
+    data, columns
+        What was measured, and which of its columns are which signals; see `Recording.of`.
+    window
+        Times (begin, end) [s] of the data, or several windows; each is simulated from the start of the loop on. All by default.
+    accuracy
+        Accuracy of the runs, as in `simulate`.
+
+    Returns
+    -------
+    Validation
+        Deviations of all signals that are no inputs.
+
+    Raises
+    ------
+    SceneError
+        If the data are bad, or hold nothing to be compared with.
+    SimulationError
+        If the machine cannot be simulated.
+    """
+    misfit = simulated(loop, data, columns, window, accuracy)
+    nothing = np.zeros(0)
+    model = misfit.model(nothing)
+    left = {name: model[name] - misfit.measured[name] for name in misfit.outputs}
+    residuals = tuple(residual_of(name, misfit.plant.unit(name), left[name], misfit.measured[name]) for name in misfit.outputs)
+    compared = f"Simulated beside {sum(each.size for each in left.values())} measured values over {misfit.span:g} s ({misfit.source})"
+    return Validation(residuals, misfit.panels(left, nothing), compared, loop.asked)
+
+
+def write_deviations(found: Mapping[str, Validation], path: Path) -> None:
+    """Write the deviations of several machines {label: validation} as a table (csv)."""
+    rows = [[label, left.signal, left.unit, left.rms, left.part] for label, each in found.items() for left in each.residuals]
+    write(path, ["controller", "signal", "unit", "rms", "part of its range"], rows)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import sys
+import threading
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -41,6 +43,46 @@ def at_every_step(step: Callable[[], None]) -> Iterator[None]:
         _STEP.reset(before)
 
 
+SILENT = 1.0
+"""Time [s] after which work says that it goes on."""
+
+_BARS: weakref.WeakSet[Any] = weakref.WeakSet()
+"""The bars that are shown."""
+
+
+@contextmanager
+def sign_of_life(what: str) -> Iterator[None]:
+    """Say on stderr after a second that something is at work, unless a bar tells how far it is; where no bar is shown, say nothing."""
+    if not _shown():
+        yield
+        return
+
+    def tell() -> None:
+        if not done.wait(SILENT) and not any(not bar.disable for bar in list(_BARS)):
+            print(f"stickslip: {what} ...", file=sys.stderr, flush=True)
+
+    done = threading.Event()
+    threading.Thread(target=tell, daemon=True).start()
+    try:
+        yield
+    finally:
+        done.set()
+
+
+def _keep_moving(known: Callable[[], Any]) -> None:
+    """Draw a bar each second until it is closed or forgotten: its first step may come late, and its clock goes on between steps."""
+    pause = threading.Event()
+    while not pause.wait(SILENT):
+        bar = known()
+        if bar is None:
+            return
+        with bar.get_lock():
+            if bar.disable:
+                return
+            bar.refresh(nolock=True)
+        del bar  # else nothing would end a bar that nobody closes
+
+
 def progress_bar(total: float | None, what: str, *, unit: str = "run", done: float = 0, **looks: Any) -> Any:
     """Return a bar on stderr, for `with`: `update(count)` moves it.
 
@@ -61,7 +103,7 @@ def progress_bar(total: float | None, what: str, *, unit: str = "run", done: flo
     """
     from tqdm import tqdm
 
-    shown = sys.stderr.isatty() or _in_notebook()
+    shown = _shown()
     step = _STEP.get()
 
     class Bar(tqdm):
@@ -73,7 +115,16 @@ def progress_bar(total: float | None, what: str, *, unit: str = "run", done: flo
             return super().update(n)
 
     kind = tqdm if step is None else Bar
-    return kind(**{"total": total, "initial": done, "unit": unit, "desc": what, "delay": 1.0, "leave": False, "disable": not shown} | looks)
+    bar = kind(**{"total": total, "initial": done, "unit": unit, "desc": what, "delay": 1.0, "leave": False, "disable": not shown} | looks)
+    if shown:
+        _BARS.add(bar)
+        threading.Thread(target=_keep_moving, args=(weakref.ref(bar),), daemon=True).start()
+    return bar
+
+
+def _shown() -> bool:
+    """Whether somebody sees bars on stderr."""
+    return sys.stderr.isatty() or _in_notebook()
 
 
 def _in_notebook() -> bool:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import io
 import subprocess
 import sys
+import time
 
 import pytest
 
 from models import BitRock, oscillators, wells
-from toolbox import compose, onset, severity_map
+from toolbox import compose, messages, onset, severity_map
+from toolbox.commands import listing
+from toolbox.commands.command_line import main
 from toolbox.messages import progress_bar
 
 SAYS = """
@@ -51,6 +54,40 @@ def test_a_bar_is_shown_on_a_terminal_and_in_a_notebook_and_nowhere_else(monkeyp
     shell = type("ZMQInteractiveShell", (), {})()
     monkeypatch.setitem(sys.modules, "IPython", type("IPython", (), {"get_ipython": staticmethod(lambda: shell)}))
     assert not progress_bar(10, "work").disable
+
+
+def written(stream, longest=60.0):
+    """What has been written when something has, or after so many seconds of waiting."""
+    end = time.monotonic() + longest
+    while not stream.getvalue() and time.monotonic() < end:
+        time.sleep(0.02)
+    return stream.getvalue()
+
+
+def test_silent_work_gives_a_sign_of_life_on_a_terminal(monkeypatch):
+    monkeypatch.setattr(messages, "SILENT", 0.05)
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with messages.sign_of_life("a search"):
+        assert written(sys.stderr) == "stickslip: a search ...\n"
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    with messages.sign_of_life("a search"):
+        assert not written(sys.stderr, 0.5)
+
+
+def test_a_bar_whose_first_step_comes_late_is_drawn_before_it(monkeypatch):
+    monkeypatch.setattr(messages, "SILENT", 0.05)
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with messages.sign_of_life("a search"), progress_bar(10, "runs"):
+        text = written(sys.stderr)
+    assert "runs:   0%" in text and "a search" not in text
+
+
+def test_a_command_that_is_slow_and_shows_no_bar_says_that_it_is_at_work(monkeypatch):
+    monkeypatch.setattr(messages, "SILENT", 0.05)
+    monkeypatch.setattr(sys, "stderr", terminal := Terminal())
+    monkeypatch.setattr(listing, "run", lambda given: int(written(terminal) == ""))
+    assert main(["list"]) == 0
+    assert terminal.getvalue() == "stickslip: list is at work ...\n"
 
 
 def counted(monkeypatch, module):

@@ -45,6 +45,7 @@ from toolbox.commands.terminal import complaint
 from toolbox.errors import SceneError, UnusualValue
 from toolbox.files.interrupts import GATE
 from toolbox.files.unit_systems import SYSTEMS, units
+from toolbox.messages import sign_of_life
 
 COMMANDS = (
     study,
@@ -81,7 +82,10 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
             from toolbox.scenes.catalogue import load_parts
 
             load_parts(path)
-        with nullcontext() if given.units is None else units(given.units):
+        with (
+            sign_of_life(f"{given.parser.prog.rpartition(' ')[2]} is at work"),
+            nullcontext() if given.units is None else units(given.units),
+        ):
             if not (given.json or given.quiet):
                 return given.action(given)
             with redirect_stdout(io.StringIO()):

@@ -288,7 +288,7 @@ def counted(family: Family, found: Score) -> float:
 
 @dataclass(frozen=True)
 class Found:
-    """What a search found: the best numbers and their score, all points with theirs, where it began, its seed, and processor seconds."""
+    """What a search found: the best numbers and their score, all points with theirs, where it began, its seed, and processor seconds (nan where it went on)."""
 
     numbers: dict[str, float]
     score: Score
@@ -319,6 +319,7 @@ def searched(label: str, points: int, seed: int = 1, kept: Path | None = None, f
     first = dict(first or begun(label))
     names, low, high = list(family.bounds), *(np.log([pair[side] for pair in family.bounds.values()]) for side in (0, 1))
     journal = Journal(kept, {"family": label, "bounds": repr(family.bounds), "seed": str(seed), "first": repr(first)}) if kept else None
+    resumed = bool(journal and journal.known)
     tried: dict[tuple[float, ...], Score] = {}
 
     def value(q: np.ndarray) -> float:
@@ -339,7 +340,7 @@ def searched(label: str, points: int, seed: int = 1, kept: Path | None = None, f
     differential_evolution(value, list(zip(low, high, strict=True)), init=population, maxiter=generations, seed=seed, polish=False)
     every = [(dict(zip(names, key, strict=True)), found) for key, found in tried.items()]
     numbers, best = min(every, key=lambda pair: counted(family, pair[1]))
-    return Found(numbers, best, every, first, seed, time.process_time() - began)
+    return Found(numbers, best, every, first, seed, math.nan if resumed else time.process_time() - began)
 
 
 def margin(family: Family, numbers: Mapping[str, float]) -> float:
@@ -351,6 +352,16 @@ def margin(family: Family, numbers: Mapping[str, float]) -> float:
     return 0.0 if np.isnan(worst) else min(worst, 1.0)
 
 
+AIMS = {"declared": 3.2, "real": 3.5, "robust": 3.8, "corners": 4.0, "rocks": 5.4}
+"""Set-points [rad/s] of groups at which one law should be left with a margin."""
+
+
+def margins_at(family: Family, numbers: Mapping[str, float], aims: Mapping[str, float] = AIMS) -> dict[str, float]:
+    """The smallest disk margin of every group at its set-point, that of the declared machine included: seconds, where runs take minutes."""
+    tried = family.trial(numbers)
+    return {name: min(tried.disk_margins(GROUPS[name].machines, speed)[:2]) for name, speed in aims.items()}
+
+
 def store(label: str, found: Found, path: Path = STORE) -> None:
     """Keep the numbers of a family beside those of the others, with the command that found them and the front."""
     rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -358,7 +369,8 @@ def store(label: str, found: Found, path: Path = STORE) -> None:
     rows[label] = {
         "numbers": found.numbers, "command": f"python -m studies drives --tune {label!r} --runs {len(found.points)}", "failures": found.score.rigs,
         "of": rigs, "failures under weight": found.score.weights, "of weight": weights, "margin": round(found.score.margin, 4),
-        "points": len(found.points), "seed": found.seed, "begun": found.begun, "processor seconds": round(found.seconds),
+        "points": len(found.points), "seed": found.seed, "begun": found.begun,
+        "processor seconds": None if math.isnan(found.seconds) else round(found.seconds),
         "front": [{**numbers, "failures": each.rigs, "failures under weight": each.weights, "margin": round(each.margin, 4)} for numbers, each in found.front],
     }  # fmt: skip
     path.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
@@ -374,7 +386,19 @@ def tuned(label: str) -> Any:
     return FAMILIES[label].of(stored(label))
 
 
+def between(first: str, second: str, part: float) -> dict[str, float]:
+    """Numbers a part of the way from those that are stored of one family to those of another, in logarithms."""
+    ends = stored(first), stored(second)
+    return {name: float(f"{low ** (1.0 - part) * ends[1][name] ** part:.4g}") for name, low in ends[0].items()}
+
+
 def known() -> list[str]:
     """The families whose gains are stored."""
     rows = json.loads(STORE.read_text(encoding="utf-8"))
     return [label for label in FAMILIES if label in rows]
+
+
+def points(row: str) -> int:
+    """How many points were tried for the gains of a row of the table; 0 for a law as it is delivered."""
+    rows = json.loads(STORE.read_text(encoding="utf-8"))
+    return next((each["points"] for label, each in rows.items() if label_of(label) == row), 0)

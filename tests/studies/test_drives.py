@@ -11,7 +11,7 @@ import pytest
 from controllers import PI, LinearMPC
 from studies import gains
 from studies.protocol import CORNERS, GROUPS, LIMITS, PLANT, SINGLES, rock_torques, trial
-from studies.questions.drives import Row, judged_rows, laws, picture, row, step_time, table
+from studies.questions.drives import BETWEEN, Row, flat, judged_rows, laws, picture, row, step_time, table
 from toolbox.modelling.laws import designed
 from toolbox.robustness.groups import Group, Machine
 from toolbox.robustness.lowest_set_point import Cells, lowest
@@ -166,6 +166,7 @@ def test_the_picture_shows_every_law_and_where_none_of_its_set_points_holds(tmp_
         Row("LQG, tuned", pairs, 10.0, 1.0, 0.01, 1e-6, (0.2, 0.1)),
         Row("PI", dict.fromkeys(pairs, (float("nan"),) * 2), 1.0, 1.0, 0.1, 1e-6, (0.0, 0.0)),
     ]
+    assert flat(rows[0])["points tuned"] == 240 and flat(rows[1])["points tuned"] == 0
     picture(rows, tmp_path / "drives.svg", shown=("LQG, tuned",))
     assert (tmp_path / "drives.svg").read_text(encoding="utf-8").startswith("<?xml")
 
@@ -234,3 +235,14 @@ def test_a_dither_of_the_weight_presses_harder_while_the_bit_turns_faster_and_en
         stuck[depth] = run.time_in("bit", "stick", after=40.0)
     assert stuck[1e-6] > 1.0 and stuck[0.2] == 0.0
     assert weight.max() > 0.05 and np.corrcoef(faster, weight)[0, 1] > 0.7
+
+
+@pytest.mark.slow
+def test_one_law_that_lifts_holds_what_it_should_with_a_margin_on_every_machine():
+    numbers = gains.between("LQG", "LQG, lifting", BETWEEN)
+    assert min(gains.margins_at(gains.FAMILIES["LQG, lifting"], numbers).values()) > 0.08
+    for part in (0.0, 0.5):  # those beside it leave less
+        assert min(gains.margins_at(gains.FAMILIES["LQG, lifting"], gains.between("LQG", "LQG, lifting", part)).values()) < 0.05
+    for group in ("declared", "real", "corners", "rocks"):
+        found = EVERY["LQG, between, lifting"].outcome(BRIEF[group], gains.AIMS[group])
+        assert found.passed, found.why

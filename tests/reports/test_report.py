@@ -5,6 +5,7 @@ import html.parser
 import math
 import re
 import shutil
+import time
 
 import pytest
 
@@ -114,6 +115,15 @@ def test_the_page_needs_nothing_else(page):
     assert "default-src 'none'" in page and "url(" not in page and "@import" not in page
     assert "<95 rpm>" not in page and "&lt;95 rpm&gt;" in page
     assert len(page) < 2e6
+
+
+@pytest.mark.slow
+def test_the_report_of_the_main_study_is_small_and_soon_there(root, tmp_path):
+    """At most 2 MB, and 10 s of the processor beyond the study."""
+    assert main(["study", str(root / "studies" / "scenes" / "navarro_lopez_4.toml"), "--quiet", "--out", str(tmp_path / "study")]) == 0
+    began = time.process_time()
+    page = report(tmp_path / "study", path=tmp_path / "study.html")
+    assert time.process_time() - began < 10.0 and page.stat().st_size < 2e6
 
 
 def test_it_says_how_to_get_the_same_again(folders, page):

@@ -288,7 +288,7 @@ function drawTraces() {
 }
 
 function tracePanel(group, k) {
-  const box = find("panels"), limited = group.some((signal) => signal.limits.some((end) => end !== null));
+  const box = find("panels");
   const options = {
     width: box.clientWidth, height: k ? 150 : 210, cursor: { sync: { key: "time" }, drag: { x: true, y: false }, bind: { dblclick: () => () => { whole(); return null; } } },
     scales: { x: { time: false }, y: { range: (plot, low, high) => {
@@ -304,7 +304,7 @@ function tracePanel(group, k) {
     series: [{ label: "time [s]", value: (_, value) => value === null ? "-" : value.toFixed(2) }, ...group.map((signal, i) => ({
       label: named(signal), stroke: () => colour(COLOURS[(i + (k ? 1 : 0)) % COLOURS.length]), width: 1.6, dash: i > 1 ? [6, 3] : i ? [10, 2] : undefined, points: { show: false }, value: (_, value) => value === null ? "-" : short(value),
     }))],
-    axes: [looks(), { ...looks(), size: 64, label: group.length === 1 ? named(group[0]) : "[" + group[0].unit + "]" + (limited ? ", dotted: limit" : ""), labelSize: 18, values: (_, values) => told_apart(values) }],
+    axes: [looks(), { ...looks(), size: 64, label: group.length === 1 && named(group[0]).length < 22 ? named(group[0]) : "[" + group[0].unit + "]", labelSize: 18, values: (_, values) => told_apart(values) }],
     hooks: {
       drawClear: [(plot) => {
         const context = plot.ctx;
@@ -453,6 +453,7 @@ function mapRanges() {
 
 function drawMapNow() {
   const names = chosenAxes();
+  find("map").hidden = find("axis-x").parentElement.hidden = names.length < 2;
   if (names.length < 2) { find("map-words").textContent = law().still ? "What comes to a standstill has no steady running to map: a law that holds its speed has, such as HeldSpeed (stickslip map --law)." : "This loop has no two numbers for a map."; return; }
   const place = (values) => names.map((name) => values(name) * control(name).factor);
   const here = place(valueOf), there = pinned && pinned.setting.label === setting.label ? place((name) => pinned.setting.changes[name] ?? law().values[name]) : null;

@@ -1,6 +1,7 @@
 """Do all ways to a border agree: Hopf points and folds, matrices and runs, `onset` and runs that are far longer, whole runs and runs that were cut?
 
-For every law on the rig of Jansen and van den Steen, on wells that are drawn at random, and on strings with three loads of dry friction along them:
+For every law on the rig of Jansen and van den Steen, on wells that are drawn at random, on strings with three loads of dry friction along them, and on wells
+from tables that rub along the whole of their holes:
 
 - Loss of smooth running by `onset`, whose report names its way: poles, derivatives of the sampled map, or twin runs. Against it (exact) the Hopf point of
   `hopf_points`, or the matrix of the sampled loop where it has one; and (by runs) the growth that the extrema of one long run show after a kick, on both
@@ -28,7 +29,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from controllers import PI, ImplicitSlidingMode, Lifting, LinearMPC, SlidingMode, SoftTorque, StiffPI, SuperTwisting
-from models import BitRock, Coulomb, TorsionalChain, wells
+from models import BitRock, Coulomb, DrillString, Section, Survey, TorsionalChain, inner_diameter, wells
 from toolbox import (
     ClosedLoop,
     HybridSystem,
@@ -43,6 +44,7 @@ from toolbox import (
     onset,
     simulate,
 )
+from toolbox.authoring import in_si
 from toolbox.onsets.growth import SmoothBranch
 from toolbox.onsets.motions import slip_rows
 from toolbox.onsets.report import Onset
@@ -96,7 +98,7 @@ class OwnPI:
 class Case:
     """A law on a string.
 
-    between, values: where its borders are looked for [rad/s], and at how many values;  relapses: whether it ends stick-slip by itself and falls back into it;
+    between, values: where its borders are looked for [rad/s], and at how many values;  relapses: whether it ends stick-slip by itself and falls back into it, so that every set-point is held from the start, for two hours;
     start: the working point [rad/s].
     """
 
@@ -196,6 +198,9 @@ class Case:
 
         Stick-slip is begun below the loss of smooth running, from standstill and from the swing that grows there: each may be a cycle of its own.
         """
+        if self.relapses:  # led in small steps from where it gave up, the law would stay so for 5 % of the set-point
+            run = simulate(self.loop.at(PARAMETER, value), 2 * HELD)
+            return any(end > HELD for _, end in measure.stick_intervals(run, "bit"))
         inside, near = min(self.onset.loss - 0.05, value - 0.2), value - 0.1
         ramp = ([0.0, 300.0, 300.0 + 400.0 * (near - inside), 500.0 + 400.0 * (near - inside)], [inside, inside, near, value])
         loop = closed_loop(self.loop, inputs={PARAMETER: ramp})
@@ -208,7 +213,7 @@ class Case:
     @property
     def bracket(self) -> float:
         """The least distance from the end below which an hour still sticks at last, and above which none does [rad/s]; nan for none of those tried."""
-        end = self.onset.loss if self.relapses else self.onset.end
+        end = self.onset.end
         return next((each for each in BRACKETS if self.sticks(end - each) and not self.sticks(end + each)), math.nan)
 
     @property
@@ -270,6 +275,23 @@ def drawn(count: int, seed: int) -> Iterator[Case]:
         yield Case(label, Sampled(law, period) if period else law, compose(chain, BitRock(weight=weight)), (1.5, 25.5), values=9)
 
 
+def tabled() -> Iterator[Case]:
+    """Wells from tables, of 4 to 16 inertias, whose strings rub along the whole of their holes."""
+    tries = ((4, "1500 m", PI(), 0.0), (8, "2500 m", StiffPI(), 0.01), (16, "4000 m", SoftTorque(), 0.0))
+    for size, depth, law, period in tries:
+        length = in_si(depth, "m", "depth")
+        sections = [Section(length - 200.0, "5 in", inner_diameter("5 in", "19.5 ppf")), Section(200.0, "6.75 in", "2.8125 in")]
+        hole = Survey((0.0, 0.3 * length, 0.6 * length, length), (0.0, 0.0, math.radians(35.0), math.radians(35.0)), (0.0,) * 4)
+        string = DrillString.from_tables(
+            sections, hole, top_inertia=2000.0, elements=size - 1, friction=Coulomb(0.12, 0.1), on_bottom=True, mud_density=1200.0,
+            drag_rate=0.1, internal_damping=0.005,
+        )  # fmt: skip
+        law = Sampled(law, period) if period else law
+        yield Case(
+            f"well from tables: {depth}, {size} inertias", law, compose(string, BitRock(weight=80e3)), (1.5, 25.5), values=7, start=12.0
+        )
+
+
 HEAD = ("law", "loss", "way", "exact", "by runs", "end", "follow", "held", "cut", "s")
 
 
@@ -304,7 +326,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "Borders in rad/s; exact, by runs, follow: distance from `onset`; held: half the width of the bracket by runs of an hour; s: time of `onset`\n"
     )
     print(f"{HEAD[0]:<54}{HEAD[1]:>10}  {HEAD[2]:<12}" + "".join(f"{word:>10}" for word in HEAD[3:]))
-    for case in (*LAWS, *drawn(given.wells, given.seed)):
+    for case in (*LAWS, *drawn(given.wells, given.seed), *tabled()):
         if given.only and not any(word in case.label for word in given.only):
             continue
         found = row(case)

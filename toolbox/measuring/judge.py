@@ -55,6 +55,9 @@ LULL = 4
 ROUNDS = 30
 """Rounds that never repeat exactly, by noise, by the clock of a law or by chaos, after which their means tell."""
 
+TURNS = 3
+"""Changes between rising and falling below which a sequence is a curve and no scatter."""
+
 FLOOR = 1e-6
 """Severity below which nothing swings."""
 
@@ -391,5 +394,14 @@ def _steady(values: FloatArray, margin: float) -> bool:
         return False
     means = np.array([each.mean() for each in thirds])
     scatter = max(float(np.std(each)) / math.sqrt(len(each)) for each in thirds[1:])
+    steps = np.diff(np.concatenate(thirds[1:]))
+    if (
+        np.count_nonzero(steps[1:] * steps[:-1] < 0) < TURNS
+    ):  # a curve, which scatters about nothing, and may have turned from what it will not come to
+        steps = np.diff(thirds[2])
+        one_way = bool((steps >= 0).all() or (steps <= 0).all())
+        before, after = (abs(each.mean()) for each in np.array_split(steps, 2))  # windows begin anywhere in a swing
+        if not one_way or after > 0.9 * before:
+            return False
     first, last = abs(means[1] - means[0]), abs(means[2] - means[1])
     return bool(last < 0.02 * margin and (last <= 2.0 * scatter or last < 0.5 * first))

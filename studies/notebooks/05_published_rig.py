@@ -17,7 +17,7 @@ import matplotlib.pyplot as plt
 
 import toolbox
 from toolbox import Scene, plot
-from toolbox.onsets import verdicts as study
+from toolbox.onsets import study
 
 scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "navarro_lopez_4.toml")
 judged = {label: study.verdict_row(scene, label) for label in scene.labels}

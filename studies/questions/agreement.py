@@ -47,7 +47,7 @@ from toolbox import (
 from toolbox.authoring import in_si
 from toolbox.onsets.growth import SmoothBranch
 from toolbox.onsets.motions import slip_rows
-from toolbox.onsets.report import Onset
+from toolbox.onsets.results import Onset
 from toolbox.robustness.loop import NoDerivative
 from toolbox.robustness.steady_loop import steady_loop
 from toolbox.simulation.request import Request
@@ -98,8 +98,8 @@ class OwnPI:
 class Case:
     """A law on a string.
 
-    between, values: where its borders are looked for [rad/s], and at how many values;  relapses: whether it ends stick-slip by itself and falls back into it, so that every set-point is held from the start, for two hours;
-    start: the working point [rad/s].
+    between, values: where its borders are looked for [rad/s], and at how many values;  relapses: whether it ends stick-slip by itself
+    and falls back into it, so that every set-point is held from the start, for two hours;  start: the working point [rad/s].
     """
 
     label: str

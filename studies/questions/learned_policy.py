@@ -25,7 +25,7 @@ import numpy as np
 from controllers import LQG, SoftTorque, StiffPI
 from models import BitRock, wells
 from toolbox import Controller, Sampled, Scene, Update, compose, state
-from toolbox.onsets.verdicts import table, verdict_row
+from toolbox.onsets.study import table, verdict_row
 
 PERIOD, REFERENCE, HIGHEST, UNIT, MEMORY = 0.05, 8.0, 20e3, 1e4, 0.5
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))

@@ -33,7 +33,7 @@ from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, wells
 from toolbox import ClosedLoop, closed_loop, compose, follow, limit_cycle, measure, onset, plot, simulate, units
 from toolbox.figures.style import name_axis
-from toolbox.onsets.report import Onset
+from toolbox.onsets.results import Onset
 from toolbox.orbits import Branch
 
 FOLDER = Path(__file__).parents[1] / "figures"

@@ -16,7 +16,7 @@ import pytest
 from toolbox.commands import figures, terminal
 from toolbox.commands.command_line import main
 from toolbox.errors import ZenoError
-from toolbox.onsets import verdicts as study
+from toolbox.onsets import study
 from toolbox.scenes.scene import Scene
 
 RIG = """

@@ -8,7 +8,7 @@ import pytest
 
 from models import oscillators
 from toolbox.commands.command_line import main
-from toolbox.onsets.report import Onset
+from toolbox.onsets.results import Onset
 
 RIG = """
 title = "Two inertias"

@@ -24,7 +24,7 @@ from toolbox.commands import figures
 from toolbox.commands.command_line import main
 from toolbox.files.atomic import _exchanged, clear_left
 from toolbox.files.origin import ORIGIN
-from toolbox.onsets import verdicts
+from toolbox.onsets import study
 from toolbox.sweeps import Sweep
 
 pytestmark = pytest.mark.timeout(600)
@@ -106,14 +106,14 @@ def content(folder):
 def quick(monkeypatch):
     """Runs that are there already, and figures as empty files: what is tried here is how they are written."""
     runs = {}
-    verdict_row = verdicts.verdict_row
+    verdict_row = study.verdict_row
 
     def known(scene, label, stem="", measures=()):
         if scene.title not in runs:
             runs[scene.title] = verdict_row(scene, label, stem)
         return runs[scene.title]
 
-    monkeypatch.setattr(verdicts, "verdict_row", known)
+    monkeypatch.setattr(study, "verdict_row", known)
     monkeypatch.setattr(figures, "draw", lambda scene, label, run, *paths: [path.touch() for path in paths])
     for name in ("draw_comparison", "draw_found"):
         monkeypatch.setattr(figures, name, lambda *arguments: arguments[-1].touch())
@@ -126,14 +126,14 @@ def test_a_study_with_a_failing_file_operation_leaves_the_old_or_the_new(tmp_pat
     monkeypatch.setattr("toolbox.files.atomic._exchanged", (lambda *paths: False) if not exchange else _exchanged)
     scene, out = tmp_path / "belt.toml", tmp_path / "above" / "out"
 
-    def study(title, at=-1):
+    def studied(title, at=-1):
         scene.write_text(BELT.replace("TITLE", title))
         return attempt(tmp_path / "above", monkeypatch, ["study", scene, "--out", out], at, kind)
 
     (tmp_path / "above").mkdir()
-    study("old")
+    studied("old")
     old = {**content(out), "mine.txt": b"mine"} if exists else None
-    study("new")
+    studied("new")
     new = {**content(out), "mine.txt": b"mine"} if exists else content(out)
     at, count, failed = -1, 0, 0
     while count > at:  # the operation of this number came, so that there may be another
@@ -142,7 +142,7 @@ def test_a_study_with_a_failing_file_operation_leaves_the_old_or_the_new(tmp_pat
         (out if exists else out.parent).mkdir(parents=True)
         for name, text in (old or {}).items():
             (out / name).write_bytes(text)
-        code, count = study("new", at)
+        code, count = studied("new", at)
         assert code in (0, 1, 2, 130)
         failed += code != 0
         left = [str(path) for path in out.parent.rglob(".*")]

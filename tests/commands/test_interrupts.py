@@ -22,7 +22,7 @@ NOTHING = "stickslip: interrupted, and nothing was written."
 COMMAND = """
 import os, signal, sys, threading, time
 from toolbox.commands import command_line, figures
-from toolbox.onsets import verdicts
+from toolbox.onsets import study
 
 def interrupt():
     os.kill(os.getpid(), signal.SIGINT)
@@ -36,7 +36,7 @@ command_line.script()
 
 IN_A_CALLBACK = """
 import ctypes
-inner = verdicts.verdict_row
+inner = study.verdict_row
 @ctypes.CFUNCTYPE(None)
 def callback():  # what is raised in it, nobody catches
     interrupt()
@@ -44,11 +44,11 @@ def callback():  # what is raised in it, nobody catches
 def verdict_row(*arguments):
     callback()
     return inner(*arguments)
-verdicts.verdict_row = verdict_row
+study.verdict_row = verdict_row
 """
 
 LOST = """
-inner = verdicts.verdict_row
+inner = study.verdict_row
 def verdict_row(*arguments):
     try:
         interrupt()
@@ -56,7 +56,7 @@ def verdict_row(*arguments):
     except KeyboardInterrupt:
         pass
     return inner(*arguments)
-verdicts.verdict_row = verdict_row
+study.verdict_row = verdict_row
 """
 
 IN_MACHINE_CODE = """
@@ -64,7 +64,7 @@ import hashlib
 def verdict_row(*arguments):
     threading.Timer(0.1, interrupt).start()
     hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)
-verdicts.verdict_row = verdict_row
+study.verdict_row = verdict_row
 """
 
 IN_A_HARD_FINALLY = """
@@ -74,7 +74,7 @@ def verdict_row(*arguments):
         time.sleep(100)
     finally:
         time.sleep(100)
-verdicts.verdict_row = verdict_row
+study.verdict_row = verdict_row
 """
 
 TWICE = """
@@ -85,7 +85,7 @@ def verdict_row(*arguments):
     finally:
         interrupt()
         time.sleep(0.05)
-verdicts.verdict_row = verdict_row
+study.verdict_row = verdict_row
 """
 
 WHILE_PLACING = """

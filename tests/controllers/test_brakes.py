@@ -15,7 +15,7 @@ from models.closed_forms import groan_growth
 from studies.questions.brakes import HIGHER, LAG, contenders, run_of, stop_of, stops
 from toolbox import Scene, SceneError, compose, energy_audit, measure, simulate
 from toolbox.inputs import sine
-from toolbox.onsets import verdicts as study
+from toolbox.onsets import study
 
 EVERY = {contender.label: contender for contender in contenders()}
 STEADY = DiscBrake(force=0.0, friction=Coulomb(static=0.3, kinetic=0.3))

@@ -30,7 +30,7 @@ from toolbox.contacts import ContactProblem, ContactRun, step_contacts
 from toolbox.files.results import Result
 from toolbox.measuring.measures import mean
 from toolbox.onsets.comparison import Comparison
-from toolbox.onsets.report import Onset
+from toolbox.onsets.results import Onset
 from toolbox.probability import Basin, Chance, Estimates, Normal, Posterior, Uniform, basin, chance, estimate, posterior
 from toolbox.robustness import Group, LowestSetPoints, Machine, Margins, SmallestError, Windows, WorstCase, smallest_error, windows
 from toolbox.robustness.charts import StabilityChart, stability_chart

@@ -15,7 +15,7 @@ from toolbox import Sampled, Scene, SceneError, Trajectory, closed_loop, compare
 from toolbox.commands.command_line import main
 from toolbox.measuring import measures
 from toolbox.measuring.measures import MEASURES, measures_of
-from toolbox.onsets.verdicts import COLUMNS, verdict_row
+from toolbox.onsets.study import COLUMNS, verdict_row
 
 RIG = compose(wells.JANSEN_2, BitRock())
 WEIGHT = 97_347.0

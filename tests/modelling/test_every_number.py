@@ -266,3 +266,17 @@ def test_the_command_line_says_what_it_cannot_sweep(tmp_path, capsys):
     (tmp_path / "rig.toml").write_text(SCENE)
     given = ["sweep", str(tmp_path / "rig.toml"), "--vary", "pi.period=0.01:0.02:2", "--out", str(tmp_path / "out")]
     assert main(given) == 2 and "a sample time is structure" in capsys.readouterr().err
+
+
+def test_a_number_that_stands_nowhere_among_the_parameters_of_a_program_is_told_so():
+    loop = closed_loop(RIG, SoftTorque(), sample_time="10 ms", inputs={"top.reference": ([0.0, 1.0], [1.0, 2.0])})
+    program = simulate(loop, 0.0).program
+    for name, why in (
+        ("softtorque.detuning", "only the design"),
+        ("pi.period", "it is a sample time"),
+        ("bit.speed", "it is a start value"),
+        ("top.reference.values.1", "it is a number of a table"),
+        ("bit.weight", "must be given to the loop"),
+    ):
+        with pytest.raises(SceneError, match=rf"`{name}` .*{why}"):
+            program.place(loop.number(name), loop.values)

@@ -13,7 +13,7 @@ from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, closed_forms, oscillators, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, follow, hopf_points, limit_cycle, measure, onset, simulate
 from toolbox.onsets.comparison import Comparison
-from toolbox.onsets.report import Border
+from toolbox.onsets.results import Border
 from toolbox.scenes.scene import Scene
 
 

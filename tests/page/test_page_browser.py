@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from toolbox import Scene
-from toolbox.onsets.verdicts import verdict_of
+from toolbox.onsets.study import verdict_of
 from toolbox.page import explore
 
 playwright = pytest.importorskip(

@@ -19,7 +19,7 @@ import pytest
 from models import BlockOnBelt
 from toolbox import Scene, closed_loop, compose, simulate
 from toolbox.errors import SceneError
-from toolbox.onsets.verdicts import verdict_of
+from toolbox.onsets.study import verdict_of
 from toolbox.page import explore, maps
 from toolbox.page.controls import controls_of
 from toolbox.page.served import SOON, page_of

@@ -14,7 +14,7 @@ from controllers import SoftTorque
 from models import BitRock, wells
 from studies.questions import pictures
 from toolbox import Component, Equations, compose, measure, quantity, simulate
-from toolbox.onsets import verdicts as study
+from toolbox.onsets import study
 from toolbox.scenes.scene import Scene
 
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\w)")

@@ -14,7 +14,7 @@ from models import BitRock, wells
 from toolbox import closed_loop, compose, simulate
 from toolbox.commands.command_line import main
 from toolbox.errors import SceneError
-from toolbox.onsets.report import Onset
+from toolbox.onsets.results import Onset
 from toolbox.reports import report, to_pdf
 
 SCENE = """

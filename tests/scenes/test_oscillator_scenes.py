@@ -9,7 +9,7 @@ import pytest
 
 from models import BlockOnBelt, Dahl, Guide, LuGre
 from toolbox import Scene, compose, measure
-from toolbox.onsets.verdicts import table, verdict_row
+from toolbox.onsets.study import table, verdict_row
 
 
 def scene(root, name):

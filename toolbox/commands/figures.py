@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from toolbox.calibration.results import Fit
     from toolbox.calibration.validation import Validation
     from toolbox.modelling.hybrid_system import HybridSystem
-    from toolbox.onsets.report import Onset
+    from toolbox.onsets.results import Onset
     from toolbox.onsets.severity_map import SeverityMap
     from toolbox.probability.estimates import Estimates
     from toolbox.probability.posteriors import Posterior

@@ -47,18 +47,18 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Study a scene. Returns the exit code."""
-    from toolbox.onsets import verdicts
+    from toolbox.onsets import study
     from toolbox.scenes.scene import Scene
 
     scene = Scene.load(given.scene)
     stems = file_stems(scene.labels)
     names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], given.format)
-    with results(given, names, earlier("table.csv", f"^{','.join(verdicts.HEADINGS)}[,\n]", _left)) as folder:
+    with results(given, names, earlier("table.csv", f"^{','.join(study.HEADINGS)}[,\n]", _left)) as folder:
         rows, runs = [], {}
         with progress(len(scene.cases)) as reached:
             for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
                 reached(i, label)
-                row, run = verdicts.verdict_row(scene, label, stem, given.measure)
+                row, run = study.verdict_row(scene, label, stem, given.measure)
                 rows.append(row)
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")
@@ -71,12 +71,12 @@ def run(given: argparse.Namespace) -> int:
                 figures.draw_comparison(scene, runs, folder / f"comparison.{given.format}")
             notes = _beside_measured(scene, stems, folder, given.format) if scene.measured is not None else []
         given.found = {"title": scene.title, "rows": rows}
-        verdicts.write_table(rows, folder / "table.csv")
+        study.write_table(rows, folder / "table.csv")
         scene.save(folder / "scene.toml")
         warning = scene.needs().warning
         notes += [warning] if warning else []
-        (folder / "study.txt").write_text("\n\n".join([verdicts.table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
-    show("\n\n".join([verdicts.table(scene, rows), *notes]))
+        (folder / "study.txt").write_text("\n\n".join([study.table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
+    show("\n\n".join([study.table(scene, rows), *notes]))
     print(f"\nFigures, trajectories, table and scene are in {given.out}")
     return 1 if all(row.failed for row in rows) else 0
 

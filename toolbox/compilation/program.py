@@ -17,7 +17,7 @@ from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.input_kinds import ExpressionKey
 from toolbox.modelling.inputs import Shape
-from toolbox.modelling.numbers import Number
+from toolbox.modelling.numbers import WITHOUT_SLOPE, Number
 from toolbox.modelling.switching import Switching, depending, switching
 from toolbox.modelling.two_directions import resolution
 
@@ -67,14 +67,20 @@ class Program:
     def place(self, number: Number, inputs: Mapping[str, Any]) -> int:
         """Where a parameter, an input that is given as a number, or a number of a shape stands in the vector of parameters.
 
-        Raises SceneError for the seed of a noise, which is in all of its numbers.
+        Raises SceneError for a number that stands nowhere in it, and for the seed of a noise, which is in all of its numbers.
         """
         if number.kind == "parameter":
             return self.system._parameter(number.name).offset
+        if number.kind not in ("input", "shape"):
+            raise SceneError(f"Argument `{number.name}` must stand among the parameters of a program, but {WITHOUT_SLOPE[number.kind]}.")
         name, key = (number.name, "") if number.is_input else number.in_input(inputs)
         if key == "seed":
             raise SceneError(
                 f"Argument `{number.name}` must stay within a sweep, because another seed is another realisation: give one to each loop."
+            )
+        if name not in self.coefficient_slot:
+            raise SceneError(
+                f"Argument `{name}` must be given to the loop, because a default stands among no parameters: `loop.at({name!r}, value)`."
             )
         return self.coefficient_slot[name] + (list(inputs[name].numbers).index(key) if key else 0)
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from toolbox.measuring.judge import STICKS, Judged
 from toolbox.onsets.inside import Inside
-from toolbox.onsets.report import Coexisting
+from toolbox.onsets.results import Coexisting
 from toolbox.simulation.run_state import RunState
 
 UNLIKE = 0.1

@@ -12,7 +12,7 @@ from toolbox.files.printing import columns, table
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import reading
-from toolbox.onsets.report import Onset, shown
+from toolbox.onsets.results import Onset, shown
 
 
 @dataclass(frozen=True)

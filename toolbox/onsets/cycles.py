@@ -14,7 +14,7 @@ import itertools
 from toolbox.errors import SceneError, SimulationError
 from toolbox.measuring.judge import STICKS
 from toolbox.onsets.inside import Inside
-from toolbox.onsets.report import Border
+from toolbox.onsets.results import Border
 from toolbox.onsets.search import OnsetSearch
 from toolbox.orbits.branch import Branch
 from toolbox.orbits.continuation import follow

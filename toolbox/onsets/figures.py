@@ -43,7 +43,7 @@ class DrawnValue(Protocol):
 
 
 class DrawnOnset(Protocol):
-    """What a diagram shows of a `toolbox.onsets.report.Onset`."""
+    """What a diagram shows of a `toolbox.onsets.results.Onset`."""
 
     @property
     def parameter(self) -> str: ...

@@ -19,7 +19,7 @@ from toolbox.measuring.judge import NONE, NOT_DECIDED, STANDS, STICKS, Judged
 from toolbox.modelling.steady_point import Equilibrium
 from toolbox.onsets.carried import Carried
 from toolbox.onsets.growth import begun_at
-from toolbox.onsets.report import Border
+from toolbox.onsets.results import Border
 from toolbox.onsets.search import OnsetSearch
 from toolbox.simulation.run_state import RunState
 from toolbox.steady_states.equilibria import EquilibriumBranch

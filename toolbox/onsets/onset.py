@@ -35,7 +35,7 @@ from toolbox.onsets.coexisting import coexisting
 from toolbox.onsets.cycles import exact
 from toolbox.onsets.growth import SmoothBranch, check_autonomous
 from toolbox.onsets.inside import Inside, outward
-from toolbox.onsets.report import Onset
+from toolbox.onsets.results import Onset
 from toolbox.onsets.search import OnsetSearch
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.request import Request

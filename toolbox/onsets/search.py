@@ -14,7 +14,7 @@ from toolbox.errors import SimulationError
 from toolbox.measuring.judge import SMOOTH
 from toolbox.modelling.numbers import Number
 from toolbox.onsets.carried import STEPS, JudgedRuns
-from toolbox.onsets.report import Border
+from toolbox.onsets.results import Border
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.equilibria import EquilibriumBranch

@@ -17,7 +17,7 @@ from toolbox.measuring.judge import Judged, told_growth
 from toolbox.measuring.measure import stick_intervals
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
-from toolbox.onsets.verdicts import verdict_of
+from toolbox.onsets.study import verdict_of
 from toolbox.scenes.judged import sticks_before_standstill
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.linear import equilibrium, linearise

@@ -10,9 +10,9 @@ from toolbox.errors import SceneError
 from toolbox.files.origin import ORIGIN, Origin
 from toolbox.files.printing import table
 from toolbox.files.reading import text_of
-from toolbox.onsets import verdicts
+from toolbox.onsets import study
 from toolbox.onsets.comparison import Comparison
-from toolbox.onsets.report import Onset
+from toolbox.onsets.results import Onset
 from toolbox.reports.sections import KINDS, Section, picture, preformatted
 from toolbox.scenes.contact_scene import load_scene
 from toolbox.scenes.scene import Scene
@@ -92,9 +92,9 @@ SHOWN = {"_phase": "phase plane", "_margins": "margins", "_error": "smallest err
 def _study(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
     if scene is None:
         raise SceneError(f"Folder `{folder}` must hold the scene of its study, but there is no `scene.toml` with equations.")
-    rows = verdicts.read_table(folder / "table.csv")
-    head, *cells = verdicts.in_cells(scene, rows, times=False)
-    return table(verdicts.judged_by(scene), head, cells), tuple(f"{row.controller} {row.verdict}" for row in rows if row.failed)
+    rows = study.read_table(folder / "table.csv")
+    head, *cells = study.in_cells(scene, rows, times=False)
+    return table(study.judged_by(scene), head, cells), tuple(f"{row.controller} {row.verdict}" for row in rows if row.failed)
 
 
 def _onset(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:

@@ -22,7 +22,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.coming_to import comes_to
 from toolbox.onsets.onset import onset
-from toolbox.onsets.report import Onset
+from toolbox.onsets.results import Onset
 from toolbox.robustness.margins import Margins, margins
 from toolbox.robustness.worst_case import WorstCase, worst_case
 from toolbox.scenes.judged import judged_contact, judged_speed

@@ -12,7 +12,7 @@ from tests.relapsing import Relapsing
 from toolbox import Sampled, Scene, closed_loop, compose, hopf_points, inputs, simulate
 from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judged
 from toolbox.onsets.coming_to import comes_to
-from toolbox.onsets.verdicts import in_words, verdict_row
+from toolbox.onsets.study import in_words, verdict_row
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"

@@ -126,7 +126,7 @@ KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Work._fields, ("float64", 1)) 
 
 
 class Between(NamedTuple):
-    """Arrays for states between the nodes of a run: those of `Nodes`, what a step needs (x, k, m, a projected x, y), and which states are wanted.
+    """Arrays for states between the nodes of a run: the nodes, what a step needs (x, k, m, a projected x, y), and which states are wanted.
 
     ints: as in `Work`;  p: the whole parameter vector;  row, times: the node that each wanted time is a step from;  states: filled with them.
     """
@@ -150,12 +150,3 @@ class Between(NamedTuple):
 BETWEEN_KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Between._fields, ("float64", 1)) | {
     "ints": ("int64", 1), "node_x": ("float64", 2), "node_m": ("int8", 2), "node_p": ("float64", 2), "row": ("int64", 1), "states": ("float64", 2),
 }  # fmt: skip
-
-
-class Nodes(NamedTuple):
-    """The recorded nodes of a run: time, shape (nt,), and one row each of the states, the modes and what is held."""
-
-    time: np.ndarray
-    states: np.ndarray
-    mode: np.ndarray
-    held: np.ndarray

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -22,101 +22,7 @@ from toolbox.measuring.judge import SMOOTH, STICKS, SWINGS
 from toolbox.onsets.regions import MEANINGS, outlines
 
 
-class DrawnVerdict(Protocol):
-    """Verdict and severity of one run."""
-
-    @property
-    def regime(self) -> str: ...
-    @property
-    def severity(self) -> float: ...
-    @property
-    def lowest(self) -> float: ...
-    @property
-    def highest(self) -> float: ...
-
-
-class DrawnValue(Protocol):
-    """A value of the parameter to be marked: a border or a Hopf point."""
-
-    @property
-    def value(self) -> float: ...
-
-
-class DrawnOnset(Protocol):
-    """What a diagram shows of a `toolbox.onsets.results.Onset`."""
-
-    @property
-    def parameter(self) -> str: ...
-    @property
-    def unit(self) -> str: ...
-    @property
-    def asked(self) -> Mapping[str, str]: ...
-    @property
-    def signal(self) -> str: ...
-    @property
-    def signal_unit(self) -> str: ...
-    @property
-    def values(self) -> np.ndarray: ...
-    @property
-    def steady(self) -> np.ndarray: ...
-    @property
-    def losses(self) -> Sequence[DrawnValue]: ...
-    @property
-    def between(self) -> Sequence[tuple[float, DrawnVerdict]]: ...
-    @property
-    def smooth(self) -> Sequence[DrawnVerdict]: ...
-    @property
-    def sticking(self) -> Sequence[DrawnVerdict]: ...
-    @property
-    def hopf(self) -> Sequence[DrawnValue]: ...
-    @property
-    def ends(self) -> Sequence[DrawnValue]: ...
-    @property
-    def stalls(self) -> Sequence[DrawnValue]: ...
-    @property
-    def breakaways(self) -> Sequence[DrawnValue]: ...
-    @property
-    def bistable(self) -> Sequence[tuple[float, float]]: ...
-    @property
-    def at(self) -> float: ...
-    def regimes(self, value: float) -> tuple[str, ...]: ...
-
-
-class DrawnBranch(Protocol):
-    """Severity and verdict of one branch of a map at every point of its grid."""
-
-    @property
-    def severity(self) -> np.ndarray: ...
-    @property
-    def verdict(self) -> np.ndarray: ...
-
-
-class DrawnMap(Protocol):
-    """What the panels show of a `toolbox.onsets.severity_map.SeverityMap`."""
-
-    @property
-    def names(self) -> tuple[str, str]: ...
-    @property
-    def units(self) -> tuple[str, str]: ...
-    @property
-    def asked(self) -> Mapping[str, str]: ...
-    @property
-    def axes(self) -> tuple[np.ndarray, np.ndarray]: ...
-    @property
-    def signal(self) -> str: ...
-    @property
-    def smooth(self) -> DrawnBranch: ...
-    @property
-    def sticking(self) -> DrawnBranch: ...
-    @property
-    def borders(self) -> dict[str, np.ndarray]: ...
-    @property
-    def regions(self) -> dict[str, np.ndarray]: ...
-    @property
-    def at(self) -> tuple[float, float]: ...
-
-
-def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
+def onset_diagram(found: Any, ax: Any = None) -> Any:
     """The bifurcation diagram: the judged speed in smooth running, its highest and lowest value in stick-slip, the borders, the working point.
 
     Raises SceneError for an onset that an earlier version saved, which kept no speeds.
@@ -153,7 +59,7 @@ def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
     return ax
 
 
-def _motions(found: DrawnOnset, ax: Any) -> None:
+def _motions(found: Any, ax: Any) -> None:
     """What runs come to: a line of smooth running, and a band from the lowest to the highest speed of what swings or sticks."""
     inside = sorted([*zip(map(float, found.values), found.sticking, strict=True), *found.between], key=lambda each: each[0])
     moving = [(value, judged) for value, judged in inside if judged.regime in (STICKS, SWINGS)]
@@ -179,7 +85,7 @@ def _motions(found: DrawnOnset, ax: Any) -> None:
     _smooth(found, ax)
 
 
-def _smooth(found: DrawnOnset, ax: Any) -> None:
+def _smooth(found: Any, ax: Any) -> None:
     """The line of smooth running, dashed where the least disturbance grows."""
     known = np.isfinite(found.steady)
     if not known.any():
@@ -196,7 +102,7 @@ def _smooth(found: DrawnOnset, ax: Any) -> None:
         ax.plot(x[there], y[there], label="smooth running" if stable else "smooth running, lost when disturbed", zorder=3, **look)
 
 
-def _standstill(found: DrawnOnset, ax: Any) -> None:
+def _standstill(found: Any, ax: Any) -> None:
     """A hatched strip along the axis where standstill lasts."""
     edges = sorted({float(found.values[0]), float(found.values[-1]), *(border.value for border in found.breakaways)})
     for low, high in itertools.pairwise(edges):
@@ -204,7 +110,7 @@ def _standstill(found: DrawnOnset, ax: Any) -> None:
             ax.axvspan(low, high, ymax=0.05, facecolor="none", edgecolor="0.45", hatch="////", linewidth=0, zorder=2, label="standstill")
 
 
-def onset_panels(onsets: Mapping[str, DrawnOnset]) -> Any:
+def onset_panels(onsets: Mapping[str, Any]) -> Any:
     """One bifurcation diagram per controller, on common axes. Returns the axes; raises SceneError for none."""
     if not onsets:
         raise SceneError("Argument `onsets` must hold at least one onset, but it is empty.")
@@ -235,7 +141,7 @@ BORDERS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
-def severity_panels(found: DrawnMap, axes: Any = None) -> Any:
+def severity_panels(found: Any, axes: Any = None) -> Any:
     """Severity over two numbers on both branches, with the loss of smooth running and the end of stick-slip. Returns both axes.
 
     Regions have tints and are shaded up to their borders, not by cells of the grid; the grey tells the severity of what is not smooth. The legend says

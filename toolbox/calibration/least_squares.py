@@ -105,7 +105,7 @@ class LeastSquares:
         agreement: tuple[int, int],
     ) -> Fit:
         """What slopes and residuals at the end say of the numbers. end: both;  agreement: searches that ended there, and all."""
-        from scipy.stats import t as student
+        from scipy.special import stdtrit
 
         misfit, size, ways, (jacobian, left) = self.misfit, self._size(values), rest.directions, end
         sizes = {name: float(np.std(each)) or 1.0 for name, each in misfit.measured.items()}
@@ -130,7 +130,7 @@ class LeastSquares:
         middle = correlated(jacobian, weighed, blocks, spread, [each.whiteness < 0.05 for each in left_of])
         covariance = ways @ inverse @ middle @ inverse @ ways.T
         covariance[mute, mute] = math.inf
-        factor = float(student.ppf(0.5 + self.confidence / 2, n - k))
+        factor = float(stdtrit(n - k, 0.5 + self.confidence / 2))
         span = np.where(np.isfinite(self.high - self.low), self.high - self.low, self._size(values))
         edge = np.minimum(values - self.low, self.high - values) < 1e-6 * span
         count = sum(each.size for each in misfit.measured.values())
@@ -284,13 +284,15 @@ class LeastSquares:
         return np.where(size > 0, size, width)
 
     def _begins(self) -> list[np.ndarray]:
-        from scipy.stats import qmc
-
         size = self._size(self.first)
         around = (self.first - 0.5 * size, self.first + size)  # half and twice
         low = np.where(np.isfinite(self.high - self.low), self.low, np.maximum(around[0], self.low))
         high = np.where(np.isfinite(self.high - self.low), self.high, np.minimum(around[1], self.high))
         inside = np.clip(self.first, self.low + 1e-6 * (high - low), self.high - 1e-6 * (high - low))
+        if self.starts == 1:
+            return [inside]
+        from scipy.stats import qmc  # here, because it is slow to import
+
         drawn = qmc.LatinHypercube(len(self.names), rng=self.seed).random(DRAWS * (self.starts - 1))
         return [inside, *(low + drawn * (high - low))]
 

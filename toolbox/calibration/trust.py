@@ -69,7 +69,7 @@ class Residual:
 
 def residual_of(signal: str, unit: str, left: np.ndarray, measured: np.ndarray) -> Residual:
     """The residual of one signal. left: model minus measured."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     n = left.size
     centred = left - left.mean()
@@ -80,7 +80,7 @@ def residual_of(signal: str, unit: str, left: np.ndarray, measured: np.ndarray) 
     portmanteau = n * (n + 2) * sum(r * r / (n - i) for i, r in enumerate(correlations, 1))
     span = float(np.ptp(measured))
     rms = float(np.sqrt(np.mean(left**2)))
-    return Residual(signal, unit, rms, rms / span if span else math.nan, float(chi2.sf(portmanteau, lags)), correlations[0])
+    return Residual(signal, unit, rms, rms / span if span else math.nan, float(chdtrc(lags, portmanteau)), correlations[0])
 
 
 def correlated(jacobian: np.ndarray, weighed: np.ndarray, blocks: Sequence[int], spread: float, structured: Sequence[bool]) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -10,6 +11,7 @@ import pytest
 
 from toolbox.commands import command_line, terminal
 from toolbox.commands.command_line import main
+from toolbox.files.printing import columns
 from toolbox.files.results import as_data
 
 BELT = """
@@ -102,6 +104,26 @@ def test_long_lines_are_broken_between_words_on_a_terminal_only(capsys, monkeypa
         and printed[1].startswith(" " * 13)
         and " ".join(printed).split() == " ".join(LINES).split()
     )
+
+
+def test_a_table_that_is_wider_than_the_terminal_comes_in_parts_with_the_first_column(capsys, monkeypatch):
+    heads = ["controller", "verdict", "stuck", "severity", "settling", "peak top.torque"]
+    rows = [
+        ["constant torque", "stick-slip", "43.40 s", "1.471", "never", "10 kN m"],
+        ["PI", "free", "0.00 s", "0.002", "81.9 s", "13.02 kN m"],
+    ]
+    table = columns([heads, *rows], indent="")
+    table.insert(1, "-" * len(table[0]))
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.setattr(terminal.shutil, "get_terminal_size", lambda: os.terminal_size((45, 20)))
+    terminal.show("\n".join(["A title.", "", *table, "", "An end."]))
+    printed = capsys.readouterr().out.split("\n")
+    assert printed[:2] == ["A title.", ""] and printed[-3:] == ["", "An end.", ""] and max(map(len, printed)) <= 45
+    parts = [part.split("\n") for part in "\n".join(printed[2:-3]).split("\n\n")]
+    assert len(parts) > 1 and all(set(part[1]) == {"-"} and len(part[1]) == max(map(len, part)) for part in parts)
+    for k, row in zip((0, 2, 3), (heads, *rows), strict=True):
+        lines = [re.split(r" {2,}", part[k]) for part in parts]
+        assert [line[0] for line in lines] == [row[0]] * len(parts) and [cell for line in lines for cell in line[1:]] == row[1:]
 
 
 def test_list_finds_by_name_first_and_else_by_what_is_said(capsys):

@@ -10,6 +10,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain, groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -117,25 +118,51 @@ def file_stems(labels: Sequence[str]) -> list[str]:
 
 
 def show(text: str) -> None:
-    """Print a text; on a terminal, lines that are longer than it are broken between words, under the column in which their last one begins."""
+    """Print a text; on a terminal, tables that are wider than it come in parts, each with the first column, and longer lines are broken between words.
+
+    A broken line goes on under the column in which its last one begins.
+    """
     if not sys.stdout.isatty():
         print(text)
         return
     width = shutil.get_terminal_size().columns
-    for line in text.split("\n"):
+    blocks = (list(lines) for _, lines in groupby(text.split("\n"), key=bool))
+    for line in chain.from_iterable(_folded(block, width) if max(map(len, block)) > width else block for block in blocks):
         if len(line) <= width:
             print(line)
             continue
         gaps = [match.end() for match in re.finditer(r"(?:^| ) +", line)]  # two spaces part columns
         indent = max((end for end in gaps if end < width // 2), default=0)
         if len(gaps) > SENTENCE + line.startswith(" "):
-            print(line)  # a table of numbers, which the terminal breaks
+            print(line)  # a row of numbers, which the terminal breaks
         else:
             print(
                 textwrap.fill(
                     line, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False, drop_whitespace=True
                 )
             )
+
+
+def _folded(lines: Sequence[str], width: int) -> Sequence[str]:
+    """The lines of a table in parts that are no wider than the terminal, each with the first column; other lines, and what cannot be parted, as they are."""
+    rows = [line for line in lines if line.strip("-")]  # without rules
+    size = max(map(len, rows), default=0)
+    inked = "".join(" " if all(row[k : k + 1] in ("", " ") for row in rows) else "x" for k in range(size))
+    spans = [
+        *pairwise([0, *(gap.end() for gap in re.finditer(r"(?<=x) {2,}(?=x)", inked)), size])
+    ]  # of the columns, which two blanks part in every row
+    if len(rows) < 2 or len(spans) < 3 or max(end - begin for begin, end in spans[1:]) > width - spans[0][1]:
+        return lines
+    parts = [[spans[0]]]
+    for span in spans[1:]:
+        if sum(end - begin for begin, end in (*parts[-1], span)) > width:
+            parts.append([spans[0]])
+        parts[-1].append(span)
+    found: list[str] = []
+    for part in parts:
+        cut = ["".join(line[begin:end].ljust(end - begin) for begin, end in part).rstrip() if line.strip("-") else "" for line in lines]
+        found += ["", *(line or "-" * max(map(len, cut)) for line in cut)]
+    return found[1:]
 
 
 @contextmanager

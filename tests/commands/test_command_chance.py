@@ -1,4 +1,4 @@
-"""The commands `stickslip chance` and `stickslip posterior`: from a scene to probabilities, and from a recording to what they rest on."""
+"""The commands `stickslip chance`, `posterior`, `basin` and those that take distributions: from a scene, or from a log, to probabilities."""
 
 import json
 
@@ -8,7 +8,7 @@ import pytest
 import toolbox.probability.chances as chances
 from toolbox import simulate
 from toolbox.commands.command_line import main
-from toolbox.probability import Chance, Posterior, Uniform, chance
+from toolbox.probability import Basin, Chance, Posterior, UncertainOnset, Uniform, basin, chance
 from toolbox.scenes.scene import Scene
 
 RIG = """
@@ -66,6 +66,7 @@ def test_a_recording_becomes_a_posterior_and_that_becomes_chances(rig, tmp_path,
     compared = ["--compare", "top.speed=0.3 rad/s", "--prior", "bit.weight=50kN:110kN", "--draws", "64"]
     assert main(["posterior", str(rig), str(tmp_path / "rig.csv"), *columns, *compared, "--out", str(tmp_path / "known")]) == 0
     assert "Posterior of Two inertias: 64 draws" in capsys.readouterr().out
+    assert {"bands.csv", "bands.png"} <= {path.name for path in (tmp_path / "known").iterdir()}
     known = Posterior.load(tmp_path / "known" / "posterior.npz")["bit.weight"]
     assert abs(known.mean() - 80e3) < 3 * known.std() + 200.0 and known.std() < 5e3
     again = ["chance", str(rig), "--posterior", str(tmp_path / "known" / "posterior.npz"), "--over", "top.reference=6:8:2", "--draws", "8"]
@@ -96,3 +97,64 @@ def test_a_log_of_the_surface_becomes_estimates(rig, tmp_path, capsys):
         "scene.toml",
         "origin.json",
     }
+
+
+def test_a_part_of_a_log_with_holes_is_used_where_that_is_said(rig, tmp_path, capsys):
+    rows = [f"{t:.1f},{'' if 20 <= k < 24 else 5 * t},{0.01 + 0.001 * (k % 7)}\n" for k, t in enumerate(np.arange(0.0, 6.0, 0.1))]
+    (tmp_path / "rig.csv").write_text("time [s],top.torque [N m],top.speed [rad/s]\n" + "".join(rows))
+    given = ["posterior", str(rig), str(tmp_path / "rig.csv"), "--prior", "bit.weight=50kN:110kN", "--compare", "top.speed=0.1 rad/s"]
+    assert main([*given, "--draws", "32"]) == 2
+    assert "choose among the windows" in capsys.readouterr().err
+    assert main([*given, "--draws", "32", "--hole", "4", "--part", "0:4"]) == 0
+    printed = capsys.readouterr().out
+    assert "Recording of" in printed and "4 null" in printed and "top.speed from 3 s" in printed and "from 4 s" not in printed
+
+
+def test_a_basin_is_that_of_the_function(rig, tmp_path, capsys):
+    out = tmp_path / "out"
+    asked = ["basin", str(rig), "--controller", "stiff PI", "--box", "bit.speed=0 rpm:250 rpm", "--runs", "60", "--out", str(out)]
+    assert main(asked) == 0
+    found = Basin.load(out / "basin.npz")
+    same = basin(Scene.load(rig)["stiff PI"], {"bit.speed": ("0 rpm", "250 rpm")}, 60)
+    assert np.array_equal(found.outcomes, same.outcomes) and 0.0 < found.share < 1.0
+    assert (out / "basin.txt").read_text() == f"{found}\n" and "250" in capsys.readouterr().out
+    assert {path.name for path in out.iterdir()} == {"basin.txt", "basin.csv", "basin.npz", "basin.png", "scene.toml", "origin.json"}
+    assert main(["basin", str(rig), "--controller", "stiff PI", "--box", "bit.weight=50kN:60kN"]) == 2
+    assert "must name states" in capsys.readouterr().err
+
+
+def test_an_onset_of_numbers_that_are_distributions_is_one_of_draws(rig, tmp_path, capsys):
+    out = tmp_path / "out"
+    asked = ["onset", str(rig), "--parameter", "top.reference", "--from", "40 rpm", "--to", "200 rpm", "--values", "4", "--draws", "12"]
+    assert main([*asked, "--uncertain", "bit.weight=90 kN +- 9 %", "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "from 40 to 200 rpm: Two inertias, 12 draws" in printed and "bit.weight known as 90 kN +- 8.1 kN" in printed
+    found = UncertainOnset.load(out / "drawn_onset.npz")
+    assert list(found.borders) == ["stiff PI"] and found.points.shape == (12, 1)
+    names = {f"drawn_onset.{kind}" for kind in ("txt", "csv", "npz", "png")}
+    assert {path.name for path in out.iterdir()} == {*names, "scene.toml", "origin.json"}
+    assert main([*asked, "--uncertain", "bit.weight=90 kN +- 9 %", "--at", "90 rpm"]) == 2
+    assert "`--at` must not be given" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_drive_table_takes_machines_that_are_drawn(rig, capsys):
+    asked = [
+        "drives",
+        str(rig),
+        "--before",
+        "stiff PI",
+        "--controller",
+        "soft torque",
+        "--way",
+        "direct",
+        "--from",
+        "80 rpm",
+        "--to",
+        "120 rpm",
+    ]
+    text = rig.read_text() + '[[controllers]]\nlabel = "soft torque"\nlaw = "SoftTorque"\n'
+    rig.write_text(text)
+    assert main([*asked, "--step", "20 rpm", "--uncertain", "bit.weight=90 kN +- 9 %", "--draws", "3"]) == 0
+    printed = capsys.readouterr().out
+    assert "soft torque  drawn  direct" in printed and "soft torque  declared" not in printed

@@ -409,6 +409,7 @@ COMMANDS = (
     "sweep",
     "map",
     "chance",
+    "basin",
     "margins",
     "tune",
     "fit",

@@ -64,7 +64,7 @@ def test_a_study_and_a_comparison_write_pdf(belt, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "command", ["study", "simulate", "compare", "onset", "map", "chance", "tune", "fit", "posterior", "estimate", "tradeoff"]
+    "command", ["study", "simulate", "compare", "onset", "map", "chance", "basin", "tune", "fit", "posterior", "estimate", "tradeoff"]
 )
 def test_an_unknown_format_is_refused_by_every_command_that_writes_figures(command, capsys):
     with pytest.raises(SystemExit) as caught:

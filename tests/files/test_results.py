@@ -31,7 +31,24 @@ from toolbox.files.results import Result
 from toolbox.measuring.measures import mean
 from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.results import Onset
-from toolbox.probability import Basin, Chance, Estimates, Normal, Posterior, Uniform, basin, chance, estimate, posterior
+from toolbox.probability import (
+    Basin,
+    Chance,
+    Estimates,
+    ModelComparison,
+    Normal,
+    Posterior,
+    Prediction,
+    UncertainOnset,
+    Uniform,
+    basin,
+    chance,
+    compare_models,
+    estimate,
+    posterior,
+    predict,
+    uncertain_onset,
+)
 from toolbox.robustness import Group, LowestSetPoints, Machine, Margins, SmallestError, Windows, WorstCase, smallest_error, windows
 from toolbox.robustness.charts import StabilityChart, stability_chart
 from toolbox.robustness.describing import DescribingFunction, describing_function
@@ -116,6 +133,22 @@ def of_estimate():
     return estimate(RIG, {"time": run.time, **{name: run[name] for name in ("top.torque", "top.speed")}}, members=8)
 
 
+def of_prediction():
+    return predict(closed_loop(BELT), {"belt.friction.static": "0.5 +- 0.01"}, {"block.position": 0.01}, 2.0, draws=20)
+
+
+def of_model_comparison():
+    read = {name: mean("block.position", end - 1.0, end) for name, end in (("first", 1.0), ("second", 2.0))}
+    models = {"one": closed_loop(BELT), "other": closed_loop(BELT)}
+    priors = {label: {"belt.friction.static": Uniform(0.5, 0.8)} for label in models}
+    data, left = {"first": Normal(0.1, 0.1)}, {"second": Normal(0.2, 0.1)}
+    return compare_models(models, data, priors, 2.0, left_out=left, measures=read, draws=32)
+
+
+def of_uncertain_onset():
+    return uncertain_onset(closed_loop(RIG, StiffPI()), "top.reference", (4.0, 30.0), {"bit.weight": "80 kN +- 8 kN"}, draws=4, values=3)
+
+
 def of_frequency_response():
     return frequency_response(closed_loop(RIG, SoftTorque(reference=9.0)), [0.1, 1.0, 10.0])
 
@@ -142,6 +175,7 @@ MADE = {
     Onset: of_onset, Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, LowestSetPoints: of_lowest_set_point,
     SmallestError: of_smallest_error, WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit, Chance: of_chance, Posterior: of_posterior,
     Schedule: of_schedule, Windows: of_windows, Estimates: of_estimate, Basin: of_basin,
+    Prediction: of_prediction, ModelComparison: of_model_comparison, UncertainOnset: of_uncertain_onset,
     FrequencyResponse: of_frequency_response, StabilityChart: of_stability_chart, ModeShapes: of_mode_shapes,
     DescribingFunction: of_describing_function,
 }  # fmt: skip

@@ -11,7 +11,7 @@ from toolbox import SceneError, closed_loop, compose, simulate
 from toolbox.onsets.coming_to import comes_to
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, VERDICTS
 from toolbox.probability import Chance, chance
-from toolbox.probability.results import clopper_pearson
+from toolbox.probability.bounds import clopper_pearson
 
 OVER = {"top.reference": [6.0, 11.0]}
 UNCERTAIN = {"bit.weight": "70 kN +- 10 kN", "bit.friction.static": "0.8 +- 0.05"}

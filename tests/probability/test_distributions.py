@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 from models import BitRock, wells
-from toolbox import SceneError, compose, sweep
-from toolbox.probability import Draws, LogNormal, Normal, Uniform, drawn
+from toolbox import SceneError, closed_loop, compose, sweep
+from toolbox.probability import Draws, LogNormal, Normal, Uniform, drawn, drawn_group
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +74,17 @@ def test_a_sweep_takes_what_is_drawn(rig):
 def test_what_is_no_distribution_is_refused(rig, uncertain, words):
     with pytest.raises(SceneError, match=words):
         drawn(rig, uncertain, 10)
+
+
+def test_a_group_of_drawn_machines_has_their_numbers_as_factors_of_the_declared_ones(rig):
+    known = {"bit.weight": "80 kN +- 8 kN", "bit.friction.static": Uniform(0.7, 0.9)}
+    group, design = drawn_group(rig, known, 5, seed=3), drawn(rig, known, 5, 3)
+    assert group.name == "drawn" and len(group.machines) == 5
+    for machine, row in zip(group.machines, design.points, strict=True):
+        values = [factor * closed_loop(rig).number(name).value for name, factor in machine.factors]
+        assert values == pytest.approx(row.tolist(), rel=1e-14)
+
+
+def test_a_number_that_is_zero_as_declared_makes_no_group(rig):
+    with pytest.raises(SceneError, match="must name numbers that are not zero, but `bit.weight` is"):
+        drawn_group(closed_loop(rig).at("bit.weight", 0.0), {"bit.weight": Uniform(1e3, 2e3)}, 5)

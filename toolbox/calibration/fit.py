@@ -34,7 +34,6 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.closed_loop import ClosedLoop, closed_loop, takes_loop
-from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.numbers import Number
 from toolbox.simulation.request import Request
@@ -151,7 +150,7 @@ class _Simulating:
         ).system  # what drives an input of the plant in closed loop is an output of the loop
 
     def _driven(self, recording: Recording) -> ClosedLoop:
-        driven = closed_loop(self.loop, inputs=_driving(recording, self.plant))
+        driven = closed_loop(self.loop, inputs=recording.driving(self.plant))
         Request(driven, float(recording.time[-1]), accuracy=self.accuracy).checked()
         return driven
 
@@ -198,22 +197,6 @@ class _AlongLoop:
             return MemoryLoop(self.loop, recording, numbers, self.on.name, shifts).resolved(first)
         made = MeasuredLoop(self.loop, recording, numbers, self.on.name, self.on.still, shifts)
         return located(made, low, high) if shifts else made
-
-
-def _driving(recording: Recording, plant: HybridSystem) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """{input: (times, values)} of what was measured; raises SceneError where a gap in it would have to be bridged."""
-    measured = [name for name in recording.signals if name in plant.inputs]
-    if not measured:
-        return {}
-    stretches = recording.windows(measured)
-    if len(stretches) != 1:
-        found = ", ".join(f"{begin:.6g} .. {end:.6g} s" for begin, end in stretches[:8])
-        raise SceneError(
-            f"The data must hold what drives the machine, {' and '.join(f'`{name}`' for name in measured)}, without gaps, but it is there in "
-            f"{len(stretches)} stretches: choose among the windows {found}."
-        )
-    good = {name: np.isfinite(recording.signals[name]) for name in measured}
-    return {name: (recording.time[good[name]], recording.signals[name][good[name]]) for name in measured}
 
 
 def _parameter(loop: ClosedLoop, name: str) -> Number:

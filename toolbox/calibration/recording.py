@@ -142,6 +142,34 @@ class Recording:
         edges = [0, *(apart + 1).tolist(), places.size]
         return [(float(self.time[places[a]]), float(self.time[places[b - 1]])) for a, b in itertools.pairwise(edges) if b - a >= 3]
 
+    def driving(self, plant: HybridSystem, hole: int = 2) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """What was measured of the inputs of a plant, as {input: (times, values)} of the samples that are data.
+
+        Parameters
+        ----------
+        plant
+            The plant.
+        hole
+            Samples that may be missing in a row.
+
+        Raises
+        ------
+        SceneError
+            If a longer gap would have to be bridged; the message names the windows without one.
+        """
+        measured = [name for name in self.signals if name in plant.inputs]
+        if not measured:
+            return {}
+        stretches = self.windows(measured, hole)
+        if len(stretches) != 1:
+            found = ", ".join(f"{begin:.6g} .. {end:.6g} s" for begin, end in stretches[:8])
+            raise SceneError(
+                f"The data must hold what drives the machine, {' and '.join(f'`{name}`' for name in measured)}, without gaps, but it is there in "
+                f"{len(stretches)} stretches: choose among the windows {found}."
+            )
+        good = {name: np.isfinite(self.signals[name]) for name in measured}
+        return {name: (self.time[good[name]], self.signals[name][good[name]]) for name in measured}
+
     @property
     def interval(self) -> float:
         """Usual time between samples [s]."""

@@ -43,18 +43,23 @@ def add(commands: Any) -> None:
         metavar="NAME=LOW:HIGH:N",
         help="what varies, with its number of values; once or twice, the set-point first",
     )
-    verb.add_argument(
-        "--uncertain", action="append", default=[], metavar="NAME=WHAT", help=f"what is not known: {DISTRIBUTIONS}; may be repeated"
-    )
-    verb.add_argument(
-        "--posterior", type=Path, metavar="FILE.npz", help="what `stickslip posterior` found of these numbers, in place of --uncertain"
-    )
+    add_uncertain(verb)
     verb.add_argument("--draws", type=int, default=200, metavar="N", help="machines at every point (200)")
     verb.add_argument("--duration", metavar="T", help="of a run; forty swings after the start without")
     verb.add_argument("--accuracy", type=float, default=1e-4, metavar="X", help="of the runs (1e-4)")
     verb.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the bounds (0.95)")
     verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the draws (0)")
     verb.set_defaults(action=run, spelled={"uncertain": "--uncertain"}, words=lambda given: GOES_ON if given.out else "interrupted.")
+
+
+def add_uncertain(verb: argparse.ArgumentParser) -> None:
+    """Declare the arguments that say what is not known."""
+    verb.add_argument(
+        "--uncertain", action="append", default=[], metavar="NAME=WHAT", help=f"what is not known: {DISTRIBUTIONS}; may be repeated"
+    )
+    verb.add_argument(
+        "--posterior", type=Path, metavar="FILE.npz", help="what `stickslip posterior` found of these numbers, in place of --uncertain"
+    )
 
 
 def distributions(option: str, texts: Sequence[str]) -> dict[str, Any]:
@@ -95,7 +100,7 @@ def run(given: argparse.Namespace) -> int:
         found = chance(
             loops,
             over,
-            _uncertain(given),
+            uncertain_of(given),
             draws=given.draws,
             duration=given.duration,
             accuracy=given.accuracy,
@@ -116,8 +121,8 @@ def run(given: argparse.Namespace) -> int:
     return 0
 
 
-def _uncertain(given: argparse.Namespace) -> dict[str, Any] | Draws:
-    """What is not known, as `chance` takes it."""
+def uncertain_of(given: argparse.Namespace) -> dict[str, Any] | Draws:
+    """What is not known, as `drawn` takes it."""
     from toolbox.probability.posteriors import Posterior
 
     if bool(given.uncertain) == bool(given.posterior):

@@ -1,6 +1,6 @@
 """The command `stickslip`: study a scene from file to verdict, figures and data; simulate it once; find where its stick-slip begins and ends; sweep it
-over a grid, map its severity; find its chance of stick-slip, its margins, and the lowest set-point of every drive; tune its laws; fit it to data, or find
-what its numbers may be; measure what its accuracy costs; write it as C; put results on one page; list the parts.
+over a grid, map its severity; find its chance of stick-slip, which disturbances tip it, its margins, and the lowest set-point of every drive; tune its
+laws; fit it to data, or find what its numbers may be; measure what its accuracy costs; write it as C; put results on one page; list the parts.
 
 Exit codes: 0 done; 1 nothing could be simulated, tuned or fitted, or a file could not be written while it ran; 2 the scene or an argument is wrong, or
 the folder cannot be written; 130 interrupted; 143 ended by SIGTERM.
@@ -21,6 +21,7 @@ from contextlib import nullcontext, redirect_stdout
 from typing import Any, NoReturn
 
 from toolbox.commands import (
+    basin,
     chance,
     compare,
     drives,
@@ -55,6 +56,7 @@ COMMANDS = (
     onset,
     sweep,
     chance,
+    basin,
     margins,
     drives,
     tune,

@@ -9,6 +9,7 @@ from typing import Any
 
 from toolbox.arguments import number
 from toolbox.commands import figures
+from toolbox.commands.chance import add_uncertain, uncertain_of
 from toolbox.commands.recording import results
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain, show
 from toolbox.errors import SceneError, SimulationError
@@ -29,7 +30,8 @@ def add(commands: Any) -> None:
         help="lowest set-point at which every controller of a drill string ends stick-slip, on this machine and on others",
         description="One controller of a scene has the string in stick-slip; every other one takes over from it, on the declared machine, with noise, with "
         "errors of the model, with other rocks and under a weight that varies. Printed is the lowest set-point at which it ends the stick-slip and keeps it "
-        "ended for half an hour, with the disk margin there, what the recovery costs, and what fails below.",
+        "ended for half an hour, with the disk margin there, what the recovery costs, and what fails below. Where numbers are known as distributions only "
+        "(--uncertain, --posterior), a group of machines is drawn: a set-point that frees all 72 is free with 95 %.",
         epilog="example: stickslip drives studies/scenes/jansen_2.toml --before 'stiff PI' --controller 'soft torque' --group declared --group robust "
         "--from '15 rpm' --to '120 rpm' --step '1 rpm' --out drives",
     )
@@ -38,6 +40,14 @@ def add(commands: Any) -> None:
     )
     table.add_argument(
         "--group", action="append", choices=NAMES, metavar="NAME", help=f"only this one of: {', '.join(NAMES)}; may be repeated"
+    )
+    add_uncertain(table)
+    table.add_argument(
+        "--draws",
+        type=int,
+        default=72,
+        metavar="N",
+        help="machines of the group `drawn`, where numbers are uncertain (72: all free show 95 %%)",
     )
     table.add_argument("--way", action="append", choices=WAYS, metavar="WAY", help=f"only this one of: {', '.join(WAYS)}; may be repeated")
     table.add_argument(
@@ -56,7 +66,6 @@ def add(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Find the lowest set-points. Returns the exit code."""
     from toolbox.modelling.laws import Sampled
-    from toolbox.robustness.groups import NAMES
     from toolbox.robustness.lowest_set_point import LowestSetPoints, chosen_groups, lowest_set_point
     from toolbox.robustness.set_points import WAYS, Trial
     from toolbox.scenes.scene import Scene
@@ -78,6 +87,7 @@ def run(given: argparse.Namespace) -> int:
 
     drive = law_of(first)
     before: Any = drive.law if isinstance(drive, Sampled) else drive
+    groups = _groups(given, scene[first])
     found: LowestSetPoints | None = None
     failures: dict[str, Exception] = {}
     if given.out:
@@ -90,7 +100,7 @@ def run(given: argparse.Namespace) -> int:
             one = lowest_set_point(
                 loop,
                 before,
-                chosen_groups(Trial(loop, before), given.group or NAMES, margin=margin),
+                chosen_groups(Trial(loop, before), groups, margin=margin),
                 ways=given.way or WAYS,
                 between=(plain(given.low), plain(given.high)),
                 step=plain(given.step),
@@ -113,3 +123,13 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\nTable, figure and what is known of single set-points are in {given.out}")
     return 0 if found is not None else 1
+
+
+def _groups(given: argparse.Namespace, loop: Any) -> list[Any]:
+    """The groups of machines that are asked for, by name, and that of those that are drawn."""
+    from toolbox.probability.distributions import drawn_group
+    from toolbox.robustness.groups import NAMES
+
+    if given.uncertain or given.posterior:
+        return [*(given.group or ()), drawn_group(loop, uncertain_of(given), given.draws)]
+    return list(given.group or NAMES)

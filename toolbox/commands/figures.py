@@ -12,8 +12,11 @@ if TYPE_CHECKING:
     from toolbox.modelling.hybrid_system import HybridSystem
     from toolbox.onsets.results import Onset
     from toolbox.onsets.severity_map import SeverityMap
+    from toolbox.probability.basins import Basin
+    from toolbox.probability.drawn_borders import UncertainOnset
     from toolbox.probability.estimates import Estimates
     from toolbox.probability.posteriors import Posterior
+    from toolbox.probability.predictions import Prediction
     from toolbox.probability.results import Chance
     from toolbox.robustness.lowest_set_point import LowestSetPoints
     from toolbox.scenes.scene import Scene
@@ -85,7 +88,19 @@ def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
 
 
 def draw_found(
-    found: Trajectory | SeverityMap | LowestSetPoints | Tuned | WorkPrecision | Fit | Chance | Posterior | Estimates | Validation,
+    found: Trajectory
+    | SeverityMap
+    | LowestSetPoints
+    | Tuned
+    | WorkPrecision
+    | Fit
+    | Chance
+    | UncertainOnset
+    | Posterior
+    | Prediction
+    | Estimates
+    | Basin
+    | Validation,
     title: str | None,
     path: Path,
 ) -> None:

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import number, whole
 from toolbox.commands import figures
-from toolbox.commands.recording import results
+from toolbox.commands.chance import add_uncertain, uncertain_of
+from toolbox.commands.recording import results, write_found
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, plain, progress, show
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.files.unit_systems import asked_in
 
 if TYPE_CHECKING:
+    from toolbox.modelling.closed_loop import ClosedLoop
     from toolbox.onsets.onset import Onset
     from toolbox.scenes.scene import Scene
 
 ONSET_FILES = ("onset.png", "onset.txt", "scene.toml")
+DRAWN = ("drawn_onset.png", "drawn_onset.txt", "drawn_onset.csv", "drawn_onset.npz", "scene.toml")
 TABLES = ("onset.csv", "borders.csv", "onset.npz")
 
 
@@ -29,7 +34,8 @@ def add(commands: Any) -> None:
         help="where stick-slip begins and where it ends over one parameter, for every controller of a scene",
         description="Simulate every controller of a scene from smooth running and from inside stick-slip over one parameter or input, find both borders, "
         "and print them with the Hopf point and the margin at the working point. With --out, the folder gets a figure, the report, the scene, and "
-        "per controller two tables (csv), runs and borders, and all arrays (npz): all of it, or nothing.",
+        "per controller two tables (csv), runs and borders, and all arrays (npz): all of it, or nothing. Where numbers are known as distributions only "
+        "(--uncertain, --posterior), machines are drawn: printed is the border of stick-slip of each after a start, and from where 95 % of them are free.",
         epilog="example: stickslip onset studies/scenes/jansen_2.toml --parameter top.reference --from '10 rpm' --to '150 rpm' --out borders",
     )
     border.add_argument("--parameter", required=True, metavar="NAME", help="what varies: an input, or a parameter of the plant or of a law")
@@ -38,6 +44,8 @@ def add(commands: Any) -> None:
     border.add_argument("--at", metavar="VALUE", help="working point whose margin is reported; the value of the scene without")
     border.add_argument("--values", type=int, default=13, metavar="N", help="values at which both branches are simulated (13)")
     border.add_argument("--tolerance", metavar="X", help="of the borders; a thousandth of the range without")
+    add_uncertain(border)
+    border.add_argument("--draws", type=int, default=200, metavar="N", help="machines, where numbers are uncertain (200)")
     border.set_defaults(action=run, spelled={"between": "--from` and `--to"})
 
 
@@ -57,6 +65,8 @@ def run(given: argparse.Namespace) -> int:
     if not low < high:
         raise SceneError(f"Argument `--from` must be below `--to`, but they are `{given.low}` and `{given.high}`.")
     whole("--values", given.values, 3)
+    if given.uncertain or given.posterior:
+        return _uncertain(given, scene, {label: scene[label] for label in units}, (low, high), tolerance)
     onsets = {}
     stems = file_stems(labels)
     names = [*drawn_as(ONSET_FILES, given.format), *(f"{stem}_{table}" for stem in stems for table in TABLES)]
@@ -83,6 +93,29 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\nFigure, report and tables are in {given.out}")
     return 0 if onsets else 1
+
+
+def _uncertain(
+    given: argparse.Namespace, scene: Scene, loops: dict[str, ClosedLoop], between: tuple[float, float], tolerance: float | None
+) -> int:
+    """Find the borders of machines whose numbers are drawn. Returns the exit code."""
+    from toolbox.probability.drawn_borders import uncertain_onset
+
+    if given.at is not None:
+        raise SceneError("Argument `--at` must not be given with `--uncertain` or `--posterior`, because the margin of draws is not told.")
+    found = uncertain_onset(
+        loops, given.parameter, between, uncertain_of(given), draws=given.draws, values=given.values, tolerance=tolerance
+    )
+    unit = loops[next(iter(loops))].number(given.parameter).unit
+    asked = {unit: typed} if (typed := asked_in((number("--from", plain(given.low), unit),), "")) else {}
+    given.found = found = dataclasses.replace(found, title=scene.title, asked={**found.asked, **asked})
+    with results(given, drawn_as(DRAWN, given.format), earlier("drawn_onset.txt", "Onset of stick-slip over", DRAWN)) as folder:
+        if folder is not None:
+            write_found(folder, "drawn_onset", found, scene, given.format)
+    show(str(found))
+    if given.out:
+        print(f"\nReport, figure and tables are in {given.out}")
+    return 0
 
 
 def _units(scene: Scene, labels: Sequence[str], parameter: str) -> tuple[dict[str, str], dict[str, Exception]]:

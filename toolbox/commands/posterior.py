@@ -7,16 +7,20 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from toolbox.arguments import number
+from toolbox.arguments import whole
+from toolbox.commands import figures
 from toolbox.commands.chance import DISTRIBUTIONS, GOES_ON, distributions
 from toolbox.commands.recording import results, write_found
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, plain, show
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, plain, ranges, show
 from toolbox.errors import SceneError, SimulationError
 
 if TYPE_CHECKING:
+    from toolbox.calibration.recording import Recording
     from toolbox.modelling.closed_loop import ClosedLoop
 
 FILES = ("posterior.txt", "posterior.csv", "posterior.npz", "posterior.png", "scene.toml")
+BANDS = ("bands.csv", "bands.png")
+"""What is written beside them where signals are compared: what the draws predict of these."""
 
 
 def add(commands: Any) -> None:
@@ -62,6 +66,12 @@ def add(commands: Any) -> None:
     )
     verb.add_argument("--window", default="1 s", metavar="T", help="length of the windows ('1 s')")
     verb.add_argument(
+        "--part", metavar="BEGIN:END", help="times [s] of the data that are used; at the first the machine stands as the scene says"
+    )
+    verb.add_argument(
+        "--hole", type=int, default=2, metavar="N", help="samples that may be missing in a row in what drives the machine (2)"
+    )
+    verb.add_argument(
         "--column", metavar="SIGNAL=HEADING", action="append", default=[], help="what a signal, or time, is called in the data"
     )
     verb.add_argument("--duration", metavar="T", help="of the runs; by default that of the data, else of the scene")
@@ -70,15 +80,15 @@ def add(commands: Any) -> None:
     verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the random numbers (0)")
     verb.set_defaults(
         action=run,
-        spelled={"priors": "--prior", "data": "--measured", "columns": "--column"},
+        spelled={"priors": "--prior", "data": "--measured", "columns": "--column", "compare": "--compare", "length": "--window"},
         words=lambda given: GOES_ON if given.out else "interrupted.",
     )
 
 
 def run(given: argparse.Namespace) -> int:
     """Sample the posterior. Returns the exit code."""
-    from toolbox.modelling.closed_loop import closed_loop
     from toolbox.probability.posteriors import posterior
+    from toolbox.probability.predictions import predict
     from toolbox.scenes.scene import Scene
 
     scene = Scene.load(given.scene)
@@ -88,10 +98,10 @@ def run(given: argparse.Namespace) -> int:
     if given.compare:
         if given.controller is None:
             loop = dataclasses.replace(loop, laws=(), inputs={name: v for name, v in loop.inputs.items() if name in scene.inputs})
-        driving, data, measures, length = _compared(given, loop)
-        loop = closed_loop(loop, inputs=driving)
+        loop, data, measures, recording = _compared(given, loop)
+        length = float(recording.time[-1])
     else:
-        data, measures, length = distributions("--measured", given.measured), {}, None
+        data, measures, length, recording = distributions("--measured", given.measured), {}, None, None
     try:
         found = posterior(
             loop,
@@ -107,34 +117,34 @@ def run(given: argparse.Namespace) -> int:
     except SimulationError as error:
         return complaint(str(error), 1)
     given.found = found = dataclasses.replace(found, title=scene.title)
-    with results(given, drawn_as(FILES, given.format), earlier("posterior.txt", "^Posterior of ", FILES), last=False) as folder:
+    shown = None
+    if recording is not None:
+        signals = {name: 0.0 for name, _ in pairs("--compare", "SIGNAL=DEVIATION", given.compare)}
+        shown = predict(loop, found.drawn, signals, recording=recording, accuracy=given.accuracy, seed=given.seed)
+    names = FILES if shown is None else (*FILES, *BANDS)
+    with results(given, drawn_as(names, given.format), earlier("posterior.txt", "^Posterior of ", (*FILES, *BANDS)), last=False) as folder:
         if folder is not None:
             write_found(folder, "posterior", found, scene, given.format)
+            if shown is not None:
+                shown.save(folder / "bands.csv")
+                figures.draw_found(shown, scene.title, folder / f"bands.{given.format}")
     show(str(found))
     if given.out:
-        print(f"\nReport, draws and figure are in {given.out}")
+        print(f"\nReport, draws and figures are in {given.out}")
     return 0
 
 
-def _compared(given: argparse.Namespace, loop: ClosedLoop) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], float]:
-    """(measured inputs, data, measures, length of the recording) of a call with DATA."""
+def _compared(given: argparse.Namespace, loop: ClosedLoop) -> tuple[ClosedLoop, dict[str, Any], dict[str, Any], Recording]:
+    """(loop driven as it was measured, data, measures, recording) of a call with DATA."""
     from toolbox.calibration.recording import Recording
-    from toolbox.probability.posteriors import windowed
+    from toolbox.probability.posteriors import from_recording
 
-    columns = dict(pairs("--column", "SIGNAL=HEADING", given.column))
-    bare = dataclasses.replace(loop, inputs={})
-    recording = Recording.of(given.data, bare.system, columns or None)
-    driving = {name: (recording.time, values) for name, values in recording.signals.items() if name in bare.system.inputs}
-    data: dict[str, Any] = {}
-    measures: dict[str, Any] = {}
-    for name, deviation in pairs("--compare", "SIGNAL=DEVIATION", given.compare):
-        if name not in recording.signals or name in driving:
-            others = ", ".join(each for each in recording.signals if each not in driving)
-            raise SceneError(
-                f"Argument `--compare` must name measured signals that drive nothing, but it names `{name}`; there are: {others}."
-            )
-        size = number("--compare", plain(deviation), bare.system.unit(name), above=0)
-        more, read = windowed(name, recording.time, recording.signals[name], size, plain(given.window))
-        data |= more
-        measures |= read
-    return driving, data, measures, float(recording.time[-1])
+    recording = Recording.of(
+        given.data, dataclasses.replace(loop, inputs={}).system, dict(pairs("--column", "SIGNAL=HEADING", given.column)) or None
+    )
+    if given.part is not None:
+        begin, end = ranges("--part", [f"part={given.part}"])["part"]
+        recording = recording.between(begin, end)
+    show(str(recording))
+    compare = {name: plain(size) for name, size in pairs("--compare", "SIGNAL=DEVIATION", given.compare)}
+    return *from_recording(loop, recording, compare, plain(given.window), hole=whole("--hole", given.hole, 0)), recording

@@ -26,9 +26,9 @@ from toolbox.halving import halved
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, closed_loop, takes_loop
 from toolbox.onsets.map_loop import NONE, SMOOTH
+from toolbox.probability.bounds import clopper_pearson
 from toolbox.probability.chances import BLOCK, Search
 from toolbox.probability.distributions import Uniform, drawn
-from toolbox.probability.results import clopper_pearson
 from toolbox.steady_states.linear import equilibrium
 from toolbox.sweeps.designs import Variations
 

@@ -24,7 +24,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.coming_to import Settled, comes_to
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS
-from toolbox.probability.distributions import Draws, drawn, told
+from toolbox.probability.distributions import Draws, drawn, known_as
 from toolbox.probability.results import Chance
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.simulate import simulate
@@ -106,9 +106,7 @@ def chance(
     SceneError
         If a name is unknown, is both varied and uncertain, or is out of bounds; if a run is too short to count sticks; if `out` holds another search.
     """
-    loops = dict(loop) if isinstance(loop, Mapping) else {"as it is": as_loop(loop)}
-    if not loops or not all(isinstance(each, ClosedLoop) for each in loops.values()):
-        raise SceneError(f"Argument `loop` must be a loop, a plant or a mapping of labels to loops, but it is {short(loop)}.")
+    loops = labelled(loop)
     if not isinstance(over, Mapping) or not 1 <= len(over) <= 2:
         raise SceneError(f"Argument `over` must map one or two names to values, but it is {short(over)}.")
     whole("draws", draws, 1)
@@ -133,12 +131,20 @@ def chance(
             outcomes[label], severities[label] = (each.reshape(*points.shape, draws) for each in found)
             judged[label] = search.judged
     names = [first.number(name) for name in points.names]
-    words = dict.fromkeys(known.names, f"{draws} draws") if isinstance(uncertain, Draws) else {n: told(n, g) for n, g in uncertain.items()}
     return Chance(
-        title=first.title, labels=tuple(loops), names=points.names, units=tuple(each.unit for each in names), axes=points.axes, uncertain=words,
+        title=first.title, labels=tuple(loops), names=points.names, units=tuple(each.unit for each in names), axes=points.axes,
+        uncertain=known_as(uncertain, known.names, draws),
         outcomes=outcomes, severities=severities, duration=longest, accuracy=accuracy, confidence=confidence, judged=judged,
         asked=asked_units(typed),
     )  # fmt: skip
+
+
+def labelled(loop: Any) -> dict[str, ClosedLoop]:
+    """{label: loop} of a loop, a plant or such a mapping; raises SceneError for anything else."""
+    loops = dict(loop) if isinstance(loop, Mapping) else {"as it is": as_loop(loop)}
+    if not loops or not all(isinstance(each, ClosedLoop) for each in loops.values()):
+        raise SceneError(f"Argument `loop` must be a loop, a plant or a mapping of labels to loops, but it is {short(loop)}.")
+    return loops
 
 
 class Search:

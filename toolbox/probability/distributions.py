@@ -24,6 +24,7 @@ from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.numbers import Number
+from toolbox.robustness.groups import Group, Machine
 from toolbox.sweeps.designs import Variations
 
 LEAST_INSIDE = 0.5
@@ -195,6 +196,47 @@ def drawn(loop: ClosedLoop | Any, uncertain: Mapping[str, Any] | Draws, runs: in
     return Variations(tuple(each.name for each in numbers), np.stack(columns, axis=1), (runs,), asked=asked)
 
 
+def drawn_group(
+    loop: ClosedLoop | Any, uncertain: Mapping[str, Any] | Draws, draws: int = 72, *, phases: Sequence[float] = (0.0, 0.5), seed: int = 0
+) -> Group:
+    """Machines whose numbers are drawn, as a group for `lowest_set_point`: a set-point that frees them all is free with a probability.
+
+    If all of 72 draws are free, a machine is free with 95 %, by the two-sided bound of 95 % of Clopper and Pearson; 59 draws show it by a bound to one side.
+
+    Parameters
+    ----------
+    loop
+        A loop, or a plant, with the declared numbers; none of those that are drawn may be zero.
+    uncertain
+        What is not known, as `drawn` takes it.
+    draws
+        Number of machines.
+    phases
+        Phases of the cycle, in parts of its period, at which a law takes over on each.
+    seed
+        Of the random numbers.
+
+    Returns
+    -------
+    Group
+        The machines, by the name `drawn`.
+
+    Raises
+    ------
+    SceneError
+        As `drawn`, and for a number that is zero as it is declared.
+    """
+    loop = as_loop(loop)
+    made = drawn(loop, uncertain, draws, seed)
+    declared = [loop.number(name).value for name in made.names]
+    if 0.0 in declared:
+        raise SceneError(f"Argument `uncertain` must name numbers that are not zero, but `{made.names[declared.index(0.0)]}` is.")
+    machines = []
+    for k, row in enumerate(made.points.tolist()):
+        machines.append(Machine(f"draw {k + 1}", tuple((name, v / at) for name, v, at in zip(made.names, row, declared, strict=True))))
+    return Group("drawn", tuple(machines), phases=tuple(phases))
+
+
 def quantiles(each: Number, known: Distribution, uniform: FloatArray) -> FloatArray:
     """Draws of a number, by its cumulative distribution between its bounds."""
     frozen = known.frozen(each.name, each.unit)
@@ -225,10 +267,24 @@ def told(name: str, given: Any) -> str:
     """What is known of a number, in words."""
     known = distribution(name, given)
     if isinstance(known, Normal):
-        return f"{known.mean} +- {known.deviation}"
+        return f"{_short(known.mean)} +- {_short(known.deviation)}"
     if isinstance(known, Uniform):
-        return f"{known.low} to {known.high}"
-    return ", ".join(f"{each.name} {getattr(known, each.name)}" for each in dataclasses.fields(known))  # type: ignore[arg-type]
+        return f"{_short(known.low)} to {_short(known.high)}"
+    return ", ".join(f"{each.name} {_short(getattr(known, each.name))}" for each in dataclasses.fields(known))  # type: ignore[arg-type]
+
+
+def known_as(uncertain: Mapping[str, Any] | Draws, names: Sequence[str], draws: int) -> dict[str, str]:
+    """{name: what is known of it, in words} of what `drawn` takes."""
+    return (
+        dict.fromkeys(names, f"{draws} draws")
+        if isinstance(uncertain, Draws)
+        else {name: told(name, each) for name, each in uncertain.items()}
+    )
+
+
+def _short(given: NumberOrText) -> str:
+    """A number in six digits, and text as it is."""
+    return given if isinstance(given, str) else f"{given:.6g}"
 
 
 def _typed(given: Any, unit: str) -> str:

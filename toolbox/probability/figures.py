@@ -10,6 +10,7 @@ import numpy as np
 
 from toolbox.figures.style import LINES, PAPER, WIDTH, in_words, name_axis
 from toolbox.onsets.map_loop import NONE, SMOOTH
+from toolbox.probability.bounds import clopper_pearson
 
 
 class DrawnChance(Protocol):
@@ -57,6 +58,56 @@ class DrawnEstimates(Protocol):
     def units(self) -> Mapping[str, str]: ...
     @property
     def spells(self) -> Sequence[tuple[float, float]]: ...
+    @property
+    def asked(self) -> Mapping[str, str]: ...
+
+
+class DrawnPrediction(Protocol):
+    """What the pictures show of a `toolbox.probability.Prediction`."""
+
+    @property
+    def time(self) -> np.ndarray: ...
+    @property
+    def low(self) -> Mapping[str, np.ndarray]: ...
+    @property
+    def median(self) -> Mapping[str, np.ndarray]: ...
+    @property
+    def high(self) -> Mapping[str, np.ndarray]: ...
+    @property
+    def units(self) -> Mapping[str, str]: ...
+    @property
+    def measured(self) -> Mapping[str, np.ndarray]: ...
+    @property
+    def confidence(self) -> float: ...
+    @property
+    def asked(self) -> Mapping[str, str]: ...
+
+
+class DrawnComparison(Protocol):
+    """What the pictures show of a `toolbox.probability.ModelComparison`."""
+
+    @property
+    def posteriors(self) -> Mapping[str, Any]: ...
+    @property
+    def scores(self) -> Mapping[str, np.ndarray]: ...
+    def behind(self, label: str) -> tuple[float, float]: ...
+
+
+class DrawnOnset(Protocol):
+    """What the pictures show of a `toolbox.probability.UncertainOnset`."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def between(self) -> tuple[float, float]: ...
+    @property
+    def borders(self) -> Mapping[str, np.ndarray]: ...
+    @property
+    def smooth(self) -> Mapping[str, np.ndarray]: ...
+    @property
+    def confidence(self) -> float: ...
     @property
     def asked(self) -> Mapping[str, str]: ...
 
@@ -156,6 +207,71 @@ def corner_diagram(found: DrawnPosterior, axes: Any = None) -> Any:
                         name_axis(ax.yaxis, in_words(found.names[i]), found.units[i], found.asked)
             name_axis(axes[count - 1][i].xaxis, in_words(found.names[i]), found.units[i], found.asked)
     return axes
+
+
+def prediction_diagram(found: DrawnPrediction, axes: Any = None) -> Any:
+    """Bands on the traces with what was measured, one panel per signal."""
+    with plt.rc_context(PAPER):
+        if axes is None:
+            count = len(found.units)
+            _, axes = plt.subplots(count, 1, figsize=(WIDTH, 1.8 * count + 0.8), layout="constrained", sharex=True, squeeze=False)
+        for ax, (name, unit) in zip(np.ravel(axes), found.units.items(), strict=True):
+            colour = LINES[0]["color"]
+            band = ax.fill_between(found.time, found.low[name], found.high[name], color=colour, alpha=0.3, linewidth=0)
+            (middle,) = ax.plot(found.time, found.median[name], color=colour, linewidth=0.8)
+            shown = [(band, f"{100 * found.confidence:g} % band"), (middle, "median")]
+            if name in found.measured:
+                (dots,) = ax.plot(
+                    found.time, found.measured[name], linestyle="none", marker=".", markersize=1.8, color=LINES[1]["color"], zorder=1
+                )
+                shown.append((dots, "measured"))
+            name_axis(ax.yaxis, in_words(name), unit, found.asked)
+        np.ravel(axes)[-1].set_xlabel("time [s]")
+        np.ravel(axes)[0].figure.legend(*zip(*shown, strict=True), loc="outside lower center", ncols=3, frameon=False)
+    return axes
+
+
+def comparison_diagram(found: DrawnComparison, axes: Any = None) -> Any:
+    """By how much each model is behind the best one: in evidence, and in predicting what was left out."""
+    with plt.rc_context(PAPER):
+        if axes is None:
+            _, axes = plt.subplots(1, 2, figsize=(WIDTH, 0.4 * len(found.posteriors) + 1.2), layout="constrained", sharey=True)
+        labels = list(found.posteriors)
+        best = max(each.evidence for each in found.posteriors.values())
+        evidence = [(best - each.evidence, each.error) for each in found.posteriors.values()]
+        scored = [found.behind(label) for label in labels] if next(iter(found.scores.values())).size else []
+        for ax, pairs, words in zip(axes, (evidence, scored), ("evidence", "windows left out"), strict=True):
+            for place, (behind, error) in enumerate(pairs):
+                ax.errorbar(behind, place, xerr=1.96 * error, marker="o", color=LINES[0]["color"], capsize=2.5)
+            ax.set_xlabel(f"behind the best in {words} [nats]")
+            ax.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
+        axes[0].set(yticks=range(len(labels)), yticklabels=labels, ylim=(len(labels) - 0.5, -0.5))
+    return axes
+
+
+def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
+    """The part of the machines that are free over the set-point, with its bounds, and the part that does not lose smooth running."""
+    with plt.rc_context(PAPER):
+        if ax is None:
+            _, ax = plt.subplots(figsize=(WIDTH, 3.2), layout="constrained")
+        for k, (label, borders) in enumerate(found.borders.items()):
+            style = LINES[k % len(LINES)]
+            at = np.unique(np.clip([*found.between, *borders[np.isfinite(borders)]], *found.between))
+            free = (borders[None, :] <= at[:, None]).sum(axis=1)
+            low, high = clopper_pearson(free, free, borders.size, found.confidence)
+            ax.fill_between(at, low, high, color=style["color"], alpha=0.2, linewidth=0, step="post")
+            ax.step(at, free / borders.size, where="post", label=label, color=style["color"], linewidth=1.3)
+            smooth = np.sort(found.smooth[label][np.isfinite(found.smooth[label])])
+            if smooth.size > borders.size / 2:
+                parts = (np.arange(smooth.size) + 1 + borders.size - smooth.size) / borders.size
+                ax.step(
+                    smooth, parts, where="post", linestyle=":", color=style["color"], linewidth=1.0, label=f"{label}, smooth running stable"
+                )
+        ax.axhline(0.95, color="0.6", linewidth=0.8, zorder=0)
+        ax.set(ylabel="part that is free [1]", ylim=(-0.02, 1.02), xlim=found.between)
+        name_axis(ax.xaxis, in_words(found.name), found.unit, found.asked)
+        ax.figure.legend(loc="outside lower center", ncols=2, frameon=False)
+    return ax
 
 
 def estimate_diagram(found: DrawnEstimates, axes: Any = None) -> Any:

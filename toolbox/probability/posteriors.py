@@ -9,6 +9,7 @@ so that no trajectory is built. The sampler is that of `toolbox.probability.temp
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Mapping
@@ -18,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import FloatArray, number, short, whole
+from toolbox.arguments import FloatArray, mapping, number, short, whole
+from toolbox.calibration.recording import Recording
 from toolbox.errors import SceneError
 from toolbox.files.journal import Journal
 from toolbox.files.printing import columns
@@ -28,7 +30,7 @@ from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
 from toolbox.measuring.measures import Measure, mean
 from toolbox.messages import progress_bar
-from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop, closed_loop, takes_loop
 from toolbox.probability.distributions import Draws, Normal, distribution, quantiles, told
 from toolbox.probability.tempering import tempered
 from toolbox.scenes.judged import judged_measures
@@ -38,6 +40,9 @@ from toolbox.sweeps.sweep import sweep
 from toolbox.sweeps.variants import fingerprints, shared_run
 
 STANDARD = math.log(2.0 * math.pi) / 2.0
+
+SHOWN = 8
+"""Lines of data that are printed."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,8 @@ class Posterior(Result):
 
     def __str__(self) -> str:
         lines = [f"Posterior of {self.title}: {len(self.points)} draws by {self.runs} runs in {self.stages} stages"]
-        lines += [f"  measured {name} {words}" for name, words in self.data.items()]
+        told = [f"  measured {name} {words}" for name, words in self.data.items()]
+        lines += told if len(told) <= SHOWN else [*told[: SHOWN - 2], f"  ... {len(told) - SHOWN + 1} more", told[-1]]
         rows: list[tuple[str, ...]] = [("unknown", "unit", "mean", "deviation", "5 %", "95 %", "before")]
         for name, unit in zip(self.names, self.units, strict=True):
             factor, shown = reading(unit, self.asked)
@@ -197,7 +203,7 @@ def posterior(
     length = number("duration", loop.duration if duration is None else duration, "s", above=0)
     asked = {name: (measures or {}).get(name, name) for name in data}
     chosen = judged_measures(asked, loop, 0.0, length, argument="data")
-    values, deviations = _measured(data, {name: each.unit_in(loop.system) for name, each in chosen.items()})
+    values, deviations = measured_values(data, {name: each.unit_in(loop.system) for name, each in chosen.items()})
     unknowns = [loop.number(name) for name in priors]
     names = tuple(each.name for each in unknowns)
     known = [distribution(each.name, given) for each, given in zip(unknowns, priors.values(), strict=True)]
@@ -219,9 +225,7 @@ def posterior(
             return np.array([-math.inf if each is None else each for each in journal.known[call,]])
         rows = numbers_at(points)
         found = sweep(loop, Variations(names, rows, (len(rows),)), length, measures=asked, accuracy=accuracy)
-        apart = (np.stack([found[name] for name in data], axis=1) - values) / deviations
-        logs = -(0.5 * apart**2 + np.log(deviations) + STANDARD).sum(axis=1)
-        logs = np.where(np.isfinite(logs), logs, -np.inf)
+        logs = log_likelihoods(np.stack([found[name] for name in data], axis=1), values, deviations).sum(axis=1)
         if journal is not None:
             journal.add((call,), [each if math.isfinite(each) else None for each in logs.tolist()])
         return logs
@@ -246,7 +250,14 @@ def _journal(
     return Journal(folder / "posterior.jsonl", fingerprints(run, names, duration=[length], **more), word="out")
 
 
-def _measured(data: Mapping[str, Any], units: Mapping[str, str]) -> tuple[FloatArray, FloatArray]:
+def log_likelihoods(found: FloatArray, values: FloatArray, deviations: FloatArray) -> FloatArray:
+    """Logarithms of the likelihoods of data, shape (runs, data), given what the runs tell of them; -inf where a run tells nothing."""
+    apart = (found - values) / deviations
+    logs = -(0.5 * apart**2 + np.log(deviations) + STANDARD)
+    return np.where(np.isfinite(logs), logs, -np.inf)
+
+
+def measured_values(data: Mapping[str, Any], units: Mapping[str, str]) -> tuple[FloatArray, FloatArray]:
     """Values and standard deviations of what was measured, in SI."""
     pairs = []
     for name, given in data.items():
@@ -301,3 +312,50 @@ def windowed(signal: str, times: Any, values: Any, deviation: float, length: Num
     if not data:
         raise SceneError("Argument `values` must hold at least one finite sample at a time >= 0 s, but it holds none.")
     return data, read
+
+
+def from_recording(
+    loop: ClosedLoop | Any, recording: Recording, compare: Mapping[str, NumberOrText], length: NumberOrText = 1.0, *, hole: int = 2
+) -> tuple[ClosedLoop, dict[str, Normal], dict[str, Measure]]:
+    """What a recording says, as loop, data and measures for `posterior` and `compare_models`.
+
+    Signals of the recording that are inputs of the plant drive the loop, linear between samples; means in windows of others are compared.
+
+    Parameters
+    ----------
+    loop
+        A loop, or a plant, which begins as the recording does: from rest where nothing else is said.
+    recording
+        What was measured. Samples that are no data are left out.
+    compare
+        {signal: standard deviation of what is left in the mean of a window}, in SI or text with a unit, errors of the model included.
+    length
+        Of a window [s], or text with a unit.
+    hole
+        Samples that may be missing in a row in what drives the machine; the line between their neighbours takes their place.
+
+    Returns
+    -------
+    loop, data, measures
+        The loop that is driven as it was measured, and arguments of `posterior`.
+
+    Raises
+    ------
+    SceneError
+        If a signal is not measured or drives the machine, or what drives it has a gap.
+    """
+    bare = dataclasses.replace(as_loop(loop), inputs={})  # what drives an input of the plant in closed loop is an output of the loop
+    driving = recording.driving(bare.system, hole)
+    data: dict[str, Normal] = {}
+    measures: dict[str, Measure] = {}
+    for name, given in mapping("compare", compare).items():
+        if name not in recording.signals or name in driving:
+            others = ", ".join(each for each in recording.signals if each not in driving)
+            raise SceneError(
+                f"Argument `compare` must name measured signals that drive nothing, but it names `{name}`; there are: {others}."
+            )
+        size = number(f"compare.{name}", given, bare.system.unit(name), above=0)
+        more, read = windowed(name, recording.time, recording.signals[name], size, length)
+        data |= more
+        measures |= read
+    return closed_loop(loop, inputs=driving), data, measures

@@ -15,35 +15,7 @@ from toolbox.files.printing import columns
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import reading
 from toolbox.onsets.map_loop import NONE, STICK_SLIP, STUCK
-
-
-def clopper_pearson(low: Any, high: Any, runs: Any, confidence: float) -> tuple[FloatArray, FloatArray]:
-    """Two-sided bounds of a probability by Clopper and Pearson.
-
-    Parameters
-    ----------
-    low, high
-        Number of runs with the outcome, without and with those of which nobody knows; arrays of one shape.
-    runs
-        Number of runs.
-    confidence
-        Such as 0.95.
-
-    Returns
-    -------
-    lower, upper
-        The bounds: each is passed by the true probability with half of 1 - confidence at most.
-
-    Source: C. J. Clopper, E. S. Pearson (1934), doi:10.1093/biomet/26.4.404.
-    """
-    from scipy.stats import beta
-
-    low, high, runs = np.asarray(low, float), np.asarray(high, float), np.asarray(runs, float)
-    tail = (1.0 - confidence) / 2.0
-    with np.errstate(invalid="ignore"):
-        lower = np.where(low > 0, beta.ppf(tail, low, runs - low + 1.0), 0.0)
-        upper = np.where(high < runs, beta.ppf(1.0 - tail, high + 1.0, runs - high), 1.0)
-    return lower, upper
+from toolbox.probability.bounds import clopper_pearson, least_draws
 
 
 @dataclass(frozen=True)
@@ -145,7 +117,7 @@ class Chance(Result):
         name = self.names[0] if name is None else name
         if name not in self.names:
             raise SceneError(f"There is no axis `{name}`: {suggest(name, self.names)}")
-        least = math.ceil(math.log((1.0 - self.confidence) / 2.0) / math.log(free))
+        least = least_draws(free, self.confidence)
         if self.draws < least:
             raise SceneError(
                 f"Argument `free` must be within what {self.draws} draws can show, but {free:g} takes at least {least} draws of which all are free."
@@ -199,7 +171,7 @@ class Chance(Result):
             for label in self.labels:
                 lines += [f"  {label}: chance in %, over {self.names[0]} [{read[0].unit}] by {self.names[1]} [{read[1].unit}]"]
                 lines += columns(self._grid(label), left=(), indent="    ")
-        least = math.ceil(math.log((1.0 - self.confidence) / 2.0) / math.log(0.95))
+        least = least_draws(0.95, self.confidence)
         if self.draws >= least:
             for label, found in self.lowest().items():
                 told = ", ".join("none" if math.isnan(v) else f"{v * read[0].factor:.4g}" for v in np.atleast_1d(found).tolist())

@@ -117,8 +117,10 @@ def _short(onset: Onset, label: str) -> str:
 ALL: Sequence[Kind] = (
     Kind("study.txt", "Study", "comparison", _study),
     Kind("onset.txt", "Onset of stick-slip", "onset", _onset),
+    Kind("drawn_onset.txt", "Onset of stick-slip of machines that are drawn", "drawn_onset"),
     Kind("map.txt", "Severity map", "map"),
     Kind("chance.txt", "Chance of stick-slip", "chance"),
+    Kind("basin.txt", "Basin of a working point", "basin"),
     Kind("posterior.txt", "Posterior", "posterior"),
     Kind("estimate.txt", "Estimates beside the rig", "estimate"),
     Kind("margins.txt", "Margins", "margins"),

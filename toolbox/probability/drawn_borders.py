@@ -1,0 +1,311 @@
+"""From which set-point on a machine is free of stick-slip, where its numbers are known as distributions only.
+
+    found = uncertain_onset(loops, "top.reference", ("40 rpm", "140 rpm"), {"bit.weight": "97 kN +- 8 kN"})
+    print(found); found.lowest(0.95)
+
+Each draw is a machine with a border of its own: started as its loop starts, it sticks and slips below it and is free above. All draws are halved to their
+borders together, in lanes and by the judge of all verdicts, as those of `chance`, to a finer step than a grid of set-points has. The border that is not
+passed by 95 % of all machines is told with the bound that holds for 95 % of all samples of draws, from order statistics. Beside it stands where each machine
+loses smooth running.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray, number, short, whole
+from toolbox.errors import SceneError, SimulationError
+from toolbox.files.printing import columns
+from toolbox.files.results import HeadedRows, Result
+from toolbox.files.tables import heading
+from toolbox.files.unit_systems import asked_in, reading
+from toolbox.files.units import NumberOrText
+from toolbox.messages import progress_bar
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.onsets.map_loop import SMOOTH, SWING
+from toolbox.probability.bounds import clopper_pearson, least_draws
+from toolbox.probability.chances import Search, labelled
+from toolbox.probability.distributions import Draws, drawn, known_as
+from toolbox.steady_states.hopf import hopf_points
+from toolbox.sweeps.designs import grid
+
+BEGINS = 0.02
+"""Share of the range to which the borders are halved where nobody says."""
+
+
+@dataclass(frozen=True)
+class UncertainOnset(Result):
+    """Borders of stick-slip of machines that are drawn, as `uncertain_onset` returns them: `print(found)`, `found.lowest(0.95)`, `found.plot()`.
+
+    Attributes
+    ----------
+    title
+        Of the machine.
+    name, unit
+        The number over which the border lies.
+    between
+        Range that was looked at, in SI.
+    uncertain
+        {name: what is known of it, in words}.
+    names, points
+        What was drawn, in SI, shape (draws, names).
+    borders
+        {label: from which value on each draw is free, shape (draws,)}: minus infinity where it is free in the whole range, infinity where not at its end.
+    smooth
+        {label: the highest value at which each draw loses smooth running}, nan where it does not within the range, or where no slope is known.
+    tolerance
+        Width to which the borders were halved.
+    unknown
+        {label: number of runs of which nobody knows}; they count as stick-slip.
+    duration, accuracy
+        Length [s] and accuracy of a run.
+    confidence
+        Of the bounds.
+    asked
+        {unit: unit that was typed}.
+    """
+
+    title: str
+    name: str
+    unit: str
+    between: tuple[float, float]
+    uncertain: dict[str, str]
+    names: tuple[str, ...]
+    points: np.ndarray
+    borders: dict[str, np.ndarray]
+    smooth: dict[str, np.ndarray]
+    tolerance: float
+    unknown: dict[str, int]
+    duration: float
+    accuracy: float
+    confidence: float
+    asked: Mapping[str, str] = field(default_factory=dict)
+
+    def lowest(self, free: float = 0.95) -> dict[str, float]:
+        """Return for each law the lowest value at which a machine is free with a probability, by its bound.
+
+        Parameters
+        ----------
+        free
+            The probability.
+
+        Returns
+        -------
+        dict
+            {label: value}; infinity where there is none within the range.
+
+        Raises
+        ------
+        SceneError
+            If so few draws can show no such probability even where all of them are free.
+        """
+        free = number("free", free, above=0, below=1)
+        least = least_draws(free, self.confidence)
+        draws = len(self.points)
+        if draws < least:
+            raise SceneError(f"Argument `free` must be within what {draws} draws can show, but {free:g} takes at least {least} draws.")
+        _, upper = clopper_pearson(np.arange(draws + 1), np.arange(draws + 1), draws, self.confidence)
+        most = int(np.flatnonzero(upper <= 1.0 - free)[-1])  # machines that may be in stick-slip
+        return {label: float(max(np.sort(values)[draws - 1 - most], self.between[0])) for label, values in self.borders.items()}
+
+    def moved_by(self, label: str) -> dict[str, float]:
+        """{what was drawn: its rank correlation with the border of a law}, the strongest first; nan where the border does not vary."""
+        from scipy.stats import rankdata
+
+        values = rankdata(self.borders[label])
+        found = {}
+        for name, column in zip(self.names, self.points.T, strict=True):
+            ranks = rankdata(column)
+            found[name] = float(np.corrcoef(ranks, values)[0, 1]) if np.ptp(values) and np.ptp(ranks) else math.nan
+        return dict(sorted(found.items(), key=lambda pair: -abs(np.nan_to_num(pair[1]))))
+
+    def __str__(self) -> str:
+        read = reading(self.unit, self.asked)
+        low, high = (each * read.factor for each in self.between)
+        lines = [
+            f"Onset of stick-slip over {self.name} from {low:.4g} to {high:.4g}{read.tail}: {self.title}, {len(self.points)} draws, "
+            f"runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
+            *(f"  {name} known as {words}" for name, words in self.uncertain.items()),
+        ]
+        shows = len(self.points) >= least_draws(0.95, self.confidence)
+        lowest = self.lowest() if shows else dict.fromkeys(self.borders, math.nan)
+        rows: list[tuple[str, ...]] = [
+            ("law", f"free with 95 % from [{read.unit}]", "median", "5 % .. 95 %", "smooth running lost", "moves with")
+        ]
+        for label, borders in self.borders.items():
+            ends = np.quantile(borders, (0.05, 0.95), method="inverted_cdf") * read.factor
+            smooth = self.smooth[label][np.isfinite(self.smooth[label])] * read.factor
+            lost = f"{np.quantile(smooth, 0.05):.4g} .. {np.quantile(smooth, 0.95):.4g}" if smooth.size > len(borders) / 2 else "-"
+            moved = ", ".join(f"{name} {each:+.2f}" for name, each in list(self.moved_by(label).items())[:2] if math.isfinite(each)) or "-"
+            first = "-" if not shows else self._told(lowest[label] * read.factor)
+            middle = self._told(float(np.quantile(borders, 0.5, method="inverted_cdf")) * read.factor)
+            rows.append((label, first, middle, " .. ".join(map(self._told, ends.tolist())), lost, moved))
+        lines += columns(rows, left=(0, 5))
+        if not shows:
+            lines.append(f"  no set-point can be shown to be free with 95 % by fewer than {least_draws(0.95, self.confidence)} draws")
+        lines += [f"  {label}: {count} runs of which nobody knows count as stick-slip" for label, count in self.unknown.items() if count]
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    @staticmethod
+    def _told(value: float) -> str:
+        return "below" if value == -math.inf else "none" if value == math.inf else f"{value:.4g}"
+
+    def _table(self) -> HeadedRows:
+        """One row per draw."""
+        headings = [*self.names]
+        values = [*self.points.T]
+        for label, borders in self.borders.items():
+            headings += [heading(f"{label} free from", self.unit), heading(f"{label} smooth running lost", self.unit)]
+            values += [borders, self.smooth[label]]
+        return headings, np.stack(values, axis=1).tolist()
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the chance of being free over the set-point for each law, with its bounds; returns the axes.
+
+        Parameters
+        ----------
+        axes
+            Axes to draw into; a figure of its own by default.
+        """
+        from toolbox.probability.figures import onset_diagram
+
+        return onset_diagram(self, axes)
+
+    def check_loaded(self) -> None:
+        """Raise ValueError where what was read does not fit together."""
+        rows = [*self.borders.values(), *self.smooth.values()]
+        if self.points.shape[1:] != (len(self.names),) or any(each.shape != (len(self.points),) for each in rows):
+            raise ValueError("its arrays do not fit together")
+
+
+def uncertain_onset(
+    loop: ClosedLoop | HybridSystem | Mapping[str, ClosedLoop],
+    parameter: str,
+    between: tuple[NumberOrText, NumberOrText],
+    uncertain: Mapping[str, Any] | Draws,
+    *,
+    draws: int = 200,
+    values: int = 13,
+    tolerance: NumberOrText | None = None,
+    accuracy: float = 1e-4,
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> UncertainOnset:
+    """Find from which set-point on a machine is free of stick-slip, where numbers of it are known as distributions only.
+
+    A run begins where its loop begins, for a drive that starts up from rest with a bit that is stuck. Between neighbours of the values that are looked at a
+    machine is taken to have one border.
+
+    Parameters
+    ----------
+    loop
+        A loop, a plant, or {label: loop}.
+    parameter
+        The set-point: stick-slip lies below its border.
+    between
+        Its range, in SI or text with units.
+    uncertain
+        What is not known, as `drawn` takes it: {name: distribution or text "97 kN +- 8 kN"}, or `Draws`.
+    draws
+        Number of machines, the same for all laws; 72 is the least by which 95 % can be shown with two-sided bounds of 95 %.
+    values
+        Number of values of the range that are looked at before borders are halved, >= 3.
+    tolerance
+        Width to which borders are halved; by default a fiftieth of the range.
+    accuracy
+        Of the runs.
+    confidence
+        Of the bounds.
+    seed
+        Of the draws.
+
+    Returns
+    -------
+    UncertainOnset
+        The border of every draw, and what is free with 95 %.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, or is both varied and uncertain; if the range is none.
+    """
+    loops = labelled(loop)
+    first = next(iter(loops.values()))
+    varied = first.number(parameter)
+    low, high = varied.between(between, "between")
+    whole("draws", draws, 1)
+    whole("values", values, 3)
+    width = BEGINS * (high - low) if tolerance is None else number("tolerance", tolerance, varied.unit, above=0)
+    accuracy, confidence = number("accuracy", accuracy, above=0), number("confidence", confidence, above=0, below=1)
+    known = drawn(first, uncertain, draws, seed)
+    if varied.name in known.names:
+        raise SceneError(f"Argument `uncertain` must not name what is varied, but it has {short(varied.name)}.")
+    looked = np.linspace(high, low, values)
+    borders, smooth, unknown = {}, {}, {}
+    searches = {
+        label: Search(each, grid({varied.name: looked[::-1].tolist()}), known, None, None, accuracy) for label, each in loops.items()
+    }
+    longest = max(each.duration for each in searches.values())
+    with progress_bar(len(loops) * draws, "onset") as bar:
+        for label, search in searches.items():
+            search.duration = longest
+            borders[label], unknown[label] = _borders(search, known.points, looked, width)
+            smooth[label] = _smooth(loops[label], varied.name, (low, high), known.names, known.points, bar)
+    return UncertainOnset(
+        title=first.title, name=varied.name, unit=varied.unit, between=(low, high), uncertain=known_as(uncertain, known.names, draws),
+        names=known.names, points=known.points, borders=borders, smooth=smooth, tolerance=width, unknown=unknown, duration=longest, accuracy=accuracy,
+        confidence=confidence, asked={varied.unit: unit} if (unit := asked_in(varied.in_si("between", list(between)), "")) else {},
+    )  # fmt: skip
+
+
+def _borders(search: Search, known: FloatArray, looked: FloatArray, width: float) -> tuple[FloatArray, int]:
+    """(border of each draw, number of runs of which nobody knows); looked: values from the highest to the lowest."""
+    draws = len(known)
+    bad, good = np.full(draws, -math.inf), np.full(draws, math.inf)
+    unknown = 0
+
+    def free(which: Any, at: FloatArray) -> Any:
+        nonlocal unknown
+        came, _, _ = search.block(np.column_stack([at, known[which]]))
+        unknown += int((came < SMOOTH).sum())
+        return (came == SMOOTH) | (came == SWING)
+
+    open_draws = np.arange(draws)
+    for value in looked.tolist():
+        if not open_draws.size:
+            break
+        holds = free(open_draws, np.full(open_draws.size, value))
+        good[open_draws[holds]], bad[open_draws[~holds]] = value, value
+        open_draws = open_draws[holds]
+    while True:
+        wide = np.flatnonzero(np.isfinite(bad) & np.isfinite(good) & (good - bad > width))
+        if not wide.size:
+            break
+        middle = 0.5 * (good[wide] + bad[wide])
+        holds = free(wide, middle)
+        good[wide[holds]], bad[wide[~holds]] = middle[holds], middle[~holds]
+    return np.where(np.isfinite(bad), good, -math.inf), unknown
+
+
+def _smooth(loop: ClosedLoop, name: str, between: tuple[float, float], names: tuple[str, ...], points: FloatArray, bar: Any) -> FloatArray:
+    """The highest value at which each draw loses smooth running."""
+    found = np.full(len(points), math.nan)
+    for k, row in enumerate(points):
+        bar.update(1)
+        each = loop
+        for own, value in zip(names, row.tolist(), strict=True):
+            each = each.at(own, value)
+        try:
+            at = [point.value for point in hopf_points(each, name, between, values=9)]
+        except (SceneError, SimulationError):
+            continue
+        found[k] = max(at, default=math.nan)
+    return found

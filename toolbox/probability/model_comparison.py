@@ -1,0 +1,177 @@
+"""Several models of a machine against one measurement: by their evidence, and by how well they predict windows that they have not seen.
+
+    found = compare_models({"exponential": one, "Gaussian": other}, data, priors, 20.0, left_out=more, measures=read)
+
+The evidence is the mean likelihood under the prior: a law with numbers that the data do not need pays for them. It hangs on the prior, though, and data that
+were left out do not: their score is the logarithm of what the posterior gave them, window by window, as A. Vehtari, A. Gelman, J. Gabry (2017),
+doi:10.1007/s11222-016-9696-4, sum it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray, number, short
+from toolbox.errors import SceneError
+from toolbox.files.printing import columns
+from toolbox.files.results import HeadedRows, Result
+from toolbox.files.units import NumberOrText
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop
+from toolbox.probability.posteriors import Posterior, log_likelihoods, measured_values, posterior
+from toolbox.scenes.judged import judged_measures
+from toolbox.sweeps.designs import Variations
+from toolbox.sweeps.sweep import sweep
+
+
+@dataclass(frozen=True)
+class ModelComparison(Result):
+    """Models against one measurement, as `compare_models` returns them: `print(found)`, `found.posteriors["Gaussian"]`, `found.plot()`.
+
+    Attributes
+    ----------
+    posteriors
+        {label: what is known of the numbers of the model}, each with its evidence.
+    scores
+        {label: logarithm of the density that the posterior gives to each window that was left out, shape (windows,)}.
+    left_out
+        Names of these windows.
+    """
+
+    posteriors: dict[str, Posterior]
+    scores: dict[str, np.ndarray]
+    left_out: tuple[str, ...]
+
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """{label: probability of the model, where all were equally likely before}."""
+        logs = np.array([each.evidence for each in self.posteriors.values()])
+        weights = np.exp(logs - logs.max())
+        return dict(zip(self.posteriors, (weights / weights.sum()).tolist(), strict=True))
+
+    def behind(self, label: str) -> tuple[float, float]:
+        """By how much a model predicts the windows that were left out worse than the best one, and the standard error of that; (0, 0) for the best."""
+        best = max(self.scores, key=lambda each: float(self.scores[each].sum()))
+        apart = self.scores[best] - self.scores[label]
+        error = math.sqrt(apart.size) * float(apart.std(ddof=1)) if apart.size > 1 else math.nan
+        return float(apart.sum()), 0.0 if label == best else error
+
+    def __str__(self) -> str:
+        lines = [f"{len(self.posteriors)} models of one measurement, {len(self.left_out)} windows left out"]
+        rows: list[tuple[str, ...]] = [("model", "unknowns", "log evidence", "probability", "left out: score", "behind the best", "runs")]
+        for label, found in self.posteriors.items():
+            score, (behind, error) = self.scores[label], self.behind(label)
+            told = (f"{score.sum():.2f}", f"{behind:.2f} +- {error:.2f}") if score.size else ("-", "-")
+            evidence = f"{found.evidence:.2f} +- {found.error:.2f}"
+            rows.append((label, str(len(found.names)), evidence, f"{self.probabilities[label]:.3g}", *told, str(found.runs)))
+        return "\n".join(lines + columns(rows, left=(0,)))
+
+    __repr__ = __str__
+
+    def _table(self) -> HeadedRows:
+        """One row per model."""
+        rows = []
+        for label, found in self.posteriors.items():
+            rows.append(
+                [label, found.evidence, found.error, self.probabilities[label], float(self.scores[label].sum()), *self.behind(label)]
+            )
+        return ["model", "log evidence", "error", "probability", "score left out", "behind", "error of that"], rows
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw evidence and score of each model below the best; returns the two axes.
+
+        Parameters
+        ----------
+        axes
+            Two axes to draw into; a figure of its own by default.
+        """
+        from toolbox.probability.figures import comparison_diagram
+
+        return comparison_diagram(self, axes)
+
+    def check_loaded(self) -> None:
+        """Raise ValueError where what was read does not fit together."""
+        for each in self.posteriors.values():
+            each.check_loaded()
+        if {*self.scores} != {*self.posteriors} or any(each.shape != (len(self.left_out),) for each in self.scores.values()):
+            raise ValueError("its scores do not fit to its models")
+
+
+def compare_models(
+    models: Mapping[str, Any],
+    data: Mapping[str, Any],
+    priors: Mapping[str, Mapping[str, Any]],
+    duration: NumberOrText | None = None,
+    *,
+    left_out: Mapping[str, Any] | None = None,
+    measures: Mapping[str, Any] | None = None,
+    draws: int = 256,
+    accuracy: float = 1e-4,
+    seed: int = 0,
+    out: str | Path | None = None,
+) -> ModelComparison:
+    """Compare models of a machine, such as laws of friction, by what was measured of it.
+
+    Parameters
+    ----------
+    models
+        {label: a loop, or a plant, driven as the machine was}.
+    data, duration, measures, draws, accuracy, seed
+        As in `posterior`, the same for all models.
+    priors
+        {label: {name: distribution}}, the unknowns of each model.
+    left_out
+        Further data of the same kind that no posterior sees; every model tells how likely they are.
+    out
+        A folder that keeps the likelihoods: the same call goes on where an earlier one was interrupted.
+
+    Returns
+    -------
+    ModelComparison
+        Evidences, scores of what was left out, and the posteriors.
+
+    Raises
+    ------
+    SceneError
+        If the labels of models and priors differ, if something is both in the data and left out, or as in `posterior`.
+    SimulationError
+        As in `posterior`.
+    """
+    if not isinstance(models, Mapping) or len(models) < 2:
+        raise SceneError(f"Argument `models` must map at least two labels to loops, but it is {short(models)}.")
+    if not isinstance(priors, Mapping) or {*priors} != {*models}:
+        raise SceneError(f"Argument `priors` must have the labels of the models, {', '.join(models)}, but it is {short(priors)}.")
+    left_out = left_out or {}
+    if twice := [name for name in left_out if name in data]:
+        raise SceneError(f"Argument `left_out` must hold no data that are used, but `{twice[0]}` is in both.")
+    found, scores = {}, {}
+    for k, (label, model) in enumerate(models.items()):
+        loop = as_loop(model)
+        folder = None if out is None else Path(out) / f"model_{k + 1:02d}"
+        known = posterior(loop, data, priors[label], duration, measures=measures, draws=draws, accuracy=accuracy, seed=seed, out=folder)
+        found[label] = known
+        scores[label] = _scores(loop, known, left_out, duration, measures, accuracy)
+    return ModelComparison(found, scores, tuple(left_out))
+
+
+def _scores(
+    loop: ClosedLoop, known: Posterior, left_out: Mapping[str, Any], duration: Any, measures: Mapping[str, Any] | None, accuracy: float
+) -> FloatArray:
+    """Logarithm of the mean density of each datum that was left out over the draws of a posterior; -inf where no draw gives it."""
+    from scipy.special import logsumexp
+
+    if not left_out:
+        return np.empty(0)
+    asked = {name: (measures or {}).get(name, name) for name in left_out}
+    length = number("duration", loop.duration if duration is None else duration, "s", above=0)
+    chosen = judged_measures(asked, loop, 0.0, length, argument="left_out")
+    values, deviations = measured_values(left_out, {name: each.unit_in(loop.system) for name, each in chosen.items()})
+    told = sweep(loop, Variations(known.names, known.points, (len(known.points),)), length, measures=asked, accuracy=accuracy)
+    logs = log_likelihoods(np.stack([told[name] for name in left_out], axis=1), values, deviations)
+    found: FloatArray = logsumexp(logs, axis=0) - math.log(len(logs))
+    return found

@@ -1,0 +1,216 @@
+"""What is predicted of a machine whose numbers are known as draws or distributions: bands on its signals over time, beside what was measured.
+
+    found = predict(loop, known.drawn, {"top.speed": "0.2 rpm"}, recording=recording)
+    print(found); found.plot()
+
+Each draw is a machine that is run; at each time the band holds the middle part of the runs, each with the error of a sample. A model that is right covers
+with a band of 95 % about 95 of 100 samples: one that covers fewer is wrong, or surer than it may be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import mapping, number, whole
+from toolbox.calibration.recording import Recording
+from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.files.printing import columns
+from toolbox.files.results import HeadedRows, Result
+from toolbox.files.tables import heading
+from toolbox.files.unit_systems import reading
+from toolbox.files.units import NumberOrText
+from toolbox.messages import progress_bar
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.probability.distributions import Draws, drawn
+from toolbox.simulation.simulate import simulate
+
+SHOWN = 501
+"""Times of a prediction without a recording."""
+
+
+@dataclass(frozen=True)
+class Prediction(Result):
+    """Bands on signals over time, as `predict` returns them: `print(found)`, `found.cover`, `found.plot()`.
+
+    Attributes
+    ----------
+    title
+        Of the machine.
+    time
+        Times [s], shape (nt,).
+    low, median, high
+        {signal: lower end, middle and upper end of the band in SI, shape (nt,)}.
+    units
+        {signal: unit}.
+    measured
+        {signal: what was measured at these times, nan where nothing was}; empty without a recording.
+    draws
+        Number of runs.
+    confidence
+        Part of the runs within the band.
+    asked
+        {unit: unit that was typed}.
+    """
+
+    title: str
+    time: np.ndarray
+    low: dict[str, np.ndarray]
+    median: dict[str, np.ndarray]
+    high: dict[str, np.ndarray]
+    units: dict[str, str]
+    measured: dict[str, np.ndarray]
+    draws: int
+    confidence: float
+    asked: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def cover(self) -> dict[str, float]:
+        """{signal: part of the measured samples within the band}; nan where none was measured."""
+        found = {}
+        for name, low in self.low.items():
+            values = self.measured.get(name, np.empty(0))
+            known = np.isfinite(values)
+            inside = (values >= low) & (values <= self.high[name]) if known.size else known
+            found[name] = float(inside[known].mean()) if known.any() else math.nan
+        return found
+
+    def __str__(self) -> str:
+        lines = [f"Prediction of {self.title}: {self.draws} draws over {self.time[-1]:.4g} s, bands of {100 * self.confidence:g} %"]
+        rows: list[tuple[str, ...]] = [("signal", "unit", "lowest", "highest", "mean width", "measured", "cover")]
+        for name, unit in self.units.items():
+            factor, shown = reading(unit, self.asked)[:2]
+            low, high, cover = self.low[name] * factor, self.high[name] * factor, self.cover[name]
+            count = int(np.isfinite(self.measured.get(name, np.empty(0))).sum())
+            told = (f"{each:.4g}" for each in (low.min(), high.max(), (high - low).mean()))
+            rows.append((name, shown, *told, str(count) if count else "-", f"{cover:.3f}" if count else "-"))
+        return "\n".join(lines + columns(rows, left=(0, 1)))
+
+    __repr__ = __str__
+
+    def _table(self) -> HeadedRows:
+        """One row per time."""
+        headings, values = ["time [s]"], [self.time]
+        for name, unit in self.units.items():
+            headings += [heading(f"{name} {word}", unit) for word in ("low", "median", "high")]
+            values += [self.low[name], self.median[name], self.high[name]]
+            if name in self.measured:
+                headings.append(heading(f"{name} measured", unit))
+                values.append(self.measured[name])
+        return headings, np.stack(values, axis=1).tolist()
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the bands with what was measured, one panel per signal; returns the axes.
+
+        Parameters
+        ----------
+        axes
+            Axes to draw into, one per signal; a figure of its own by default.
+        """
+        from toolbox.probability.figures import prediction_diagram
+
+        return prediction_diagram(self, axes)
+
+    def check_loaded(self) -> None:
+        """Raise ValueError where what was read does not fit together."""
+        rows = [*self.low.values(), *self.median.values(), *self.high.values(), *self.measured.values()]
+        if {*self.low} != {*self.units} or {*self.high} != {*self.units} or any(each.shape != self.time.shape for each in rows):
+            raise ValueError("its rows do not fit together")
+
+
+@takes_loop
+def predict(
+    loop: ClosedLoop,
+    known: Mapping[str, Any] | Draws,
+    signals: Mapping[str, NumberOrText],
+    duration: NumberOrText | None = None,
+    *,
+    recording: Recording | None = None,
+    draws: int = 100,
+    confidence: float = 0.95,
+    accuracy: float = 1e-4,
+    seed: int = 0,
+) -> Prediction:
+    """Predict signals of a machine, with bands, where its numbers are known as draws or distributions.
+
+    Parameters
+    ----------
+    loop
+        A loop, or a plant, driven as the machine is.
+    known
+        What is known of its numbers, as `drawn` takes it: the draws of a posterior (`found.drawn`), or {name: distribution}.
+    signals
+        {signal: standard deviation of a sample of it}, in SI or text with a unit; 0 for bands of the motion itself.
+    duration
+        Length of the runs [s], or text with a unit; by default that of the recording, else of the loop.
+    recording
+        What was measured, beside which the bands are told; its times are those of the prediction.
+    draws
+        Number of runs, >= 20.
+    confidence
+        Part of the runs within the bands.
+    accuracy
+        Of the runs.
+    seed
+        Of the random numbers.
+
+    Returns
+    -------
+    Prediction
+        Bands over time, and the cover of what was measured.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, or the recording has none of the signals.
+    SimulationError
+        If more than half of the draws give no run.
+    """
+    whole("draws", draws, 20)
+    confidence = number("confidence", confidence, above=0, below=1)
+    deviations = {}
+    for name, given in mapping("signals", signals).items():
+        if not loop.system.has_signal(name):
+            raise SceneError(f"Argument `signals` must name signals, but `{name}` is none: {suggest(name, loop.system.signals)}")
+        deviations[name] = number(f"signals.{name}", given, loop.system.unit(name), at_least=0)
+    if duration is None:
+        duration = loop.duration if recording is None else float(recording.time[-1])
+    length = number("duration", duration, "s", above=0)
+    times = np.linspace(0.0, length, SHOWN) if recording is None else recording.time[recording.time <= length]
+    measured = {} if recording is None else {n: recording.signals[n][: times.size].copy() for n in deviations if n in recording.signals}
+    if recording is not None and not measured:
+        raise SceneError(f"Argument `recording` must have one of the signals, but it has {', '.join(recording.signals)}.")
+    design = drawn(loop, known, draws, seed)
+    runs: dict[str, list[np.ndarray]] = {name: [] for name in deviations}
+    failed: Exception | None = None
+    with progress_bar(draws, "predict") as bar:
+        for row in design.points:
+            each = loop
+            for name, value in zip(design.names, row.tolist(), strict=True):
+                each = each.at(name, value)
+            bar.update(1)
+            try:
+                run = simulate(each, length, accuracy=accuracy, output_times=times)
+            except SimulationError as error:
+                failed = error
+                continue
+            for name, rows in runs.items():
+                rows.append(np.asarray(run[name], float))
+    done = len(next(iter(runs.values())))
+    if failed is not None and done < draws / 2:
+        raise SimulationError(f"Only {done} of {draws} draws give a run: {failed}")
+    rng, tail = np.random.default_rng([seed, 1]), (1.0 - confidence) / 2.0
+    bands = {}
+    for name, rows in runs.items():
+        values = np.stack(rows)
+        values += deviations[name] * rng.standard_normal(values.shape)
+        bands[name] = np.quantile(values, (tail, 0.5, 1.0 - tail), axis=0)
+    low, median, high = ({name: band[k] for name, band in bands.items()} for k in range(3))
+    return Prediction(
+        title=loop.title, time=times, low=low, median=median, high=high, units={name: loop.system.unit(name) for name in bands}, measured=measured,
+        draws=done, confidence=confidence, asked=dict(loop.asked),
+    )  # fmt: skip

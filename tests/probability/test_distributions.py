@@ -88,3 +88,13 @@ def test_a_group_of_drawn_machines_has_their_numbers_as_factors_of_the_declared_
 def test_a_number_that_is_zero_as_declared_makes_no_group(rig):
     with pytest.raises(SceneError, match="must name numbers that are not zero, but `bit.weight` is"):
         drawn_group(closed_loop(rig).at("bit.weight", 0.0), {"bit.weight": Uniform(1e3, 2e3)}, 5)
+
+
+def test_draws_have_numbers_beside_them_that_are_known_independently(rig):
+    known = Draws({"bit.friction.static": [0.7, 0.8], "bit.radius": [0.15, 0.16]}).also({"bit.weight": "80 kN +- 8 kN"})
+    found = drawn(rig, known, 50, 3)
+    assert found.names == ("bit.friction.static", "bit.radius", "bit.weight")
+    assert {tuple(row) for row in found.points[:, :2].tolist()} == {(0.7, 0.15), (0.8, 0.16)}
+    assert np.array_equal(found.points[:, 2], drawn(rig, {"bit.weight": "80 kN +- 8 kN"}, 50, 3).points[:, 0])
+    with pytest.raises(SceneError, match="must name other numbers than the draws"):
+        drawn(rig, known.also({"bit.radius": Uniform(0.1, 0.2)}), 5)

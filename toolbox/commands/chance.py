@@ -49,7 +49,11 @@ def add(commands: Any) -> None:
     verb.add_argument("--accuracy", type=float, default=1e-4, metavar="X", help="of the runs (1e-4)")
     verb.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the bounds (0.95)")
     verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the draws (0)")
-    verb.set_defaults(action=run, spelled={"uncertain": "--uncertain"}, words=lambda given: GOES_ON if given.out else "interrupted.")
+    verb.set_defaults(
+        action=run,
+        spelled={"uncertain": "--uncertain", "others": "--uncertain"},
+        words=lambda given: GOES_ON if given.out else "interrupted.",
+    )
 
 
 def add_uncertain(verb: argparse.ArgumentParser) -> None:
@@ -58,7 +62,10 @@ def add_uncertain(verb: argparse.ArgumentParser) -> None:
         "--uncertain", action="append", default=[], metavar="NAME=WHAT", help=f"what is not known: {DISTRIBUTIONS}; may be repeated"
     )
     verb.add_argument(
-        "--posterior", type=Path, metavar="FILE.npz", help="what `stickslip posterior` found of these numbers, in place of --uncertain"
+        "--posterior",
+        type=Path,
+        metavar="FILE.npz",
+        help="what `stickslip posterior` found of numbers; --uncertain says what is known of others",
     )
 
 
@@ -125,9 +132,7 @@ def uncertain_of(given: argparse.Namespace) -> dict[str, Any] | Draws:
     """What is not known, as `drawn` takes it."""
     from toolbox.probability.posteriors import Posterior
 
-    if bool(given.uncertain) == bool(given.posterior):
-        raise SceneError(
-            "Argument `--uncertain` must be given, or `--posterior`, "
-            + ("but not both." if given.uncertain else "because without them every run at a point is the same.")
-        )
-    return Posterior.load(given.posterior).drawn if given.posterior else distributions("--uncertain", given.uncertain)
+    if not given.uncertain and not given.posterior:
+        raise SceneError("Argument `--uncertain` must be given, or `--posterior`, because without them every run at a point is the same.")
+    apart = distributions("--uncertain", given.uncertain)
+    return Posterior.load(given.posterior).drawn.also(apart) if given.posterior else apart

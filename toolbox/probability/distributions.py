@@ -13,7 +13,7 @@ import re
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -124,9 +124,16 @@ class Draws:
     ----------
     values
         {name: draws in SI}, rows of equal length; the same place in each row is one draw.
+    others
+        {name: distribution} of further numbers, which are known independently of these.
     """
 
     values: Mapping[str, Sequence[float]]
+    others: Mapping[str, Any] = field(default_factory=dict)
+
+    def also(self, others: Mapping[str, Any]) -> Draws:
+        """These draws, and further numbers {name: distribution} that are known independently of them."""
+        return Draws(self.values, {**self.others, **others})
 
 
 def distribution(name: str, given: Any) -> Distribution:
@@ -160,7 +167,8 @@ def drawn(loop: ClosedLoop | Any, uncertain: Mapping[str, Any] | Draws, runs: in
         A loop, or a plant, whose numbers they are.
     uncertain
         {name: distribution}, of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text "97 kN +- 8 kN", whose second number is the standard
-        deviation of a normal distribution; or `Draws` of numbers that are known together. A distribution is cut at the bounds of its number.
+        deviation of a normal distribution; or `Draws` of numbers that are known together, such as `found.drawn` of a posterior, and
+        `found.drawn.also({"bit.weight": "97 kN +- 8 kN"})` with others beside them. A distribution is cut at the bounds of its number.
     runs
         Number of draws, >= 1.
     seed
@@ -180,7 +188,13 @@ def drawn(loop: ClosedLoop | Any, uncertain: Mapping[str, Any] | Draws, runs: in
     whole("runs", runs, 1)
     whole("seed", seed, 0)
     if isinstance(uncertain, Draws):
-        return _resampled(loop, uncertain, runs, seed)
+        made = _resampled(loop, uncertain, runs, seed)
+        if not uncertain.others:
+            return made
+        more = drawn(loop, uncertain.others, runs, seed)
+        if twice := [name for name in more.names if name in made.names]:
+            raise SceneError(f"Argument `others` of `Draws` must name other numbers than the draws, but it has `{twice[0]}`.")
+        return Variations((*made.names, *more.names), np.hstack([made.points, more.points]), (runs,), asked=more.asked)
     if not isinstance(uncertain, Mapping) or not uncertain:
         raise SceneError(f"Argument `uncertain` must map at least one name to a distribution, but it is {short(uncertain)}.")
     numbers = [loop.number(name) for name in uncertain]
@@ -275,11 +289,10 @@ def told(name: str, given: Any) -> str:
 
 def known_as(uncertain: Mapping[str, Any] | Draws, names: Sequence[str], draws: int) -> dict[str, str]:
     """{name: what is known of it, in words} of what `drawn` takes."""
-    return (
-        dict.fromkeys(names, f"{draws} draws")
-        if isinstance(uncertain, Draws)
-        else {name: told(name, each) for name, each in uncertain.items()}
-    )
+    apart = uncertain.others if isinstance(uncertain, Draws) else uncertain
+    told_of = {name: told(name, each) for name, each in apart.items()}
+    joint = names[: len(uncertain.values)] if isinstance(uncertain, Draws) else ()
+    return dict.fromkeys(joint, f"{draws} draws") | told_of
 
 
 def _short(given: NumberOrText) -> str:

@@ -57,10 +57,10 @@ class Knowledge:
 
     speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
     torque_noise: Quantity = quantity(20.0, "N m", "standard deviation of the measured torque at each step", at_least=0)
-    inertia: Quantity = quantity(0.045, "1", "deviation of the logarithm of the inertias of drive and string", at_least=0)
-    stiffness: Quantity = quantity(0.045, "1", "deviation of the logarithm of the stiffness", at_least=0)
-    strength: Quantity = quantity(0.06, "1", "deviation of the logarithm of the strength of the rock", at_least=0)
-    load: Quantity = quantity(0.005, "1", "deviation of what weight and rock vary in a second, in parts of them", at_least=0)
+    inertia: Quantity = quantity(0.034, "1", "deviation of the logarithm of the inertias of drive and string", at_least=0)
+    stiffness: Quantity = quantity(0.034, "1", "deviation of the logarithm of the stiffness", at_least=0)
+    strength: Quantity = quantity(0.045, "1", "deviation of the logarithm of the strength of the rock", at_least=0)
+    load: Quantity = quantity(0.004, "1", "deviation of what weight and rock vary in a second, in parts of them", at_least=0)
     lasting: Quantity = quantity(200.0, "s", "time in which the spread of the numbers of the string goes back to what was known", above=0)
     rock: Quantity = quantity(60.0, "s", "time in which the strength of the rock changes", above=0)
 

@@ -271,7 +271,7 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
     }  # fmt: skip
     with pyplot.rc_context(plot.PAPER):
         figure, (left, right) = pyplot.subplots(
-            1, 2, figsize=(10.0, 0.19 * len(rows) + 1.1), layout="constrained", width_ratios=(1.25, 1.0)
+            1, 2, figsize=(10.0, max(0.19 * len(rows) + 1.1, 3.4)), layout="constrained", width_ratios=(1.25, 1.0)
         )
         for k, each in enumerate(rows):
             speeds = {name: each.lowest[name][0] for name in marks if name in each.lowest}
@@ -280,16 +280,20 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
             for place, (name, value) in enumerate(speeds.items()):
                 at = value if value == value else HIGHEST + 1.0 + 0.8 * place
                 left.plot(at, k, linestyle="", markersize=5.0, zorder=2, **marks[name])
-        left.axvspan(HIGHEST + 0.5, HIGHEST + 3.1, facecolor=plot.BAND, linewidth=0, zorder=0)
-        left.text(HIGHEST + 1.8, -1.3, f"none up to\n{HIGHEST * 30 / math.pi:.0f} rpm", ha="center", va="bottom", fontsize=8.0)
+        some = any(value != value for each in rows for value, _ in each.lowest.values())
+        if some:
+            left.axvspan(HIGHEST + 0.5, HIGHEST + 3.1, facecolor=plot.BAND, linewidth=0, zorder=0)
+            left.text(HIGHEST + 1.8, -1.3, f"none up to\n{HIGHEST * 30 / math.pi:.0f} rpm", ha="center", va="bottom", fontsize=8.0)
         for name, style in marks.items():
             left.plot([], [], linestyle="", markersize=5.0, label=name, **style)
         left.set(
-            xlim=(LOWEST, HIGHEST + 3.1), ylim=(len(rows) - 0.3, -1.0), xlabel="lowest set-point of a direct takeover [rpm]"
+            xlim=(LOWEST, HIGHEST + 3.1 if some else 12.5),
+            ylim=(len(rows) - 0.3, -1.0),
+            xlabel="lowest set-point of a direct takeover [rpm]",
         )  # what drillers read
         left.set_xticks([rpm * math.pi / 30 for rpm in range(20, 121, 20)], range(20, 121, 20))
         left.set_yticks(range(len(rows)), [each.label for each in rows])
-        left.legend(loc="lower right", bbox_to_anchor=(0.83, 0.0), frameon=False, fontsize=8.0)
+        left.legend(loc="lower right", bbox_to_anchor=(0.83 if some else 1.0, 0.0), frameon=False, fontsize=8.0)
         for label, style in zip(shown, plot.LINES, strict=False):
             run = laws()[label].run(CORNERS[1], EXAMPLE, seed=101)
             at = laws()[label].takeover(EXAMPLE)
@@ -301,6 +305,7 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
         with units("metric"):
             name_axis(right.yaxis, "bit speed", "rad/s")
         right.set_title(f"{CORNERS[1].name}, set-point {EXAMPLE * 30 / math.pi:.0f} rpm", fontsize=9.0, loc="left")
+        right.set_ylim(top=1.4 * right.get_ylim()[1])
         right.legend(frameon=False, fontsize=8.0, loc="upper right")
         figure.savefig(path, dpi=180)
         pyplot.close(figure)

@@ -16,7 +16,7 @@ from typing import Any
 
 import fmpy
 import numpy as np
-from fmpy.fmi2 import FMU2Model
+from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 from scipy.integrate import DOP853
 
@@ -57,6 +57,23 @@ def switches_of(run: Any) -> Switches:
             del listed[-1]
         if begin != after:
             listed.append((time, after))
+    return found
+
+
+def seen_at_points(run: Any, period: float) -> Switches:
+    """The switches of a run of `simulate`, as one sees them who looks at its modes once in a period."""
+    found: Switches = {}
+    modes: dict[str, str] = {}
+    for time, element, before, after in run.events:
+        point = math.ceil(time / period - 1e-9) * period
+        if point > float(run.duration) * (1.0 + 1e-12):
+            continue
+        listed = found.setdefault(element, [])
+        modes.setdefault(element, before)
+        if listed and listed[-1][0] == point:
+            del listed[-1]
+        if after != (listed[-1][1] if listed else modes[element]):
+            listed.append((point, after))
     return found
 
 
@@ -275,7 +292,7 @@ def by_ecos(path: Path, duration: float, period: float) -> Switches:
             return [int(simulation.get_integer(f"machine::{name}.mode")) for name in watch.elements]
 
         watch.look(0.0, modes())
-        for k in range(1, round(duration / period) + 1):
+        for k in range(1, math.floor(duration / period + 1e-9) + 1):
             simulation.step()
             watch.look(k * period, modes())
         simulation.terminate()
@@ -286,20 +303,27 @@ def by_libcosim(path: Path, duration: float, period: float) -> Switches:
     """Switches of a unit for co-simulation in libcosim, as seen at communication points; raises ImportError where it is not installed."""
     try:
         from libcosimpy.CosimExecution import CosimExecution
+        from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
         from libcosimpy.CosimObserver import CosimObserver
         from libcosimpy.CosimSlave import CosimLocalSlave
     except (ImportError, OSError) as error:
         raise ImportError(f"libcosim is asked for, but it is not here (pip install libcosimpy): {error}") from None
-    watch = Watch(fmpy.read_model_description(str(path)))
+    log_output_level(CosimLogLevel.WARNING)
+    description = fmpy.read_model_description(str(path))
+    watch = Watch(description)
     references = list(watch.elements.values())
+    with unpacked(path, FMU2Slave, description, description.coSimulation.modelIdentifier) as unit:
+        # an observer has seen nothing before the first step
+        unit.instantiate()
+        unit.setupExperiment(startTime=0.0)
+        unit.enterInitializationMode()
+        unit.exitInitializationMode()
+        watch.look(0.0, unit.getInteger(references))
     execution = CosimExecution.from_step_size(round(1e9 * period))
     machine = execution.add_local_slave(CosimLocalSlave(fmu_path=str(path), instance_name="machine"))
     observer = CosimObserver.create_last_value()
     execution.add_observer(observer)
-    for k in range(round(duration / period) + 1):
-        if k > 0:
-            execution.step()
-        else:
-            execution.step(0)
+    for k in range(1, math.floor(duration / period + 1e-9) + 1):
+        execution.step()
         watch.look(k * period, observer.last_integer_values(machine, references))
     return watch.switches

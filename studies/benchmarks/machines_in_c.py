@@ -1,16 +1,17 @@
 """What does a machine in C cost beside the compiled loop of the toolbox, and does it switch the same?
 
 Every shipped scene of equations that explicit steps solve, its first case: switches in the same order, the largest distance of their times, steps of both
-loops, processor time of the least disturbed of some runs, C by the compiled loop with equal steps, and the time that the C compiler takes. The C is
-compiled with the flags of its CMakeLists.txt.
+loops, processor time of the least disturbed of some runs, C by the compiled loop with equal steps, and the processor time that the C compiler takes. The C
+is compiled with the flags of its CMakeLists.txt.
 
-    python -m studies machines_in_c [SCENE ...]        (needs a C compiler; two minutes)
+    python -m studies machines_in_c [SCENE ...] [--compiler clang]        (needs a C compiler; two minutes)
 """
 
 from __future__ import annotations
 
 import argparse
 import ctypes
+import resource
 import shutil
 import subprocess
 import tempfile
@@ -38,14 +39,14 @@ DONE, OVERRUN = 0, 3
 class CompiledMachine:
     """An exported machine as a shared library, with the struct in a buffer."""
 
-    def __init__(self, source: Path, flags: Sequence[str] = STRICT):
-        self.name, library = source.stem, source.with_suffix(".so")
-        subprocess.run([_compiler(), *flags, "-shared", "-fPIC", str(source), "-lm", "-o", str(library)], check=True)
+    def __init__(self, source: Path, flags: Sequence[str] = STRICT, compiler: str | None = None):
+        self.name, library, compiler = source.stem, source.with_suffix(".so"), compiler or _compiler()
+        subprocess.run([compiler, *flags, "-shared", "-fPIC", str(source), "-lm", "-o", str(library)], check=True)
         size = source.with_name("size.c")
         size.write_text(
             f'#include <stdio.h>\n#include "{self.name}.h"\nint main(void) {{ printf("%zu", sizeof({self.name}_machine)); return 0; }}\n'
         )
-        subprocess.run([_compiler(), str(size), "-o", str(size.with_suffix(""))], check=True)
+        subprocess.run([compiler, str(size), "-o", str(size.with_suffix(""))], check=True)
         self.size = int(subprocess.run([str(size.with_suffix(""))], capture_output=True, check=True).stdout)
         self.library = ctypes.CDLL(str(library))
         self.memory = ctypes.create_string_buffer(self.size)
@@ -120,15 +121,21 @@ def least(run: Callable[[], float]) -> float:
     return min([first, *(run() for _ in range(max(2, min(50, int(1.0 / max(first, 1e-5))))))])
 
 
-def row(name: str, folder: Path) -> tuple[str, float]:
+def compiling() -> float:
+    """Processor time of all finished child processes so far [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def row(name: str, folder: Path, compiler: str | None = None) -> tuple[str, float]:
     """(the line of a scene, time of C by that of the compiled loop)."""
     scene = Scene.load(SCENES / f"{name}.toml")
     loop = scene[scene.cases[0].label]
     reference = simulate(loop, method="explicit")
     source, _ = export_c(loop, folder / name, part="loop")
-    began = time.perf_counter()
-    found = CompiledMachine(source, FAST)
-    compiling = time.perf_counter() - began
+    began = compiling()
+    found = CompiledMachine(source, FAST, compiler)
+    took = compiling() - began
     made = machine(loop, name)
     duration = made.run.duration
     events = found.run(duration)
@@ -155,7 +162,8 @@ def row(name: str, folder: Path) -> tuple[str, float]:
 
     times = least(in_c), least(in_python)
     words = f"{len(events)} same" if same else f"{len(events)} of {len(reference.events)}"
-    line = f"{name:<24}{words:>14}{apart:>11.1e}{1e3 * times[0]:>11.3f} ms{times[0] / times[1]:>8.2f}{compiling:>8.1f} s{found.size / 1024:>9.0f} KiB"
+    seconds = f"{1e3 * times[0]:>11.3f} ms{times[0] / times[1]:>8.2f}{took:>8.1f} s"
+    line = f"{name:<24}{words:>14}{apart:>11.1e}{seconds}{made.work['ints'][layout.N]:>8}{found.size / 1024:>9.0f} KiB"
     return line, times[0] / times[1]
 
 
@@ -179,13 +187,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     every = sorted(path.stem for path in SCENES.glob("*.toml"))
     parser.add_argument("scenes", nargs="*", default=every, metavar="SCENE", help="some of the shipped scenes; all without")
+    parser.add_argument("--compiler", default=COMPILER, help="of C; gcc or cc without")
     given = parser.parse_args(arguments)
-    print(f"{'scene':<24}{'switches':>14}{'apart [s]':>11}{'C':>14}{'by loop':>8}{'cc':>10}{'memory':>13}")
+    print(f"{'scene':<24}{'switches':>14}{'apart [s]':>11}{'C':>14}{'by loop':>8}{'cc':>10}{'states':>8}{'memory':>13}")
     ratios = []
     with tempfile.TemporaryDirectory() as folder:
         for name in given.scenes:
             try:
-                line, ratio = row(name, Path(folder))
+                line, ratio = row(name, Path(folder), given.compiler)
             except SceneError as error:
                 print(f"{name:<24}  {str(error)[:110]}", flush=True)
                 continue

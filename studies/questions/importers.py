@@ -3,12 +3,13 @@
 Every shipped scene that can be exported, its first case, against `simulate` at an accuracy of 1e-10: by model exchange in FMPy with CVODE and in a master of
 our own (`studies.benchmarks.fmu_masters`), at several tolerances; by co-simulation in FMPy at several communication steps. A cell says the largest error of
 a switching time and the processor time that the master took; where the switches are not the same, how many there are, and how many of each element are the
-same before its first that is not.
+same before its first that is not. ecos and libcosim look at modes at communication points only, and are compared with what `simulate` shows there.
 
-    python -m studies importers [SCENE ...] [--by cvode own co-simulation] [--tolerances 1e-4 1e-6 1e-8]
+    python -m studies importers [SCENE ...] [--by cvode own co-simulation ecos libcosim] [--tolerances 1e-4 1e-6 1e-8]
 
 An importer can count as `simulate` does only where its own error does not grow: `error` is what `simulate` estimates for itself at its accuracy; above 1 a
-scene is chaotic. A row takes from a second to a minute.
+scene is chaotic. And only where no switch hangs on a hair: `grazes` says in how many of some runs `simulate` itself switches otherwise, when every number of
+the machine is changed at random by up to a hundred thousandth. A row takes from a second to some minutes.
 """
 
 from __future__ import annotations
@@ -19,7 +20,19 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from studies.benchmarks.fmu_masters import Switches, by_co_simulation, by_cvode, by_own_master, compared, switches_of
+import numpy as np
+
+from studies.benchmarks.fmu_masters import (
+    Switches,
+    by_co_simulation,
+    by_cvode,
+    by_ecos,
+    by_libcosim,
+    by_own_master,
+    compared,
+    seen_at_points,
+    switches_of,
+)
 from toolbox import Scene, SceneError, export_fmu, simulate
 from toolbox.modelling.closed_loop import ClosedLoop
 
@@ -30,8 +43,14 @@ WAYS: dict[str, tuple[str, Callable[[Path, float, float], Switches]]] = {
     "cvode": ("2.0", by_cvode),
     "own": ("2.0", by_own_master),
     "co-simulation": ("3.0", by_co_simulation),
+    "ecos": ("2.0", by_ecos),
+    "libcosim": ("2.0", by_libcosim),
 }
 """{way: (version of FMI, master)}."""
+AT_POINTS = ("ecos", "libcosim")
+"""Ways that see modes at communication points only."""
+MOVED, DRAWS = 1e-5, 6
+"""How far every number is changed, as a share of it, and how often, to see which scenes graze."""
 
 
 def cell(way: str, path: Path, duration: float, setting: float, wanted: Switches) -> str:
@@ -46,15 +65,33 @@ def cell(way: str, path: Path, duration: float, setting: float, wanted: Switches
     return f"{found} for {all_}, {same} same"
 
 
+def grazes(loop: ClosedLoop, wanted: Switches) -> int:
+    """In how many of DRAWS runs `simulate` switches otherwise when its numbers are changed by MOVED; equal ones are changed alike, as bounds may ask it."""
+    system, draw, other = loop.system, np.random.default_rng(1), 0
+    values = {name: float(system.values[entry.offset]) for name, entry in system.parameters.items() if entry.size is None}
+    for _ in range(DRAWS):
+        factors = {value: 1.0 + MOVED * draw.uniform(-1.0, 1.0) for value in sorted({abs(value) for value in values.values() if value})}
+        changed = {name: value * factors[abs(value)] for name, value in values.items() if value}
+        try:
+            run = simulate(loop.but(parameters=dict(loop.parameters) | changed), method="explicit", accuracy=1e-10)
+        except SceneError:  # a number that is whole, or at its bound
+            continue
+        found, all_, same, _ = compared(switches_of(run), wanted)
+        other += not found == all_ == same
+    return other
+
+
 def row(loop: ClosedLoop, folder: Path, ways: Sequence[str], settings: Sequence[Sequence[float]]) -> list[str]:
-    """The cells of a loop: its switches, how an error grows in it, and what each master finds. Raises SceneError for one that cannot be exported."""
+    """The cells of a loop: its switches, how an error grows in it, whether it grazes, and what each master finds; SceneError for one that cannot go."""
     versions = {WAYS[way][0] for way in ways}
     units = {version: export_fmu(loop, folder / f"unit{version[0]}.fmu", part="loop", version=version) for version in sorted(versions)}
     run, plain = simulate(loop, method="explicit", accuracy=1e-10), simulate(loop, method="explicit")
     wanted, duration = switches_of(run), float(run.duration)
-    cells = [str(sum(map(len, wanted.values()))), f"{plain.error or 0.0:.0e}"]
+    cells = [str(sum(map(len, wanted.values()))), f"{plain.error or 0.0:.0e}", str(grazes(loop, wanted))]
     for way, chosen in zip(ways, settings, strict=True):
-        cells += [cell(way, units[WAYS[way][0]], duration, setting, wanted) for setting in chosen]
+        for setting in chosen:
+            there = seen_at_points(run, setting) if way in AT_POINTS else wanted
+            cells.append(cell(way, units[WAYS[way][0]], duration, setting, there))
     return cells
 
 
@@ -67,15 +104,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--tolerances", nargs="+", type=float, default=TOLERANCES, help="of those that integrate")
     parser.add_argument("--periods", nargs="+", type=float, default=PERIODS, help="communication steps [s]")
     given = parser.parse_args(arguments)
-    settings = [given.periods if way == "co-simulation" else given.tolerances for way in given.by]
+    settings = [given.periods if way in ("co-simulation", *AT_POINTS) else given.tolerances for way in given.by]
     heads = [f"{way} {setting:g}" for way, chosen in zip(given.by, settings, strict=True) for setting in chosen]
-    print("  ".join([f"{'scene':<22}", "switches", "  error", *(f"{head:>24}" for head in heads)]), flush=True)
+    print("  ".join([f"{'scene':<22}", "switches", "  error", "grazes", *(f"{head:>24}" for head in heads)]), flush=True)
     for name in given.scenes:
         try:
             scene = Scene.load(SCENES / f"{name}.toml")
             with tempfile.TemporaryDirectory() as folder:
                 cells = row(scene[scene.labels[0]], Path(folder), given.by, settings)
-            print("  ".join([f"{name:<22}", f"{cells[0]:>8}", f"{cells[1]:>7}", *(f"{each:>24}" for each in cells[2:])]), flush=True)
+            print(
+                "  ".join([f"{name:<22}", f"{cells[0]:>8}", f"{cells[1]:>7}", f"{cells[2]:>6}", *(f"{each:>24}" for each in cells[3:])]),
+                flush=True,
+            )
         except SceneError as error:
             print(f"{name:<22}  {str(error)[:140]}", flush=True)
 

@@ -258,12 +258,39 @@ def test_law_and_plant_as_two_units_are_the_loop(tmp_path):
 
 def test_a_mutated_number_is_refused_and_told(units):
     unit = Instance(units("plain")).started()
-    for name, value in (("bit.speed", 1.0), ("top.torque", float("nan")), ("bit.torque", 1.0)):
+    refused = [("bit.speed", 1.0), ("top.torque", float("nan")), ("bit.torque", 1.0), ("bit.friction.static", -0.1), ("top.torque", np.inf)]
+    for name, value in refused:
         with pytest.raises(Exception, match="fmi2SetReal"):
             unit.set(**{name: value})
-    with pytest.raises(Exception, match="fmi2DoStep"):
-        unit.step(-1.0, 0.5)
+    unit.step(0.0, 1.0)
+    before = unit.get("bit.speed", "top.speed")
+    for t, step in ((-1.0, 0.5), (0.5, 0.1), (1.0, float("nan")), (1.0, np.inf)):
+        with pytest.raises(Exception, match="fmi2DoStep"):
+            unit.step(t, step)
+    assert (unit.get("bit.speed", "top.speed") == before).all()  # it has not moved
+    unit.step(1.0, 1.0)
     unit.close()
+
+
+def test_a_second_instance_and_a_second_run_after_an_early_end_are_as_the_first(units):
+    first, second = Instance(units("driven")).started(), Instance(units("driven")).started()
+    found = []
+    for k in range(400):
+        first.step(0.01 * k, 0.01)
+        if k < 150:
+            second.step(0.01 * k, 0.01)
+        found.append(first.get("top.speed"))
+    second.unit.terminate()
+    with pytest.raises(Exception, match="fmi2DoStep"):
+        second.step(1.5, 0.01)
+    second.unit.reset()
+    second.started()
+    for k in range(400):
+        second.step(0.01 * k, 0.01)
+        assert second.get("top.speed") == found[k]
+    assert len(set(found)) > 10
+    first.close()
+    second.close()
 
 
 @pytest.mark.parametrize("version", VERSIONS)

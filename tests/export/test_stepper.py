@@ -69,6 +69,8 @@ def test_wrong_values_and_closed_machines_are_told():
             machine.step(values)
     with pytest.raises(SceneError, match="chain.speed.1"):
         machine.reset(start={"chain.sped.1": 1.0})
+    with pytest.raises(SceneError, match=r"`bit.friction.static` must be >= 0, but it is -0.1"):
+        stepper(RIG, 0.1, inputs="bit.friction.static").step(-0.1)
     machine.close()
     with pytest.raises(SceneError, match="closed"):
         machine.step(1.0)

@@ -8,6 +8,8 @@ from models import BitRock, wells
 from toolbox import Sampled, SceneError, closed_loop, compose
 
 pytest.importorskip("gymnasium", reason="an environment needs gymnasium, which is not here")
+import gymnasium
+
 from toolbox.export.environment import environment
 from toolbox.export.vector_environment import vector_environment
 
@@ -42,6 +44,26 @@ def test_copies_move_as_single_environments_do_and_begin_anew_when_their_time_is
         assert late.all() == singles[0][3] == (k == 39) and not ended.any()
     assert together.observation_space.contains(seen) and fastest > 0.1
     together.close()
+
+
+def test_it_answers_as_gymnasiums_own_vector_of_single_environments_does():
+    """Its seeds, its shapes, and how a copy whose time is over begins anew."""
+    together = vector_environment(RIG, COUNT, 0.05, 0.5, reward=lambda signals, switches: -np.abs(signals["bit.speed"]) - switches, **GIVEN)
+    made = [lambda: environment(RIG, 0.05, 0.5, reward=lambda s, events: -abs(s["bit.speed"]) - len(events), **GIVEN)] * COUNT
+    theirs = gymnasium.vector.SyncVectorEnv(made)
+    assert together.metadata["autoreset_mode"] == theirs.metadata["autoreset_mode"]
+    for word in ("single_observation_space", "single_action_space", "observation_space", "action_space", "num_envs"):
+        assert getattr(together, word) == getattr(theirs, word)
+    np.testing.assert_array_equal(together.reset(seed=3)[0], theirs.reset(seed=3)[0])
+    overs = 0
+    for k in range(25):
+        actions = np.random.default_rng(k).uniform(0.0, 20e3, (COUNT, 1))
+        answers = together.step(actions)[:4]
+        for mine, other in zip(answers, theirs.step(actions)[:4], strict=True):
+            np.testing.assert_array_equal(mine, other)
+            assert mine.dtype == other.dtype and mine.shape == other.shape
+        overs += int(answers[3].all())
+    assert overs == 2
 
 
 def test_noise_of_laws_is_that_of_single_environments():

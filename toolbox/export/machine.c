@@ -8,14 +8,16 @@ void @NAME@_start(@NAME@_machine *w) {
 }
 
 int @NAME@_set(@NAME@_machine *w, int number, double value) {
-  if (number < 0 || number >= SETTABLE || !isfinite(value)) return @UPPER@_UNKNOWN;
+  if (number < 0 || number >= SETTABLE) return @UPPER@_UNKNOWN;
+  if (!(value >= @NAME@_least[number] && value <= @NAME@_most[number])) return @UPPER@_OUTSIDE;
   w->wanted[number] = value;
   if (w->ints[AT_STARTED] == 0) w->p[@NAME@_places[number]] = value;
   return @UPPER@_DONE;
 }
 
 int @NAME@_set_state(@NAME@_machine *w, int state, double value) {
-  if (state < 0 || state >= @UPPER@_STATES || !isfinite(value) || w->ints[AT_STARTED] != 0) return @UPPER@_UNKNOWN;
+  if (state < 0 || state >= @UPPER@_STATES || w->ints[AT_STARTED] != 0) return @UPPER@_UNKNOWN;
+  if (!isfinite(value)) return @UPPER@_OUTSIDE;
   w->x[state] = value;
   return @UPPER@_DONE;
 }
@@ -55,7 +57,7 @@ static void @NAME@_sift(@NAME@_machine *w) {
 
 int @NAME@_step(@NAME@_machine *w, double until) {
   int status;
-  if (!(until >= w->reals[AT_TIME])) return @UPPER@_BACKWARD;
+  if (!isfinite(until) || until < w->reals[AT_TIME]) return @UPPER@_BACKWARD;
   w->ints[AT_EVENTS] = 0;
   w->reals[AT_END] = until;
   if (w->ints[AT_STARTED] != 0) @NAME@_jump(w);
@@ -116,8 +118,9 @@ const char *@NAME@_status_text(int status) {
     case @UPPER@_UNDERFLOW: return "the steps have become too short";
     case @UPPER@_INCONSISTENT: return "no modes are consistent";
     case @UPPER@_NEGATIVE_BOUND: return "the bound of a friction has become negative";
-    case @UPPER@_BACKWARD: return "the time asked for lies before the present one";
+    case @UPPER@_BACKWARD: return "the time asked for lies before the present one, or is no number";
     case @UPPER@_UNKNOWN: return "there is no such number, or it cannot be set now";
+    case @UPPER@_OUTSIDE: return "the value is not finite, or out of bounds";
     default: return "unknown";
   }
 }

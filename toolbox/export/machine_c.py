@@ -8,6 +8,7 @@ copying it. What stands beside it in C, `machine.c`, only sets numbers, steps, a
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,6 +26,7 @@ from toolbox.export.c_language import STORED_TYPES, CTranslation, c_number, kind
 from toolbox.export.model_c import model_text, signals_of
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import Controller, Sampled
+from toolbox.modelling.numbers import Number
 from toolbox.simulation.carry_out import formulas_of
 from toolbox.simulation.methods import Explicit
 from toolbox.simulation.request import Request
@@ -61,6 +63,8 @@ MODELS = {
     layout.IMPULSE: "impulse",
 }
 """{entry of `Work.ints` with the address of machine code: the function in its place in C}."""
+
+LARGEST = sys.float_info.max
 
 STATUS = {
     layout.DONE: ("DONE", "the time asked for is reached"),
@@ -141,6 +145,20 @@ class Machine:
     def settable(self) -> list[Entry]:
         """Inputs, then parameters."""
         return [*self.inputs, *self.parameters]
+
+    def number(self, entry: Entry) -> Number | None:
+        """What is declared of a settable number; None for one that is neither an input nor declared."""
+        is_input = entry.name in {each.name for each in self.inputs}
+        return self.loop.number(entry.name) if is_input or self.program.system.has_parameter(entry.name) else None
+
+    def bounds(self, entry: Entry) -> tuple[float, float]:
+        """The least and the most that a settable number may be, both finite; an open bound is the next number inside."""
+        declared = self.number(entry)
+        given = declared.bounds if declared is not None else {}
+        words = {word: float(given[word]) for word in ("at_least", "above", "below", "at_most") if given.get(word) is not None}  # type: ignore[arg-type]
+        low = max(words.get("at_least", -LARGEST), float(np.nextafter(words.get("above", -np.inf), np.inf)))
+        high = min(words.get("at_most", LARGEST), float(np.nextafter(words.get("below", np.inf), -np.inf)))
+        return low, high
 
     @cached_property
     def states(self) -> list[Entry]:
@@ -284,8 +302,9 @@ def _header(made: Machine) -> str:
         if word != "OVERRUN" or code == layout.PAUSED:
             lines.append(f"#define {upper}_{word} {code} /* {meaning} */")
     lines += [
-        f"#define {upper}_BACKWARD (-1) /* the time asked for lies before the present one */",
+        f"#define {upper}_BACKWARD (-1) /* the time asked for lies before the present one, or is no number */",
         f"#define {upper}_UNKNOWN (-2) /* there is no such number, or it cannot be set now */",
+        f"#define {upper}_OUTSIDE (-3) /* the value is not finite, or out of bounds */",
         "",
     ]
     lines += [
@@ -312,6 +331,29 @@ def _numbers(array: np.ndarray) -> str:
     )
 
 
+def _tables(made: Machine) -> list[str]:
+    """Constants that `machine.c` reads: bounds, places and names of what can be set, and names of what can be read."""
+    name = made.name
+    second = ", ".join(str(int(element.second)) for element in made.program.system.elements) or "0"
+    bounds = [made.bounds(entry) for entry in made.settable] or [(0.0, 0.0)]
+    return [
+        *(
+            f"static const double {name}_{word}[{len(bounds)}] = {{{', '.join(c_number(each) for each in column)}}};"
+            for word, column in zip(("least", "most"), zip(*bounds, strict=True), strict=True)
+        ),
+        f"static const uint8_t {name}_second[{max(len(made.program.system.elements), 1)}] = {{{second}}};",
+        f"static const int32_t {name}_places[{max(len(made.settable), 1)}] = {{{', '.join(str(each.place) for each in made.settable) or '0'}}};",
+        *(
+            f"static const char *const {name}_{word}[{max(len(entries), 1)}] = {{{', '.join(_quoted(each) for each in entries) or '0'}}};"
+            for word, entries in (
+                ("settable_names", [each.name for each in made.settable]),
+                ("output_names", [each.name for each in made.outputs]),
+                ("element_names", [each.name for each in made.program.system.elements]),
+            )
+        ),
+    ]
+
+
 def _source(made: Machine, loop: CTranslation, importer: bool) -> str:
     name = made.name
     constants = [
@@ -331,19 +373,6 @@ def _source(made: Machine, loop: CTranslation, importer: bool) -> str:
                 f"static const {STORED_TYPES[str(array.dtype)]} {name}_first_{member}[{places.size}] = {{{_numbers(array.ravel()[places])}}};"
             )
             starts.append(f"  for (i = 0; i < {places.size}; ++i) w->{member}[{name}_at_{member}[i]] = {name}_first_{member}[i];")
-    second = ", ".join(str(int(element.second)) for element in made.program.system.elements) or "0"
-    tables = [
-        f"static const uint8_t {name}_second[{max(len(made.program.system.elements), 1)}] = {{{second}}};",
-        f"static const int32_t {name}_places[{max(len(made.settable), 1)}] = {{{', '.join(str(each.place) for each in made.settable) or '0'}}};",
-        *(
-            f"static const char *const {name}_{word}[{max(len(entries), 1)}] = {{{', '.join(_quoted(each) for each in entries) or '0'}}};"
-            for word, entries in (
-                ("settable_names", [each.name for each in made.settable]),
-                ("output_names", [each.name for each in made.outputs]),
-                ("element_names", [each.name for each in made.program.system.elements]),
-            )
-        ),
-    ]
     modes = [
         f"  if (element == {i} && mode == {mode}) return {_quoted(word)};"
         for i, element in enumerate(made.program.system.elements)
@@ -357,7 +386,7 @@ def _source(made: Machine, loop: CTranslation, importer: bool) -> str:
             "\n".join(constants),
             loop.source(),
             "\n".join(values),
-            "\n".join(tables),
+            "\n".join(_tables(made)),
             f"static const char *{name}_mode_word(int element, int mode) {{\n"
             + "\n".join([*modes, "  (void)element; (void)mode;", '  return "";'])
             + "\n}",

@@ -123,7 +123,7 @@ static int set_reals(Unit *u, const unsigned int *r, size_t n, const double *val
     } else if (i >= FIRST_STATE && i < FIRST_STATE + STATES) {
       done = u->phase <= STARTING && @NAME@_set_state(&u->machine, (int)(i - FIRST_STATE), value[k]) == @UPPER@_DONE;
     }
-    if (!done) return refused(u, "only inputs, parameters, and before the first step states can be set, to finite numbers");
+    if (!done) return refused(u, "only inputs, parameters, and before the first step states can be set, to finite numbers within their bounds");
   }
   u->fresh = 0;
   if (!u->exchange || u->phase <= STARTING) u->shown = STALE;
@@ -157,6 +157,7 @@ static int communication_step(Unit *u, double until, int stop) {
   @NAME@_machine *w = &u->machine;
   int calls, status = @UPPER@_OVERRUN;
   until -= u->start;
+  if (!isfinite(until)) return refused(u, "the end of a communication step must be a finite time");
   if (until < w->reals[AT_TIME]) {
     if (until < w->reals[AT_TIME] - 1e-9 * fmax(1.0, fabs(until))) return refused(u, "a communication step must not go back");
     until = w->reals[AT_TIME]; /* by the last bits of a sum */

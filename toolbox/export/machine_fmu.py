@@ -93,7 +93,7 @@ class Unit:
         bent = {name for i, name in enumerate(system.inputs) if slips.numel() and ca.depends_on(slips, system.u[i])}
         for i, entry in enumerate(made.settable):
             is_input = i < len(made.inputs)
-            number = made.loop.number(entry.name) if is_input or system.has_parameter(entry.name) else None
+            number = made.number(entry)
             start = {"start": repr(float(made.work["p"][entry.place]))} | _limits(number.bounds if number is not None else {})
             role = {"variability": ("discrete" if entry.name in bent else "continuous") if is_input else "tunable"}
             kind, meaning = "input" if is_input else "parameter", number.meaning if number is not None else ""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -90,6 +90,7 @@ class Stepper:
         self.period, self.inputs, self.outputs = period, tuple(inputs), tuple(outputs)
         self.events: list[Event] = []
         self._settable = [_entry(made.settable, name, "inputs") for name in self.inputs]
+        self._bounds = [made.bounds(entry) for entry in self._settable]
         for name in self.outputs:
             if self._program.system.expression(name).numel() != 1:
                 raise SceneError(f"Argument `outputs` must name scalar signals, but `{name}` has several entries.")
@@ -174,17 +175,18 @@ class Stepper:
         Raises
         ------
         SceneError
-            If the numbers are not as many as the inputs, or not finite, or the machine is closed.
+            If the numbers are not as many as the inputs, or not finite, or out of their bounds, or the machine is closed.
         SimulationError
             If the machine cannot go on: switching without end, a negative load, steps that become too short.
         """
         if not self._open:
             raise SceneError("A machine that was closed cannot be stepped: make another one.")
         given = [float(value) for value in values] if np.iterable(values) else [float(values)]
-        if len(given) != len(self._settable) or not all(map(math.isfinite, given)):
-            raise SceneError(
-                f"Argument `values` must be {len(self.inputs)} finite number(s), for {', '.join(self.inputs) or 'no input'}, but it is {values!r}."
-            )
+        if len(given) != len(self._settable):
+            self._refuse(values, given)
+        inside = [low <= value <= high for value, (low, high) in zip(given, self._bounds, strict=True)]
+        if not all(inside):
+            self._refuse(values, given)
         work = self._work
         changed = [(entry.place, value) for entry, value in zip(self._settable, given, strict=True) if work.p[entry.place] != value]
         if changed:  # a jump in front of those of tables, in the place of the last one
@@ -199,6 +201,16 @@ class Stepper:
     def close(self) -> None:
         """End the use of the machine."""
         self._open = False
+
+    def _refuse(self, values: Any, given: Sequence[float]) -> NoReturn:
+        """Raise SceneError for values that cannot be set."""
+        if len(given) == len(self._settable) and all(map(math.isfinite, given)):
+            for entry, value in zip(self._settable, given, strict=True):
+                if (declared := self._made.number(entry)) is not None:
+                    declared.check(value)
+        raise SceneError(
+            f"Argument `values` must be {len(self.inputs)} finite number(s), for {', '.join(self.inputs) or 'no input'}, but it is {values!r}."
+        )
 
     def _run(self, until: float) -> np.ndarray:
         work = self._work

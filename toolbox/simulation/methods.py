@@ -125,6 +125,8 @@ class TaylorSeries(Method):
     ----------
     order
         Order of the series, from 6 to 30; None takes the one that the accuracy asks for.
+    budget
+        What a run may spend at most, as in every method.
     """
 
     text: ClassVar[str] = "taylor"
@@ -198,6 +200,8 @@ class Smoothing(Method):
         Slip speed, or {element: slip speed}, within which friction rises to its peak; None refines it until the accuracy is met.
     tolerance
         Tolerance of the integrator; None takes one that resolves the width.
+    budget
+        What a run may spend at most, as in every method.
     """
 
     text: ClassVar[str] = "smoothed"

@@ -12,6 +12,7 @@ import pytest
 from scipy.linalg import expm
 
 from controllers import LQG, PI, HInfinity, IdealSlidingMode, Lifting, LinearMPC, SlidingMode, SoftTorque, StiffPI, SuperTwisting, ZTorque
+from controllers.observers import Kalman
 from models import BitRock, wells
 from toolbox import (
     Component,
@@ -420,3 +421,13 @@ def test_mistakes_are_told(rig):
         margins(closed_loop(rig, SoftTorque()), duration=0.0)
     with pytest.raises(SceneError, match="inertia"):
         margins(closed_loop(rig, SoftTorque(reference=5.0)), measured=True, inertia="chain.inertia")
+
+
+@pytest.mark.parametrize("speed", [2.2, 3.0, 4.0])
+def test_a_law_that_lifts_runs_steadily_at_what_is_asked_and_not_while_it_lifts(speed):
+    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+    inner = PI(proportional=1334.0, integral=2052.0, reference=speed, lowest_torque=0.0, highest_torque="20 kN m")
+    lifts = Lifting(inner, reference=speed, observer=Kalman(speed_noise=0.01))
+    plain, lifting = (margins(closed_loop(rig, Sampled(law, "10 ms", delay="30 ms"))) for law in (inner, lifts))
+    assert lifting.signals["top.torque"] == pytest.approx(plain.signals["top.torque"], rel=1e-9)
+    assert lifting.disk_margin == pytest.approx(plain.disk_margin, rel=1e-6)

@@ -234,7 +234,7 @@ class SampledPoint:
                 break
             q = q + step
         size = np.abs(slope(q)) @ np.abs(q) + np.abs(q) * (np.diag(still) > 0) + rows * 1e-12
-        return q if (np.abs(residual(q)) <= 1e-8 * size + 1e-12 * rows).all() else None
+        return q if (np.abs(residual(q)) <= 1e-11 * size + 1e-12 * rows).all() else None
 
     def loop(self, slope: np.ndarray, delay: float = 0.0, only: int | None = None) -> LinearLoop:
         """The linear loop from the slopes at the steady q, with commands that come some delay [s] later than they do: all, or `only` one."""
@@ -317,8 +317,8 @@ def sampled_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> SteadyLoo
 
 
 def _guesses(point: SampledPoint, loop: ClosedLoop, guess: Mapping[str, Any]) -> Iterator[np.ndarray]:
-    """Where to look for steady running: where the continuous forms are steady, where the set-points are kept, at the start, where a run goes from there,
-    and where laws that take over begin.
+    """Where to look for steady running: where the continuous forms are steady, where laws that take over there begin, where the set-points are kept, at the
+    start, and where a run goes from there.
 
     Sets the modes of `point` to those of each guess.
     """
@@ -332,6 +332,10 @@ def _guesses(point: SampledPoint, loop: ClosedLoop, guess: Mapping[str, Any]) ->
             {element.name: mode for element, mode in zip(known.plant.elements, mode_numbers(known.plant, known.modes), strict=True)},
         ):
             yield point.with_outputs(states, memory)
+    for known in candidates:
+        states = {name: known[name] for name in plant.states}
+        if point.placed(states, {}, {}):
+            yield point.begun(states, {point.names[j]: known[point.names[j]] for j in point.driven})
     states = {name: value for name, value in guess.items() if point.system.rows(name) is not None or name in point.system.signals}
     states = states or ({name: candidates[-1][name] for name in plant.states} if candidates else {})
     if point.placed(states, {}, {}):
@@ -342,10 +346,6 @@ def _guesses(point: SampledPoint, loop: ClosedLoop, guess: Mapping[str, Any]) ->
     except SimulationError:
         return
     yield from _settled(point, plant, run.at(np.linspace(0.5, 1.0, 501) * duration))
-    for known in candidates:
-        states = {name: known[name] for name in plant.states}
-        if point.placed(states, {}, {}):
-            yield point.begun(states, {point.names[j]: known[point.names[j]] for j in point.driven})
 
 
 def _settled(point: SampledPoint, plant: HybridSystem, recorded: Samples[np.ndarray]) -> Iterator[np.ndarray]:

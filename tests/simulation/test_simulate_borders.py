@@ -41,7 +41,7 @@ def test_a_bad_accuracy_is_refused(bad):
         simulate(BLOCK, 1.0, accuracy=bad)
 
 
-@pytest.mark.parametrize("bad", ["Event", "rk45", None, 5, True], ids=repr)
+@pytest.mark.parametrize("bad", ["Event", "rk45", 5, True], ids=repr)
 def test_an_unknown_method_is_refused(bad):
     with pytest.raises(SceneError, match="method"):
         simulate(BLOCK, 1.0, method=bad)

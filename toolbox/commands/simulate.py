@@ -35,7 +35,12 @@ def add(commands: Any) -> None:
     single.add_argument(
         "--duration", type=plain, metavar="T", help="what to simulate: seconds, or with a unit such as '2 min'; that of the scene without"
     )
-    single.add_argument("--method", choices=METHODS, metavar="M", help=f"{', '.join(METHODS)} (event); none for a body with many contacts")
+    single.add_argument(
+        "--method",
+        choices=METHODS,
+        metavar="M",
+        help=f"{', '.join(METHODS)} (the fastest); none for a body with many contacts",
+    )
     single.add_argument(
         "--accuracy", type=float, metavar="A", help="target for the error of a state in parts of its size; that of the scene without"
     )
@@ -106,7 +111,7 @@ def _asked(given: argparse.Namespace) -> tuple[Any, Callable[[str], Any]]:
             stepped.check()
         return stepped, stepped.run
     scene = dataclasses.replace(loaded, **changes)
-    return scene, lambda label: simulate(scene[label], method=given.method or "event")
+    return scene, lambda label: simulate(scene[label], method=given.method)
 
 
 def _left(report: str) -> list[str]:

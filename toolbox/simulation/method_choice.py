@@ -1,4 +1,20 @@
-"""Method selection for method="auto": which method a run takes, and why. It is a rule of numbers that do not depend on the machine.
+"""Which method a run takes, and why, where none is named and by method="auto". Both are rules of numbers that do not depend on the machine.
+
+Where none is named, switches are located as events, by the steps that were the fastest on the shipped scenes (`python -m studies methods`):
+
+    1. explicit formulas where a law is sampled, because almost every step ends on a sample, of whatever order it is
+    2. explicit formulas at an accuracy looser than FINE, where those of order 5 come closer, or finer than FINEST, where what a guard does within 1e-4 of a
+       long step may count
+    3. explicit formulas for more than FEW states, whose series take longer to compile, once on a machine, than a thousand runs save
+    4. else Taylor series, or explicit formulas where the plant has no series (`toolbox.compilation.taylor`)
+
+Either changes to implicit steps where these prove cheaper (`toolbox.simulation.stiffness`).
+
+By method="auto", which is for runs that are repeated often enough for any time to compile:
+
+    1. accuracy >= 1e-3 and at least 50 contacts: time stepping; where it cannot meet the accuracy, located events
+    2. else located events, by Taylor series unless a law is sampled
+    3. where these find no end of switching, or no modes: time stepping, which passes such points
 
 Measured on chains of n inertias with dry friction on each (60 s, static = kinetic): located events cost about n steps of cost n each time something switches,
 time stepping a step of cost n at fixed intervals.
@@ -7,13 +23,6 @@ time stepping a step of cost n at fixed intervals.
     10     211         1 ms                                  22 ms
     30     671         75 to 120 ms                          89 ms
     100    2283        1500 to 3200 ms                       540 ms, at an error of 1e-3 1100 ms
-
-    1. accuracy >= 1e-3 and at least 50 contacts: time stepping; where it cannot meet the accuracy, located events
-    2. else located events, which choose between Taylor series and implicit steps themselves (`toolbox.simulation.stiffness`); explicit formulas where a law is
-       sampled, or where the plant has no series or long ones (`toolbox.compilation.taylor`)
-    3. where these find no end of switching, or no modes: time stepping, which passes such points
-
-Taylor series took 0.5 to 0.75 of the time of explicit formulas at an equal error, from a block on a belt to ten inertias that all rub.
 
 Smoothed friction is never chosen: in no measured case was it the cheapest.
 """
@@ -30,6 +39,29 @@ LOOSE = 1e-3
 
 MANY = 50
 """Contacts from which it does."""
+
+FINEST, FINE = 1e-9, 1e-5
+"""Accuracies between which steps are series where no method is named."""
+
+FEW = 12
+"""States up to which they do."""
+
+
+def fastest_located(run: Run) -> Trajectory:
+    """The run with located events, by the rule of this module where no method is named, with the reason in `why`."""
+    states, reason = run.system.x.numel(), ""
+    if run.system.updates:
+        reason = "a law is sampled"
+    elif not FINEST <= run.accuracy <= FINE:
+        reason = f"an accuracy of {run.accuracy:g} is not between {FINEST:g} and {FINE:g}"
+    elif states > FEW:
+        reason = f"{states} states are more than {FEW}"
+    done = run.again() if reason else run.again(method=TaylorSeries())
+    formulas = done.program.formulas
+    if not reason:
+        reason = done.why.partition(": ")[2] or f"{states} state{'s' * (states != 1)} at an accuracy of {run.accuracy:g}"
+    done.why = formulas.steps if formulas.implicit else f"{formulas.steps}: {reason}"
+    return done
 
 
 def cheapest_method(run: Run) -> Trajectory:

@@ -7,6 +7,8 @@
 "time-stepping"  TimeStepping()     fixed steps (Moreau and Jean), refined until the accuracy is met unless `step` is given
 "smoothed"       Smoothing()        regularised friction, refined until the accuracy is met unless `width` is given
 "auto"           Automatic()        the cheapest of them by the rule of `toolbox.simulation.method_choice`
+
+Where none is named, `simulate` takes "event" or "taylor" by another rule of that module.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """How fast is an answer whose error is at most one part in a million?
 
-Every case is run by the toolbox, by its explicit formulas, by Taylor series and by the default of `simulate`, by scipy
+Every case is run by the toolbox, by its explicit formulas, by Taylor series and by the method that it chooses, by scipy
 (`studies/benchmarks/reference.py`) and two of them by heyoka, each
 at its fastest setting whose error stays below the target and that finds the same switches; the error is the largest difference of a state to a reference at
 rtol 1e-12, over 401 times of the whole horizon, relative to the size of that state. Times of the toolbox and of heyoka are the least of turns that
@@ -134,7 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--target", type=float, default=TARGET, help=f"largest error ({TARGET:g})")
     parser.add_argument("--only", nargs="+", choices=list(known), default=list(known), metavar="CASE", help=f"some of: {', '.join(known)}")
     given = parser.parse_args(arguments)
-    print(f"{'':<30}{'explicit formulas':^43}{'Taylor series':^27}{'default':^19}{'scipy':>10}{'heyoka':>9}{'default/':>9}")
+    print(f"{'':<30}{'explicit formulas':^43}{'Taylor series':^27}{'chosen':^19}{'scipy':>10}{'heyoka':>9}{'chosen/':>9}")
     print(
         f"{'case':<30}{'error':>9}{'kernel':>9}{'call':>9}{'scipy/k':>8}{'/call':>8}{'error':>10}{'kernel':>9}{'scipy/k':>8}{'error':>10}{'kernel':>9}{'':>10}{'':>9}{'heyoka':>9}"
     )

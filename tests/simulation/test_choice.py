@@ -57,7 +57,7 @@ def string(n):
 )
 def test_without_a_method_steps_are_series_of_small_plants_at_a_fine_accuracy(plant, accuracy, why):
     plant = compose(plant)
-    run = simulate(plant, 1.0, accuracy=accuracy)
+    run = simulate(plant, 1.0, accuracy=accuracy, method=None)
     same = simulate(plant, 1.0, accuracy=accuracy, method="taylor" if why.startswith("Taylor") else "event")
     assert run.why == why
     assert (run.states == same.states).all()
@@ -65,15 +65,18 @@ def test_without_a_method_steps_are_series_of_small_plants_at_a_fine_accuracy(pl
 
 
 def test_without_a_method_a_sampled_law_and_a_plant_without_series_are_stepped_explicitly_without_a_warning(caplog):
-    assert simulate(compose(string(3)), 1.0, controller=lambda t, y: 1.0, sample_time=0.01).why == "explicit steps: a law is sampled"
-    cut = simulate(compose(BlockOnBelt()), 0.1, inputs={"block.force": ca.fmin(time, 0.05)})
+    assert (
+        simulate(compose(string(3)), 1.0, controller=lambda t, y: 1.0, sample_time=0.01, method=None).why
+        == "explicit steps: a law is sampled"
+    )
+    cut = simulate(compose(BlockOnBelt()), 0.1, inputs={"block.force": ca.fmin(time, 0.05)}, method=None)
     assert cut.why == "explicit steps: an operation of the plant has no Taylor series"
     assert not caplog.records
 
 
 def test_without_a_method_a_stiff_plant_is_stepped_implicitly():
     stiff = TorsionalChain(inertia=(1.0, 1.0, 1.0), stiffness=(1.0, 1e9), damping=(0.1, 0.5 * math.sqrt(1e9)))
-    run = simulate(compose(stiff), 200.0, inputs={"top.torque": 1.0})
+    run = simulate(compose(stiff), 200.0, inputs={"top.torque": 1.0}, method=None)
     assert run.program.formulas.implicit
     assert run.why == "implicit steps, which stability makes the cheaper ones"
 

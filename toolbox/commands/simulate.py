@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
         "--method",
         choices=METHODS,
         metavar="M",
-        help=f"{', '.join(METHODS)} (the fastest); none for a body with many contacts",
+        help=f"{', '.join(METHODS)} (event); none for a body with many contacts",
     )
     single.add_argument(
         "--accuracy", type=float, metavar="A", help="target for the error of a state in parts of its size; that of the scene without"
@@ -111,7 +111,7 @@ def _asked(given: argparse.Namespace) -> tuple[Any, Callable[[str], Any]]:
             stepped.check()
         return stepped, stepped.run
     scene = dataclasses.replace(loaded, **changes)
-    return scene, lambda label: simulate(scene[label], method=given.method)
+    return scene, lambda label: simulate(scene[label], method=given.method or "event")
 
 
 def _left(report: str) -> list[str]:

@@ -1,6 +1,6 @@
-"""Which method a run takes, and why, where none is named and by method="auto". Both are rules of numbers that do not depend on the machine.
+"""Which method a run takes, and why, by method=None and by method="auto". Both are rules of numbers that do not depend on the machine.
 
-Where none is named, switches are located as events, by the steps that were the fastest on the shipped scenes (`python -m studies methods`):
+By method=None switches are located as events, by the steps that were the fastest on the shipped scenes (`python -m studies methods`):
 
     1. explicit formulas where a law is sampled, because almost every step ends on a sample, of whatever order it is
     2. explicit formulas at an accuracy looser than FINE, where those of order 5 come closer, or finer than FINEST, where what a guard does within 1e-4 of a
@@ -41,14 +41,14 @@ MANY = 50
 """Contacts from which it does."""
 
 FINEST, FINE = 1e-9, 1e-5
-"""Accuracies between which steps are series where no method is named."""
+"""Accuracies between which steps are series by method=None."""
 
 FEW = 12
 """States up to which they do."""
 
 
 def fastest_located(run: Run) -> Trajectory:
-    """The run with located events, by the rule of this module where no method is named, with the reason in `why`."""
+    """The run with located events, by the rule of this module by method=None, with the reason in `why`."""
     states, reason = run.system.x.numel(), ""
     if run.system.updates:
         reason = "a law is sampled"

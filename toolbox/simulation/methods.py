@@ -8,7 +8,7 @@
 "smoothed"       Smoothing()        regularised friction, refined until the accuracy is met unless `width` is given
 "auto"           Automatic()        the cheapest of them by the rule of `toolbox.simulation.method_choice`
 
-Where none is named, `simulate` takes "event" or "taylor" by another rule of that module.
+By `method=None` `simulate` takes "event" or "taylor" by another rule of that module.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ def simulate(
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
     sample_time: NumberOrText | None = None,
-    method: Method | str | None = None,
+    method: Method | str | None = "event",
     accuracy: float | None = None,
     output_times: Sequence[float] | np.ndarray | None = None,
 ) -> Trajectory:

@@ -141,7 +141,7 @@ def test_measures_in_machine_code_agree_with_those_of_the_trajectory(case, accur
         if name.startswith("pi."):
             law = StiffPI(integral=value)
             varied = {"controller": Sampled(law, 0.01, 0.02)}
-        run = simulate(plant, duration, accuracy=accuracy, **{"method": "event", **arguments, **varied})  # the steps of the sweep
+        run = simulate(plant, duration, accuracy=accuracy, **{**arguments, **varied})
         expected = measure.extent(run, signal, after, until)
         size = max(abs(expected.minimum), abs(expected.maximum))
         for word in ("minimum", "maximum", "mean"):

@@ -10,7 +10,7 @@ is halved into pieces in which it does:
 
     |g - cubic| <= d^4/384 max |g''''|      in a piece of length d
 
-so that no dip is missed, however short, and the first piece in which the guard becomes negative is known.
+so that no dip longer than the shortest piece, 1e-4 of the step, is missed, and the first piece in which the guard becomes negative is known.
 """
 
 from __future__ import annotations

@@ -6,7 +6,8 @@
     another seed;  weight: noise of 5 %, a sine of 5 % and a heave of 10 %, with another realisation, at two set-points;  disk margin: the smallest at 4 rad/s
     over the robust rigs, 0 for a law without a slope
 
-    python -m studies drives --tune FAMILY ... [--runs N] [--jobs N] [--out FOLDER]      (minutes; writes studies/data/gains.json; FOLDER keeps every point)
+    python -m studies drives --tune FAMILY ... [--runs N] [--jobs N] [--out FOLDER] [--keep]
+        (minutes; FOLDER keeps every point and the gains; --keep writes studies/data/gains.json)
 
 Laws that lift their own set-point are searched with the lift, at lower set-points, and at one more on the declared and a heavier rig. A law that fails at more
 than half of the runs of a set-point is not tried at lower ones, nor under weights where it fails on half of the rigs: all of these runs count as failed.

@@ -16,7 +16,7 @@ of the bit over it;  99th percentile of the processor time of a sample.
 
     python -m studies drives [--out FOLDER] [--only LABEL ...] [--groups NAME ...] [--margin M] [--jobs N]
         (the table, drives.csv and drives.png; goes on where it was stopped)
-    python -m studies drives --tune FAMILY ... [--runs N] [--jobs N] [--out FOLDER]      (the gains, see `studies.gains`)
+    python -m studies drives --tune FAMILY ... [--runs N] [--jobs N] [--out FOLDER] [--keep]      (the gains, see `studies.gains`)
 """
 
 from __future__ import annotations
@@ -345,6 +345,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--tune", nargs="+", choices=list(gains.FAMILIES), metavar="FAMILY", help=f"search gains of: {', '.join(gains.FAMILIES)}"
     )
+    parser.add_argument("--keep", action="store_true", help='put the gains found in the place of those that laws called "tuned" have')
     parser.add_argument("--runs", type=int, default=60, help="points that a search tries (60)")
     parser.add_argument("--margin", type=float, default=0.0, help="disk margin that a set-point has to leave on every rig of its group (0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes that judge laws side by side (one a core)")
@@ -352,7 +353,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
     for label, found in zip(given.tune or (), _searched(given.tune or (), given.runs, given.out, given.jobs), strict=True):
-        gains.store(label, found)
+        if given.out or given.keep:
+            gains.store(label, found, gains.STORE if given.keep else given.out / "gains.json")
         print(f"{label}: {found.numbers}, {found.score}, {len(found.points)} points in {found.seconds:.0f} s of the processor")
     if given.tune:
         return

@@ -24,6 +24,7 @@ from toolbox import (
 )
 from toolbox.inputs import ramp
 from toolbox.robustness import performance_limit
+from toolbox.simulation import EventExact
 from toolbox.steady_states import pole_locus
 
 law = SoftTorque(reference="95 rpm", highest_torque="20 kN m")
@@ -36,7 +37,11 @@ stiff = StiffPI(reference="80 rpm")
 
 weight = ([0.0, "5 s"], ["97 kN", 98e3])
 run = simulate(
-    rig, "0.2 min", start={"top.speed": "20 rpm"}, inputs={"top.torque": "10 kN m", "bit.weight": weight}, budget=Budget(seconds="1 min")
+    rig,
+    "0.2 min",
+    start={"top.speed": "20 rpm"},
+    inputs={"top.torque": "10 kN m", "bit.weight": weight},
+    method=EventExact(budget=Budget(seconds="1 min")),
 )
 stuck: float = run.time_in("bit", "stick", after="2 s", until="10 s")
 speed_then: float = run.at("9.5 s")["bit.speed"]

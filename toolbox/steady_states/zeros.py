@@ -11,7 +11,24 @@ CONTRACTION = 0.1
 
 
 def newton(equations: Any, slopes: Any, x: np.ndarray, most: int, contraction: float) -> np.ndarray:
-    """Newton's steps, of which each leaves so much of the residual at most; with a contraction below 1 only towards a zero that stands alone."""
+    """Go towards a zero of equations by Newton's steps, as long as they lead there.
+
+    Parameters
+    ----------
+    equations, slopes
+        Functions of x that give the residual and its Jacobian.
+    x
+        Where the steps begin, shape (n,).
+    most
+        Largest number of steps.
+    contraction
+        Part of the residual that a step may leave at most; below 1 steps go only towards a zero that stands alone.
+
+    Returns
+    -------
+    array, shape (n,)
+        Where the last step that was taken has led.
+    """
     residual = equations(x)
     for _ in range(most):
         matrix = slopes(x)

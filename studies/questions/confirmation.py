@@ -43,6 +43,7 @@ SHIFTED = 1000
 CONFIRMED = {
     "impedance, tuned, lifting": {"declared": (3.6, 3.5), "robust": (3.8, 3.8), "corners": (4.0, 4.0)},
     "Z-torque, tuned, lifting": {"declared": (3.5, 3.5), "robust": (3.7, 3.7), "corners": (3.9, 3.9)},
+    "LQG, between, lifting": {"declared": (2.9, 2.9), "robust": (3.7, 3.6), "corners": (3.9, 3.9)},
     "LQG, tuned": {"declared": (2.9, 2.9), "robust": (6.8, 3.6), "corners": (8.6, 3.9)},
 }
 """Set-points [rad/s] of the drive table, direct and raised, by label and group."""

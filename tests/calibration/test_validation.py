@@ -34,6 +34,12 @@ def test_the_machine_behind_a_log_deviates_by_the_noise_of_its_sensors_and_anoth
     assert windows.residuals[0].rms == pytest.approx(found.residuals[0].rms, rel=0.1) and windows.plot().shape == (2, 6)
 
 
+def test_windows_stand_on_the_clock_of_the_log_also_where_they_begin_between_samples():
+    found = validate(true_rig(), FOLDER / "rig.csv", COLUMNS, [(0, "10 s"), (10.013, 20)])
+    late = [panel for panel in found.panels if panel.name.endswith("[2]")]
+    assert late and all(panel.x[0] == pytest.approx(10.04, abs=1e-9) for panel in late)  # samples are 0.04 s apart
+
+
 def test_a_study_shows_what_was_measured_beside_what_is_simulated(tmp_path, capsys):
     (tmp_path / "rig.csv").write_bytes((FOLDER / "rig.csv").read_bytes())
     columns = "{ " + ", ".join(f'"{name}" = "{heading}"' for name, heading in COLUMNS.items()) + " }"

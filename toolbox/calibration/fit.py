@@ -110,7 +110,7 @@ def fit(
     called = shared(names, windows) or [names]
     make: Any = _Simulating(loop, names, search.accuracy) if on is None else _AlongLoop(loop.bare, names, on)
     recording = Recording.of(data, make.plant, columns)
-    parts = [recording.between(each.begin, each.end) for each in windows] or [recording]
+    parts, begins = _parts(recording, windows)
     known = [make.numbers(part) for part in parts]
     words = sorted({*names, *itertools.chain(*called)})
     for name in bounds:
@@ -118,7 +118,6 @@ def fit(
             raise SceneError(f"Argument `bounds` has `{name}`, which is not free: {suggest(name, words)}")
     limits = [_bounds(numbers, own, bounds) for numbers, own in zip(known, called, strict=True)]
     each = [make.misfit(part, numbers, *ends) for part, numbers, ends in zip(parts, known, limits, strict=True)]
-    begins = [float(recording.time[recording.time >= each.begin][0]) for each in windows]
     misfit = each[0] if called == [names] else Together(each, called, begins)
     numbers = misfit.numbers
     names, units = tuple(number.name for number in numbers), tuple(number.unit for number in numbers)
@@ -134,10 +133,16 @@ def simulated(loop: ClosedLoop, data: Any, columns: Mapping[str, str] | None, wi
     """The misfit by simulation without free numbers, of one window or several."""
     make, windows = _Simulating(loop, (), accuracy), windows_of(window)
     recording = Recording.of(data, make.plant, columns)
-    parts = [recording.between(each.begin, each.end) for each in windows] or [recording]
+    parts, begins = _parts(recording, windows)
     nothing = np.zeros(0)
     each = [make.misfit(part, [], nothing, nothing) for part in parts]
-    return each[0] if len(windows) < 2 else Together(each, [()] * len(each), [float(window.begin) for window in windows])
+    return each[0] if len(each) < 2 else Together(each, [()] * len(each), begins)
+
+
+def _parts(recording: Recording, windows: Sequence[Window]) -> tuple[list[Recording], list[float]]:
+    """The recording window by window, each on a clock of its own, and the times of the log at which these clocks begin; all of it without windows."""
+    parts = [recording.between(each.begin, each.end) for each in windows] or [recording]
+    return parts, [float(recording.time[recording.time >= each.begin][0]) for each in windows]
 
 
 class _Simulating:

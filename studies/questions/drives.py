@@ -123,14 +123,14 @@ def _place(label: str) -> tuple[bool, bool, int, str]:
     return kind in PREDICTIVE, label.endswith("lifting"), KINDS.index(kind) if kind in KINDS else len(KINDS), label
 
 
-def predictive(law: Trial) -> bool:
+def predictive(label: str) -> bool:
     """Whether a law is one of `PREDICTIVE`, as it is or tuned."""
-    return law.label.partition(",")[0] in PREDICTIVE
+    return label.partition(",")[0] in PREDICTIVE
 
 
 def groups_of(law: Trial) -> dict[str, Group]:
     """The groups of rigs for a law: fewer phases and seeds for laws that are Python."""
-    if not predictive(law):
+    if not predictive(law.label):
         return GROUPS
     return {name: replace(group, phases=group.phases[::4], seeds=group.seeds[:1]) for name, group in GROUPS.items()}
 
@@ -156,7 +156,7 @@ class Row:
 
 def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = None, margin: float = 0.0) -> Row:
     """The line of a law with some of the groups; margin: disk margin that its set-points have to leave."""
-    planned = predictive(law)
+    planned = predictive(law.label)
     groups = [replace(groups_of(law)[name], margin=margin) for name in names]
     found = borders(law, groups, cells=cells, lower=LOWEST, higher=HIGHEST, step=0.5 if planned else 0.1, lasts=not planned)
     quiet = law.run(Machine("declared"), COMMON, noise=0.0)
@@ -175,7 +175,7 @@ def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = 
 
 def judged_rows(labels: Sequence[str], names: Sequence[str], path: Path | None, jobs: int, margin: float = 0.0) -> list[Row]:
     """The lines of some laws, judged in so many processes, those that take longest first; each writes its cells to one file as it knows them."""
-    ordered = sorted(labels, key=lambda label: label.partition(",")[0] not in PREDICTIVE)
+    ordered = sorted(labels, key=lambda label: not predictive(label))
     with Workers(jobs) as workers:
         found = dict(
             zip(ordered, workers.map(_row_of, ordered, [names] * len(labels), [path] * len(labels), [margin] * len(labels)), strict=True)
@@ -330,7 +330,7 @@ def flat(each: Row) -> dict[str, Any]:
     speeds = {f"{name} {way}": value for name, pair in each.lowest.items() for way, value in zip(WAYS, pair, strict=True)}
     return {"label": each.label, **speeds, "settling": each.settling, "overshoot": each.overshoot, "ripple": each.ripple, "step": each.step,
             "disk margin": each.margins[0], "disk margin, robust": each.margins[1], "recovery": each.recovery, "fastest": each.fastest,
-            "points tuned": points(each.label), "judged": PLANNED if each.label.partition(",")[0] in PREDICTIVE else FULL}  # fmt: skip
+            "points tuned": points(each.label), "judged": PLANNED if predictive(each.label) else FULL}  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

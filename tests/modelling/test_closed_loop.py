@@ -13,6 +13,7 @@ from models import BitRock, BlockOnBelt, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, simulate
 from toolbox.inputs import sine, step
 from toolbox.modelling.closed_loop import as_loop
+from toolbox.modelling.numbers import put_all
 
 RIG = compose(wells.JANSEN_2, BitRock(weight="97.347 kN"))
 LOOP = closed_loop(RIG, SoftTorque(reference="45 rpm"), sample_time="10 ms", label="soft torque")
@@ -223,3 +224,10 @@ def test_a_law_is_designed_once_per_loop(monkeypatch):
     loop = closed_loop(RIG, LinearMPC(reference=8.0), sample_time=0.1)
     loop.at("bit.weight", 9e4).at("bit.speed", 1.0).system  # noqa: B018
     assert count == 1
+
+
+def test_several_numbers_are_put_one_after_the_other():
+    assert put_all(LOOP, {"bit.weight": "90 kN", "bit.speed": 1.0}) == LOOP.at("bit.weight", 9e4).at("bit.speed", 1.0)
+    assert put_all(LOOP, {}) == LOOP
+    with pytest.raises(SceneError, match="bit.weight"):
+        put_all(LOOP, {"bit.wheight": 5.0})

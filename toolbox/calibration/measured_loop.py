@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.calibration.columnwise import Columnwise
+from toolbox.calibration.misfit import ContactMisfit
 from toolbox.calibration.panels import Panel
 from toolbox.calibration.recording import Recording
 from toolbox.calibration.shifts import Shift, moved
@@ -30,7 +31,7 @@ BREAKAWAY_SAMPLES = 10
 """Last samples of a stick phase through which a line is laid, whose end is the force at break-away; a shorter phase tells nothing."""
 
 
-class MeasuredLoop:
+class MeasuredLoop(ContactMisfit):
     """The friction law of one contact against measured force at measured slip.
 
     output: the measured signal that holds the force;  slip: at every sample;  still: slip speed up to which the contact counts as at rest;  rows: indices of
@@ -59,7 +60,8 @@ class MeasuredLoop:
         self.given_still = still
         element: Any = plant.elements[self.place]
         force = plant.F[self.place]
-        self.output = self._holder(contact, force)
+        self.output = self._force_signal(recording, force)
+        self._check_alone(force)
         self._measured = recording
         if begin is not None:  # the samples that count are those that slip on the clock of the force
             self.recording = recording = dataclasses.replace(recording, signals=moved(recording, shifts, begin, self.output))
@@ -70,7 +72,7 @@ class MeasuredLoop:
         law: list[Any] = [element.slip, rest - gain * element.mode * element.kinetic, rest - gain * side * element.static]
         law += [-gain * side, ca.vertcat(*[twin.high for twin in element.breaks])]
         law = [ca.substitute(each, plant.u, inside) for each in law]
-        self._complain_about_missing(contact, ca.vertcat(*law))
+        self._complain_about_missing(ca.vertcat(*law))
         self._parameters = [number.name for number in numbers if number.kind == "parameter"]
         free = ca.vertcat(*[plant.p[plant._parameter(name).offset] for name in self._parameters])
         symbols = [plant.x, self._u_symbol, plant.p, plant.m, side]
@@ -121,16 +123,6 @@ class MeasuredLoop:
             for edge in (-0.5, 0.0, 0.5):  # and where a fit may move it
                 around &= np.interp(time + ahead + edge * self.recording.interval, time, slips) == 1.0
         return around
-
-    @property
-    def span(self) -> float:
-        """Time that was measured [s]."""
-        return float(self.recording.time[-1])
-
-    @property
-    def source(self) -> str:
-        """Where the data come from."""
-        return self.recording.source
 
     @property
     def how(self) -> str:
@@ -185,23 +177,14 @@ class MeasuredLoop:
         kinetic, static = np.array(ca.evalf(ca.substitute(law, ca.vertcat(*ca.symvar(law)), 1.0))).ravel()
         return bool(abs(static - kinetic) > 1e-12 * abs(static))
 
-    def _holder(self, contact: str, force: ca.SX) -> str:
-        """The measured signal that the force of the contact enters."""
-        scalars = {name: expression for name, (expression, _) in self.plant.signals.items() if expression.numel() == 1}
-        able = [name for name, expression in scalars.items() if ca.depends_on(expression, force)]
-        there = [name for name in self.recording.signals if name in able]
-        if len(there) != 1:
-            raise SceneError(
-                f"The data must hold exactly one signal with the force of `{contact}`, such as {' or '.join(f'`{name}`' for name in able)}, but "
-                f"they hold {' and '.join(f'`{name}`' for name in there) or 'none'}."
-            )
-        expression = scalars[there[0]]
+    def _check_alone(self, force: ca.SX) -> None:
+        """Raise SceneError where the force of another contact enters the signal that holds the force."""
+        expression = self.plant.signals[self.output][0]
         others = [each.name for i, each in enumerate(self.plant.elements) if i != self.place and ca.depends_on(expression, self.plant.F[i])]
         if others or ca.depends_on(ca.jacobian(expression, force), force):
             raise SceneError(
-                f"The signal `{there[0]}` must hold the force of `{contact}` alone, but that of `{others[0]}` enters it as well."
+                f"The signal `{self.output}` must hold the force of `{self.contact}` alone, but that of `{others[0]}` enters it as well."
             )
-        return there[0]
 
     def _inputs(self, given: Mapping[str, Any]) -> ca.SX:
         """The inputs of the plant: measured ones as symbols, others as given, or their defaults."""
@@ -215,7 +198,7 @@ class MeasuredLoop:
             out.append(self._u_symbol[measured.index(name)] if name in measured else given.get(name, entry.default))
         return ca.vertcat(*out) if out else ca.SX(0, 1)
 
-    def _complain_about_missing(self, contact: str, law: ca.SX) -> None:
+    def _complain_about_missing(self, law: ca.SX) -> None:
         """Find the place of every measured state; raises SceneError where the law needs another."""
         self._states: dict[str, np.ndarray] = {}
         for name in self.recording.signals:
@@ -225,17 +208,9 @@ class MeasuredLoop:
             self._states[name] = np.flatnonzero(mark == 1.0)
         there = {int(row) for rows in self._states.values() for row in rows}
         self._x, self._u = self._laid(self.recording.signals)
-        for name, (first, size, _) in self.plant.states.items():
-            for i in range(size or 1):
-                if first + i not in there and ca.depends_on(law, self.plant.x[first + i]):
-                    alias = [
-                        word for word, (e, _) in self.plant.signals.items() if e.numel() == 1 and ca.is_equal(e, self.plant.x[first + i])
-                    ]
-                    label = (alias or [name if size is None else f"{name}.{i}"])[0]
-                    held = ", ".join(f"`{each}`" for each in self.recording.signals)
-                    raise SceneError(
-                        f"The data must hold `{label}`, which the friction of `{contact}` depends on, but they hold only {held}."
-                    )
+        for row in range(self.plant.x.numel()):
+            if row not in there and ca.depends_on(law, self.plant.x[row]):
+                raise self._missing(row)
 
     def _laid(self, signals: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """The states and the measured inputs at all samples."""
@@ -264,22 +239,6 @@ class MeasuredLoop:
         if self.released.any():
             found[self.released] = np.broadcast_to(release, self._side.size)[self.rows[self.released]]
         return found
-
-    def allowed(self, values: np.ndarray) -> None:
-        """Raise SceneError where the numbers contradict each other."""
-        self._numbers(values)
-
-    def _of_plant(self, values: np.ndarray) -> dict[str, float]:
-        """{parameter: value} of those that are free."""
-        free = zip(self.numbers, values.tolist(), strict=True)
-        return {number.name: value for number, value in free if number.kind == "parameter"}
-
-    def _numbers(self, values: np.ndarray) -> np.ndarray:
-        """All numbers of the plant; raises SceneError where they contradict each other. Kept for the slopes at the same place."""
-        key = values.tobytes()
-        if self._last[0] != key:
-            self._last = (key, self.plant.with_parameters(self._of_plant(values)).values)
-        return self._last[1]
 
     def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """The force of the law at the measured slip, and with the static bound at break-away."""

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.calibration.columnwise import Columnwise
+from toolbox.calibration.misfit import ContactMisfit
 from toolbox.calibration.panels import Panel
 from toolbox.calibration.recording import Recording
 from toolbox.calibration.shifts import Shift, moved
@@ -33,7 +34,7 @@ TRIAL_MEMORY = 4000
 """Samples, from the first on, with which the searches from different starts are done."""
 
 
-class MemoryLoop:
+class MemoryLoop(ContactMisfit):
     """The law of a contact without modes against measured force over measured slip.
 
     output: the measured signal that holds the force;  memory: rows of the states that the law remembers by.
@@ -48,7 +49,7 @@ class MemoryLoop:
         rows = [(first, size or 1) for name, (first, size, _) in plant.states.items() if name.startswith(f"{contact}.")]
         self.memory = [row for first, size in rows for row in range(first, first + size)]
         memory = plant.x[self.memory]
-        self.output = self._holder(recording, memory)
+        self.output = self._force_signal(recording, memory)
         given = loop.values
         self.recording, self.shifts = _continuous(recording, [name for name in recording.signals if name != self.output]), tuple(shifts)
         law = ca.vertcat(plant.flow[self.memory], plant.expression(self.output))
@@ -106,31 +107,6 @@ class MemoryLoop:
         """What was fitted, in words."""
         return f"law of `{self.contact}`, with memory, along the measured slip"
 
-    @property
-    def span(self) -> float:
-        """Time that was measured [s]."""
-        return float(self.recording.time[-1])
-
-    @property
-    def source(self) -> str:
-        """Where the data come from."""
-        return self.recording.source
-
-    def _holder(self, recording: Recording, memory: ca.SX) -> str:
-        """The measured signal that the force enters."""
-        able = [
-            name
-            for name, (expression, _) in self.plant.signals.items()
-            if expression.numel() == 1 and ca.depends_on(expression, memory) and self.plant.rows(name) is None
-        ]
-        there = [name for name in able if name in recording.signals]
-        if len(there) != 1:
-            raise SceneError(
-                f"The data must hold exactly one signal with the force of `{self.contact}`, such as {' or '.join(f'`{name}`' for name in able)}, but they "
-                f"hold {' and '.join(f'`{name}`' for name in there) or 'none'}."
-            )
-        return there[0]
-
     def _row(self, name: str) -> list[int]:
         """The row of a start value of the memory. Raises SceneError for any other start value."""
         rows = self.plant.rows(name)
@@ -160,11 +136,7 @@ class MemoryLoop:
             own = next((name for name, at in held.items() if at == row), None)
             way = next((name for name, at in held.items() if ca.is_equal(plant.flow[at], symbol)), None)
             if own is None and way is None:
-                words = ", ".join(f"`{name}`" for name in self.recording.signals)
-                label = next((name for name, (e, _) in plant.signals.items() if e.numel() == 1 and ca.is_equal(e, symbol)), f"state {row}")
-                raise SceneError(
-                    f"The data must hold `{label}`, which the friction of `{self.contact}` depends on, but they hold only {words}."
-                )
+                raise self._missing(row)
             found.append((symbol, own or way or "", own is None))
         return found
 
@@ -247,18 +219,6 @@ class MemoryLoop:
             return at, memory, np.empty(0), p
         turned = np.array(found[1]).reshape(n, h.size, k + n).transpose(1, 0, 2)
         return at, memory, np.concatenate([tangent[None], turned]), p
-
-    def _numbers(self, values: np.ndarray) -> np.ndarray:
-        """All numbers of the plant; raises SceneError where they contradict each other."""
-        key = values.tobytes()
-        if self._last[0] != key:
-            given = {number.name: float(value) for number, value in zip(self.numbers, values, strict=True) if number.kind == "parameter"}
-            self._last = (key, self.plant.with_parameters(given).values)
-        return self._last[1]
-
-    def allowed(self, values: np.ndarray) -> None:
-        """Raise SceneError where the numbers contradict each other."""
-        self._numbers(values)
 
     def at(self, values: np.ndarray) -> ClosedLoop:
         """The loop with the free numbers at given values."""

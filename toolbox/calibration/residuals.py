@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.calibration.misfit import Misfit
 from toolbox.calibration.panels import TIME, Panel
 from toolbox.calibration.recording import Recording
 from toolbox.calibration.shifts import Shift
@@ -40,7 +41,7 @@ TRIAL_ACCURACY = 1e-5
 
 
 @dataclass
-class Simulated:
+class Simulated(Misfit):
     """Outputs of a simulation against measured ones.
 
     loop: driven by the measured inputs;  numbers: of the loop, which are free.
@@ -139,16 +140,6 @@ class Simulated:
             times = np.unique(np.concatenate([*self._times(values).values()])) if late else self.recording.time
             self._last = (key, simulate(self.at(values), end, output_times=times, accuracy=self.accuracy))
         return self._last[1]
-
-    @property
-    def span(self) -> float:
-        """Time that was measured [s]."""
-        return float(self.recording.time[-1])
-
-    @property
-    def source(self) -> str:
-        """Where the data come from."""
-        return self.recording.source
 
     how = "by simulation"
 

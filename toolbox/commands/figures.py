@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from toolbox.calibration.results import Fit
-    from toolbox.calibration.validation import Validation
     from toolbox.modelling.hybrid_system import HybridSystem
     from toolbox.onsets.results import Onset
-    from toolbox.onsets.severity_map import SeverityMap
-    from toolbox.probability.basins import Basin
-    from toolbox.probability.drawn_borders import UncertainOnset
-    from toolbox.probability.estimates import Estimates
-    from toolbox.probability.posteriors import Posterior
-    from toolbox.probability.predictions import Prediction
-    from toolbox.probability.results import Chance
-    from toolbox.robustness.lowest_set_point import LowestSetPoints
     from toolbox.scenes.scene import Scene
-    from toolbox.scenes.work_precision import WorkPrecision
     from toolbox.simulation.trajectory import Trajectory
-    from toolbox.tuning.results import Tuned
+
+
+class Drawn(Protocol):
+    """What draws itself: a run, or whatever a search, a measurement or a calibration found."""
+
+    def plot(self) -> Any: ...
+
 
 DPI = 150
 """Dots per inch of a figure in a file."""
@@ -87,23 +82,7 @@ def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
     _write(onset_panels(onsets), scene.title, path)
 
 
-def draw_found(
-    found: Trajectory
-    | SeverityMap
-    | LowestSetPoints
-    | Tuned
-    | WorkPrecision
-    | Fit
-    | Chance
-    | UncertainOnset
-    | Posterior
-    | Prediction
-    | Estimates
-    | Basin
-    | Validation,
-    title: str | None,
-    path: Path,
-) -> None:
+def draw_found(found: Drawn, title: str | None, path: Path) -> None:
     """Write the figure of a run, or of what a search, a map, a measurement or a calibration found; without a title where the figure has one of its own."""
     _plot()
     _write(found.plot(), title, path)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from toolbox.arguments import number, numbers
+from toolbox.arguments import number
 from toolbox.commands import figures
 from toolbox.commands.recording import results
 from toolbox.commands.terminal import (
@@ -22,6 +22,7 @@ from toolbox.commands.terminal import (
     plain,
     progress,
     ranges,
+    share,
     show,
 )
 from toolbox.errors import SceneError, SimulationError
@@ -112,7 +113,7 @@ def _wrong(texts: Sequence[str]) -> dict[str, Any]:
         if ":" in what:
             found[name] = ranges("--wrong", [f"{name}={what}"])[name]
         else:
-            (found[name],) = numbers("--wrong", [what if what.endswith("%") else plain(what)], "1", above=0, below=1)
+            found[name] = share("--wrong", what)
     return found
 
 

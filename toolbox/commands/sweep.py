@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from toolbox.arguments import numbers
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import check_some, common, constant_inputs, drawn_as, earlier, file_stems, held, plain, ranges, show
+from toolbox.commands.terminal import check_some, common, constant_inputs, drawn_as, earlier, file_stems, held, ranges, share, show
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.printing import columns
 from toolbox.files.unit_systems import asked_in
@@ -236,19 +236,15 @@ def _machines(loop: Any, off: str | None) -> dict[str, Any]:
         return {"": loop}
     listed, _, text = off.partition("=")
     names = [name.strip() for name in listed.split(",") if name.strip()]
-    part = (
-        numbers("--off", [f"{text.strip()}" if text.strip().endswith("%") else plain(text.strip())], "1", above=0, below=1)[0]
-        if text.strip()
-        else 0.0
-    )
-    if not names or not part:
+    text = text.strip()
+    if not names or not text:
         raise SceneError(f"Argument `--off` must be NAME[,NAME...]=PART such as pad.friction.static=20%, but it is `{off}`.")
-    found = {"": loop}
+    from toolbox.modelling.numbers import put_all
+
+    off_by, found = share("--off", text), {"": loop}
     for sign in (-1.0, 1.0):
-        changed = loop
-        for name in names:
-            changed = changed.at(name, loop.free(name).value * (1.0 + sign * part))
-        found[f"{', '.join(names)} {100.0 * sign * part:+g} %"] = changed
+        changed = {name: loop.free(name).value * (1.0 + sign * off_by) for name in names}
+        found[f"{', '.join(names)} {100.0 * sign * off_by:+g} %"] = put_all(loop, changed)
     return found
 
 

@@ -14,6 +14,7 @@ from itertools import chain, groupby, pairwise
 from pathlib import Path
 from typing import Any
 
+from toolbox.arguments import numbers
 from toolbox.errors import NoSteadyState, SceneError, SimulationError
 from toolbox.files.reading import text_of
 from toolbox.messages import progress_bar
@@ -183,6 +184,11 @@ def plain(text: str) -> Any:
         return float(text)
     except ValueError:
         return text
+
+
+def share(option: str, text: str) -> float:
+    """A part above 0 and below 1, of text such as 20% or 0.2; raises SceneError for any other."""
+    return numbers(option, [text if text.endswith("%") else plain(text)], "1", above=0, below=1)[0]
 
 
 def pairs(option: str, form: str, texts: Iterable[str]) -> list[tuple[str, str]]:

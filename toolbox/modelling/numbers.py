@@ -146,6 +146,13 @@ def numbers_in(loop: Loop) -> dict[str, Number]:
     return {name: number for name, number in found.items() if number is not None}
 
 
+def put_all(loop: Loop, values: Mapping[str, NumberOrText]) -> Loop:
+    """A loop with other values of several numbers, one after the other as `loop.at` puts them; raises what that raises."""
+    for name, value in values.items():
+        loop = loop.at(name, value)
+    return loop
+
+
 def number_of(loop: Loop, name: str) -> Number | None:
     """The number of that name, or None."""
     system = loop.system

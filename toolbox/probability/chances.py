@@ -22,6 +22,7 @@ from toolbox.measuring import measures
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.numbers import put_all
 from toolbox.onsets.coming_to import Settled, comes_to
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS
 from toolbox.probability.distributions import Draws, drawn, known_as
@@ -238,9 +239,8 @@ class Search:
 
     def _judge(self, row: FloatArray) -> tuple[int, float]:
         """What the judge says of one run, carried on until it is decided."""
-        loop, numbers = self.loop, dict(zip(self.names, row.tolist(), strict=True))
-        for name, value in numbers.items():
-            loop = loop.at(name, value)
+        numbers = dict(zip(self.names, row.tolist(), strict=True))
+        loop = put_all(self.loop, numbers)
         if self.start is not None:
             loop = loop.but(start={**loop.start, **self.start(numbers)})
         try:

@@ -28,6 +28,7 @@ from toolbox.files.units import NumberOrText
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.numbers import put_all
 from toolbox.onsets.map_loop import SMOOTH, SWING
 from toolbox.probability.bounds import clopper_pearson, least_draws
 from toolbox.probability.chances import Search, labelled
@@ -300,9 +301,7 @@ def _smooth(loop: ClosedLoop, name: str, between: tuple[float, float], names: tu
     found = np.full(len(points), math.nan)
     for k, row in enumerate(points):
         bar.update(1)
-        each = loop
-        for own, value in zip(names, row.tolist(), strict=True):
-            each = each.at(own, value)
+        each = put_all(loop, dict(zip(names, row.tolist(), strict=True)))
         try:
             at = [point.value for point in hopf_points(each, name, between, values=9)]
         except (SceneError, SimulationError):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -13,131 +12,13 @@ from toolbox.onsets.map_loop import NONE, SMOOTH
 from toolbox.probability.bounds import clopper_pearson
 
 
-class DrawnChance(Protocol):
-    """What the pictures show of a `toolbox.probability.Chance`."""
-
-    @property
-    def labels(self) -> Sequence[str]: ...
-    @property
-    def names(self) -> Sequence[str]: ...
-    @property
-    def units(self) -> Sequence[str]: ...
-    @property
-    def axes(self) -> Sequence[np.ndarray]: ...
-    @property
-    def asked(self) -> Mapping[str, str]: ...
-    @property
-    def chances(self) -> Mapping[str, np.ndarray]: ...
-    @property
-    def bounds(self) -> Mapping[str, tuple[np.ndarray, np.ndarray]]: ...
-
-
-class DrawnPosterior(Protocol):
-    """What the pictures show of a `toolbox.probability.Posterior`."""
-
-    @property
-    def names(self) -> Sequence[str]: ...
-    @property
-    def units(self) -> Sequence[str]: ...
-    @property
-    def points(self) -> np.ndarray: ...
-    @property
-    def asked(self) -> Mapping[str, str]: ...
-
-
-class DrawnEstimates(Protocol):
-    """What the pictures show of `toolbox.probability.Estimates`."""
-
-    @property
-    def time(self) -> np.ndarray: ...
-    @property
-    def mean(self) -> Mapping[str, np.ndarray]: ...
-    @property
-    def deviation(self) -> Mapping[str, np.ndarray]: ...
-    @property
-    def units(self) -> Mapping[str, str]: ...
-    @property
-    def spells(self) -> Sequence[tuple[float, float]]: ...
-    @property
-    def asked(self) -> Mapping[str, str]: ...
-
-
-class DrawnPrediction(Protocol):
-    """What the pictures show of a `toolbox.probability.Prediction`."""
-
-    @property
-    def time(self) -> np.ndarray: ...
-    @property
-    def low(self) -> Mapping[str, np.ndarray]: ...
-    @property
-    def median(self) -> Mapping[str, np.ndarray]: ...
-    @property
-    def high(self) -> Mapping[str, np.ndarray]: ...
-    @property
-    def units(self) -> Mapping[str, str]: ...
-    @property
-    def measured(self) -> Mapping[str, np.ndarray]: ...
-    @property
-    def confidence(self) -> float: ...
-    @property
-    def asked(self) -> Mapping[str, str]: ...
-
-
-class DrawnComparison(Protocol):
-    """What the pictures show of a `toolbox.probability.ModelComparison`."""
-
-    @property
-    def posteriors(self) -> Mapping[str, Any]: ...
-    @property
-    def scores(self) -> Mapping[str, np.ndarray]: ...
-    def behind(self, label: str) -> tuple[float, float]: ...
-
-
-class DrawnOnset(Protocol):
-    """What the pictures show of a `toolbox.probability.UncertainOnset`."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def unit(self) -> str: ...
-    @property
-    def between(self) -> tuple[float, float]: ...
-    @property
-    def borders(self) -> Mapping[str, np.ndarray]: ...
-    @property
-    def smooth(self) -> Mapping[str, np.ndarray]: ...
-    @property
-    def confidence(self) -> float: ...
-    @property
-    def asked(self) -> Mapping[str, str]: ...
-
-
-class DrawnBasin(Protocol):
-    """What the pictures show of a `toolbox.probability.Basin`."""
-
-    @property
-    def names(self) -> Sequence[str]: ...
-    @property
-    def units(self) -> Sequence[str]: ...
-    @property
-    def point(self) -> np.ndarray: ...
-    @property
-    def starts(self) -> np.ndarray: ...
-    @property
-    def outcomes(self) -> np.ndarray: ...
-    @property
-    def smallest(self) -> np.ndarray: ...
-    @property
-    def asked(self) -> Mapping[str, str]: ...
-
-
-def chance_diagram(found: DrawnChance, axes: Any = None) -> Any:
+def chance_diagram(found: Any, axes: Any = None) -> Any:
     """The chances over one number, as curves with their bounds, or over two, one panel per law with the line above which 95 % are free by the bound."""
     with plt.rc_context(PAPER):
         return _curves(found, axes) if len(found.names) == 1 else _panels(found, axes)
 
 
-def _curves(found: DrawnChance, ax: Any) -> Any:
+def _curves(found: Any, ax: Any) -> Any:
     if ax is None:
         _, ax = plt.subplots(figsize=(WIDTH, 3.0), layout="constrained")
     for k, label in enumerate(found.labels):
@@ -152,7 +33,7 @@ def _curves(found: DrawnChance, ax: Any) -> Any:
     return ax
 
 
-def _panels(found: DrawnChance, axes: Any) -> Any:
+def _panels(found: Any, axes: Any) -> Any:
     if axes is None:
         count = len(found.labels)
         wide = min(count, 2)
@@ -178,7 +59,7 @@ def _panels(found: DrawnChance, axes: Any) -> Any:
     return axes
 
 
-def corner_diagram(found: DrawnPosterior, axes: Any = None) -> Any:
+def corner_diagram(found: Any, axes: Any = None) -> Any:
     """The unknowns of a posterior one by one, as histograms on the diagonal, and in pairs below it."""
     count = len(found.names)
     with plt.rc_context(PAPER):
@@ -209,7 +90,7 @@ def corner_diagram(found: DrawnPosterior, axes: Any = None) -> Any:
     return axes
 
 
-def prediction_diagram(found: DrawnPrediction, axes: Any = None) -> Any:
+def prediction_diagram(found: Any, axes: Any = None) -> Any:
     """Bands on the traces with what was measured, one panel per signal."""
     with plt.rc_context(PAPER):
         if axes is None:
@@ -231,7 +112,7 @@ def prediction_diagram(found: DrawnPrediction, axes: Any = None) -> Any:
     return axes
 
 
-def comparison_diagram(found: DrawnComparison, axes: Any = None) -> Any:
+def comparison_diagram(found: Any, axes: Any = None) -> Any:
     """By how much each model is behind the best one: in evidence, and in predicting what was left out."""
     with plt.rc_context(PAPER):
         if axes is None:
@@ -249,7 +130,7 @@ def comparison_diagram(found: DrawnComparison, axes: Any = None) -> Any:
     return axes
 
 
-def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
+def onset_diagram(found: Any, ax: Any = None) -> Any:
     """The part of the machines that are free over the set-point, with its bounds, and the part that does not lose smooth running."""
     with plt.rc_context(PAPER):
         if ax is None:
@@ -274,7 +155,7 @@ def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
     return ax
 
 
-def estimate_diagram(found: DrawnEstimates, axes: Any = None) -> Any:
+def estimate_diagram(found: Any, axes: Any = None) -> Any:
     """What is known over time, mean and band of 95 %, one panel each; times of stick-slip are shaded."""
     known = [name for name, values in found.mean.items() if np.isfinite(values).any()]
     with plt.rc_context(PAPER):
@@ -300,7 +181,7 @@ def estimate_diagram(found: DrawnEstimates, axes: Any = None) -> Any:
     return axes
 
 
-def basin_diagram(found: DrawnBasin, ax: Any = None) -> Any:
+def basin_diagram(found: Any, ax: Any = None) -> Any:
     """The disturbances over the first two states, or over the one, by whether the working point comes back."""
     back = found.outcomes == SMOOTH
     with plt.rc_context(PAPER):

@@ -26,6 +26,7 @@ from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.numbers import put_all
 from toolbox.probability.distributions import Draws, drawn
 from toolbox.simulation.simulate import simulate
 
@@ -189,9 +190,7 @@ def predict(
     failed: Exception | None = None
     with progress_bar(draws, "predict") as bar:
         for row in design.points:
-            each = loop
-            for name, value in zip(design.names, row.tolist(), strict=True):
-                each = each.at(name, value)
+            each = put_all(loop, dict(zip(design.names, row.tolist(), strict=True)))
             bar.update(1)
             try:
                 run = simulate(each, length, accuracy=accuracy, output_times=times)

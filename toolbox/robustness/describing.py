@@ -36,6 +36,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import described
 from toolbox.modelling.steady_point import Equilibrium, function_of, mode_numbers
 from toolbox.orbits.orbit import Cycle
+from toolbox.robustness.loop import LinearLoop
 from toolbox.scenes.judged import judged_contact
 from toolbox.steady_states.linear import equilibrium
 
@@ -189,7 +190,11 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
     if slip == 0.0:
         raise SceneError(f"Argument `loop` must let `{contact}` slide at steady running, but it sticks.")
     top = 3.0 * abs(slip) if highest is None else number("highest", highest, element.slip_unit, above=0)
-    still, steady = answer(1e-6 * reach[0]).real, float(force(np.array([slip]))[0])
+
+    def response_at(w: float) -> complex:
+        return complex(answer(np.array([w]))[0])
+
+    still, steady = float(response_at(1e-6 * reach[0]).real), float(force(np.array([slip]))[0])
     nodes, weights = np.polynomial.legendre.leggauss(ANGLES)
 
     def harmonics(mean: float, amplitude: float) -> tuple[float, float]:
@@ -224,12 +229,12 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
         return gain_at(amplitude) - needed
 
     omega = np.geomspace(*reach, 2000)
-    response = np.array([answer(w) for w in omega])
+    response = answer(omega)
     amplitude = np.linspace(0.0, top, AMPLITUDES + 1)[1:]
     gain = np.array([gain_at(each) for each in amplitude])
     found = []
-    for w in _crossings(omega, response.imag, lambda w: answer(w).imag):
-        needed = 1.0 / answer(w).real
+    for w in _crossings(omega, response.imag, lambda w: response_at(w).imag):
+        needed = 1.0 / response_at(w).real
         for size in _crossings(amplitude, gain - needed, partial(missing, needed)):
             rising = bool(gain[np.searchsorted(amplitude, size)] > needed)
             found.append(PredictedCycle(w, size, mean_at(size), not rising))
@@ -251,8 +256,8 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
 
 def _parted(
     rest: Equilibrium, at: int
-) -> tuple[Callable[[float], complex], Callable[[np.ndarray], np.ndarray], float, tuple[float, float]]:
-    """A plant parted at element `at`: (G of a frequency, force of slips, slip of steady running, (lowest, highest) frequency of the loop)."""
+) -> tuple[Callable[[FloatArray], np.ndarray], Callable[[np.ndarray], np.ndarray], float, tuple[float, float]]:
+    """A plant parted at element `at`: (G at frequencies, force of slips, slip of steady running, (lowest, highest) frequency of the loop)."""
     plant = rest.plant
     modes = mode_numbers(plant, rest.modes)
 
@@ -269,10 +274,10 @@ def _parted(
     poles = poles[poles > 1e-9 * poles.max(initial=0.0)]
     reach = (0.1 * float(poles.min()), 3.0 * float(poles.max()))
     direction = np.ravel(slides) / float((slides @ slides.T).item())
-    one = np.eye(without.shape[0])
+    rest_of_it = LinearLoop(without, push, slides, np.zeros((1, 1)), (plant.elements[at].name,))
 
-    def answer(w: float) -> complex:
-        return complex((slides @ np.linalg.lstsq(1j * w * one - without, push, rcond=None)[0]).item())
+    def answer(w: FloatArray) -> np.ndarray:
+        return -rest_of_it.transfer(w)[:, 0, 0]  # of negative feedback
 
     forces = function_of(plant, (f"force{at}",), lambda: [plant.switching.force[at]])
 

@@ -31,6 +31,7 @@ from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, Takeover, designed
+from toolbox.modelling.numbers import put_all
 from toolbox.robustness.groups import LASTING, Group, Machine
 
 if TYPE_CHECKING:
@@ -331,10 +332,8 @@ def _measured(loop: ClosedLoop, numbers: Mapping[str, float], end: float, asked:
     """What is measured of one run of a machine; nan where it cannot be finished."""
     from toolbox.simulation.simulate import simulate
 
-    for name, value in numbers.items():
-        loop = loop.at(name, value)
     try:
-        run = simulate(loop, end)
+        run = simulate(put_all(loop, numbers), end)
     except SimulationError:
         return dict.fromkeys(asked, math.nan)
     return {name: each.read(run) for name, each in asked.items()}

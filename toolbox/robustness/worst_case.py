@@ -27,6 +27,7 @@ from toolbox.measuring.measures import Measure, maximum, mean, minimum, stuck_ra
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
 from toolbox.modelling.closing import described
 from toolbox.modelling.laws import Sampled
+from toolbox.modelling.numbers import put_all
 from toolbox.onsets.coming_to import Settled
 from toolbox.robustness.steady_loop import smooth_start
 from toolbox.scenes.judged import judged_contact, judged_measures, judged_speed, set_point
@@ -412,8 +413,7 @@ class _Machines:
 
     def lasting(self, outcome: Outcome, loop: ClosedLoop, numbers: Mapping[str, float], swing: float) -> Outcome:
         """An outcome whose window is calm, with what it comes to; numbers: of its machine;  swing: of the speed in the window, in parts of its mean."""
-        for name, value in numbers.items():
-            loop = loop.at(name, value)
+        loop = put_all(loop, numbers)
         if outcome.error not in self.known:
             self.known[outcome.error] = Settled.of(loop, self.contact, self.speed, self.window)
         settled = self.known[outcome.error]

@@ -1,0 +1,85 @@
+"""What misfits have in common: where their data come from, and of the law of a contact its numbers and the signals that it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.calibration.recording import Recording
+from toolbox.errors import SceneError
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.numbers import Number
+
+
+class Misfit:
+    """A misfit to one window of a recording."""
+
+    recording: Recording
+
+    @property
+    def span(self) -> float:
+        """Time that was measured [s]."""
+        return float(self.recording.time[-1])
+
+    @property
+    def source(self) -> str:
+        """Where the data come from."""
+        return self.recording.source
+
+
+class ContactMisfit(Misfit):
+    """A misfit of the law of a contact, without simulation.
+
+    _last: the free values of which the numbers of the plant were asked last, and these numbers.
+    """
+
+    plant: HybridSystem
+    numbers: Sequence[Number]
+    contact: str
+    _last: tuple[bytes, np.ndarray]
+
+    def allowed(self, values: np.ndarray) -> None:
+        """Raise SceneError where the numbers contradict each other."""
+        self._numbers(values)
+
+    def _of_plant(self, values: np.ndarray) -> dict[str, float]:
+        """{parameter: value} of those that are free."""
+        free = zip(self.numbers, values.tolist(), strict=True)
+        return {number.name: value for number, value in free if number.kind == "parameter"}
+
+    def _numbers(self, values: np.ndarray) -> np.ndarray:
+        """All numbers of the plant; raises SceneError where they contradict each other. Kept for the slopes at the same place."""
+        key = values.tobytes()
+        if self._last[0] != key:
+            self._last = (key, self.plant.with_parameters(self._of_plant(values)).values)
+        return self._last[1]
+
+    def _force_signal(self, recording: Recording, symbols: ca.SX) -> str:
+        """The measured signal that holds the force; symbols: what that force depends on, and no other signal that is no state."""
+        able = [
+            name
+            for name, (expression, _) in self.plant.signals.items()
+            if expression.numel() == 1 and ca.depends_on(expression, symbols) and self.plant.rows(name) is None
+        ]
+        there = [name for name in recording.signals if name in able]
+        if len(there) != 1:
+            raise SceneError(
+                f"The data must hold exactly one signal with the force of `{self.contact}`, such as {' or '.join(f'`{name}`' for name in able)}, but "
+                f"they hold {' and '.join(f'`{name}`' for name in there) or 'none'}."
+            )
+        return there[0]
+
+    def _missing(self, row: int) -> SceneError:
+        """The error that a state on which the friction depends was not measured."""
+        symbol, held = self.plant.x[row], ", ".join(f"`{name}`" for name in self.recording.signals)
+        own = [
+            name if size is None else f"{name}.{row - first}"
+            for name, (first, size, _) in self.plant.states.items()
+            if first <= row < first + (size or 1)
+        ]
+        alias = [name for name, (e, _) in self.plant.signals.items() if e.numel() == 1 and ca.is_equal(e, symbol)]
+        label: Any = (alias or own)[0]
+        return SceneError(f"The data must hold `{label}`, which the friction of `{self.contact}` depends on, but they hold only {held}.")

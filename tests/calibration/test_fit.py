@@ -279,7 +279,7 @@ def test_the_command_fits_a_scene_and_writes_report_table_figure_and_calibrated_
     assert main(command) == 0
     printed = capsys.readouterr().out
     assert "bit.friction.static" in printed and (out / "fit.txt").read_text() in printed
-    assert {path.name for path in out.iterdir()} == {"fit.txt", "fit.csv", "fit.png", "scene.toml", "origin.json"}
+    assert {path.name for path in out.iterdir()} == {"fit.txt", "fit.csv", "fit.npz", "fit.png", "scene.toml", "origin.json"}
     with (out / "fit.csv").open(newline="") as file:
         rows = {row["name"]: row for row in csv.DictReader(file)}
     assert all(float(rows[name]["low"]) <= value <= float(rows[name]["high"]) for name, value in TRUTH.items())

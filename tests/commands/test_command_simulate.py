@@ -26,7 +26,7 @@ label = "pushed"
 inputs = { "block.force" = 0.1 }
 """
 STEMS = ("01_slow_belt", "02_pushed")
-FILES = {"simulate.txt", "origin.json", *(stem + tail for stem in STEMS for tail in (".npz", ".csv", ".png"))}
+FILES = {"simulate.txt", "scene.toml", "origin.json", *(stem + tail for stem in STEMS for tail in (".npz", ".csv", ".png"))}
 
 
 @pytest.fixture
@@ -109,6 +109,7 @@ def test_one_case_by_its_label_and_the_next_simulation_takes_the_place_of_the_on
         "notes.md",
         "origin.json",
         "simulate.txt",
+        "scene.toml",
         "01_pushed.npz",
         "01_pushed.csv",
         "01_pushed.png",
@@ -164,7 +165,14 @@ def test_a_case_that_fails_is_reported_and_does_not_stop_the_others_and_when_all
     assert main(["simulate", str(belt), "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "slow belt\nfailed: Element `belt` switches without end" in printed and "\npushed\nTrajectory" in printed
-    assert {path.name for path in out.iterdir()} == {"simulate.txt", "origin.json", "02_pushed.npz", "02_pushed.csv", "02_pushed.png"}
+    assert {path.name for path in out.iterdir()} == {
+        "simulate.txt",
+        "scene.toml",
+        "origin.json",
+        "02_pushed.npz",
+        "02_pushed.csv",
+        "02_pushed.png",
+    }
     assert main(["simulate", str(belt), "--controller", "slow belt"]) == 1
 
 

@@ -152,6 +152,7 @@ def test_the_command_writes_the_table_and_goes_on_where_it_was(tmp_path, capsys)
         "drives.txt",
         "drives.csv",
         "drives.png",
+        "scene.toml",
         "cells.jsonl",
         "origin.json",
     }

@@ -14,7 +14,7 @@ from toolbox.commands.recording import results
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain, show
 from toolbox.errors import SceneError, SimulationError
 
-FILES = ("drives.txt", "drives.csv", "drives.png")
+FILES = ("drives.txt", "drives.csv", "drives.png", "scene.toml")
 
 GOES_ON = "interrupted; the same call goes on from here."
 
@@ -118,6 +118,7 @@ def run(given: argparse.Namespace) -> int:
         with results(given, drawn_as(FILES, given.format), earlier("drives.txt", "Lowest set-points at which", FILES), last=False) as made:
             (made / "drives.txt").write_text(text, encoding="utf-8")
             found.save(made / "drives.csv")
+            scene.save(made / "scene.toml")
             figures.draw_found(found, scene.title, made / f"drives.{given.format}")
     show(text.rstrip("\n"))
     if given.out:

@@ -13,7 +13,7 @@ from toolbox.commands.recording import results
 from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, ranges, show
 from toolbox.errors import SceneError
 
-FIT_FILES = ("fit.txt", "fit.csv", "fit.png", "scene.toml")
+FIT_FILES = ("fit.txt", "fit.csv", "fit.npz", "fit.png", "scene.toml")
 
 
 def add(commands: Any) -> None:
@@ -29,8 +29,8 @@ def add(commands: Any) -> None:
         ],
         help="parameters of a scene's plant from measured signals, with confidence intervals",
         description="Fit parameters to measured signals: by simulation, driven by the measured inputs, or with --contact the friction law of one contact "
-        "directly to measured torque over measured slip. The folder gets the report, the estimates (csv), a figure of model and data, and the "
-        "calibrated scene: all of it, or nothing.",
+        "directly to measured torque over measured slip. The folder gets the report, the estimates (csv), all arrays (npz), a figure of model and "
+        "data, and the calibrated scene: all of it, or nothing.",
         epilog="example: stickslip fit studies/scenes/jansen_2.toml studies/data/rig.csv --column 'top.torque=drive torque' "
         "--column 'bit.weight=weight on bit' --column 'top.speed=table speed' --column 'bit.speed=downhole speed' "
         "--column 'bit.torque=downhole torque' --free bit.friction.static=0.6:1 --free bit.friction.kinetic=0.3:0.6 --out fitted",
@@ -122,6 +122,7 @@ def run(given: argparse.Namespace) -> int:
         if folder is not None:
             (folder / "fit.txt").write_text(text, encoding="utf-8")
             found.save(folder / "fit.csv")
+            found.save(folder / "fit.npz")
             figures.draw_found(found, scene.title, folder / f"fit.{given.format}")
             dataclasses.replace(scene, parts=found.plant.parts, parameters={}).save(folder / "scene.toml")
     show(text.rstrip("\n"))

@@ -17,7 +17,7 @@ from toolbox.errors import SceneError, SimulationError
 from toolbox.files.units import parse
 from toolbox.simulation.methods import METHODS
 
-REPORT = "simulate.txt"
+REPORT, SCENE = "simulate.txt", "scene.toml"
 RUN_FILES = (".npz", ".csv", ".png")
 
 
@@ -27,9 +27,9 @@ def add(commands: Any) -> None:
         "simulate",
         parents=[common("folder for report, figures and data; those of an earlier simulation are replaced")],
         help="simulate one controller of a scene, or all, by any method; report, figure and data",
-        description="Simulate one controller of a scene, or all, and print each run with its measured error. With --out, the folder gets the report and, "
-        "for each run, all signals (npz), the table of its scalar signals in SI with units in the headings (csv) and a figure with time traces: all of it, "
-        "or nothing.",
+        description="Simulate one controller of a scene, or all, and print each run with its measured error. With --out, the folder gets the report, the scene "
+        "and, for each run, all signals (npz), the table of its scalar signals in SI with units in the headings (csv) and a figure with time traces: all "
+        "of it, or nothing.",
         epilog="example: stickslip simulate studies/scenes/jansen_2.toml --controller 'soft torque' --duration 60 --out run",
     )
     single.add_argument(
@@ -52,12 +52,13 @@ def run(given: argparse.Namespace) -> int:
     scene, simulated = _asked(given)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     stems = file_stems(labels)
+    declared = hasattr(scene, "save")  # a body with many contacts has arrays that no scene holds
     printed, texts, failed = [scene.title], [scene.title], 0
     given.found = {"title": scene.title, "runs": {}}
     with (
         results(
             given,
-            [REPORT, *(stem + tail for stem in stems for tail in drawn_as(RUN_FILES, given.format))],
+            [REPORT, *([SCENE] if declared else []), *(stem + tail for stem in stems for tail in drawn_as(RUN_FILES, given.format))],
             earlier(REPORT, "^Simulation of ", _left),
         ) as folder,
         progress(len(labels)) as reached,
@@ -87,6 +88,8 @@ def run(given: argparse.Namespace) -> int:
             printed.append("\n".join([*before, *([] if found is None else [str(found)]), *after]))
             texts.append("\n".join([*before, *([] if found is None else [str(untimed(found))]), *after]))
         if folder is not None:
+            if declared:
+                scene.save(folder / SCENE)
             (folder / REPORT).write_text(f"Simulation of {_joined(texts)}\n", encoding="utf-8")
     show(_joined(printed))
     if given.out:
@@ -117,7 +120,7 @@ def _asked(given: argparse.Namespace) -> tuple[Any, Callable[[str], Any]]:
 def _left(report: str) -> list[str]:
     """Names of the files of a simulation, as its report tells."""
     stems = re.findall(r"^  files (\d\d\S*): npz, csv, \w{3}$", report, re.MULTILINE)
-    return [REPORT, *(glob.escape(stem) + tail for stem in stems if stem == Path(stem).name for tail in RUN_FILES)]
+    return [REPORT, SCENE, *(glob.escape(stem) + tail for stem in stems if stem == Path(stem).name for tail in RUN_FILES)]
 
 
 def _numbers(run: Any) -> dict[str, Any]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SAMPLINGS = ("grid", "random", "latin-hypercube", "sobol")
 
 SWEEP_FILES = ("sweep.csv", "scene.toml")
-MAP_FILES = ("map.txt", "map.png", "scene.toml")
+MAP_FILES = ("map.txt", "map.png", "map.csv", "borders.csv", "scene.toml")
 
 GOES_ON = "interrupted; the same call goes on from here."
 
@@ -67,8 +67,8 @@ def add(commands: Any) -> None:
         parents=[common("folder for the results; that of an interrupted map is continued", required=True)],
         help="severity of stick-slip over two parameters, with its borders",
         description="Simulate every controller of a scene over two inputs or parameters, from smooth running and from inside stick-slip, find the linear and "
-        "both simulated borders, print and draw them. The folder gets one folder per controller with figure, report and data (map.npz); an interrupted map "
-        "that is called again goes on where it was.",
+        "both simulated borders, print and draw them. The folder gets one folder per controller with figure, report and data (map.npz, "
+        "map.csv, borders.csv); an interrupted map that is called again goes on where it was.",
         epilog="example: stickslip map studies/scenes/jansen_2.toml --x top.reference=3:14 --y bit.weight=50kN:110kN --controller 'stiff PI' --out mapped;   "
         "groan of a brake: stickslip map studies/scenes/brake_stop.toml --law HeldSpeed --x disc.reference=0.05:5 --y brake.force=0.1kN:4kN "
         "--off pad.friction.static,pad.friction.kinetic=20% --out groan",
@@ -201,6 +201,8 @@ def run_map(given: argparse.Namespace) -> int:
                 names = drawn_as(MAP_FILES, given.format)
                 with results(given, names, earlier("map.txt", "^Severity map of ", MAP_FILES), folder, last=False) as made:
                     (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
+                    found.to_csv(made / "map.csv")
+                    found.save_borders(made / "borders.csv")
                     scene.save(made / "scene.toml")
                     figures.draw_found(found, f"{scene.title}: {name}", made / f"map.{given.format}")
                 show(f"{found}\n" if not words else f"{words}\n{found}\n")

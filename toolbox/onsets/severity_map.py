@@ -24,10 +24,12 @@ import numpy as np
 
 from toolbox.arguments import BoolArray, FloatArray, whole
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.files import tables
 from toolbox.files.archives import Shape, arrays, check_notes, check_shapes, understood
 from toolbox.files.atomic import replaced
 from toolbox.files.journal import Journal
 from toolbox.files.printing import table
+from toolbox.files.tables import heading
 from toolbox.files.unit_systems import Reading, asked_in, reading
 from toolbox.files.units import NumberOrText
 from toolbox.measuring import judge
@@ -43,6 +45,9 @@ from toolbox.sweeps.designs import grid
 from toolbox.sweeps.executors import check_executor
 from toolbox.sweeps.store import folder_of
 from toolbox.sweeps.variants import fingerprints
+
+BORDERS = {"smooth": "smooth running is lost", "sticking": "existing stick-slip ends"}
+"""{border: what happens there}."""
 
 EXACT = 1e-12
 """Precision of the border of smooth running by poles, in parts of a cell."""
@@ -180,13 +185,12 @@ class SeverityMap:
 
     def _border_rows(self) -> list[tuple[str, str, str]]:
         """(border, range of the first number, range of the second)."""
-        titles = {"smooth": "smooth running is lost", "sticking": "existing stick-slip ends"}
         rows = []
         for name, segments in self.borders.items():
             ranges = ["not in the map", ""]
             for k, (factor, unit) in enumerate(self._read) if len(segments) else ():
                 ranges[k] = f"{segments[..., k].min() * factor:.5g} .. {segments[..., k].max() * factor:.5g} {unit}"
-            rows.append((titles[name], ranges[0], ranges[1]))
+            rows.append((BORDERS[name], ranges[0], ranges[1]))
         return rows
 
     def border(self, name: str, along: float) -> FloatArray:
@@ -223,23 +227,8 @@ class SeverityMap:
 
         Keys: `map` (JSON: names, units, errors and numbers), `axis.0`, `axis.1` in SI, `smooth.severity`, ..., `growth`, `border.smooth`, ...
         """
-        notes = {
-            name: getattr(self, name)
-            for name in (
-                "title",
-                "names",
-                "units",
-                "element",
-                "signal",
-                "duration",
-                "accuracy",
-                "resolution",
-                "runs",
-                "at",
-                "notes",
-                "asked",
-            )
-        }
+        kept = ["title", "names", "units", "element", "signal", "duration", "accuracy", "resolution", "runs", "at", "notes", "asked"]
+        notes = {name: getattr(self, name) for name in kept}
         notes["errors"] = [[*key, text] for key, text in self.errors.items()]
         written: dict[str, np.ndarray] = {"map": np.array(json.dumps(notes)), "growth": self.growth}
         written |= {f"axis.{k}": axis for k, axis in enumerate(self.axes)}
@@ -249,6 +238,29 @@ class SeverityMap:
         with replaced(Path(path)) as file:
             np.savez_compressed(file, **written)  # type: ignore[arg-type]
         return Path(path)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write one row per point of the map as csv in SI units, whole or not at all: both numbers, the region, and severity, interval and growth."""
+        region = np.full(self.growth.shape, "none", dtype=object)
+        for name, where in self.regions.items():
+            region[where] = name
+        arrays_of = [self.smooth.severity, self.smooth.interval, self.sticking.severity, self.sticking.interval, self.growth]
+        rows: list[list[object]] = [
+            [float(x), float(y), region[i, j], *(float(array[i, j]) for array in arrays_of)]
+            for i, x in enumerate(self.axes[0])
+            for j, y in enumerate(self.axes[1])
+        ]
+        headings = [*map(heading, self.names, self.units), "region"]
+        headings += [f"{branch} {name}" for branch in ("smooth", "sticking") for name in ("severity", "interval [s]")]
+        return tables.write(path, [*headings, "growth [1/s]"], rows)
+
+    def save_borders(self, path: str | Path) -> Path:
+        """Write one row per segment of the borders as csv in SI units, whole or not at all: the border, and both numbers at both ends."""
+        rows: list[list[object]] = [
+            [BORDERS[name], *map(float, np.ravel(segment))] for name, segments in self.borders.items() for segment in segments
+        ]
+        ends = [f"{heading(name, unit)} at {end}" for end in ("begin", "end") for name, unit in zip(self.names, self.units, strict=True)]
+        return tables.write(path, ["border", *ends], rows)
 
     @staticmethod
     def load(path: str | Path) -> SeverityMap:

@@ -78,4 +78,6 @@ def suggest(name: str, known: Iterable[str]) -> str:
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.5) if isinstance(name, str) else []
     if near:
         return "did you mean " + " or ".join(f"`{word}`" for word in near) + "?"
+    if not known:
+        return "none is known."
     return "known are " + ", ".join(f"`{word}`" for word in known[:30]) + ("." if len(known) <= 30 else ", ...")

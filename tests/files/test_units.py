@@ -113,7 +113,13 @@ def test_errors_name_the_argument_what_must_hold_and_what_came():
 
 @pytest.mark.parametrize(
     ("text", "unit", "hint"),
-    [("97 MKN", "N", "`MN`"), ("12 rpmm", "rad/s", "`rpm`"), ("3 klbff", "N", "`klbf`"), ("3 kNn m", "N m", "`kN m`")],
+    [
+        ("97 MKN", "N", "`MN`"),
+        ("12 rpmm", "rad/s", "`rpm`"),
+        ("3 klbff", "N", "`klbf`"),
+        ("3 kNn m", "N m", "`kN m`"),
+        ("1.2 sgx", "kg/m3", "`kg/m3`"),
+    ],
 )
 def test_an_unknown_unit_is_answered_with_units_that_fit(text, unit, hint):
     with pytest.raises(SceneError, match="unknown unit") as caught:
@@ -166,6 +172,7 @@ def test_a_quantity_of_a_million_digits_is_refused_at_once_in_a_short_line(value
         ("95 RPM", "rad/s", "95 rpm"), ("97 KN", "N", "97 kN"), ("10 KN M", "N m", "10 kN m"), ("2 MIN", "s", "2 min"), ("20 klb", "N", "20 klbf"),
         ("20 lb", "N", "20 lbf"), ("20 lb", "kg", "20 lb"), ("10 tonne-force", "N", "98066.5 N"), ("10 t", "N", "98066.5 N"), ("10 t", "kg", "10000 kg"),
         ("120 1/min", "rad/s", "120 rpm"), ("3 1/min", "1/s", "0.05 1/s"), ("20 ft-lb", "N m", "20 lbf ft"),
+        ("\N{MINUS SIGN}5 kN", "N", "-5 kN"),
     ],
 )  # fmt: skip
 def test_habits_of_drillers_and_letters_of_the_wrong_case_are_understood_where_only_one_unit_fits(text, unit, same):

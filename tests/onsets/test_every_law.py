@@ -39,9 +39,25 @@ def test_a_law_that_lifts_relapses_up_to_where_the_swing_of_its_coming_down_dies
     found = onset(loop, "top.reference", (3.0, 6.0), values=4)
     assert found.loss == pytest.approx(3.990099, abs=1e-5)
     assert found.verdict(5.0) == "free" and not found.undecided
-    for value, relapses in ((found.end - 0.005, True), (found.end + 0.005, False)):
+    assert 4.0006 < found.end < 1.05 * 1.05 * found.loss  # what has given up below the loss lives on
+    for value, relapses in ((4.0006 - 0.005, True), (4.0006 + 0.005, False)):
         run = simulate(loop.at("top.reference", value), 7200.0)
         assert any(end > 3600.0 for _, end in measure.stick_intervals(run, "bit")) == relapses
+
+
+@pytest.mark.slow
+def test_stick_slip_under_a_law_that_has_given_up_is_led_to_where_it_tries_again():
+    """Given up at 3.5 rad/s, again 5 % above it, it stays so for 5 % more: from smooth running there it never sticks."""
+    loop = closed_loop(RIG, Sampled(Lifting(SoftTorque()), 0.01))
+    found = onset(loop, "top.reference", (3.5, 4.1), values=3)
+    assert found.loss == pytest.approx(3.69488, abs=1e-5)
+    assert any("what the law remembers" in note for note in found.notes)
+    lives = found.end - 0.01
+    way = ((0.0, 1500.0, 1600.0, 3500.0, 3600.0, 5500.0), (3.5, 3.5, 3.676, 3.676, lives, lives))
+    led, alone = (simulate(loop, 5500.0, inputs={"top.reference": reference}) for reference in (way, lives))
+    assert led["lifting.gave_up"][-1] == pytest.approx(3.676) and alone["lifting.gave_up"][-1] == 0.0
+    assert led.time_in("bit", "stick", after=5400.0) > 20.0 and alone.time_in("bit", "stick", after=5400.0) == 0.0
+    assert lives > 1.04 * 3.676
 
 
 @pytest.mark.slow

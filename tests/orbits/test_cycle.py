@@ -397,6 +397,15 @@ class Odometer(Component):
         return Equations(flow={way: slip, double: 2 * slip})
 
 
+def test_a_swing_that_loses_no_energy_is_neutral():
+    """The block slides for ever: it swings about the stretch that friction holds, and any other swing would do as well."""
+    cycle = limit_cycle(
+        simulate(compose(BlockOnBelt(mass=2.0, stiffness=8.0, belt_speed=0.3, friction=Coulomb(static=1.5, kinetic=1.0))), 200.0)
+    )
+    assert cycle.period == pytest.approx(math.pi, rel=1e-9) and not cycle.stable
+    assert str(cycle).startswith("Neutral cycle of 3.141592654 s")
+
+
 def test_what_only_adds_up_need_not_return():
     alone = limit_cycle(closed_loop(compose(BlockOnBelt()), start={"block.position": 1.2}), 60.0)
     counted = limit_cycle(closed_loop(compose(BlockOnBelt(), Odometer()), start={"block.position": 1.2}), 60.0)

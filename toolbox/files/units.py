@@ -220,7 +220,7 @@ def _words(unit: str) -> str:
 def _converted(text: str, unit: str, name: str) -> float:
     if len(text) > LONGEST:
         raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is a text of {len(text)} characters, `{text[:20]}...`.")
-    match = _QUANTITY.fullmatch(text)
+    match = _QUANTITY.fullmatch(text.replace("\N{MINUS SIGN}", "-"))  # as text that was copied from a page has it
     if match is None:
         raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is `{text}`.")
     number = Decimal(match[1].replace("_", ""))
@@ -243,7 +243,7 @@ def _converted(text: str, unit: str, name: str) -> float:
     except _UnknownUnit as unknown:
         fitting = [word for word in USUAL if _fit(_roots(word)[1], wanted)]
         raise SceneError(
-            f"Argument `{name}` must be in {unit}, but `{text}` has the unknown unit `{unknown}`: {suggest(given, fitting)}"
+            f"Argument `{name}` must be in {unit}, but `{text}` has the unknown unit `{unknown}`: {suggest(given, fitting or [unit])}"
         ) from None
     if not _fit(roots, wanted):
         must = "a plain number" if unit == "1" else f"in {unit}"

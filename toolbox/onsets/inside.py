@@ -41,11 +41,14 @@ class Inside(Carried[float]):
         Steady states with the judged contact stuck; None where a law has no continuous form.
     became
         {value: what stick-slip that was led there turned into}.
+    remembered
+        Where stick-slip ended that lives on where it is led in smaller steps; None where there is none.
     """
 
     search: OnsetSearch
     rest: EquilibriumBranch | None
     became: dict[float, str] = field(default_factory=dict)
+    remembered: float | None = None
 
     @staticmethod
     def of(search: OnsetSearch) -> Inside:
@@ -123,9 +126,35 @@ class Inside(Carried[float]):
             self.sweep(values)
             there = [value in self.cycling for value in values]
             borders = self.search.borders(values, [not each for each in there], self.is_free, tolerance)
+            if self.search.base.system.updates:
+                borders = [self._outlasted(border, values, tolerance) for border in borders]
             if there == [value in self.cycling for value in values]:
                 break  # else the search for a border found stick-slip that the sweep had lost, or took it for a transient
+        if self.remembered is not None:
+            where = f"{self.remembered:.6g} {self.search.free.unit}"
+            self.search.notes.append(
+                f"Where stick-slip ends depends on what the law remembers: led in large steps it may end at {where} already."
+            )
         return [dataclasses.replace(border, beyond=self._beyond(border)) for border in borders]
+
+    def _outlasted(self, border: Border, values: Sequence[float], tolerance: float) -> Border:
+        """A border of stick-slip under a sampled law, or the one further out to which stick-slip from a value before it lives in small steps.
+
+        What such a law remembers may be lost in large steps, as that it has given up to lift its set-point, and with it the stick-slip.
+        """
+        sign = 1.0 if border.safe == "above" else -1.0
+        before = sorted((v for v in values if v in self.cycling and sign * (border.value - v) > 0), key=lambda v: -sign * v)
+        free = min((v for v in values if v not in self.cycling and sign * (v - border.value) > 0), key=lambda v: sign * v, default=None)
+        if free is None:
+            return border
+        beyond = border.value + 2.0 * sign * border.tolerance
+        for origin in before[:2]:  # the nearest may be on its way out
+            if self.led(origin, beyond):
+                self.led(beyond, free)
+                reached = max((v for v in self.cycling if sign * (free - v) >= 0), key=lambda v: sign * v)
+                self.remembered = border.value
+                return border if reached == free else self.search.borders((reached, free), (False, True), self.is_free, tolerance)[0]
+        return border
 
     def _beyond(self, border: Border) -> str:
         """The verdict next to a border of stick-slip, on the side without it."""

@@ -25,6 +25,10 @@ CONVERGED = 1e-10
 """Newton step, relative to the size of states and period, at which a cycle counts as found."""
 
 
+ON_CIRCLE = 1e-9
+"""How near to the unit circle a multiplier lies on it, as far as cycles are known."""
+
+
 class CycleError(SimulationError):
     """No periodic motion was found; `run` is the last one tried."""
 
@@ -81,8 +85,8 @@ class Cycle:
 
     @property
     def stable(self) -> bool:
-        """Whether all multipliers lie inside the unit circle: the cycle attracts what starts near it."""
-        return bool(np.abs(self.multipliers).max(initial=0.0) < 1.0)
+        """Whether all multipliers lie inside the unit circle: the cycle attracts what starts near it, as one that loses no energy does not."""
+        return bool(np.abs(self.multipliers).max(initial=0.0) < 1.0 - ON_CIRCLE)
 
     @property
     def signature(self) -> tuple[tuple[str, str, str], ...]:
@@ -131,8 +135,10 @@ class Cycle:
     def _headlines(self) -> list[str]:
         """What the cycle is, its multipliers, and how long elements stick."""
         shown = ", ".join(_complex(value) for value in self.multipliers[:6]) + (", ..." if self.multipliers.size > 6 else "")
+        largest = np.abs(self.multipliers).max(initial=0.0)
+        kind = "Stable" if self.stable else "Neutral" if largest <= 1.0 + ON_CIRCLE else "Unstable"
         lines = [
-            f"{'Stable' if self.stable else 'Unstable'} cycle of {self.period:.10g} s, {'forced' if self.forced else 'free'}, "
+            f"{kind} cycle of {self.period:.10g} s, {'forced' if self.forced else 'free'}, "
             f"found in {self.iterations} steps, the last of {self.step:.1e}",
             f"Floquet multipliers  {shown or 'none'}",
         ]

@@ -162,7 +162,9 @@ class Master:
         self.unit.setContinuousStates(self._point(self.x), self.states)
 
     def slope(self, t: float, x: np.ndarray) -> np.ndarray:
-        """Derivatives of the states."""
+        """Derivatives of the states; none where the unit discards these, as it does those of a step that is far too long."""
+        if not np.isfinite(x).all():
+            return np.full(self.states, np.nan)
         self.go(t, x)
         self.unit.getDerivatives(self._point(self.slopes), self.states)
         return self.slopes.copy()

@@ -12,7 +12,7 @@ import numpy as np
 
 from toolbox.compilation.formulas import ClosedEquations, Formulas
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import Element
+from toolbox.modelling.elements import FRICTION, Element
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.input_kinds import ExpressionKey
@@ -157,9 +157,10 @@ def _closed(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], locates: b
         return ca.substitute(expression, system.u, u) if system.inputs else expression
 
     elements, flow = [element.mapped(closed) for element in system.elements], closed(system.flow)
-    varying = _varying(elements, ca.vertcat(system.t, system.x, system.held, *tables))
-    own = ca.vertcat(system.m, *[e.multiplier for e in elements])
-    bounded = [i for i in varying if locates and not ca.depends_on(elements[i].static, own)]  # else what presses sees to it
+    rubbing = [e.multiplier for e in elements if e.kind == FRICTION]
+    varying = _varying(elements, ca.vertcat(system.t, system.x, system.held, *tables, *rubbing))
+    pressing = ca.vertcat(system.m, *[e.multiplier for e in elements if e.kind != FRICTION])
+    bounded = [i for i in varying if locates and not ca.depends_on(elements[i].static, pressing)]  # else what presses sees to it
     form = switching(system.t, system.x, flow, elements, bounded, resolution)
     x, excited = system.x, list[int]()
     if locates:

@@ -31,6 +31,11 @@ SECOND = -2
 TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, FOLLOWED, LAST, HORIZON, REALS = range(13)
 
 
+BY_CONTACT, BY_STATES, BY_NUMBERS = range(3)
+"""What changes the bound of a friction, in `Work.bound`: the force of a contact that presses, which is seen to itself; states, time, held signals and other
+frictions, so that a guard watches it; or nothing but numbers that a caller changes."""
+
+
 UNTOLD = 1e-300
 """FOLLOWED where the elimination tells step by step whether a mode outgrows it [s]."""
 
@@ -57,7 +62,7 @@ class Work(NamedTuple):
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
     side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
     kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
-    loader: the unilateral contact without which a friction has no load, -1, or SECOND;
+    loader: the unilateral contact without which a friction has no load, -1, or SECOND;  bound: what changes the bound of each element, see above;
     bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after, and whether other modes were
     consistent, too); jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
@@ -96,6 +101,7 @@ class Work(NamedTuple):
     initial: np.ndarray
     attached: np.ndarray
     loader: np.ndarray
+    bound: np.ndarray
     bounced: np.ndarray
     rec_t: np.ndarray
     rec_x: np.ndarray
@@ -118,9 +124,9 @@ class Work(NamedTuple):
 
 KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Work._fields, ("float64", 1)) | {
     "ints": ("int64", 1), "group": ("int64", 1), "slot": ("int64", 1), "kind": ("int64", 1), "attached": ("int64", 1), "loader": ("int64", 1),
-    "excited": ("int64", 1), "armed": ("bool", 1), "fired": ("bool", 1), "zero": ("bool", 1), "forced": ("bool", 1), "bounced": ("bool", 1),
-    "rec_x": ("float64", 2), "rec_m": ("int8", 2), "rec_p": ("float64", 2), "ev_i": ("int32", 1), "ev_m": ("int8", 2), "jump_first": ("int64", 1),
-    "jump_index": ("int64", 1), "samplers": ("int64", 2), "clocks": ("float64", 2), "keys": ("uint64", 1), "queue": ("float64", 3),
+    "bound": ("int64", 1), "excited": ("int64", 1), "armed": ("bool", 1), "fired": ("bool", 1), "zero": ("bool", 1), "forced": ("bool", 1),
+    "bounced": ("bool", 1), "rec_x": ("float64", 2), "rec_m": ("int8", 2), "rec_p": ("float64", 2), "ev_i": ("int32", 1), "ev_m": ("int8", 2),
+    "jump_first": ("int64", 1), "jump_index": ("int64", 1), "samplers": ("int64", 2), "clocks": ("float64", 2), "keys": ("uint64", 1), "queue": ("float64", 3),
 }  # fmt: skip
 """{field of `Work`: (dtype, number of dimensions)}."""
 

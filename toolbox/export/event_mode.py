@@ -11,7 +11,7 @@ from typing import Any
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.calendar import inputs_changed, jumps, samples
 from toolbox.stepping.events import after_event, project_event
-from toolbox.stepping.guards import accept, close_to_zero, guard_size, held_quietly
+from toolbox.stepping.guards import accept, close_to_zero, guard_size, held_quietly, loads_hold, no_modes
 from toolbox.translation.words import call
 
 HAPPENED = -1
@@ -27,12 +27,16 @@ UNARMED = 1e-9
 """Depth below zero, as a share of its size, from which a guard that started at zero counts: it is added to its indicator."""
 
 
-def come_to(w: Any) -> None:
-    """Take the point to which the importer has integrated: slopes, guards, their sizes, and which are armed from now on."""
+def come_to(w: Any) -> bool:
+    """Take the point to which the importer has integrated: slopes, guards, their sizes, and which are armed from now on.
+
+    False where a bound of friction is negative that no guard watches: of inputs that the importer moves on the way nothing else tells.
+    """
     call(w.ints[layout.FIELD], w.reals[layout.TIME], 0.0, w.x, w.k, w.p, w.m, w.y)
     for i in range(w.ints[layout.N]):
         w.y[i] = w.x[i]
     accept(w)
+    return loads_hold(w, w.reals[layout.TIME], layout.BY_NUMBERS)
 
 
 def first_to_fire(w: Any, near: float) -> int:
@@ -68,7 +72,8 @@ def event_mode(w: Any, entered: bool) -> int:
     entered: whether the importer comes from continuous time, where a crossing just ahead is what made it stop, unless something else is due.
     """
     t, ne, status = w.reals[layout.TIME], w.ints[layout.NE], layout.DONE
-    come_to(w)
+    if not come_to(w) and not (w.ints[layout.JUMP] < w.jump_t.size and w.jump_t[w.ints[layout.JUMP]] <= t):
+        return layout.NEGATIVE_BOUND
     due = w.ints[layout.JUMP] < w.jump_t.size and w.jump_t[w.ints[layout.JUMP]] <= t
     for c in range(w.samplers.shape[0]):
         due = due or w.samplers[c, layout.TAKEN] * w.clocks[c, 0] <= t
@@ -93,11 +98,11 @@ def event_mode(w: Any, entered: bool) -> int:
         status = HAPPENED
     if jumps(w, t):
         if not inputs_changed(w, t, True):
-            return layout.INCONSISTENT
+            return no_modes(w, t)
         status = HAPPENED
     _, changed = samples(w, t)
     if changed:
         if not held_quietly(w) and not inputs_changed(w, t, False):
-            return layout.INCONSISTENT
+            return no_modes(w, t)
         status = HAPPENED
     return status

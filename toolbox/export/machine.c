@@ -90,6 +90,10 @@ double @NAME@_event(const @NAME@_machine *w, int event, int *element, int *befor
   return w->ev_t[event];
 }
 
+int @NAME@_culprit(const @NAME@_machine *w) {
+  return (int)w->ints[AT_CULPRIT];
+}
+
 int64_t @NAME@_engine_steps(const @NAME@_machine *w) {
   return w->ints[AT_ACCEPTED] + w->ints[AT_REJECTED];
 }
@@ -117,7 +121,7 @@ const char *@NAME@_status_text(int status) {
     case @UPPER@_ENDLESS: return "switching has no end";
     case @UPPER@_UNDERFLOW: return "the steps have become too short";
     case @UPPER@_INCONSISTENT: return "no modes are consistent";
-    case @UPPER@_NEGATIVE_BOUND: return "the bound of a friction has become negative";
+    case @UPPER@_NEGATIVE_BOUND: return "the bound of a friction is negative: is its load?";
     case @UPPER@_BACKWARD: return "the time asked for lies before the present one, or is no number";
     case @UPPER@_UNKNOWN: return "there is no such number, or it cannot be set now";
     case @UPPER@_OUTSIDE: return "the value is not finite, or out of bounds";

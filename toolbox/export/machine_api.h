@@ -23,6 +23,9 @@ int @NAME@_mode(const @NAME@_machine *w, int element);
 int @NAME@_events(const @NAME@_machine *w);
 double @NAME@_event(const @NAME@_machine *w, int event, int *element, int *before, int *after);
 
+/* The friction whose bound is negative, after @UPPER@_NEGATIVE_BOUND. */
+int @NAME@_culprit(const @NAME@_machine *w);
+
 /* Steps of the engine since the start. */
 int64_t @NAME@_engine_steps(const @NAME@_machine *w);
 

@@ -48,7 +48,7 @@ FIXED = (
 )
 """Entries of `Work.ints` that are constants in C."""
 
-CONSTANT = ("group", "excited", "kind", "initial", "attached", "loader", "keys", "clocks")
+CONSTANT = ("group", "excited", "kind", "initial", "attached", "loader", "bound", "keys", "clocks")
 """Arrays that are constants in C."""
 
 EVENTS, STEPS = 64, 10_000
@@ -73,7 +73,7 @@ STATUS = {
     layout.ENDLESS: ("ENDLESS", "switching has no end"),
     layout.UNDERFLOW: ("UNDERFLOW", "the steps have become too short"),
     layout.INCONSISTENT: ("INCONSISTENT", "no modes are consistent"),
-    layout.NEGATIVE_BOUND: ("NEGATIVE_BOUND", "the bound of a friction has become negative"),
+    layout.NEGATIVE_BOUND: ("NEGATIVE_BOUND", "the bound of a friction is negative: is its load?"),
 }
 
 
@@ -197,6 +197,14 @@ class Machine:
         if importer:
             made.written(event_mode, [Value("w", WORK), Value("entered", "b")])
         return made
+
+
+def why(status: int, work: Any, program: Program) -> str:
+    """Why a machine cannot be stepped on, as the end of a sentence, with the contact that is in the way."""
+    words = STATUS.get(status, ("", "it failed"))[1]
+    if status == layout.NEGATIVE_BOUND:
+        words = words.replace("a friction", f"`{program.system.elements[work.ints[layout.CULPRIT]].name}`")
+    return words if words.endswith("?") else words + "."
 
 
 # ---------------------------------------------------------------------------------------------------------------------------------------- refusals
@@ -401,7 +409,7 @@ def _source(made: Machine, loop: CTranslation, importer: bool) -> str:
 
 def _places() -> Mapping[str, int]:
     """Places in `ints` and `reals` that `machine.c` names."""
-    words = ("TIME", "END", "JUMP", "EVENTS", "STARTED", "ACCEPTED", "REJECTED", "EVENTS_FULL", "PAUSED")
+    words = ("TIME", "END", "JUMP", "EVENTS", "STARTED", "CULPRIT", "ACCEPTED", "REJECTED", "EVENTS_FULL", "PAUSED")
     return {f"AT_{word}": getattr(layout, word) for word in words}
 
 

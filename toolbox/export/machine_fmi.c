@@ -1,4 +1,5 @@
 /* The machine of @NAME@.c behind FMI: an instance, its variables by number, its steps, its event mode. The interface of one version stands below. */
+#include <stdio.h>
 #include <stdlib.h>
 #include "@NAME@.c"
 
@@ -24,11 +25,21 @@ typedef struct {
   char name[128];
 } Unit;
 
-static void tell(const Teller *teller, const char *name, const char *message);
+static void tell(const Teller *teller, const char *name, Status status, const char *message);
 
 static int refused(Unit *u, const char *message) {
-  if (u) tell(&u->teller, u->name, message);
+  if (u) tell(&u->teller, u->name, ERROR, message);
   return 0;
+}
+
+/* Tells why the machine cannot go on: the contact, where it is one, and the time. */
+static int stopped(Unit *u, const @NAME@_machine *w, int status) {
+  char words[512];
+  const double t = u->start + w->reals[AT_TIME];
+  const char *name = status == @UPPER@_NEGATIVE_BOUND ? @NAME@_element_name(@NAME@_culprit(w)) : 0;
+  if (name) snprintf(words, sizeof words, "`%.300s` at t = %.9g s: %s", name, t, @NAME@_status_text(status));
+  else snprintf(words, sizeof words, "at t = %.9g s: %s", t, @NAME@_status_text(status));
+  return refused(u, words);
 }
 
 static void begin(Unit *u) {
@@ -67,7 +78,7 @@ static const @NAME@_machine *seen(Unit *u) {
       w->reals[AT_TIME] = now;
     }
     if (status != @UPPER@_DONE) {
-      refused(u, @NAME@_status_text(status));
+      stopped(u, w, status);
       return 0;
     }
     u->shown = AHEAD;
@@ -144,7 +155,7 @@ static int get_modes(Unit *u, const unsigned int *r, size_t n, int32_t *value) {
 
 static int initialised(Unit *u) {
   const int status = @NAME@_step(&u->machine, 0.0);
-  if (status != @UPPER@_DONE) return refused(u, @NAME@_status_text(status));
+  if (status != @UPPER@_DONE) return stopped(u, &u->machine, status);
   u->phase = u->exchange ? EVENT : STEPPING;
   u->shown = u->exchange || SAMPLERS == 0 ? CURRENT : STALE;
   u->fresh = u->entered = 0;
@@ -175,8 +186,8 @@ static int communication_step(Unit *u, double until, int stop) {
   }
   w->ints[AT_EVENTS] = 0;
   if (SAMPLERS > 0) u->shown = STALE;
-  if (status == @UPPER@_OVERRUN && !(stop && calls < CALLS)) return refused(u, @NAME@_status_text(@UPPER@_OVERRUN));
-  if (status != @UPPER@_DONE && status != @UPPER@_OVERRUN) return refused(u, @NAME@_status_text(status));
+  if (status == @UPPER@_OVERRUN && !(stop && calls < CALLS)) return stopped(u, w, @UPPER@_OVERRUN);
+  if (status != @UPPER@_DONE && status != @UPPER@_OVERRUN) return stopped(u, w, status);
   return status == @UPPER@_DONE ? 1 : 2;
 }
 
@@ -195,7 +206,7 @@ static int events_here(Unit *u, int *again, double *next) {
   @NAME@_jump(w);
   status = (int)loop_event_mode(w, u->entered);
   u->entered = u->fresh = 0;
-  if (status > 0) return refused(u, @NAME@_status_text(status));
+  if (status > 0) return stopped(u, w, status);
   *next = loop_next_stop(w);
   *again = status < 0 || now(w, *next); /* a sample and a delayed output an ulp apart are one instant: no importer can step from one to the other */
   return 1;
@@ -207,15 +218,31 @@ static int enter_event_mode(Unit *u) {
   return 1;
 }
 
-static void set_time(Unit *u, double t) {
+static int set_time(Unit *u, double t) {
+  if (!isfinite(t)) return refused(u, "the time of continuous-time mode must be finite");
   u->machine.reals[AT_TIME] = t - u->start;
   u->fresh = 0;
+  return 1;
 }
 
-static void set_states(Unit *u, const double *x, size_t n) {
+static int set_states(Unit *u, const double *x, size_t n) {
   size_t i;
+  for (i = 0; i < n; ++i) {
+    if (!isfinite(x[i])) {
+      char words[512];
+      const char *name = i < STATES ? @NAME@_output_name((int)i) : "a hidden force";
+      snprintf(words, sizeof words, "`%.300s` is %g at t = %.9g s: a state must be finite", name, x[i], u->start + u->machine.reals[AT_TIME]);
+      tell(&u->teller, u->name, DISCARD, words); /* a shorter step may do */
+      return 0;
+    }
+  }
   for (i = 0; i < n; ++i) u->machine.x[i] = x[i];
   u->fresh = 0;
+  return 1;
+}
+
+static int step_completed(Unit *u) {
+  return loop_come_to(&u->machine) ? 1 : stopped(u, &u->machine, @UPPER@_NEGATIVE_BOUND);
 }
 
 static void nominals_of(Unit *u, double *x, size_t n) {

@@ -14,8 +14,8 @@ typedef struct {
   double next;
 } EventInfo;
 @CORE@
-static void tell(const Teller *teller, const char *name, const char *message) {
-  if (teller->logger) teller->logger(teller->environment, name, ERROR, "logStatusError", "%s", message);
+static void tell(const Teller *teller, const char *name, Status status, const char *message) {
+  if (teller->logger) teller->logger(teller->environment, name, status, status == DISCARD ? "logStatusDiscard" : "logStatusError", "%s", message);
 }
 
 static Status answer(int done) { return done ? OK : ERROR; }
@@ -30,11 +30,11 @@ EXPORT void *fmi2Instantiate(const char *name, int type, const char *guid, const
   const Teller *teller = functions ? (const Teller *)functions : &none;
   (void)folder; (void)visible; (void)logging;
   if (type == 0 && !EXCHANGES) {
-    tell(teller, name, "the unit is one of co-simulation only: " NO_EXCHANGE);
+    tell(teller, name, ERROR, "the unit is one of co-simulation only: " NO_EXCHANGE);
     return 0;
   }
   if (!guid || strcmp(guid, GUID)) {
-    tell(teller, name, "the GUID is not that of this unit, which is " GUID);
+    tell(teller, name, ERROR, "the GUID is not that of this unit, which is " GUID);
     return 0;
   }
   return instance(name, type == 0, 0, 0, teller);
@@ -104,19 +104,16 @@ EXPORT Status fmi2EnterContinuousTimeMode(void *c) {
 EXPORT Status fmi2CompletedIntegratorStep(void *c, int no_set_prior, int *enter, int *terminate) {
   (void)no_set_prior;
   *enter = *terminate = 0;
-  loop_come_to(&((Unit *)c)->machine);
-  return OK;
+  return answer(step_completed((Unit *)c));
 }
 
 EXPORT Status fmi2SetTime(void *c, double t) {
-  set_time((Unit *)c, t);
-  return OK;
+  return answer(set_time((Unit *)c, t));
 }
 
 EXPORT Status fmi2SetContinuousStates(void *c, const double *x, size_t n) {
   if (n != INTEGRATED) return wrong(c, "fmi2SetContinuousStates must give all states");
-  set_states((Unit *)c, x, n);
-  return OK;
+  return set_states((Unit *)c, x, n) ? OK : DISCARD;
 }
 
 EXPORT Status fmi2GetContinuousStates(void *c, double *x, size_t n) {

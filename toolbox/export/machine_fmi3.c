@@ -8,9 +8,9 @@ typedef struct {
 } Teller;
 typedef unsigned int Reference;
 @CORE@
-static void tell(const Teller *teller, const char *name, const char *message) {
+static void tell(const Teller *teller, const char *name, Status status, const char *message) {
   (void)name;
-  if (teller->logger) teller->logger(teller->environment, ERROR, "logStatusError", message);
+  if (teller->logger) teller->logger(teller->environment, status, status == DISCARD ? "logStatusDiscard" : "logStatusError", message);
 }
 
 static Status answer(int done) { return done ? OK : ERROR; }
@@ -24,11 +24,11 @@ static void *made(const char *name, const char *token, int exchange, bool events
   memcpy(&teller.logger, &logger, sizeof logger);
   teller.environment = environment;
   if (exchange && !EXCHANGES) {
-    tell(&teller, name, "the unit is one of co-simulation only: " NO_EXCHANGE);
+    tell(&teller, name, ERROR, "the unit is one of co-simulation only: " NO_EXCHANGE);
     return 0;
   }
   if (!token || strcmp(token, GUID)) {
-    tell(&teller, name, "the instantiation token is not that of this unit, which is " GUID);
+    tell(&teller, name, ERROR, "the instantiation token is not that of this unit, which is " GUID);
     return 0;
   }
   return instance(name, exchange, early, events_used, &teller);
@@ -53,7 +53,7 @@ EXPORT void *fmi3InstantiateScheduledExecution(
   (void)token; (void)resources; (void)visible; (void)logging; (void)update; (void)lock; (void)unlock;
   memcpy(&teller.logger, &logger, sizeof logger);
   teller.environment = environment;
-  tell(&teller, name, "the unit has no scheduled execution");
+  tell(&teller, name, ERROR, "the unit has no scheduled execution");
   return 0;
 }
 
@@ -153,19 +153,16 @@ EXPORT Status fmi3EnterContinuousTimeMode(void *c) {
 EXPORT Status fmi3CompletedIntegratorStep(void *c, bool no_set_prior, bool *enter, bool *terminate) {
   (void)no_set_prior;
   *enter = *terminate = false;
-  loop_come_to(&((Unit *)c)->machine);
-  return OK;
+  return answer(step_completed((Unit *)c));
 }
 
 EXPORT Status fmi3SetTime(void *c, double t) {
-  set_time((Unit *)c, t);
-  return OK;
+  return answer(set_time((Unit *)c, t));
 }
 
 EXPORT Status fmi3SetContinuousStates(void *c, const double *x, size_t n) {
   if (n != INTEGRATED) return wrong(c, "fmi3SetContinuousStates must give all states");
-  set_states((Unit *)c, x, n);
-  return OK;
+  return set_states((Unit *)c, x, n) ? OK : DISCARD;
 }
 
 EXPORT Status fmi3GetContinuousStates(void *c, double *x, size_t n) {

@@ -14,8 +14,9 @@ import numpy as np
 
 from toolbox.arguments import mapping, number, whole
 from toolbox.compilation import work_layout as layout
+from toolbox.compilation.program import Program
 from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.export.machine_c import STATUS, Entry, Machine, machine
+from toolbox.export.machine_c import Entry, Machine, machine, why
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Sampled, names
@@ -110,6 +111,11 @@ class Stepper:
     def work(self) -> Any:
         """The arrays of the run, for who steps copies of it."""
         return self._work
+
+    @property
+    def program(self) -> Program:
+        """The program of the run."""
+        return self._program
 
     @property
     def system(self) -> Any:
@@ -223,8 +229,7 @@ class Stepper:
             if work.ints[layout.EVENTS]:
                 self.events += self._switches()
         if status != layout.DONE:
-            words = STATUS.get(status, ("", "it failed"))[1]
-            raise SimulationError(f"The machine cannot be stepped on from t = {self.time:.9g} s: {words}.")
+            raise SimulationError(f"The machine cannot be stepped on from t = {self.time:.9g} s: {why(status, work, self._program)}")
         if self._reader is not None:
             self._reader(work.reals[layout.TIME], 0.0, *self._addresses)
         return self._values.copy()

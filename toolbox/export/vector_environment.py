@@ -14,7 +14,7 @@ from toolbox.compilation import work_layout as layout
 from toolbox.compilation.work_layout import Work
 from toolbox.errors import SimulationError
 from toolbox.export.environment import Environment, Ranges, environment, gymnasium
-from toolbox.export.machine_c import STATUS
+from toolbox.export.machine_c import why
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.stepping.event_stepper import loop_of
@@ -166,8 +166,8 @@ class VectorEnvironment(gymnasium.vector.VectorEnv):
                 status = run(self._pointers[i])
                 switches[i] += w.ints[i, layout.EVENTS]
             if status != layout.DONE:
-                words = STATUS.get(status, ("", "it failed"))[1]
-                raise SimulationError(f"Copy {i} cannot be stepped on from t = {w.reals[i, layout.TIME]:.9g} s: {words}.")
+                words = why(status, self._rows[i], self._machine.program)
+                raise SimulationError(f"Copy {i} cannot be stepped on from t = {w.reals[i, layout.TIME]:.9g} s: {words}")
         return switches
 
     def _read(self) -> None:

@@ -90,17 +90,15 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
     t = float(work.reals[work_layout.TIME])
     names = [element.name for element in program.system.elements]
     point = Trajectory.point(run, program, t, work.x, work.m, work.p)
-    if status in (work_layout.INCONSISTENT, work_layout.ENDLESS):
+    if status in (work_layout.INCONSISTENT, work_layout.ENDLESS, work_layout.NEGATIVE_BOUND):
         bounds = np.array(output_function(program, ca.vertcat(*[e.static for e in program.system.elements]))(
             t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip
-        if (bounds < 0).any():
-            name = names[int(np.argmin(bounds))]
-            return SimulationError(
-                f"The bound of `{name}` must be >= 0, but it is {bounds.min():.6g} at t = {t:.9g} s: is its load negative?", so_far
-            )
-    if status == work_layout.NEGATIVE_BOUND:
-        name = names[program.bounded[int(work.ints[work_layout.CULPRIT])]]
-        return SimulationError(f"The bound of `{name}` must be >= 0, but it falls below 0 at t = {t:.9g} s: is its load negative?", so_far)
+        i = int(work.ints[work_layout.CULPRIT]) if status == work_layout.NEGATIVE_BOUND else int(np.argmin(bounds))
+        sizes = work.guard_scale[program.kernel.guards - len(program.bounded) : program.kernel.guards]
+        there = bounds[i] < (-1e-9 * sizes.max(initial=0.0) if status == work_layout.NEGATIVE_BOUND else 0.0)
+        if there or status == work_layout.NEGATIVE_BOUND:
+            now = f"is {bounds[i]:.6g}" if there else "falls below 0"
+            return SimulationError(f"The bound of `{names[i]}` must be >= 0, but it {now} at t = {t:.9g} s: is its load negative?", so_far)
     if status == work_layout.ENDLESS:
         i = int(work.ints[work_layout.CULPRIT])
         if i >= len(names):

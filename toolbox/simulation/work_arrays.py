@@ -73,7 +73,7 @@ def work_arrays(run: Run, program: Program) -> Any:
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
-        kind=program.kind, initial=initial, attached=program.attached, loader=program.loader, bounced=np.zeros(ne, np.bool_),
+        kind=program.kind, initial=initial, attached=program.attached, loader=program.loader, bound=_bounds(program), bounced=np.zeros(ne, np.bool_),
         excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
@@ -82,6 +82,14 @@ def work_arrays(run: Run, program: Program) -> Any:
         out_t=run.output_times if run.output_times is not None else _NO_NUMBERS,
         samplers=samplers, clocks=clocks, memory=state.memory.copy(), keys=keys, queue=queue,
     )  # fmt: skip
+
+
+def _bounds(program: Program) -> np.ndarray:
+    """What changes the bound of each element during a run."""
+    found = np.full(len(program.kind), work_layout.BY_NUMBERS, np.int64)
+    for i in program.varying:
+        found[i] = work_layout.BY_STATES if i in program.bounded else work_layout.BY_CONTACT
+    return found
 
 
 def _put_inputs(p: np.ndarray, run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.guards import bounds_hold, nudge, refresh, two_directions
+from toolbox.stepping.guards import bounds_hold, loads_hold, nudge, refresh, two_directions
 from toolbox.stepping.modes import settle, turn_switches
 from toolbox.stepping.noise import normal
 from toolbox.translation.words import call
@@ -31,7 +31,7 @@ def inputs_changed(w, t, slips_jump):
     """After a parameter jumped, or a sample: elements whose slip jumped away from zero slide, switches turn, the others are decided by force.
 
     slips_jump: whether a slip can have jumped; its value before is then in `y`, as `jumps` leaves it, so that who changes parameters does so by `jumps`.
-    A change within the round-off of its terms is none.
+    A change within the round-off of its terms is none. False where no modes are consistent, or a bound is negative now.
     """
     ne = w.ints[layout.NE]
     wrong = False
@@ -64,7 +64,8 @@ def inputs_changed(w, t, slips_jump):
     if not wrong:
         refresh(w)
         wrong = turn_switches(w)
-    return settle(w, t) if wrong else bounds_hold(w)
+    held = settle(w, t) if wrong else bounds_hold(w)
+    return held and (not slips_jump or loads_hold(w, t, layout.BY_CONTACT))
 
 
 def jumps(w, t):

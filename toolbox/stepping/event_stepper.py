@@ -20,7 +20,7 @@ from toolbox.compilation import work_layout as layout
 from toolbox.stepping.calendar import inputs_changed, jumps, next_stop, outputs_before, record, samples
 from toolbox.stepping.crossings import dip_inside, hermite_minimum, locate, rising_fraction, watch
 from toolbox.stepping.events import after_event, project_event
-from toolbox.stepping.guards import accept, guard_size, held_quietly, project
+from toolbox.stepping.guards import accept, guard_size, held_quietly, no_modes, project
 from toolbox.stepping.modes import begin
 from toolbox.stepping.quiet_samples import REFRESHED, cut_short, from_sample_to_sample, samples_rule
 from toolbox.stepping.series_steps import checked_end, open_series, watch_series
@@ -60,7 +60,7 @@ def _due(w, t, every_node, undecided):
         if not changed:
             continue
         if not (sampling and held_quietly(w)) and not inputs_changed(w, t, not sampling):
-            return layout.INCONSISTENT
+            return no_modes(w, t)
         for i in range(w.ints[layout.NE]):
             if w.m[i] != w.before[i]:
                 w.reals[layout.FOLLOWED] = 0.0
@@ -226,7 +226,7 @@ def advance(w, series):
     budget = w.ints[layout.ACCEPTED] + w.ints[layout.REJECTED] + w.ints[layout.BUDGET]
     rejected, undecided = False, False
     if w.ints[layout.STARTED] == 0 and not begin(w):
-        return layout.INCONSISTENT
+        return no_modes(w, w.reals[layout.TIME])
     while True:
         t = w.reals[layout.TIME]
         if w.ints[layout.RECORDS] + 4 > w.rec_t.size:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.guards import flies, guard_size, project, two_directions
+from toolbox.stepping.guards import flies, guard_size, no_modes, project, two_directions
 from toolbox.stepping.modes import fire, mark
 from toolbox.stepping.step_control import first_step, measure_round_off
 from toolbox.translation.words import call
@@ -35,7 +35,7 @@ def after_event(w, t):
     if _bound_falls(w):
         return layout.NEGATIVE_BOUND
     if not fire(w, t):
-        return layout.INCONSISTENT
+        return no_modes(w, t)
     if w.ints[layout.SERIES] != 0:  # the next step follows from its own coefficients
         return layout.DONE
     if w.ints[layout.IMPLICIT] == 1:  # slopes, which the fast modes rule, say less about the next step than the last one does
@@ -47,7 +47,7 @@ def after_event(w, t):
 
 
 def _bound_falls(w):
-    """Whether a bound that fires becomes negative: one that only touches zero, or that a kink keeps at zero, does not."""
+    """Whether a bound that fires becomes negative, of the element in CULPRIT: one that only touches zero, or that a kink keeps at zero, does not."""
     ng = w.ints[layout.NG]
     for q in range(w.ints[layout.BOUNDS]):
         j = ng - w.ints[layout.BOUNDS] + q
@@ -57,6 +57,17 @@ def _bound_falls(w):
                 call(w.ints[layout.SERIES], w.reals[layout.TIME], h, w.x, w.k, w.p, w.m, w.k)
             call(w.ints[layout.STEP], w.reals[layout.TIME], 1e-3 * h, w.x, w.k, w.p, w.m, w.y)
             if w.y[2 * w.ints[layout.N] + j] < 0.5e-3 * h * w.g[ng + j]:
-                w.ints[layout.CULPRIT] = q
+                w.ints[layout.CULPRIT] = _bounded(w, q)
                 return True
     return False
+
+
+def _bounded(w, q):
+    """The element of the bound number q of those that guards watch."""
+    before = 0
+    for i in range(w.ints[layout.NE]):
+        if w.bound[i] == layout.BY_STATES:
+            if before == q:
+                return i
+            before += 1
+    return 0

@@ -84,6 +84,32 @@ def nudge(w):
         w.p_other[i] = w.p[i] * (1.0 + 1e-7 * (0.9 - 0.37 * (i % 7)))
 
 
+def loads_hold(w, t, least):
+    """Whether no bound of friction is negative here, beyond the round-off of its terms; else CULPRIT is the element. Overwrites `y` and `z`.
+
+    least: looks at elements whose `bound` is that or more: on the way, one that a guard or a contact sees to may lie below zero by what these let pass.
+    """
+    ne, asked = w.ints[layout.NE], False
+    for i in range(ne):
+        asked = asked or w.bound[i] >= least
+    if not asked:
+        return True
+    nudge(w)
+    call(w.ints[layout.PROBE], t, 0.0, w.x_other, w.k, w.p_other, w.m, w.y)
+    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):
+        bound = w.z[3 * ne + i]
+        if w.kind[i] == layout.FRICTION and w.bound[i] >= least and bound < -1e-2 * abs(w.y[3 * ne + i] - bound):
+            w.ints[layout.CULPRIT] = i
+            return False
+    return True
+
+
+def no_modes(w, t):
+    """The status where no modes are found: NEGATIVE_BOUND, with the friction in CULPRIT, where a bound is negative, which leaves none, else INCONSISTENT."""
+    return layout.INCONSISTENT if loads_hold(w, t, layout.BY_CONTACT) else layout.NEGATIVE_BOUND
+
+
 def project(w, t):
     """Set the slip of sticking elements to exactly zero, if there are any."""
     for i in range(w.ints[layout.NE]):

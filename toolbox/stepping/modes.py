@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.guards import bounds_hold, flies, guard_size, nudge, project, refresh, two_directions
+from toolbox.stepping.guards import bounds_hold, flies, guard_size, loads_hold, nudge, project, refresh, two_directions
 from toolbox.stepping.impacts import impact
 from toolbox.translation.words import call
 
@@ -290,11 +290,8 @@ def begin(w):
     project(w, t)
     if not decide(w, t):
         return False
-    for i in range(ne):  # one that is constant has no guard; what is below zero by round-off of its terms is zero
-        bound = w.z[3 * ne + i]
-        if w.kind[i] == layout.FRICTION and bound < -1e-2 * abs(w.y[3 * ne + i] - bound):
-            w.ints[layout.CULPRIT] = i
-            return False
+    if not loads_hold(w, t, layout.BY_CONTACT):  # one that is constant has no guard
+        return False
     call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for j in range(2 * ne, ng - w.ints[layout.BOUNDS]):
         g, rate = w.z[2 * n + j], w.z[2 * n + ng + j]

@@ -5,9 +5,11 @@ import pytest
 
 from controllers import StiffPI
 from models import BitRock, BlockOnBelt, Exponential, wells
-from toolbox import SceneError, closed_loop, compose
-from toolbox.onsets.map_loop import NONE, SMOOTH
+from toolbox import SceneError, closed_loop, compose, simulate
+from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP
 from toolbox.probability import basin
+from toolbox.probability.chances import Search
+from toolbox.sweeps.designs import Variations
 
 BOX = {"block.position": (-2.0, 2.0), "block.speed": (-2.0, 2.0)}
 STATIC, KINETIC, DECAY, DAMPING = 1.0, 0.5, 2.0, 0.1
@@ -66,13 +68,19 @@ def test_the_share_is_that_of_a_plain_simulation_within_three_standard_errors(be
 
 @pytest.mark.slow
 def test_near_the_border_a_swing_takes_longer_than_a_plain_simulation_waits():
-    """At 1.2 a swing beside the unstable cycle grows by 0.5 % in a second: after 250 s some have not left, after 1000 s the outcomes agree start by start."""
+    """At 1.2 a swing beside the unstable cycle grows by 0.5 % in a second: after 250 s some have not left, after 1000 s the outcomes agree start by start, but
+    for one so near to that cycle that time stepping is on its other side, which a run at 1e-8 tells."""
     found = basin(oscillator(1.2), BOX, 300)
     back = found.outcomes == SMOOTH
     near = found.starts[np.hypot(*(found.starts - [[found.point[0], 0.0]]).T) < 1.5]  # from farther away every start sticks at once
     kept = np.isin(found.starts[:, 0], near[:, 0])
     assert not back[~kept].any()
-    assert np.array_equal(swings(1.2, near, 1000.0, 0.01) < 1.2, back[kept])
+    other = (swings(1.2, near, 1000.0, 0.01) < 1.2) != back[kept]
+    assert other.sum() <= 1
+    for start, returns in zip(near[other], back[kept][other], strict=True):
+        loop = closed_loop(oscillator(1.2), start=dict(zip(found.names, start.tolist(), strict=True)))
+        late = simulate(loop, 2000.0, accuracy=1e-8).at(np.linspace(1990.0, 2000.0, 400))["block.speed"]
+        assert (np.ptp(late) < 0.1) == returns
 
 
 def test_run_by_run_the_outcome_is_that_of_a_plain_simulation():
@@ -98,3 +106,18 @@ def test_what_is_no_state_is_refused():
         basin(oscillator(1.6), {"block.mass": (1.0, 2.0)}, 10)
     with pytest.raises(SceneError, match="`box` must map at least one state"):
         basin(oscillator(1.6), {}, 10)
+
+
+def test_clear_outcomes_are_those_of_the_judge_and_few_are_left_to_it():
+    found = basin(oscillator(1.55), {"block.position": (-2.0, 2.0), "block.speed": (0.0, 2.0)}, 200)
+    loop = closed_loop(oscillator(1.55), start=dict(zip(found.names, found.point.tolist(), strict=True)))
+    search = Search(loop, Variations((), np.zeros((1, 0)), (1,)), Variations(found.names, found.starts, (200,)), None, None, 1e-4)
+    assert [search.judge(row)[0] for row in found.starts] == found.outcomes.tolist() and {SMOOTH, STICK_SLIP} == set(
+        found.outcomes.tolist()
+    )
+    assert found.judged == 0
+
+
+def test_where_small_disturbances_grow_the_smallest_is_none_at_all():
+    found = basin(oscillator(1.0), BOX, 50)
+    assert found.share == 0.0 and np.array_equal(found.smallest, found.point)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import math
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from toolbox.modelling.steady_point import Equilibrium
 from toolbox.onsets.carried import JudgedRuns
 from toolbox.onsets.growth import SmoothBranch
 from toolbox.simulation.request import Request
+from toolbox.simulation.run_state import RunState
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.linear import equilibrium
 
@@ -94,6 +96,12 @@ class Settled:
         with contextlib.suppress(SceneError, SimulationError):
             judged = self.runs.judge(HERE).of_run(run, self.begin)
             return self.runs.run(HERE, run.last)[0] if judged.regime == NOT_DECIDED else judged
+        return None
+
+    def of_start(self, start: RunState, budget: float) -> Judged | None:
+        """What the loop comes to with its inputs as they are at last from a start, within so many swings; None where it fails."""
+        with contextlib.suppress(SceneError, SimulationError):
+            return dataclasses.replace(self.runs, budget=budget).run(HERE, start)[0]
         return None
 
 

@@ -22,18 +22,19 @@ from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
-from toolbox.halving import halved
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, closed_loop, takes_loop
 from toolbox.onsets.map_loop import NONE, SMOOTH
 from toolbox.probability.bounds import clopper_pearson
 from toolbox.probability.chances import BLOCK, Search
-from toolbox.probability.distributions import Uniform, drawn
 from toolbox.steady_states.linear import equilibrium
-from toolbox.sweeps.designs import Variations
+from toolbox.sweeps.designs import Variations, uniform
 
 HALVED = 1e-3
-"""Width to which the smallest disturbance is halved, in parts of it."""
+"""Width of the interval in which the smallest disturbance is sought, at last, in parts of it."""
+
+SIDE_BY_SIDE = 32
+"""Parts of that interval of which those are found out at once, in lanes, that tip."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +185,7 @@ def basin(
     loop = closed_loop(loop, start=equilibrium(loop))
     names = tuple(each.name for each in states)
     ends = [each.between(given, f"box.{each.name}") for each, given in zip(states, box.values(), strict=True)]
-    design = drawn(loop, {name: Uniform(low, high) for name, (low, high) in zip(names, ends, strict=True)}, runs, seed)
+    design = uniform(dict(zip(names, ends, strict=True)), runs, seed)
     point = np.array([loop.number(name).value for name in names])
     search = Search(loop, Variations((), np.zeros((1, 0)), (1,)), design, duration, None, accuracy)
     outcomes = []
@@ -211,13 +212,19 @@ def _smallest(search: Search, point: FloatArray, box: FloatArray, starts: FloatA
     tips = np.flatnonzero((outcomes != SMOOTH) & (outcomes != NONE))
     if not tips.size:
         return np.full(point.size, math.nan)
+    if search.alike is not None and search.alike.rate > 0:  # any disturbance grows
+        return point
     sizes = np.linalg.norm((starts[tips] - point) / (box[:, 1] - box[:, 0]), axis=1)
     nearest = starts[tips[int(np.argmin(sizes))]]
 
-    def tipped(part: float) -> bool:
-        came, _, _ = search.block((point + part * (nearest - point))[None, :])
-        return bool(came[0] not in (SMOOTH, NONE))
-
-    _, high = halved(tipped, 0.0, 1.0, HALVED)
+    # as many runs at once between both as stand side by side in lanes, or one after the other
+    parts = SIDE_BY_SIDE if search.manner is not None and search.manner.lanes else 2
+    low, high = 0.0, 1.0
+    while high - low > HALVED * high:
+        inner = np.linspace(low, high, parts + 1)[1:-1]
+        came, _, _ = search.block(point + inner[:, None] * (nearest - point))
+        first = next(iter(np.flatnonzero((came != SMOOTH) & (came != NONE))), inner.size)
+        ends = [low, *inner, high]
+        low, high = float(ends[first]), float(ends[first + 1])
     border: FloatArray = point + high * (nearest - point)
     return border

@@ -1,11 +1,14 @@
 """The chance of stick-slip where numbers of the machine are known as distributions only.
 
 Each draw is a machine, which is run from where its loop begins. Most runs are decided in lanes, by what the judge of all verdicts looks at: the same sticks
-in the third and in the last quarter of the run, or no stick and a swing that falls. What lies between, near a border, is carried on by that judge itself.
+in the third and in the last quarter of the run, or no stick and a swing that falls. What lies between, near a border, is run longer, and what is not clear
+then is carried on by that judge itself.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -19,20 +22,23 @@ from toolbox.files.journal import Journal
 from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText
 from toolbox.measuring import measures
+from toolbox.measuring.judge import Judged
+from toolbox.measuring.measures import Measure
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.numbers import put_all
-from toolbox.onsets.coming_to import Settled, comes_to
+from toolbox.onsets.coming_to import LONGEST, Settled, comes_to
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS
 from toolbox.probability.distributions import Draws, drawn, known_as
 from toolbox.probability.results import Chance
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.simulate import simulate
 from toolbox.sweeps.designs import Variations, grid
+from toolbox.sweeps.executors import Manner, evaluated, probed
 from toolbox.sweeps.store import folder_of
-from toolbox.sweeps.sweep import sweep
-from toolbox.sweeps.variants import fingerprints, shared_run
+from toolbox.sweeps.sweep import task_of
+from toolbox.sweeps.variants import fingerprints, shared_run, start_memories, start_states
 
 BLOCK = 16_384
 """Runs of a block, about: what an interruption may lose."""
@@ -46,8 +52,15 @@ QUARTER = 3
 SAME_STICK = 0.9
 """Mean stick of the last quarter, in parts of that of the quarter before, from which on sticks are taken to last; sticks that shorten are judged."""
 
+SAME_SWING = 0.999
+"""Severity in the last quarter, in parts of that before, from which on sticks last that take as much of its time: a stick that an edge cuts counts as one, so
+that the mean stick of ten differs by a tenth where all are the same."""
+
 FALLS = 0.8
 """Severity in the last quarter, in parts of that before, up to which a swing without a stick is taken to fall."""
+
+LONGER = (3.0, 10.0)
+"""Runs that are not clear are run so many times as long before the judge is asked."""
 
 DIED_OUT = 10.0
 """Severity in the last quarter, in accuracies of the run, up to which a swing has died out: from a start far away only a run that comes back gets there."""
@@ -148,11 +161,23 @@ def labelled(loop: Any) -> dict[str, ClosedLoop]:
     return loops
 
 
+def quarters(element: str, signal: str, begin: float, end: float) -> dict[str, Measure]:
+    """What a run from a time on is decided by: sticks, time in stick and severity of its third and its last quarter."""
+    edges = [begin + part * (end - begin) for part in (0.5, 0.75, 1.0)]
+    asked = {}
+    for k, (after, until) in enumerate(itertools.pairwise(edges)):
+        asked[f"sticks_{k}"] = measures.stays(element, after, until)
+        asked[f"stuck_{k}"] = measures.time_in(element, after, until)
+        asked[f"severity_{k}"] = measures.severity(signal, after, until)
+    return asked
+
+
 class Search:
     """The runs of one loop at all points with all draws."""
 
     def __init__(self, loop: ClosedLoop, points: Variations, known: Variations, duration: Any, start: Any, accuracy: float):
         self.loop, self.start, self.accuracy, self.judged = loop, start, accuracy, 0
+        self.manner: Manner | None = None  # of the first runs, for all
         self.names = (*points.names, *known.names)
         self.points, self.known = points.points, known.points
         self.element = judged_contact(loop)
@@ -161,6 +186,7 @@ class Search:
         for name, value in zip(points.names, self.points[len(self.points) // 2].tolist(), strict=True):
             middle = middle.at(name, value)
         settled = Settled.of(middle, self.element, self.signal, 0.0, accuracy)
+        own = start is None and all(loop.number(name).kind == "start" for name in self.names)
         self.swing = math.nan if settled is None else settled.runs.period
         if duration is None:
             if settled is None:
@@ -170,6 +196,7 @@ class Search:
             duration = settled.begin + SWINGS * self.swing
         self.duration = number("duration", duration, "s", above=0)
         self.begin = 0.0 if settled is None else settled.begin
+        self.alike = settled if own and settled is not None and settled.begin == 0.0 else None
         quarter = (self.duration - self.begin) / 4
         if not math.isnan(self.swing) and quarter < QUARTER * self.swing:
             raise SceneError(
@@ -210,42 +237,58 @@ class Search:
 
     def block(self, rows: FloatArray) -> tuple[np.ndarray, np.ndarray, int]:
         """(outcomes, severities, number of runs that the judge carried on) of some runs."""
-        half = self.begin + (self.duration - self.begin) / 2
-        late = half + (self.duration - half) / 2
-        quarter = self.duration - late
-        asked = {}
-        for k, (after, until) in enumerate(((half, late), (late, self.duration))):
-            asked[f"sticks_{k}"] = measures.stays(self.element, after, until)
-            asked[f"stuck_{k}"] = measures.time_in(self.element, after, until)
-            asked[f"severity_{k}"] = measures.severity(self.signal, after, until)
-        found = sweep(
-            self.loop, Variations(self.names, rows, (len(rows),)), self.duration, start=self.start, measures=asked, accuracy=self.accuracy
-        )
+        outcomes, told, failed = self._decided(rows, self.duration)
+        still = np.flatnonzero((outcomes == NONE) & ~failed)
+        for times in LONGER if still.size else ():
+            outcomes[still], told[still], _ = self._decided(rows[still], self.begin + times * (self.duration - self.begin))
+            still = still[outcomes[still] == NONE]
+            if not still.size:
+                break
+        for i in still.tolist():
+            outcomes[i], told[i] = self.judge(rows[i])
+        return outcomes, told, still.size
+
+    def _decided(self, rows: FloatArray, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(outcomes, those that are not clear not known; severities; which runs failed) of runs of a duration."""
+        asked = quarters(self.element, self.signal, self.begin, duration)
+        quarter = (duration - self.begin) / 4
+        design = Variations(self.names, rows, (len(rows),))
+        task, broken, _ = task_of(self.loop, design, duration, start=self.start, measures=asked, accuracy=self.accuracy)
+        self.manner = self.manner or probed(task)
+        found = dict(zip(asked, evaluated(task, broken, manner=self.manner)[0].T, strict=True))
         n = [found[f"sticks_{k}"] for k in range(2)]
         stuck = [found[f"stuck_{k}"] for k in range(2)]
         severity = [found[f"severity_{k}"] for k in range(2)]
         outcomes = np.full(len(rows), NONE, np.int8)
         with np.errstate(invalid="ignore", divide="ignore"):
             stands = (stuck[0] >= ALL * quarter) & (stuck[1] >= ALL * quarter)
-            sticks = (np.minimum(*n) >= 2) & (stuck[1] / n[1] >= SAME_STICK * stuck[0] / n[0]) & ~stands
+            last = stuck[1] / n[1] >= SAME_STICK * stuck[0] / n[0]
+            last |= (stuck[1] >= SAME_STICK * stuck[0]) & (severity[1] >= SAME_SWING * severity[0])
+            sticks = (np.minimum(*n) >= 2) & last & ~stands
             falls = (np.maximum(*n) == 0) & (severity[1] <= np.maximum(FALLS * severity[0], DIED_OUT * self.accuracy))
         outcomes[falls], outcomes[sticks], outcomes[stands] = SMOOTH, STICK_SLIP, STUCK
-        failed = np.isnan(n[0])
-        told = np.where(stands, math.inf, severity[1])
-        open_rows = np.flatnonzero((outcomes == NONE) & ~failed).tolist()
-        for i in open_rows:
-            outcomes[i], told[i] = self._judge(rows[i])
-        return outcomes, told, len(open_rows)
+        return outcomes, np.where(stands, math.inf, severity[1]), np.isnan(n[0])
 
-    def _judge(self, row: FloatArray) -> tuple[int, float]:
-        """What the judge says of one run, carried on until it is decided."""
+    def judge(self, row: FloatArray) -> tuple[int, float]:
+        """(outcome, severity) of one run by the judge, carried on until it is decided."""
+        try:
+            judged = self._from_run(row) if self.alike is None else self._from_start(self.alike, row)
+        except SimulationError:
+            return NONE, math.nan
+        return (NONE, math.nan) if judged is None else (VERDICTS.get(judged.regime, NONE), judged.severity)
+
+    def _from_start(self, alike: Settled, row: FloatArray) -> Judged | None:
+        """What the one machine comes to from another start."""
+        base, one = alike.runs.base, Variations(self.names, row[None], (1,))
+        begin = {"states": start_states(base, one, None), "memory": start_memories(base, one)}
+        given: dict[str, Any] = {name: each[0] for name, each in begin.items() if each is not None}
+        return alike.of_start(dataclasses.replace(base.start, **given), LONGEST + self.duration / self.swing)
+
+    def _from_run(self, row: FloatArray) -> Judged | None:
+        """What a machine with its own numbers comes to."""
         numbers = dict(zip(self.names, row.tolist(), strict=True))
         loop = put_all(self.loop, numbers)
         if self.start is not None:
             loop = loop.but(start={**loop.start, **self.start(numbers)})
-        try:
-            run = simulate(loop, self.duration, accuracy=self.accuracy)
-            judged = comes_to(run, self.element, self.signal, self.begin + (self.duration - self.begin) / 2)
-        except SimulationError:
-            return NONE, math.nan
-        return (NONE, math.nan) if judged is None else (VERDICTS.get(judged.regime, NONE), judged.severity)
+        run = simulate(loop, self.duration, accuracy=self.accuracy)
+        return comes_to(run, self.element, self.signal, self.begin + (self.duration - self.begin) / 2)

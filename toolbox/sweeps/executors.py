@@ -82,11 +82,12 @@ def evaluated(
     executor: concurrent.futures.Executor | None = None,
     store: Store | None = None,
     label: str = "sweep",
+    manner: Manner | None = None,
 ) -> tuple[np.ndarray, dict[int, str], float]:
     """(measures of all runs, errors, seconds) of a task cut into chunks; `broken` runs count as failed, whatever they give.
 
-    store: where finished runs are kept, and those of an earlier call are found. Raises SceneError for laws that cannot travel, OSError where the disk
-    is full.
+    store: where finished runs are kept, and those of an earlier call are found;  manner: that of earlier runs of the same kind. Raises SceneError for laws that
+    cannot travel, OSError where the disk is full.
     """
     began = clock.perf_counter()
     check_executor(executor)
@@ -95,7 +96,7 @@ def evaluated(
     if store is not None and store.settings is not None:
         manner = Manner.noted(store.settings, task.run)
     else:
-        manner = _probed(task)
+        manner = manner or probed(task)
         if store is not None:
             store.begin(manner.notes, manner.together(total))
     left = int((columns.status == WAITING).sum())
@@ -257,7 +258,7 @@ def bound() -> None:
     threading.Thread(target=follow, daemon=True).start()
 
 
-def _probed(task: Task) -> Manner:
+def probed(task: Task) -> Manner:
     """The method that the middle run asks for, whether runs like it pay in lanes, and the seconds that it takes alone.
 
     Where the method is to be chosen, runs in lanes step by Taylor series where the plant has them.

@@ -20,12 +20,13 @@ from typing import Any
 from toolbox.arguments import is_finite_number, number
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, in_si
+from toolbox.measuring.measures import Measure
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.scenes.judged import judged_measures
 from toolbox.simulation.methods import Method
 from toolbox.sweeps.batch import Task
-from toolbox.sweeps.designs import variations_of
+from toolbox.sweeps.designs import Variations, variations_of
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store
@@ -107,20 +108,11 @@ def sweep(
     asked = {full[name]: unit for name, unit in variations.asked.items()}
     variations = dataclasses.replace(variations, names=tuple(full.values()), asked=asked)
     accuracy = (loop.accuracy or 1e-6) if accuracy is None else accuracy
-    run = shared_run(loop, variations, float(duration), method=method, accuracy=accuracy)
-    chosen = judged_measures(measures, run.loop, run.start.time, run.end)
+    task, broken, chosen = task_of(loop, variations, float(duration), start=start, measures=measures, method=method, accuracy=accuracy)
+    run = task.run
     taken = next((name for name in chosen if name in {"run", "status", "error", *variations.names} or "/" in name), None)
     if taken is not None:
         raise SceneError(f"Argument `measures` must use names that are free, without a slash, but one is `{taken}`.")
-    numbers, broken = varied_numbers(run, variations)
-    task = Task(
-        run,
-        numbers,
-        tuple(chosen.values()),
-        start_states(run, variations, start),
-        start_memories(run, variations),
-        varied_held(run, variations),
-    )
     units = tuple(run.loop.number(name).unit for name in variations.names)
     sheet = Sweep(
         title=loop.title,
@@ -139,6 +131,24 @@ def sweep(
     values, errors, seconds = evaluated(task, broken, executor, store)
     found = {name: values[:, k].reshape(variations.shape) for k, name in enumerate(chosen)}
     return dataclasses.replace(sheet, measures=found, errors=errors, seconds=seconds)
+
+
+def task_of(
+    loop: ClosedLoop,
+    variations: Variations,
+    duration: float,
+    *,
+    start: Callable[[Mapping[str, float]], Mapping[str, Any]] | None,
+    measures: Any,
+    method: Method | str = "event",
+    accuracy: float,
+) -> tuple[Task, dict[int, str], dict[str, Measure]]:
+    """(the runs of a sweep, what is wrong with those that contradict themselves, what is read of each), of arguments as `sweep` takes them."""
+    run = shared_run(loop, variations, duration, method=method, accuracy=accuracy)
+    chosen = judged_measures(measures, run.loop, run.start.time, run.end)
+    numbers, broken = varied_numbers(run, variations)
+    states, memories, held = start_states(run, variations, start), start_memories(run, variations), varied_held(run, variations)
+    return Task(run, numbers, tuple(chosen.values()), states, memories, held), broken, chosen
 
 
 def _in_si(vary: Any, loop: ClosedLoop) -> Any:

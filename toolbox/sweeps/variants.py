@@ -148,10 +148,11 @@ def start_states(run: Run, variations: Variations, begin: Callable[[Mapping[str,
     if begin is None and not own:
         return None
     starts = np.tile(run.start.states, (len(variations.points), 1))
-    for x, point in zip(starts, variations.points.tolist(), strict=True):
-        row = dict(zip(variations.names, point, strict=True))
-        place_starts(run.system, x, begin(row) if begin else {})
-        place_starts(run.system, x, {name: row[name] for name in own})
+    if begin is not None:
+        for x, point in zip(starts, variations.points.tolist(), strict=True):
+            place_starts(run.system, x, begin(dict(zip(variations.names, point, strict=True))))
+    columns = dict(zip(variations.names, variations.points.T[:, None], strict=True))
+    place_starts(run.system, starts.T, {name: columns[name] for name in own})
     return starts
 
 

@@ -50,10 +50,17 @@ _BARS: weakref.WeakSet[Any] = weakref.WeakSet()
 """The bars that are shown."""
 
 
+_SPEAKS = threading.Lock()
+"""Held by the one piece of work that says that it goes on: what it calls is silent."""
+
+
 @contextmanager
 def sign_of_life(what: str) -> Iterator[None]:
-    """Say on stderr after a second that something is at work, unless a bar tells how far it is; where no bar is shown, say nothing."""
-    if not _shown():
+    """Say on stderr after a second that something is at work, unless a bar tells how far it is, or work that it belongs to says so already.
+
+    Of functions that may take seconds it is the decorator: `@sign_of_life("limit_cycle is at work")`. Where no bar is shown, nothing is said.
+    """
+    if not _shown() or not _SPEAKS.acquire(blocking=False):
         yield
         return
 
@@ -67,6 +74,7 @@ def sign_of_life(what: str) -> Iterator[None]:
         yield
     finally:
         done.set()
+        _SPEAKS.release()
 
 
 def _keep_moving(known: Callable[[], Any]) -> None:

@@ -185,7 +185,7 @@ def picture(trades: Sequence[WorkPrecision], path: Path) -> None:
         figure, axes = pyplot.subplots(1, len(trades), figsize=(10.5, 4.6), sharey=True, layout="constrained")
         for ax, trade in zip(axes, trades, strict=True):
             trade.plot(ax=ax)
-            ax.set_title(f"{trade.title}, {trade.duration:g} s")
+            ax.set_title(f"{trade.title}, {trade.duration:g} s", loc="left", fontsize=9.0)
             ax.get_legend().remove()
         axes[1].set_ylabel("")
         handles, labels = axes[0].get_legend_handles_labels()

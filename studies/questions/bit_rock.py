@@ -177,7 +177,7 @@ def draw_bounce() -> Any:
     found = [bounce(float(speed)) for speed in speeds]
     rpm = speeds * 30 / math.pi
     left.plot(rpm, [100 * share for share, _ in found], **plot.LINES[0])
-    left.set(xlabel="rotary speed [rpm]", ylabel="time off bottom [%]", ylim=(0.0, None))
+    left.set(xlabel="rotary speed [rpm]", ylabel="time off bottom [%]", ylim=(-1.5, None))
     right.plot(rpm, [weight / 1e3 for _, weight in found], **plot.LINES[0])
     right.axhline(BOUNCE_WEIGHT / 1e3, **plot.LINES[2])
     right.text(rpm[-1], BOUNCE_WEIGHT / 1e3 + 4, "static weight", fontsize=8.0, ha="right")

@@ -299,7 +299,10 @@ def picture(path: Path) -> None:
             panel.plot(times, 120.0 * at["disc.speed"], color="black", linewidth=1.3, label="disc at the pads")
             panel.plot(times, np.maximum(720.0 - 360.0 * times, 0), color="0.5", linewidth=0.9, linestyle=":", label="plan")
             panel.set(ylabel="speed [mm/s]", xlim=(0, 4.6), ylim=(-420, 760))
-            panel.set_title(f"{label}, actuator of {1e3 * lag:.0f} ms, 3 rad/s$^2$", loc="left", fontsize=9.0)
+            stop = stop_of(run, 3.0)
+            ended = {"": "succeeds", "stand": "does not stand", "way": "fails"}.get(stop.fails, stop.fails)
+            told = f"{ended}, way {100 * stop.excess:+.0f} %".replace("-", "\N{MINUS SIGN}")
+            panel.set_title(f"{label}, actuator of {1e3 * lag:.0f} ms, 3 rad/s$^2$: {told}", loc="left", fontsize=9.0)
             if i == 0:
                 panel.legend(frameon=False, fontsize=8.0, loc="upper right", ncols=3)
             if i < 3:
@@ -312,11 +315,19 @@ def picture(path: Path) -> None:
             "PI": {"color": "0.35", "marker": "^"},
             "sliding mode": {"color": "black", "marker": "o"},
             "sliding mode, eased": {"color": "0.35", "marker": "v", "linestyle": "--"},
-            "MPC": {"color": "black", "marker": "x", "markersize": 5},
+            "MPC": {"color": "black", "marker": "D", "markersize": 4},
         }
         for label, style in styles.items():
-            found = [np.nan_to_num(highest(every[label], False, lag, 0.25).deceleration) for lag in lags]
-            right.semilogx(1e3 * np.array(lags), found, **{"linewidth": 1.0, "markersize": 4} | style, label=label)
+            borders = [highest(every[label], False, lag, 0.25) for lag in lags]
+            found, at = np.nan_to_num([each.deceleration for each in borders]), 1e3 * np.array(lags)
+            look = {"linewidth": 1.0, "markersize": 6} | style
+            right.semilogx(at, found, **look, markevery=[each.ended == "groan" for each in borders], label=label)
+            right.semilogx(
+                at, found, **look | {"linewidth": 0}, markevery=[each.ended != "groan" for each in borders], markerfacecolor="white"
+            )
+            for x, y, each in zip(at, found, borders, strict=True):
+                if each.ended not in ("groan", "way"):
+                    right.annotate(each.ended, (x, y), (0, 5), textcoords="offset points", ha="center", fontsize=7.0)
         right.set(
             xlabel="time constant of the actuator [ms]",
             ylabel="highest deceleration without groan,\nway within 15 % [rad/s$^2$]",
@@ -324,6 +335,7 @@ def picture(path: Path) -> None:
         )
         right.set_xticks([0.5, 1, 2, 5, 10, 20, 30], ["0.5", "1", "2", "5", "10", "20", "30"])
         right.minorticks_off()
+        right.set_title("ended by groan: filled; by its way, or no more scanned: open", loc="left", fontsize=9.0)
         right.legend(frameon=False, fontsize=8.0)
         right.spines[["top", "right"]].set_visible(False)
         figure.savefig(path, dpi=120)

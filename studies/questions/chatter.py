@@ -22,6 +22,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -106,27 +107,39 @@ def picture(found: dict[str, np.ndarray], path: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, (orders, torques) = pyplot.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
-    styles = {"explicit": ("0.65", "o", "-"), "implicit": ("black", "s", "-"), "super-twisting": ("tab:blue", "^", "--")}
+    from toolbox import plot
+
+    with pyplot.rc_context(plot.PAPER):
+        pyplot.close(_drawn(found, path))
+
+
+def _drawn(found: dict[str, np.ndarray], path: Path) -> Any:
+    """Draw it and return the figure."""
+    from matplotlib import pyplot
+
+    from toolbox import plot
+
+    figure, (orders, torques) = pyplot.subplots(1, 2, figsize=(9.0, 3.6), layout="constrained")
+    marks = dict(zip(("explicit", "implicit", "super-twisting"), "os^", strict=True))
+    styles = dict(zip(marks, ({"color": "0.65", "linewidth": 1.3}, *plot.LINES[:2]), strict=True))
     for name, rows in found.items():
-        colour, mark, line = styles[name]
-        orders.loglog(1000 * np.array(PERIODS), rows[:, 0], line, marker=mark, color=colour, label=name)
+        orders.loglog(1000 * np.array(PERIODS), rows[:, 0], marker=marks[name], markersize=4, label=name, **styles[name])
     guide = np.array(PERIODS[:: len(PERIODS) - 1])
     orders.loglog(1000 * guide, REACHING * guide, ":", color="0.4", lw=0.9)
-    orders.text(1000 * guide[1] * 1.1, REACHING * guide[1] * 0.5, "eta h", fontsize=8, color="0.3")
+    orders.text(1000 * guide[1] * 1.1, REACHING * guide[1] * 0.5, r"$\eta h$", fontsize=8, color="0.3")
     orders.set(xlabel="sample time h [ms]", ylabel="largest change of s per sample [rad/s]")
     orders.set_xticks([1000 * period for period in PERIODS], [f"{1000 * period:g}" for period in PERIODS])
     orders.minorticks_off()
-    orders.legend(fontsize=8, loc="lower right")
+    orders.legend(frameon=False, loc="lower right")
     for name, law in laws().items():
-        colour, _, line = styles[name]
         times, _, torque = held(law, 0.02)
-        torques.step(times, torque / 1000, line, where="post", color=colour, lw=1.0 if name == "explicit" else 1.4, label=name)
-    torques.set(xlabel="time [s]", ylabel="top torque [kN m]", xlim=(36.0, 38.0), title="sample time 20 ms")
-    for axes in (orders, torques):
-        axes.spines[["top", "right"]].set_visible(False)
+        thin = {"linewidth": 0.8} if name == "explicit" else {"linewidth": 3.0} if name == "implicit" else {}  # two lie upon each other
+        torques.step(times, torque / 1000, where="post", label=name, **styles[name] | thin)
+    torques.set(xlabel="time [s]", ylabel="top torque [kN m]", xlim=(36.0, 38.0), ylim=(None, 18.0))
+    torques.set_title("sample time 20 ms", loc="left", fontsize=9.0)
+    torques.legend(frameon=False, ncols=3, loc="upper left")
     figure.savefig(path, dpi=150)
-    pyplot.close(figure)
+    return figure
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -95,8 +95,9 @@ def draw(string: Branch, slow: Branch, sliding: Branch, bistable: Branch) -> Any
     for panel in panels[1:]:
         panel.set(xlabel="belt speed [m/s]", ylabel="block speed over a cycle, least and largest [m/s]")
         low, high = panel.get_xlim()
-        panel.plot([low, high], [low, high], color="0.6", linewidth=0.8, linestyle=":", zorder=0)
+        panel.plot([low, high], [low, high], color="0.6", linewidth=0.8, linestyle=":", zorder=0, label="speed of the belt")
         panel.set_xlim(low, high)
+        panel.legend(frameon=False, fontsize=8.0, loc="center left" if panel is panels[1] else "center right")
     return figure
 
 

@@ -161,7 +161,7 @@ def draw(found: list[Answers]) -> Any:
             panel.set_title(f"{level.elements} elements", loc="left", fontsize=9.0, pad=3.0)
             panel.tick_params(labelbottom=row == len(shown) - 1)
             if row == len(shown) // 2:
-                panel.set_ylabel("bit speed [rpm], grey: stuck")
+                panel.set_ylabel("bit speed [rpm], grey: stuck, dotted: set-point")
         panel.set_xlabel("time [s]")
         free, cost = figure.add_subplot(grid[:, 1]), figure.add_subplot(grid[:, 2])
         unit = along[0].seconds

@@ -65,7 +65,9 @@ def draw_stack(run: Trajectory, stack: DiskStack) -> Any:
             for kind, style, face in (("stick", plot.LINES[0], None), ("slip", plot.LINES[1], "white")):
                 left.semilogy(starts, [1e3 * getattr(cycle, kind) for cycle in found], marker, markersize=2.6, color=style["color"],
                               markerfacecolor=face or style["color"], label=f"{kind}, interface {interface + 1}")  # fmt: skip
-        left.set(xlabel="start of the cycle [s]", ylabel="duration [ms]", xlim=(phases(run)["stick-slip"][0] - 0.02, None), ylim=(0.1, 100))
+        left.set(
+            xlabel="start of the cycle [s]", ylabel="duration [ms]", xlim=(phases(run)["stick-slip"][0] - 0.02, None), ylim=(0.05, 100)
+        )
         left.legend(
             frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, columnspacing=0.6, handletextpad=0.0, borderaxespad=0.2
         )

@@ -221,14 +221,14 @@ def draw_pressed(stops: dict[float, Stop]) -> Any:
             if mode == "closed":
                 for panel in (closure, force):
                     panel.axvspan(1e3 * begin, min(1e3 * end, 60), color=plot.BAND, zorder=0)
-        for style, (speed, stop) in zip(plot.LINES, stops.items(), strict=False):
+        for style, mark, (speed, stop) in zip(plot.LINES, "os^D", stops.items(), strict=False):
             end = stop.cycles[-1].start + stop.cycles[-1].period
-            periods.plot([cycle.start - end for cycle in stop.cycles], stop.ratios, "o-", markersize=3, label=f"from {speed:g} rad/s",
-                         color=style["color"], linewidth=1.0)  # fmt: skip
+            periods.plot([cycle.start - end for cycle in stop.cycles], stop.ratios, marker=mark, markersize=3.5, label=f"from {speed:g} rad/s",
+                         **style | {"linewidth": 1.0})  # fmt: skip
         for ratio in (1.0, 3.0):
             periods.axhline(ratio, color="0.7", linewidth=0.6, zorder=0)
         periods.set(xlabel="time before the last release [s]", ylabel="period / period of the stator", ylim=(0.8, None))
-        periods.legend(frameon=False, loc="upper left")
+        periods.legend(framealpha=1.0, edgecolor="none", loc="upper left")
     return figure
 
 

@@ -266,8 +266,9 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
     from matplotlib import pyplot
 
     marks = {
-        "declared": {"marker": "o", "markerfacecolor": "white", "markeredgecolor": "black"}, "robust": {"marker": "o", "color": "black"},
-        "corners": {"marker": "s", "color": plot.LINES[1]["color"]},
+        "declared": {"marker": "o", "markersize": 5.0, "markerfacecolor": "white", "markeredgecolor": "black"},
+        "robust": {"marker": "o", "markersize": 4.0, "color": "black"},
+        "corners": {"marker": "s", "markersize": 7.5, "markerfacecolor": "none", "markeredgewidth": 1.4, "markeredgecolor": plot.LINES[1]["color"]},
     }  # fmt: skip
     with pyplot.rc_context(plot.PAPER):
         figure, (left, right) = pyplot.subplots(
@@ -279,13 +280,13 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
             left.plot([min(known, default=HIGHEST), max(known, default=HIGHEST)], [k, k], color="0.75", linewidth=1.0, zorder=1)
             for place, (name, value) in enumerate(speeds.items()):
                 at = value if value == value else HIGHEST + 1.0 + 0.8 * place
-                left.plot(at, k, linestyle="", markersize=5.0, zorder=2, **marks[name])
+                left.plot(at, k, linestyle="", zorder=2, **marks[name])
         some = any(value != value for each in rows for value, _ in each.lowest.values())
         if some:
             left.axvspan(HIGHEST + 0.5, HIGHEST + 3.1, facecolor=plot.BAND, linewidth=0, zorder=0)
             left.text(HIGHEST + 1.8, -1.3, f"none up to\n{HIGHEST * 30 / math.pi:.0f} rpm", ha="center", va="bottom", fontsize=8.0)
         for name, style in marks.items():
-            left.plot([], [], linestyle="", markersize=5.0, label=name, **style)
+            left.plot([], [], linestyle="", label=name, **style)
         left.set(
             xlim=(LOWEST, HIGHEST + 3.1 if some else 12.5),
             ylim=(len(rows) - 0.3, -1.0),
@@ -304,7 +305,7 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
         right.set(xlabel="time since the law took over [s]")
         with units("metric"):
             name_axis(right.yaxis, "bit speed", "rad/s")
-        right.set_title(f"{CORNERS[1].name}, set-point {EXAMPLE * 30 / math.pi:.0f} rpm", fontsize=9.0, loc="left")
+        right.set_title(f"parts of the declared: {CORNERS[1].name}; set-point {EXAMPLE * 30 / math.pi:.0f} rpm", fontsize=9.0, loc="left")
         right.set_ylim(top=1.4 * right.get_ylim()[1])
         right.legend(frameon=False, fontsize=8.0, loc="upper right")
         figure.savefig(path, dpi=180)

@@ -95,13 +95,13 @@ def draw() -> Any:
             loss.text(speed + 0.5, 84.3, words, fontsize=8.0, color="0.35", rotation=90, va="bottom")
         loss.set(xlabel="speed of the ring [rad/s]", ylabel="efficiency [%]", ylim=(84.0, 100.5), xlim=(RING_SPEEDS[0], RING_SPEEDS[-1]))
         loss.set_title("Differential, sun at 20 rad/s, carrier loaded", loc="left", fontsize=9.0)
-        loss.legend(frameon=False, loc="lower right")
+        loss.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.12))
 
         dose, stuck = exposures()
         hand.fill_between(
             1e3 * BELT_SPEEDS, 0.0, 1.0, where=stuck > 0, transform=hand.get_xaxis_transform(), color=plot.BAND, label="stick-slip"
         )
-        hand.plot(1e3 * BELT_SPEEDS, dose, label="A(8), one hour a day", **plot.LINES[0])
+        hand.plot(1e3 * BELT_SPEEDS, dose, label="A(8), 1 h a day", **plot.LINES[0])
         hand.set(
             xlabel="speed of the belt [mm/s]",
             ylabel="daily exposure [m/s$^2$]",
@@ -109,7 +109,7 @@ def draw() -> Any:
             ylim=(0.0, None),
         )
         hand.set_title("Hand that holds a rubbing block", loc="left", fontsize=9.0)
-        hand.legend(frameon=False, loc="upper right")
+        hand.legend(frameon=False, loc="upper right", handlelength=1.5)
 
         times = np.linspace(0.0, 40.0, 4001)
         for style, (n, run) in zip(plot.LINES, circulation().items(), strict=False):

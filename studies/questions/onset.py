@@ -175,7 +175,7 @@ def draw(grid: np.ndarray) -> Any:
                     zorder=3,
                 )
         panel.plot([critical], [critical], "o", color="0.1", markersize=5, zorder=4, label="Hopf point")
-        panel.axvline(WORKING, color="0.6", linewidth=0.8, linestyle=":", label="95 rpm")
+        panel.axvline(WORKING, color="0.6", linewidth=0.8, linestyle=":", label="working point, 95 rpm")
         panel.set_title(drive.label, loc="left", fontsize=9.0)
         panel.set(xlim=RANGE, ylim=(-0.8, 29.0))
     once = dict(zip(*reversed(panels[0, 0].get_legend_handles_labels()), strict=True))

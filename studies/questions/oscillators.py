@@ -159,7 +159,7 @@ def draw_belt(plt: Any) -> Any:
     for speed, label in ((low, r"$v_{b0}$"), (hopf, r"$v_{b1}$")):
         left.axvline(speed, color="0.5", linewidth=0.7, linestyle=":")
         left.annotate(label, (speed, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 2), textcoords="offset points", ha="center")
-    left.set(xlabel="belt speed [m/s]", ylabel="amplitude of the position [m]", ylim=(0, None), xlim=(0, None))
+    left.set(xlabel="belt speed [m/s]", ylabel="amplitude of the position [m]", ylim=(-0.008, None), xlim=(0, None))
     left.set_title("Thomsen and Fidlin", loc="left", fontsize=9.0, pad=12.0)
     left.legend(frameon=False, fontsize=8.0, loc="lower right", bbox_to_anchor=(0.84, 0.02))
     block = oscillators.VERASZTO_STEPAN
@@ -244,10 +244,10 @@ def draw_cures(plt: Any) -> Any:
     middle.plot(slow, [damper_loss(load) for load in slow], "o", color="0.4", markersize=4, label="loss of a slow cycle [J]")
     fine = np.geomspace(0.01, 1.0, 100)
     middle.plot(fine, 4 * fine * (1 - fine), color="0.4", linewidth=0.9, linestyle="--", label=r"$4 F (X - F/k)$ [J]")
-    middle.set(xlabel="load of the damper [N]", ylim=(0, None))
+    middle.set(xlabel="load of the damper [N]", ylabel="resonance [m], loss of a cycle [J]")
     middle.set_title("friction damper", loc="left", fontsize=9.0)
     middle.legend(frameon=False, fontsize=7.5, loc="upper right")
-    middle.set_ylim(0, 3.4)
+    middle.set_ylim(-0.06, 3.8)
     mean = np.linspace(0.0, 0.8, 17)
     right.plot(mean, [dithered(speed) for speed in mean], "o", color="black", markersize=4, label="simulated")
     fine = np.linspace(0, 0.8, 200)
@@ -258,7 +258,7 @@ def draw_cures(plt: Any) -> Any:
         label=r"$\frac{2}{\pi}\mu\,\arcsin(v/B)$, $\mu$ beyond",
     )
     right.plot(fine, np.full_like(fine, 0.3), color="0.4", linestyle=":", label="without dither")
-    right.set(xlabel="speed of the belt [m/s]", ylabel="mean friction [N]", ylim=(0, 0.36))
+    right.set(xlabel="speed of the belt [m/s]", ylabel="mean friction [N]", ylim=(-0.006, 0.36))
     right.set_title("dither along the belt, B = 0.5 m/s", loc="left", fontsize=9.0)
     right.legend(frameon=False, fontsize=8.0, loc="lower right")
     return figure

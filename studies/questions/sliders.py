@@ -196,7 +196,8 @@ def draw_bristles(runs: list[Trajectory], regional: Trajectory) -> Any:
             samples = run.at(times)
             speed = samples["plate.speed"]
             x = np.concatenate([[0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(times))])
-            left.plot(-1e6 * x, -samples["plate.drag"], **{**style, "linewidth": 1.1})
+            swing = rf"swing of {1e6 * np.abs(x).max():.2g} $\mu$m"
+            left.plot(-1e6 * x, -samples["plate.drag"], label=swing, **{**style, "linewidth": 1.1})
         x = np.linspace(0, 9e-6, 200)
         left.plot(
             1e6 * x,
@@ -206,7 +207,7 @@ def draw_bristles(runs: list[Trajectory], regional: Trajectory) -> Any:
             linewidth=1.4,
             label="theory, loading",
         )
-        left.set(xlabel=r"displacement of the slider [$\mu$m]", ylabel="force on it [N]")
+        left.set(xlabel=r"displacement of the slider [$\mu$m]", ylabel="force on it [N]", ylim=(None, 6.2))
         left.legend(frameon=False, loc="upper left")
         n = len([name for name in regional.modes if name.startswith("plate.")])
         times = np.linspace(0.1, regional.end, 1200)
@@ -215,7 +216,7 @@ def draw_bristles(runs: list[Trajectory], regional: Trajectory) -> Any:
         direction = np.sign(regional.at(times)["slider.speed"])
         region.imshow(np.where(slips, np.where(direction > 0, 0.85, 0.6), 0.15), aspect="auto", cmap="gray", vmin=0, vmax=1,
                       extent=(times[0], times[-1], -1, 1), interpolation="nearest", origin="lower")  # fmt: skip
-        region.set(ylabel="place in the contact")
+        region.set(ylabel="place in the contact,\nparts of its half-width")
         region.set_title("dark: stick, grey: slip (light: forward)", loc="left", fontsize=8.5)
         region.tick_params(labelbottom=False)
         share.plot(times, 1 - slips.mean(axis=0), **plot.LINES[0])

@@ -101,17 +101,22 @@ def draw(block: Branch, string: Branch) -> Any:
     figure, grid = plt.subplots(2, 2, figsize=(plot.WIDTH, 6.4), layout="constrained")
     panels = grid.ravel()
     angle = np.linspace(0.0, 2 * np.pi, 200)
-    for panel, branch, title in ((panels[0], block, "Dithered block"), (panels[2], string, "Drill string")):
+    for panel, branch, title in ((panels[0], block, "Dithered block, belt at"), (panels[2], string, "Drill string, swing of")):
         panel.plot(np.cos(angle), np.sin(angle), color="0.6", linewidth=0.8)
         for cycle in branch.cycles:
             inside = np.abs(cycle.multipliers) < 1.4
             mark = {"marker": "o", "markersize": 2.6, "linestyle": "none", "color": "0.1" if cycle.stable else "0.65"}
             panel.plot(cycle.multipliers.real[inside], cycle.multipliers.imag[inside], **mark)
+        panel.plot([], [], "o", color="0.1", markersize=3.5, label="stable")
+        panel.plot([], [], "o", color="0.65", markersize=3.5, label="unstable")
         point = next(p for p in branch.bifurcations if p.kind == "Neimark-Sacker")
         pair = point.cycle.multipliers[np.abs(point.cycle.multipliers.imag) > 1e-6]
-        panel.plot(pair.real, pair.imag, "D", color=plot.LINES[1]["color"], markersize=6, markeredgecolor="0.1", markeredgewidth=0.6)
+        panel.plot(pair.real, pair.imag, "D", color=plot.LINES[1]["color"], markersize=6, markeredgecolor="0.1", markeredgewidth=0.6,
+                   label="leaves the circle")  # fmt: skip
+        if branch is block:
+            panel.legend(frameon=False, fontsize=8.0, loc="center right", bbox_to_anchor=(0.9, 0.5))
         panel.set(xlabel="multiplier, real part", ylabel="imaginary part", aspect="equal", xlim=(-1.3, 1.3), ylim=(-1.3, 1.3))
-        panel.set_title(f"{title}: {point.value:.4g} {branch.unit}", loc="left", fontsize=9.0)
+        panel.set_title(f"{title} {point.value:.4g} {branch.unit}", loc="left", fontsize=9.0)
     for speed, shade in ((0.445, "0.1"), (0.43, "0.35"), (0.41, "0.6")):
         points = struck(speed)
         panels[1].plot(*points.T, ".", markersize=2.5 if speed < 0.44 else 8.0, color=shade, label=f"belt {speed:g} m/s")

@@ -165,7 +165,8 @@ def picture(string: Mapping[str, Tuned], rig: Tuned) -> Any:
 def _front(ax: Any, found: Tuned, label: str, style: dict[str, Any], marker: str) -> None:
     values = np.array([found.counted(trial) for trial in found.trials])
     front = np.array([found.counted(trial) for trial in found.front])
-    ax.plot(values[:, 0], values[:, 1], marker=".", markersize=2.5, color="0.75", linestyle="none", zorder=1)
+    ax.plot(values[:, 0], values[:, 1], marker=marker, markersize=2.2, color=style["color"], alpha=0.45, markeredgewidth=0.0, linestyle="none",
+            label=f"{label}, tried", zorder=1)  # fmt: skip
     ax.step(front[:, 0], front[:, 1], where="post", zorder=2, **style)
     ax.plot(
         front[:, 0], front[:, 1], marker=marker, markersize=3.5, color=style["color"], linestyle="none", label=f"{label}, front", zorder=3

@@ -9,8 +9,9 @@ import time
 
 import pytest
 
+from controllers import SoftTorque
 from models import BitRock, oscillators, wells
-from toolbox import compose, messages, onset, severity_map
+from toolbox import closed_loop, compose, hopf_points, margins, messages, onset, sensitivity, severity_map, simulate
 from toolbox.commands import listing
 from toolbox.commands.command_line import main
 from toolbox.messages import progress_bar
@@ -72,6 +73,28 @@ def test_silent_work_gives_a_sign_of_life_on_a_terminal(monkeypatch):
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     with messages.sign_of_life("a search"):
         assert not written(sys.stderr, 0.5)
+
+
+def test_verbs_that_may_take_seconds_give_a_sign_of_life_once_and_on_a_terminal_only(monkeypatch):
+    loop = closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque(reference=8.0), label="soft torque")
+    monkeypatch.setattr(messages, "SILENT", 0.0)
+    monkeypatch.setattr(sys, "stderr", terminal := Terminal())
+    run = simulate(loop, 40.0)
+    assert terminal.getvalue().count("at work") == 0
+    for verb, arguments in ((margins, (loop,)), (hopf_points, (loop, "top.reference", (2.0, 8.0))), (sensitivity, (run, ["bit.weight"]))):
+        terminal.truncate(0)
+        terminal.seek(0)
+        verb(*arguments)
+        assert terminal.getvalue() == f"stickslip: {verb.__name__} is at work ...\n"
+    terminal.truncate(0)
+    terminal.seek(0)
+    with messages.sign_of_life("a search"):
+        assert written(terminal) == "stickslip: a search ...\n"
+        margins(loop)
+    assert terminal.getvalue() == "stickslip: a search ...\n"
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    margins(loop)
+    assert sys.stderr.getvalue() == ""
 
 
 def test_a_bar_whose_first_step_comes_late_is_drawn_before_it(monkeypatch):

@@ -20,6 +20,7 @@ from toolbox.export.casadi_text import casadi_text
 from toolbox.export.from_control import LinearLaw
 from toolbox.files.atomic import replaced
 from toolbox.files.units import NumberOrText
+from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.components import Slot, check_fields, law_of, numbers_of, rebuilt, symbolic_copy
 from toolbox.modelling.elements import State, time
@@ -248,6 +249,7 @@ def _linear(expression: ca.SX, symbols: ca.SX) -> bool:
 
 
 # --------------------------------------------------------------------------------------------------------------------------------------------- C
+@sign_of_life("export_c is at work")
 @takes_loop
 def export_c(
     loop: ClosedLoop, path: str | Path, *, part: str | None = None, duration: NumberOrText | None = None, accuracy: float | None = None

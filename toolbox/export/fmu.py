@@ -18,9 +18,11 @@ from toolbox.export.c_code import Declared, c_paths, declared_c
 from toolbox.export.fmu_archive import FOLDERS, REAL, compiler_here, fmu_archive, refusing
 from toolbox.files.reading import TEXT, content
 from toolbox.files.units import NumberOrText
+from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 
 
+@sign_of_life("export_fmu is at work")
 @takes_loop
 def export_fmu(
     loop: ClosedLoop,

@@ -72,6 +72,6 @@ def spectrogram(run: Any, signal: str | None = None, window: NumberOrText | None
         image = ax.pcolormesh(
             at, transform.f[:rows], decibels[:rows], cmap="cividis", vmin=QUIET, vmax=0.0, shading="nearest", rasterized=True
         )
-        ax.figure.colorbar(image, ax=ax, label="of the loudest [dB]")
+        ax.figure.colorbar(image, ax=ax, label="power of the loudest [dB]")
         ax.set(xlabel="time [s]", ylabel=f"frequency of {in_words(name)} [Hz]", xlim=(begin, run.end))
     return ax

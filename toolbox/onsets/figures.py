@@ -197,6 +197,9 @@ WRITTEN = 0.03
 """Smallest share of a map that a region needs for its name to be written into it."""
 
 
+NARROW = 0.09
+"""Distance of a name from the border of its region, in parts of the map, below which it stands upright."""
+
 CLEAR = 0.12
 """Distance from the working point, in parts of the map, within which no name is written."""
 
@@ -219,7 +222,8 @@ def _words(ax: Any, grid: tuple[np.ndarray, np.ndarray], regions: Mapping[str, n
             depth = np.where(np.hypot(away[0][:, None], away[1][None, :]) > CLEAR, depth, 0.0)
         i, j = np.unravel_index(np.argmax(depth), where.shape)
         word = "smooth" if name == "free" else name
-        ax.text(grid[0][i], grid[1][j], word, ha="center", va="center", fontsize=8.5, zorder=5,
+        upright = depth[i, j] < NARROW  # beside a border, or the axis, there is no room for it to lie
+        ax.text(grid[0][i], grid[1][j], word, ha="center", va="center", fontsize=8.5, zorder=5, rotation=90.0 if upright else 0.0,
                 bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.5})  # fmt: skip
 
 

@@ -30,6 +30,7 @@ from toolbox.arguments import number, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText
+from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.orbits.arclength import ArcWalk
 from toolbox.orbits.branch import Bifurcation, Branch
@@ -38,6 +39,7 @@ from toolbox.orbits.sensitivity import placed
 from toolbox.steady_states.hopf import hopf_points
 
 
+@sign_of_life("follow is at work")
 def follow(
     cycle: Cycle,
     parameter: str,

@@ -22,6 +22,7 @@ import numpy as np
 from toolbox.arguments import number
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText
+from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
@@ -35,6 +36,7 @@ CROSSED = 20
 """Halvings of a sample's time in which a run crosses its mid-level: long runs are sampled coarsely."""
 
 
+@sign_of_life("limit_cycle is at work")
 def limit_cycle(
     loop: ClosedLoop | HybridSystem | Trajectory,
     settle: NumberOrText | None = None,

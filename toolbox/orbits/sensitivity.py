@@ -16,6 +16,7 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.files.printing import columns
+from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import names
 from toolbox.modelling.numbers import Number
@@ -194,6 +195,7 @@ class Sensitivity:
         return "\n".join(lines)
 
 
+@sign_of_life("sensitivity is at work")
 def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     """Differentiate a run with respect to the names in `to`, through every stick, slip, impact and switch.
 

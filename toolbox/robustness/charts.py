@@ -14,6 +14,7 @@ from toolbox.arguments import FloatArray, number
 from toolbox.errors import NoSteadyState, SceneError, SimulationError
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
+from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.robustness.margins import margins
 
@@ -74,6 +75,7 @@ class StabilityChart(Result):
         return stability_diagram(self, ax)
 
 
+@sign_of_life("stability_chart is at work")
 @takes_loop
 def stability_chart(
     loop: ClosedLoop, over: Mapping[str, tuple[NumberOrText, NumberOrText]], *, shape: tuple[int, int] = (15, 15)

@@ -177,7 +177,7 @@ def set_point_diagram(rows: Sequence[tuple[str, str, str, float]], highest: floa
             color = LINES[k % len(LINES)]["color"]
             filled: Any = {"markerfacecolor": color if way == "direct" else "white", "markeredgecolor": color}
             if math.isnan(speed):
-                ax.text(1.03 * highest, place, "none", color=color, fontsize=6.5, va="center")
+                ax.text(1.03 * highest, place, "none", color=color, fontsize=7.5, va="center")
             else:
                 ax.plot(speed, place, marker=MARKS[k % len(MARKS)], markersize=5.0, linestyle="none", **filled)
         for k, group in enumerate(groups):

@@ -36,6 +36,7 @@ from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.halving import halved
 from toolbox.measuring.judge import told_growth
+from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
 from toolbox.modelling.closing import described
 from toolbox.modelling.laws import Sampled
@@ -176,6 +177,7 @@ class SmallestError(Result):
         return error_diagram([number.name for number in self.numbers], found, sizes, ax=ax)
 
 
+@sign_of_life("smallest_error is at work")
 @takes_loop
 def smallest_error(
     loop: ClosedLoop,

@@ -14,6 +14,7 @@ from toolbox.files.printing import columns
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
+from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import described
 from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
@@ -134,6 +135,7 @@ class Margins(Result):
         return margins_diagram(self.loop, self.loops, axes=axes)
 
 
+@sign_of_life("margins is at work")
 @takes_loop
 def margins(
     loop: ClosedLoop,

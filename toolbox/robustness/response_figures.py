@@ -93,7 +93,7 @@ def nichols_diagram(found: Any, ax: Any = None) -> Any:
         value = gain * np.exp(1j * np.radians(angle))
         with np.errstate(divide="ignore"):
             closed = np.abs(value / (1.0 + value))
-        lines = ax.contour(angle, gain, closed, levels=[0.5, 0.8, 1.25, 2.0, 5.0], colors="0.65", linewidths=0.6)
+        lines = ax.contour(angle, gain, closed, levels=[0.5, 0.8, 1.25, 2.0, 5.0], colors="0.5", linewidths=0.6)
         ax.clabel(lines, fmt=lambda level: f"|T| = {level:g}", fontsize=6.5)
         for i, (name, phase, size) in enumerate(curves):
             ax.semilogy(phase, size, label=in_words(name), **LINES[i % len(LINES)])
@@ -126,7 +126,11 @@ def stability_diagram(found: Any, ax: Any = None) -> Any:
             lines = ax.contour(x, y, margin, levels=levels, colors="#12355b", linewidths=0.9)
             ax.clabel(lines, fmt=lambda level: f"α = {level:g}", fontsize=7.0)
         ax.plot(*found.at, marker="o", color="#e07a1f", markeredgecolor="black", markersize=6, linestyle="none", clip_on=False)
-        ax.set(xlim=(min(x[0], found.at[0]), max(x[-1], found.at[0])), ylim=(min(y[0], found.at[1]), max(y[-1], found.at[1])))
+        known = np.isfinite(
+            found.growth.T
+        )  # where there is no steady running at the set-point, as without integral gain, nothing is to be seen
+        for each, values, place in ((ax.set_xlim, x[known.any(axis=0)], found.at[0]), (ax.set_ylim, y[known.any(axis=1)], found.at[1])):
+            each(min([*values, place]), max([*values, place]))
         if not (found.growth < 0.0).any():
             ax.text(0.5, 0.6, "stable nowhere", transform=ax.transAxes, ha="center")
         for axis, name, unit in zip((ax.xaxis, ax.yaxis), found.names, found.units, strict=True):
@@ -167,14 +171,14 @@ def describing_diagram(found: Any, axes: Any = None) -> Any:
                 (found.exact[2] - found.exact[1]) / 2, color="0.4", linestyle=":", linewidth=1.2, label="half the swing of the cycle"
             )
         top = max(largest, *needed.values(), 0.0)
-        gains.set(ylim=(-0.5 * top, 1.6 * top), xlim=(0.0, found.amplitude[-1]))
+        gains.set(ylim=(-0.5 * top, 2.1 * top), xlim=(0.0, found.amplitude[-1]))
         name_axis(gains.xaxis, "amplitude of the slip", slip, found.asked)
         gains.set_ylabel(f"force over slip [{force} s/{slip.removesuffix('/s')}]")
         plane.axhline(0.0, color="0.7", linewidth=0.5, zorder=0)
         plane.set(xlabel=f"real part [{slip.removesuffix('/s')}/({force} s)]", ylabel="imaginary part")
         plane.ticklabel_format(scilimits=(-2, 3))
-        gains.legend(frameon=False, loc="upper right", fontsize=7.0)
-        plane.legend(frameon=False, loc="lower right", fontsize=7.0)
+        gains.legend(framealpha=1.0, edgecolor="none", loc="upper right", fontsize=7.5)
+        plane.legend(frameon=False, loc="lower right", fontsize=7.5)
         gains.set_title("filled: attracts; open: unstable", fontsize=8.5, loc="left")
     return axes
 

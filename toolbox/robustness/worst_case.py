@@ -24,6 +24,7 @@ from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import CALM, STANDS, STICKS, told_growth
 from toolbox.measuring.measures import Measure, maximum, mean, minimum, stuck_ratio
+from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
 from toolbox.modelling.closing import described
 from toolbox.modelling.laws import Sampled
@@ -184,6 +185,7 @@ def cycle_phases(run: Trajectory, count: int = 8) -> list[dict[str, Any]]:
     ]
 
 
+@sign_of_life("worst_case is at work")
 @takes_loop
 def worst_case(
     loop: ClosedLoop,

@@ -28,6 +28,7 @@ from toolbox.errors import NoSteadyState, SceneError
 from toolbox.files.results import LEFT_OUT
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
+from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.numbers import Number
@@ -87,6 +88,7 @@ class HopfPoint:
         )
 
 
+@sign_of_life("hopf_points is at work")
 @takes_loop
 def hopf_points(
     loop: ClosedLoop,
@@ -172,6 +174,7 @@ def hopf_points_of(
     return sorted(found, key=lambda point: point.value)
 
 
+@sign_of_life("hopf_curve is at work")
 @takes_loop
 def hopf_curve(
     loop: ClosedLoop,

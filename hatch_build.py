@@ -17,7 +17,7 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-NEEDED = ("casadi", "llvmlite", "numba", "numpy")
+NEEDED = ("casadi", "llvmlite", "numpy")
 
 
 class CustomBuildHook(BuildHookInterface):

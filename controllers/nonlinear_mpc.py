@@ -23,7 +23,7 @@ from toolbox.authoring import announced, time_left, whole, zero_order_hold
 from toolbox.modelling import OptionalQuantity
 
 if TYPE_CHECKING:
-    from controllers.condensing import Aim, Limits
+    from toolbox.authoring import Motion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +88,7 @@ class PlannedNonlinear(PredictiveLaw):
         self.settings = law
         n, N = A.shape[0], law.horizon
         step, drive = zero_order_hold(A, model.B[:, None], law.period)
-        P, self.gain, _ = riccati(step, drive[:, 0], law, model)
+        P, gain, _ = riccati(step, drive[:, 0], law, model)
         self.Q_rows = np.array([model.top / law.top_size, model.bit / law.bit_size])
         values, vectors = np.linalg.eigh(P)
         self.P_rows = np.ascontiguousarray((vectors * np.sqrt(np.maximum(values, 0.0))).T)
@@ -116,18 +116,31 @@ class PlannedNonlinear(PredictiveLaw):
         limits += [(model.top / law.top_size, -np.inf, law.highest_speed / law.top_size)] if law.highest_speed is not None else []
         limits += [(twist_row(model), -law.highest_twist, law.highest_twist)] if law.highest_twist is not None else []
         count = len(limits)
-        self.limit_rows = np.array([row for row, _, _ in limits]).reshape(count, n)
-        self.limit_low, self.limit_high = (np.array([limit[i] for limit in limits], float) for i in (1, 2))
+        rows, (low, high) = np.array([row for row, _, _ in limits]), np.array([bounds for _, *bounds in limits]).T.copy()
+        numbers = np.array([0.0, 0.0, law.torque_size, law.move_size, law.priority, self.lowest, self.highest, self.rate, np.inf])
+        self.weights = condensing.Weights(
+            numbers,
+            np.zeros(n),
+            np.ascontiguousarray(gain),
+            self.Q_rows,
+            self.P_rows,
+            rows,
+            low,
+            high,
+            np.zeros(count, np.int64),
+            np.ones(N, np.int64),
+        )
         width, many = N + count, N + 2 * count * N
-        self.H, self.rows = np.zeros((width, width)), np.zeros((many, width))
-        self.rows[:N, :N] = np.eye(N) - np.eye(N, k=-1)
+        H, sides = np.zeros((width, width)), np.zeros((many, width))
+        sides[:N, :N] = np.eye(N) - np.eye(N, k=-1)
         for i in range(count):
-            self.H[N + i, N + i] = law.priority
-            self.rows[N + 2 * i * N : N + (2 * i + 1) * N, N + i] = -1.0
-            self.rows[N + (2 * i + 1) * N : N + (2 * i + 2) * N, N + i] = 1.0
-        self.g, self.low, self.high = np.zeros(width), np.full(width + many, -np.inf), np.full(width + many, np.inf)
-        self.g[N:], self.low[N:width] = law.priority, 0.0
-        self.program = QuadraticProgram(np.eye(width), self.rows, law.solver, warm=law.warm)
+            H[N + i, N + i] = law.priority
+            sides[N + 2 * i * N : N + (2 * i + 1) * N, N + i] = -1.0
+            sides[N + (2 * i + 1) * N : N + (2 * i + 2) * N, N + i] = 1.0
+        g, low, high = np.zeros(width), np.full(width + many, -np.inf), np.full(width + many, np.inf)
+        g[N:], low[N:width] = law.priority, 0.0
+        self.filled = condensing.Program(H, g, sides, low, high, np.empty((n, N)), np.empty((n, N)), np.empty(N))
+        self.program = QuadraticProgram(np.eye(width), sides, law.solver, warm=law.warm)
         self._clear()
         for speed in (0.0, *3 * (law.reference,)):  # loads what is compiled; a bit turns after three samples
             self.plan(speed * np.append(model.bit, 0.0))
@@ -154,7 +167,8 @@ class PlannedNonlinear(PredictiveLaw):
                 self.rollout.scale[self.contact] = self.strength
 
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
-        from controllers.condensing import Aim, Commands, Motion, Plan, Prediction, Program, condense, regulated, wound_up
+        from controllers.condensing import LAST, STEADY, Drive, condense, regulated, wound_up
+        from toolbox.authoring import advance_rollout
 
         law, N, unit = self.settings, self.law.horizon, self.law.torque_size
         x, load = z[:-1].copy(), float(z[-1])
@@ -166,34 +180,29 @@ class PlannedNonlinear(PredictiveLaw):
         if resting and law.width is None:
             x[self.place] = 0.0
         wish = self.target @ (self.reference, self.strength * self._rock_torque(self.reference))
-        self.limit_low[0] = law.slowest * self.reference / law.bit_size
-        x_s, u_s = np.ascontiguousarray(wish[:-1]), float(wish[-1])
-        aim = Aim(x_s, u_s, float(self.last), self.Q_rows, self.P_rows, unit, law.move_size)
-        shifted = np.append(self.torques[1:], self.torques[-1:], axis=0)
-        U, value, X, M = self._valued(x, shifted, aim)
+        weights, filled, roll = self.weights, self.filled, self.rollout
+        weights.lowest[0] = law.slowest * self.reference / law.bit_size
+        weights.x_s[:], weights.numbers[STEADY], weights.numbers[LAST] = wish[:-1], wish[-1], self.last
+        plan, value = self._valued(roll.motion(x, np.append(self.torques[1:], self.torques[-1:], axis=0)))
         if not self.started:
             value = np.inf  # there is no last plan
         # a plan that owes nothing to the last one: a soft drive winds up a bit at rest, the regulator catches one that turns
-        roll = self.rollout
-        P_X, P_M, P_U = np.empty((N + 1, x.size)), np.zeros((N + 1, roll.contacts)), np.empty((N, 1))
-        P_X[0], P_M[0] = x, roll.modes(x)
-        prediction = Prediction(roll.addresses, roll.interval, roll.steps, roll.inputs, roll.columns, roll.numbers)
-        motion, commands = Motion(P_X, P_M, _NONE, P_U), Commands(self.lowest, self.highest, self.rate)
+        other = roll.motion(x, np.empty((N, 1)))
         if resting:
-            wound_up(prediction, motion, self.top, self.reference, aim.last, self.drive.proportional, self.drive.integral, commands)
+            wound_up(other, weights, Drive(self.top, np.array([self.reference, self.drive.proportional, self.drive.integral])))
         else:
-            regulated(prediction, motion, aim, self.gain, commands)
-        other = self._cost(P_X, P_U, P_M, aim)
-        if other < value:
-            U, value, X, M = P_U, other, P_X, P_M
+            regulated(other, weights)
+        found = self._cost(other)
+        if found < value:
+            plan, value = other, found
         for _ in range(law.iterations):
-            X, A, B, M = roll.advance(x, U)
-            free = self._free(X, M)
-            program = Program(self.H, self.g, self.rows, self.low, self.high)
-            condense(Plan(X, U, free), A, B, aim, self._limits(X), self.rate, program)
-            self.low[:N], self.high[:N] = (self.lowest - U[:, 0]) / unit, (self.highest - U[:, 0]) / unit
-            self.program.update(self.H, self.rows)
-            answer = self.program.solve(self.g, self.low, self.high)
+            U = plan.U
+            slopes = roll.motion(x, U, derivatives=True)
+            advance_rollout(slopes)
+            condense(self._weighed(slopes), weights, filled)
+            filled.low[:N], filled.high[:N] = (self.lowest - U[:, 0]) / unit, (self.highest - U[:, 0]) / unit
+            self.program.update(filled.H, filled.rows)
+            answer = self.program.solve(filled.g, filled.low, filled.high)
             self.record.answer = answer
             self.record.programs += 1
             if not answer.sound:
@@ -201,51 +210,51 @@ class PlannedNonlinear(PredictiveLaw):
             change = answer.z[:N, None] * unit
             factor = 1.0
             while factor > 0.05:
-                trial = self._valued(x, U + factor * change, aim)
+                trial = self._valued(roll.motion(x, U + factor * change))
                 if trial[1] < value:
                     break
                 factor *= 0.5
             else:
                 break
-            settled = float(np.abs(trial[0] - U).max()) < 1e-6 * unit
-            U, value, X, M = trial
-            if settled:
+            plan, value = trial
+            if float(np.abs(plan.U - U).max()) < 1e-6 * unit:
                 break
+        U, X, M = plan.U, plan.X, plan.M
         self.torques, self.states, self.modes, self.value = U, X, M, value
         return float(U[0, 0]), ""
 
-    def _valued(self, x: np.ndarray, U: np.ndarray, aim: Aim) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+    def _valued(self, motion: Motion) -> tuple[Motion, float]:
+        """A motion with the states that its torques lead to, and its cost."""
+        from toolbox.authoring import advance_rollout
+
         time_left()
-        X, M = self.rollout.states(x, U)
-        return U, self._cost(X, U, M, aim), X, M
+        advance_rollout(motion)
+        return motion, self._cost(motion)
 
-    def _cost(self, X: np.ndarray, U: np.ndarray, M: np.ndarray, aim: Aim) -> float:
-        from controllers.condensing import Plan, cost
+    def _cost(self, motion: Motion) -> float:
+        from controllers.condensing import VALUE, cost
 
-        value = cost(Plan(X, U, self._free(X, M)), aim, self._limits(X), self.law.priority)
+        cost(self._weighed(motion), self.weights)
+        value = float(self.weights.numbers[VALUE])
         return value if np.isfinite(value) else np.inf
 
-    def _limits(self, X: np.ndarray) -> Limits:
-        """The limits of a plan: that of the bit holds from the first stage at which it is fast enough, where a bit turns now."""
-        from controllers.condensing import Limits
+    def _weighed(self, motion: Motion) -> Motion:
+        """The same motion, behind the weights of its stages: a bit at rest is wound up first, and what follows its release comes later.
 
-        first = np.zeros(self.limit_rows.shape[0], np.int64)
-        fast = X[1:, self.place] >= self.settings.slowest * self.reference
-        first[0] = X.shape[0] - 1 if self.resting or not self.settings.matched or not fast.any() else np.argmax(fast)
-        return Limits(self.limit_rows, self.limit_low, self.limit_high, first)
-
-    def _free(self, X: np.ndarray, M: np.ndarray) -> np.ndarray:
-        """What each stage weighs (see `controllers.condensing`): a bit at rest is wound up first, and what follows its release comes later."""
-        free = np.ones(X.shape[0] - 1, np.int64)
-        if not self.settings.matched:
-            return free
-        turns = M[1:, self.contact] != 0.0 if self.settings.width is None else np.abs(X[1:, self.place]) > self.settings.rest_speed
-        if self.resting:
-            free[:] = 0
-            free[np.cumsum(turns) > 0] = -1
-        else:
-            free[~turns] = 2
-        return free
+        The limit of the bit holds from the first stage at which it is fast enough, where a bit turns now.
+        """
+        law, X, free, first = self.settings, motion.X, self.weights.free, self.weights.first
+        fast = X[1:, self.place] >= law.slowest * self.reference
+        first[0] = X.shape[0] - 1 if self.resting or not law.matched or not fast.any() else np.argmax(fast)
+        free[:] = 1
+        if law.matched:
+            turns = motion.M[1:, self.contact] != 0.0 if law.width is None else np.abs(X[1:, self.place]) > law.rest_speed
+            if self.resting:
+                free[:] = 0
+                free[np.cumsum(turns) > 0] = -1
+            else:
+                free[~turns] = 2
+        return motion
 
     def _rock_at(self, speed: float) -> tuple[float, float]:
         """Torque and slope of the declared rock at a speed >= 0."""
@@ -267,6 +276,3 @@ class PlannedNonlinear(PredictiveLaw):
             self.strength += (seen - self.strength) * min(1.0, law.period / law.strength_time)
         self.strength = float(np.clip(self.strength, 0.5, 2.0))
         self.rollout.scale[self.contact] = self.strength
-
-
-_NONE = np.empty((0, 0, 0))

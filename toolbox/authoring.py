@@ -5,8 +5,8 @@ Everything here is public: it changes only with a line in the changelog. `models
     checks      number, numbers, whole, array, entries, symmetric, is_finite_number, finite_array, in_si, NumberOrText, check_fields, suggest, window
     symbols     State
     files       Result, columns, Column, Table, read_table, read_arrays, read_mat, opened, replaced
-    predictions Rollout, regularised, advance_rollout, time_left
-    machine     cached, announced
+    predictions Rollout, Motion, MOTION_KINDS, advance_rollout, advance_interval, regularised, time_left
+    machine     Compiled, announced
     export      Declared, written
     pictures    paper, panels, line_styles, name_axis
     packages    face
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from toolbox.arguments import symmetric as symmetric
     from toolbox.arguments import whole as whole
     from toolbox.compilation.notices import announced as announced
-    from toolbox.compilation.numba_cache import cached as cached
     from toolbox.errors import suggest as suggest
     from toolbox.export.c_code import Declared as Declared
     from toolbox.export.c_code import written as written
@@ -54,9 +53,13 @@ if TYPE_CHECKING:
     from toolbox.modelling.elements import State as State
     from toolbox.modelling.regularisation import regularised as regularised
     from toolbox.prediction.rollout import Rollout as Rollout
-    from toolbox.prediction.rollout_loop import advance as advance_rollout  # noqa: F401 (public under this name)
+    from toolbox.prediction.rollout_loop import MOTION_KINDS as MOTION_KINDS
+    from toolbox.prediction.rollout_loop import Motion as Motion
+    from toolbox.prediction.rollout_loop import advance_interval as advance_interval
+    from toolbox.prediction.rollout_loop import advance_rollout as advance_rollout
     from toolbox.robustness.loop import zero_order_hold as zero_order_hold
     from toolbox.simulation.deadline import time_left as time_left
     from toolbox.simulation.samples import window as window
+    from toolbox.translation.compiled import Compiled as Compiled
 
 __getattr__, __dir__ = faces.face()

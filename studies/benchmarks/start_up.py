@@ -1,7 +1,7 @@
 """What does an answer cost before and beyond the event loop?
 
 Measured in fresh processes: `from toolbox import compose, simulate` beside `import casadi, numpy`, `import toolbox`, the first answer with warm caches,
-the first answer of a machine with empty caches (numba compiles the event loop once), the overhead of a `simulate` call beyond its loop, the memory of
+the first answer of a machine with empty caches (the event loop is compiled once), the overhead of a `simulate` call beyond its loop, the memory of
 10 000 s of a drill string with an output every 0.1 s, and for chains of 10, 100 and 1000 elements with friction at the bit the time to compose and compile
 them anew, the same with their machine code in the cache, and the memory of the process.
 

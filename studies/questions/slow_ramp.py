@@ -17,13 +17,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from toolbox.authoring import cached
+from toolbox.authoring import Compiled
 
 TORQUE, PI_LAW, SLIDING_LAW = 0, 1, 2
+(LAW, EVERY, LATE, COUNT), (STEP, TOP_DRAG, BIT_DRAG) = range(4), range(3)
+"""Indices into `Work.ints`: the kind of law, steps in a sample and in a delay, and all steps; and into `Work.numbers`."""
 
 
 @dataclass(frozen=True)
@@ -105,112 +107,143 @@ def ramp(
     nodes, at = np.concatenate([[0.0], times]), np.concatenate([[values[0]], values]).astype(float)
     count = round((times[-1] + rest) / step)
     every, late = round(string.sample_time / step), round(string.delay / step)
-    sticks = _ramped(
-        string.inertia, string.stiffness, string.damping, string.top_drag, string.bit_drag, string.rock, string.law, string.gains, every, late,
-        nodes, at, step, count,
+    ints, numbers, states = (
+        np.array([string.law, every, late, count]),
+        np.array([step, string.top_drag, string.bit_drag]),
+        2 * string.inertia.size,
+    )
+    work = Work(
+        ints, numbers, string.inertia, string.stiffness, string.damping, string.rock, string.gains, nodes, at, np.empty((200_000, 2)),
+        *np.zeros((5, states)),
     )  # fmt: skip
-    return Ramp(nodes, at, count * step, sticks)
+    found = ramped(work)
+    return Ramp(nodes, at, count * step, work.phases[:found].copy())
 
 
-@cached(nogil=False, error_model="python")
-def _torque(x, n, value, law, gains, k, c):  # type: ignore[no-untyped-def]
-    if law == 0:
+class Work(NamedTuple):
+    """A ramp under way.
+
+    ints: see above;  numbers: step [s], drag at the top and at the bit;  inertia, k, c, rock, gains: as of `String`;  nodes, values: break points;
+    phases: where the stick phases go;  x, y: twists (n - 1), speeds (n) and the integral now and a step later;  slope, stage, total: room for a step.
+    """
+
+    ints: np.ndarray
+    numbers: np.ndarray
+    inertia: np.ndarray
+    k: np.ndarray
+    c: np.ndarray
+    rock: np.ndarray
+    gains: np.ndarray
+    nodes: np.ndarray
+    values: np.ndarray
+    phases: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    slope: np.ndarray
+    stage: np.ndarray
+    total: np.ndarray
+
+
+def _torque(w, x, value):  # type: ignore[no-untyped-def]
+    n, law = w.inertia.size, w.ints[LAW]
+    if law == TORQUE:
         return value
     top, bit, integral = x[n - 1], x[2 * n - 2], x[2 * n - 1]
-    if law == 1:
-        return gains[0] * (value - top) + gains[1] * integral
-    lam, eta, width, inertia, drag = gains
-    load = k[0] * x[0] + c[0] * (x[n - 1] - x[n])
+    if law == PI_LAW:
+        return w.gains[0] * (value - top) + w.gains[1] * integral
+    lam, eta, width, inertia, drag = w.gains[0], w.gains[1], w.gains[2], w.gains[3], w.gains[4]
+    load = w.k[0] * x[0] + w.c[0] * (x[n - 1] - x[n])
     s = top - value + lam * integral
     return drag * top + load - inertia * lam * (top - value + top - bit) - inertia * eta * min(max(s / width, -1.0), 1.0)
 
 
-@cached(nogil=False, error_model="python")
-def _slopes(x, dx, inertia, k, c, top_drag, bit_drag, rock, law, value, torque, sign):  # type: ignore[no-untyped-def]
-    """Rates into dx, and the torque that the bit bears without rock; x: twists (n - 1), speeds (n), integral; sign: of the slip, 0 in stick."""
-    n = inertia.size
+def _slopes(w, x, value, torque, sign):  # type: ignore[no-untyped-def]
+    """Rates into `slope`, and the torque that the bit bears without rock; sign: of the slip, 0 in stick."""
+    n = w.inertia.size
     above = torque
     for i in range(n):
-        w = x[n - 1 + i]
-        below = 0.0
+        speed, below = x[n - 1 + i], 0.0
         if i < n - 1:
-            dx[i] = w - x[n + i]
-            below = k[i] * x[i] + c[i] * dx[i]
-        drag = top_drag * w if i == 0 else 0.0
+            w.slope[i] = speed - x[n + i]
+            below = w.k[i] * x[i] + w.c[i] * w.slope[i]
+        drag = w.numbers[TOP_DRAG] * speed if i == 0 else 0.0
         if i == n - 1:
-            drag += bit_drag * w
-        dx[n - 1 + i] = (above - below - drag) / inertia[i]
+            drag += w.numbers[BIT_DRAG] * speed
+        w.slope[n - 1 + i] = (above - below - drag) / w.inertia[i]
         above = below
-    free = dx[2 * n - 2] * inertia[n - 1]
-    if sign == 0.0:
-        dx[2 * n - 2] = 0.0
-    else:
-        w = x[2 * n - 2]
-        dx[2 * n - 2] = (free - sign * (rock[1] + (rock[0] - rock[1]) * math.exp(-rock[2] * abs(w)))) / inertia[n - 1]
+    free = w.slope[2 * n - 2] * w.inertia[n - 1]
     top, bit = x[n - 1], x[2 * n - 2]
-    dx[2 * n - 1] = value - top if law == 1 else (top - value) + (top - bit) if law == 2 else 0.0
+    if sign == 0.0:
+        w.slope[2 * n - 2] = 0.0
+    else:
+        w.slope[2 * n - 2] = (free - sign * (w.rock[1] + (w.rock[0] - w.rock[1]) * math.exp(-w.rock[2] * abs(bit)))) / w.inertia[n - 1]
+    law = w.ints[LAW]
+    w.slope[2 * n - 1] = value - top if law == PI_LAW else ((top - value) + (top - bit) if law == SLIDING_LAW else 0.0)
     return free
 
 
-@cached(nogil=False, error_model="python")
-def _advanced(x, h, v0, v1, inertia, k, c, top_drag, bit_drag, rock, law, gains, held, sampled, sign):  # type: ignore[no-untyped-def]
-    """One step of the classical Runge-Kutta method in one mode."""
-    n, size = inertia.size, x.size
-    total, slope, y = np.zeros(size), np.empty(size), x.copy()
+def _advanced(w, x, h, v0, v1, held, sign):  # type: ignore[no-untyped-def]
+    """One step of the classical Runge-Kutta method in one mode, from x to y."""
+    sampled, size = w.ints[EVERY] > 0, w.x.size
+    for i in range(size):
+        w.total[i] = 0.0
+        w.stage[i] = x[i]
     for stage in range(4):
-        value = v0 if stage == 0 else v1 if stage == 3 else 0.5 * (v0 + v1)
-        torque = held if sampled else _torque(y, n, value, law, gains, k, c)
-        _slopes(y, slope, inertia, k, c, top_drag, bit_drag, rock, law, value, torque, sign)
+        value = v0 if stage == 0 else (v1 if stage == 3 else 0.5 * (v0 + v1))
+        _slopes(w, w.stage, value, held if sampled else _torque(w, w.stage, value), sign)
         if sampled:
-            slope[2 * n - 1] = 0.0
-        weight = 1.0 if stage in (0, 3) else 2.0
+            w.slope[size - 1] = 0.0
+        weight = 1.0 if stage == 0 or stage == 3 else 2.0
         for i in range(size):
-            total[i] += weight * slope[i] / 6.0
-            y[i] = x[i] + (h if stage == 2 else 0.5 * h) * slope[i]
-    return x + h * total
+            w.total[i] += weight * w.slope[i] / 6.0
+            w.stage[i] = x[i] + (h if stage == 2 else 0.5 * h) * w.slope[i]
+    for i in range(size):
+        w.y[i] = x[i] + h * w.total[i]
 
 
-@cached(nogil=False, error_model="python")
-def _ramped(inertia, k, c, top_drag, bit_drag, rock, law, gains, every, late, nodes, values, h, count):  # type: ignore[no-untyped-def]
-    n = inertia.size
-    x, slope = np.zeros(2 * n), np.empty(2 * n)
-    phases, found, since, sign = np.empty((200_000, 2)), 0, 0.0, 0.0
+def _ramped(w):  # type: ignore[no-untyped-def]
+    """Run the ramp; returns how many stick phases it had."""
+    n, h, every = w.inertia.size, w.numbers[STEP], w.ints[EVERY]
+    found, since, sign = 0, 0.0, 0.0
     held, coming, arrives = 0.0, 0.0, -1
-    v1, piece = values[0], 0
-    for step in range(count):
+    v1, piece = w.values[0], 0
+    for step in range(w.ints[COUNT]):
         t, v0 = step * h, v1
-        while piece < nodes.size - 1 and nodes[piece + 1] <= t + h:
+        while piece < w.nodes.size - 1 and w.nodes[piece + 1] <= t + h:
             piece += 1
-        v1 = values[piece]
-        if piece < nodes.size - 1:
-            v1 += (values[piece + 1] - values[piece]) * (t + h - nodes[piece]) / (nodes[piece + 1] - nodes[piece])
+        v1 = w.values[piece]
+        if piece < w.nodes.size - 1:
+            v1 += (w.values[piece + 1] - w.values[piece]) * (t + h - w.nodes[piece]) / (w.nodes[piece + 1] - w.nodes[piece])
         if every > 0 and step % every == 0:  # sample, update, hold: u_k = p e_k + i z_k, z_(k+1) = z_k + period e_k
-            error = v0 - x[n - 1]
-            coming, arrives = gains[0] * error + gains[1] * x[2 * n - 1], step + late
-            x[2 * n - 1] += every * h * error
+            error = v0 - w.x[n - 1]
+            coming, arrives = w.gains[0] * error + w.gains[1] * w.x[2 * n - 1], step + w.ints[LATE]
+            w.x[2 * n - 1] += every * h * error
         if step == arrives:
             held = coming
-        before = x[2 * n - 2]
-        y = _advanced(x, h, v0, v1, inertia, k, c, top_drag, bit_drag, rock, law, gains, held, every > 0, sign)
-        if sign != 0.0 and y[2 * n - 2] * sign <= 0.0:
-            part = before / (before - y[2 * n - 2]) if before * sign > 0.0 else 0.0
-            y = _advanced(x, part * h, v0, v1, inertia, k, c, top_drag, bit_drag, rock, law, gains, held, every > 0, sign)
-            y[2 * n - 2] = 0.0
-            torque = held if every > 0 else _torque(y, n, v1, law, gains, k, c)
-            free = _slopes(y, slope, inertia, k, c, top_drag, bit_drag, rock, law, v1, torque, 0.0)
-            sign = 0.0 if abs(free) <= rock[0] else math.copysign(1.0, free)
+        before = w.x[2 * n - 2]
+        _advanced(w, w.x, h, v0, v1, held, sign)
+        if sign != 0.0 and w.y[2 * n - 2] * sign <= 0.0:
+            part = before / (before - w.y[2 * n - 2]) if before * sign > 0.0 else 0.0
+            _advanced(w, w.x, part * h, v0, v1, held, sign)
+            w.y[2 * n - 2] = 0.0
+            free = _slopes(w, w.y, v1, held if every > 0 else _torque(w, w.y, v1), 0.0)
+            sign = 0.0 if abs(free) <= w.rock[0] else math.copysign(1.0, free)
             since = t + part * h
-            y = _advanced(y, (1.0 - part) * h, v0, v1, inertia, k, c, top_drag, bit_drag, rock, law, gains, held, every > 0, sign)
+            _advanced(w, w.y, (1.0 - part) * h, v0, v1, held, sign)
         if sign == 0.0:
-            torque = held if every > 0 else _torque(y, n, v1, law, gains, k, c)
-            free = _slopes(y, slope, inertia, k, c, top_drag, bit_drag, rock, law, v1, torque, 0.0)
-            if abs(free) > rock[0]:
+            free = _slopes(w, w.y, v1, held if every > 0 else _torque(w, w.y, v1), 0.0)
+            if abs(free) > w.rock[0]:
                 sign = math.copysign(1.0, free)
-                if found < phases.shape[0]:
-                    phases[found, 0], phases[found, 1] = since, t + h
+                if found < w.phases.shape[0]:
+                    w.phases[found, 0], w.phases[found, 1] = since, t + h
                     found += 1
-        x = y
-    if sign == 0.0 and found < phases.shape[0]:
-        phases[found, 0], phases[found, 1] = since, count * h
+        for i in range(w.x.size):
+            w.x[i] = w.y[i]
+    if sign == 0.0 and found < w.phases.shape[0]:
+        w.phases[found, 0], w.phases[found, 1] = since, w.ints[COUNT] * h
         found += 1
-    return phases[:found].copy()
+    return found
+
+
+ramped = Compiled(_ramped, dict.fromkeys(Work._fields, ("float64", 1)) | {"ints": ("int64", 1), "phases": ("float64", 2)})
+"""A ramp as machine code."""

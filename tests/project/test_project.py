@@ -31,7 +31,7 @@ CALLED = (
     "importlib.import_module(name)",
 )
 """Imports by a call: of the public names, and of a user's own file (`--load`)."""
-HEAVY = ("control", "scipy", "osqp", "matplotlib", "numba", "llvmlite", "pint", "pandas", "tqdm", "tomli_w")
+HEAVY = ("control", "scipy", "osqp", "matplotlib", "llvmlite", "pint", "pandas", "tqdm", "tomli_w")
 
 
 def sources(root, *packages):

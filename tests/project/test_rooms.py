@@ -20,7 +20,7 @@ FLOORS = (
 LONGEST_FILE, LONGEST_FUNCTION, MOST_ARGUMENTS, MOST_BRANCHES = 500, 90, 10, 25
 
 COMPILED_LOOPS = {
-    "event_stepper.advance", "time_stepper._advance", "lanes/loop._run", "rollout_loop.advance", "rollout_loop._switched", "rollout_loop._first_crossing",
+    "event_stepper.advance", "time_stepper._advance", "lanes/loop._run",
 }  # fmt: skip
 """Event loops in machine code, as file.name: a call of them, and every argument of it, is paid for at each step."""
 MORE_ARGUMENTS = {"tabulated_string.from_tables": 16}

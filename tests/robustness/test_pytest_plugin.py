@@ -23,7 +23,7 @@ import sys
 
 def test_nothing_heavy_is_loaded(request):
     assert request.config.pluginmanager.has_plugin("stickslip_pytest")
-    heavy = [name for name in ("casadi", "numba", "numpy", "scipy", "matplotlib", "toolbox") if name in sys.modules]
+    heavy = [name for name in ("casadi", "llvmlite", "numpy", "scipy", "matplotlib", "toolbox") if name in sys.modules]
     assert heavy == []
 """
 

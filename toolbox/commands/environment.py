@@ -11,8 +11,6 @@ LATEST = 253_402_300_799
 
 
 NUMBERS = {
-    "NUMBA_NUM_THREADS": (1, 65_536, "be a whole number of threads"),
-    "NUMBA_DISABLE_JIT": (0, 0, "be 0 or not there, because every run is compiled"),
     "SOURCE_DATE_EPOCH": (0, LATEST, "be a whole number of seconds since 1970"),
 }
 """{variable: lowest and highest number, what it must be}."""

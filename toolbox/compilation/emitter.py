@@ -379,10 +379,9 @@ def _dense_systems(text: str) -> dict[str, int]:
 
 
 def _processor(llvm: Any) -> tuple[str, str]:
-    """(name, features) of the processor that code is for: this one, or the one that NUMBA_CPU_NAME and NUMBA_CPU_FEATURES name, as for the code of numba."""
-    name = os.environ.get("NUMBA_CPU_NAME")
-    features = os.environ.get("NUMBA_CPU_FEATURES", "" if name == "generic" else None)
-    return name or llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten() if features is None else features
+    """(name, features) of the processor that the code of models is for: this one, or the plain one of the name in STICKSLIP_PROCESSOR, such as generic."""
+    name = os.environ.get("STICKSLIP_PROCESSOR")
+    return (name, "") if name else (llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
 
 
 def _target() -> Any:

@@ -22,7 +22,7 @@ def announced(name: str, *functions: Any) -> bool:
     name
         What the user reads.
     functions
-        Functions made by `cached`, or that have a method `known`.
+        What `Compiled` makes.
 
     Returns
     -------
@@ -31,27 +31,10 @@ def announced(name: str, *functions: Any) -> bool:
     """
     fresh = [function for function in functions if function not in _SAID]
     _SAID.update(fresh)
-    if not fresh:
+    if all(function.known() for function in fresh):
         return False
-    new = [function for function in fresh if not _known(function)]
-    if not new:
-        return False
-    LOG.info("compiling the %s, once per machine (%s) ...", name, "up to a minute" if any(map(_of_numba, new)) else "some seconds")
+    LOG.info("compiling the %s, once per machine (some seconds) ...", name)
     return True
-
-
-def _known(function: Any) -> bool:
-    """Whether a compiled function needs no compiling here."""
-    if _of_numba(function):
-        from toolbox.compilation.numba_cache import known
-
-        return known(function)
-    return bool(function.known())
-
-
-def _of_numba(function: Any) -> bool:
-    """Whether numba compiles a function, which takes long; another one says itself whether it is known."""
-    return not hasattr(function, "known")
 
 
 def announced_code(instructions: int) -> bool:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-VERSIONED = {"numba", "llvmlite", "numpy"}
+VERSIONED = {"llvmlite", "numpy"}
 """Packages whose code enters the number of a function by their version alone, as that of Python does."""
 
 
@@ -25,7 +25,7 @@ def stamp_of(function: Any, *besides: Any) -> str:
 
 
 def followed(function: Any) -> list[Any]:
-    """The function itself and all that it calls, however deep: Python functions, functions of numba, and its intrinsics."""
+    """The function itself and all that it calls, however deep: Python functions and compiled ones."""
     found: dict[int, Any] = {}
     waiting = [function]
     while waiting:
@@ -37,8 +37,8 @@ def followed(function: Any) -> list[Any]:
 
 
 def _plain(thing: Any) -> FunctionType | None:
-    """The Python function behind a function of numba, an intrinsic or itself; None for anything else, and for what stands in a versioned package."""
-    found = getattr(thing, "py_func", None) or getattr(thing, "_defn", None) or thing
+    """The Python function behind a compiled one, or itself; None for anything else, and for what stands in a versioned package."""
+    found = getattr(thing, "py_func", thing)
     return found if isinstance(found, FunctionType) and not _versioned(found.__module__) else None
 
 
@@ -57,7 +57,7 @@ def _digest(thing: Any) -> str:
     """A number of one function: its code, what its constants are and which functions it calls, but not of those."""
     plain = _plain(thing)
     assert plain is not None
-    found = hashlib.sha256(repr(sorted(getattr(thing, "targetoptions", {}).items())).encode())
+    found = hashlib.sha256()
     _add_code(found.update, plain.__code__, plain.__doc__)
     for name, value in read_outside(plain):
         found.update(f"{name} = {_text(value, name, plain)}\n".encode())
@@ -121,8 +121,6 @@ def _text(value: Any, name: str, user: FunctionType) -> str:
         return f"class {value.__module__}.{value.__qualname__} {getattr(value, '_fields', '')}"
     if isinstance(value, (int, float, complex, str, bytes, type(None), np.generic)):
         return f"{type(value).__name__} {value!r}"
-    if type(value).__module__.partition(".")[0] in VERSIONED:  # types and functions of numba; their text may hold an address
-        return f"{type(value).__qualname__} {getattr(value, '__name__', '') or getattr(value, 'name', '')}"
-    if callable(value) and _versioned(getattr(value, "__module__", None)):  # functions of Python itself
+    if callable(value) and _versioned(getattr(value, "__module__", None)):  # functions of Python and numpy
         return f"function {value.__module__}.{value.__qualname__}"
     raise TypeError(f"Function `{user.__qualname__}` must read constants and functions only, but `{name}` holds a {type(value).__name__}.")

@@ -20,7 +20,7 @@ from toolbox.files.reading import TEXT, content
 ORIGIN = "origin.json"
 """Name of the file in a folder of results."""
 
-PACKAGES = ("stickslip-toolbox", "casadi", "control", "numpy", "scipy", "osqp", "matplotlib", "numba")
+PACKAGES = ("stickslip-toolbox", "casadi", "control", "numpy", "scipy", "osqp", "matplotlib", "llvmlite")
 """Packages whose versions decide what a command computes."""
 
 

@@ -30,6 +30,7 @@ from toolbox.modelling.elements import Element, check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.regularisation import Regularisation
 from toolbox.modelling.switching import switching
+from toolbox.prediction.rollout_loop import Motion, advance_rollout
 
 
 class Rollout:
@@ -55,8 +56,6 @@ class Rollout:
     def __init__(
         self, plant: HybridSystem, drives: Sequence[str], interval: float, steps: int, regularisation: Regularisation | None = None
     ):
-        from toolbox.prediction import rollout_loop
-
         check_one_direction(plant.elements, "A prediction", "predict with a plant that has a contact for each direction")
         for element in plant.elements:
             if element.law is None or element.companions:
@@ -65,7 +64,6 @@ class Rollout:
                 )
         if ca.depends_on(plant.flow, plant.t):
             raise SceneError("A prediction must not depend on time, but the equations of this plant do.")
-        self.loop = rollout_loop
         self.plant, self.drives, self.interval, self.steps, self.regularisation = (
             plant,
             tuple(drives),
@@ -91,7 +89,8 @@ class Rollout:
 
     def __deepcopy__(self, memo: Any) -> Rollout:
         twin = object.__new__(type(self))  # `copy.copy` would compile again
-        twin.__dict__.update(self.__dict__, inputs=self.inputs.copy(), numbers=self.numbers.copy())
+        template = Motion(*(each.copy() for each in self.template))
+        twin.__dict__.update(self.__dict__, inputs=self.inputs.copy(), numbers=template.p, template=template)
         return twin
 
     def modes(self, state: np.ndarray) -> np.ndarray:
@@ -129,25 +128,25 @@ class Rollout:
         interval
             Another length of the intervals [s] than that of the rollout, in as many steps.
         """
-        count = inputs.shape[0]
-        X, M = np.empty((count + 1, self.n)), np.zeros((count + 1, self.contacts))
-        A, B = np.empty((count, self.n, self.n)), np.empty((count, self.n, len(self.drives)))
-        X[0], M[0] = state, self.modes(state)
-        self.loop.advance(
-            self.addresses, interval or self.interval, self.steps, self.inputs, self.columns, self.numbers, inputs, X, A, B, M
-        )
-        return X, A, B, M
+        motion = self.motion(state, inputs, interval, derivatives=True)
+        advance_rollout(motion)
+        return motion.X, motion.A, motion.B, motion.M
 
     def states(self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """States (N+1, n) and modes (N+1, contacts) for inputs of shape (N, n_u), as of `advance`."""
-        count = inputs.shape[0]
-        X, M = np.empty((count + 1, self.n)), np.zeros((count + 1, self.contacts))
+        motion = self.motion(state, inputs, interval)
+        advance_rollout(motion)
+        return motion.X, motion.M
+
+    def motion(self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None, derivatives: bool = False) -> Motion:
+        """A motion that is still to be predicted, by `advance_rollout` or by a loop of a law, with derivatives or without them."""
+        count, n = inputs.shape[0], self.n
+        X, M = np.empty((count + 1, n)), np.zeros((count + 1, self.contacts))
         X[0], M[0] = state, self.modes(state)
-        none = np.empty((0, 0, 0))
-        self.loop.advance(
-            self.addresses, interval or self.interval, self.steps, self.inputs, self.columns, self.numbers, inputs, X, none, none, M
-        )
-        return X, M
+        many = count if derivatives else 0
+        A, B = np.empty((many, n, n)), np.empty((many, n, len(self.drives)))
+        length = self.template.interval if interval is None else np.array([interval], float)
+        return self.template._replace(interval=length, X=X, M=M, U=np.ascontiguousarray(inputs, float), A=A, B=B)
 
     def _compile(self) -> None:
         """Machine code of a step, of a step with its derivatives, and of what a switch needs."""
@@ -192,7 +191,13 @@ class Rollout:
             declared_names |= body.declarations
             instructions += body.count
         found = compiled("\n".join([*texts, *sorted(declared_names)]), ["move", "slope", "edge"], instructions)
-        self.addresses = np.array([found["move"], found["slope"], found["edge"]], np.int64)
+        ints = np.array([found["move"], found["slope"], found["edge"], self.steps], np.int64)
+        n, ne, wide, none, empty = self.n, self.contacts, self.n + len(self.drives), np.empty((0, 0)), np.empty((0, 0, 0))
+        y, z = np.empty(n + 2 * ne + n * wide), np.empty(2 * n + 2 * ne * (1 + wide))
+        self.template = Motion(
+            ints, np.array([self.interval]), self.inputs.copy(), self.columns, self.numbers, none, none, none, empty, empty,
+            np.empty(n), np.zeros(ne), y, z, np.empty(n), np.empty(wide), np.empty((n, wide)), np.empty((n, wide)),
+        )  # fmt: skip
 
 
 def _declared_law(plant: HybridSystem, element: Element) -> Any:

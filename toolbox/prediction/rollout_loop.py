@@ -1,13 +1,14 @@
-"""The loop of a rollout, compiled once per machine; see `toolbox.prediction.rollout`."""
+"""The compiled loop of a rollout; see `toolbox.prediction.rollout`."""
 
 from __future__ import annotations
 
-import numpy as np
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
+import math
+from typing import NamedTuple
 
-from toolbox.compilation.numba_cache import cached
+import numpy as np
+
+from toolbox.translation.compiled import Compiled
+from toolbox.translation.words import call
 
 MOST_SWITCHES = 50
 """Switches in one interval after which the rest of it is taken without looking at guards."""
@@ -15,193 +16,231 @@ MOST_SWITCHES = 50
 MOST_STEPS = 500
 """Steps beyond the planned ones that an interval may take; one of a bit that chatters takes some two for each of its switches."""
 
-
-@intrinsic
-def call(typingctx, address, t, h, x, k, p, m, y):  # pragma: no cover - compiled
-    """Call void f(double, double, x, k, p, m, y) at a raw address; the arrays are passed by their data pointers."""
-    signature = types.void(types.int64, types.float64, types.float64, x, k, p, m, y)
-
-    def codegen(context, builder, sig, args):
-        from llvmlite import ir
-
-        pointer = ir.IntType(8).as_pointer()
-        double = ir.DoubleType()
-        data = [
-            builder.bitcast(cgutils.create_struct_proxy(sig.args[i])(context, builder, value=args[i]).data, pointer) for i in range(3, 8)
-        ]
-        kind = ir.FunctionType(ir.VoidType(), [double, double] + [pointer] * 5)
-        function = builder.inttoptr(args[0], kind.as_pointer())
-        builder.call(function, [args[1], args[2], *data])
-        return context.get_dummy_value()
-
-    return signature, codegen
+(MOVE, SLOPE, EDGE, STEPS) = range(4)
+"""Indices into `Motion.ints`: addresses of the functions of `Rollout`, and the steps in an interval."""
 
 
-@cached(forceinline=True)
-def _released(z, x, m, i):  # pragma: no cover - compiled
-    """Set contact i in motion where its guards `z` say that its bound cannot hold it."""
-    if z[x.size + 2 * i] < 0.0:
-        m[i] = -1.0
-    elif z[x.size + 2 * i + 1] < 0.0:
-        m[i] = 1.0
+class Motion(NamedTuple):
+    """A motion that is predicted, of n states, `nu` inputs that vary and `ne` contacts over N intervals.
+
+    ints: see above;  interval: its length [s], in an array;  inputs: all of the plant;  columns: which of them vary;  p: its numbers;
+    X (N+1, n), M (N+1, ne): states and modes, of which the first are given;  U (N, nu): inputs;
+    A (N, n, n), B (N, n, nu): derivatives over each interval, or empty, and then they are not computed;
+    x, m: states and modes now;  y, z: results of the functions;  f: the field before a switch;  row: slopes of the instant of a switch;
+    J, K (n, n + nu): derivatives by state and inputs now, and room for the next ones.
+    """
+
+    ints: np.ndarray
+    interval: np.ndarray
+    inputs: np.ndarray
+    columns: np.ndarray
+    p: np.ndarray
+    X: np.ndarray
+    M: np.ndarray
+    U: np.ndarray
+    A: np.ndarray
+    B: np.ndarray
+    x: np.ndarray
+    m: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    f: np.ndarray
+    row: np.ndarray
+    J: np.ndarray
+    K: np.ndarray
 
 
-@cached(forceinline=True)
-def _bearable_step(function, h, interval, x, k, p, m, y, count):  # pragma: no cover - compiled
-    """Take a step of length h, halved until its first `count` numbers are finite; returns its length."""
-    call(function, 0.0, h, x, k, p, m, y)
-    while h > 1e-6 * interval:  # friction looked at far beyond zero slip may overflow
+MOTION_KINDS = dict.fromkeys(Motion._fields, ("float64", 1)) | {
+    "ints": ("int64", 1), "columns": ("int64", 1), "X": ("float64", 2), "M": ("float64", 2), "U": ("float64", 2), "A": ("float64", 3),
+    "B": ("float64", 3), "J": ("float64", 2), "K": ("float64", 2),
+}  # fmt: skip
+"""{field of a `Motion`: its dtype and dimensions}, as `Compiled` takes them."""
+
+
+def _released(w, i):
+    """Set contact i in motion where its guards in `z` say that its bound cannot hold it."""
+    if w.z[w.x.size + 2 * i] < 0.0:
+        w.m[i] = -1.0
+    elif w.z[w.x.size + 2 * i + 1] < 0.0:
+        w.m[i] = 1.0
+
+
+def _bearable_step(w, p, function, h):
+    """Take a step of length h, halved until its states and guards are finite; returns its length."""
+    call(function, 0.0, h, w.x, w.inputs, p, w.m, w.y)
+    while h > 1e-6 * w.interval[0]:  # friction looked at far beyond zero slip may overflow
         total = 0.0
-        for i in range(count):
-            total += y[i]
-        if np.isfinite(total):
+        for i in range(w.x.size + 2 * w.M.shape[1]):
+            total += w.y[i]
+        if math.isfinite(total):
             break
         h *= 0.5
-        call(function, 0.0, h, x, k, p, m, y)
+        call(function, 0.0, h, w.x, w.inputs, p, w.m, w.y)
     return h
 
 
-@cached(forceinline=True)
-def _most_negative(y, n, ne, besides, level):  # pragma: no cover - compiled
+def _most_negative(w, besides, level):
     """The guard that is most negative after a step, and below -level, other than one; -1 for none."""
-    found = -1
-    for i in range(2 * ne):
-        if i != besides and y[n + i] < -level and (found < 0 or y[n + i] < y[n + found]):
+    n, found = w.x.size, -1
+    for i in range(2 * w.M.shape[1]):
+        if i != besides and w.y[n + i] < -level and (found < 0 or w.y[n + i] < w.y[n + found]):
             found = i
     return found
 
 
-@cached(forceinline=True)
-def _first_crossing(addresses, guard, h, interval, x, k, p, m, y, z, ne):  # pragma: no cover - compiled
+def _first_crossing(w, p, guard, h):
     """The step to the first crossing: regula falsi on the guard that is most negative, restarted where another one is negative there.
 
     Returns its length and the guard.
     """
-    n = x.size
-    for _ in range(2 * ne):
-        low, high, g_high = 0.0, h, y[n + guard]
-        call(addresses[2], 0.0, 0.0, x, k, p, m, z)
-        g_low = max(z[n + guard], 0.0)
+    n = w.x.size
+    for _ in range(2 * w.M.shape[1]):
+        low, high, g_high = 0.0, h, w.y[n + guard]
+        call(w.ints[EDGE], 0.0, 0.0, w.x, w.inputs, p, w.m, w.z)
+        g_low = max(w.z[n + guard], 0.0)
         tiny = 1e-12 * (abs(g_high) + abs(g_low))
         for _ in range(60):
             h = low + (high - low) * min(max(g_low / (g_low - g_high), 0.02), 0.98)
-            call(addresses[0], 0.0, h, x, k, p, m, y)
-            g = y[n + guard]
+            call(w.ints[MOVE], 0.0, h, w.x, w.inputs, p, w.m, w.y)
+            g = w.y[n + guard]
             if g >= 0.0:
                 low, g_low = h, g
             else:
                 high, g_high = h, g
-            if abs(g) <= tiny or high - low <= 1e-13 * interval:
+            if abs(g) <= tiny or high - low <= 1e-13 * w.interval[0]:
                 break
-        other = _most_negative(y, n, ne, guard, tiny)
+        other = _most_negative(w, guard, tiny)
         if other < 0:
             break
         guard = other
     return h, guard
 
 
-@cached(forceinline=True)
-def _carried(y, J, K, ne):  # pragma: no cover - compiled
+def _carried(w):
     """Carry the derivatives J over a step, whose own derivatives stand in y behind states and guards."""
-    n, nu = J.shape[0], J.shape[1] - J.shape[0]
-    first = n + 2 * ne
+    n, nu = w.x.size, w.columns.size
+    first = n + 2 * w.M.shape[1]
     for a in range(n):
         for c in range(n + nu):
-            total = y[first + n * n + a * nu + c - n] if c >= n else 0.0
+            total = w.y[first + n * n + a * nu + c - n] if c >= n else 0.0
             for b in range(n):
-                total += y[first + a * n + b] * J[b, c]
-            K[a, c] = total
-    J[:, :] = K
+                total += w.y[first + a * n + b] * w.J[b, c]
+            w.K[a, c] = total
+    for a in range(n):
+        for c in range(n + nu):
+            w.J[a, c] = w.K[a, c]
 
 
-@cached(forceinline=True)
-def _switched(addresses, guard, x, k, p, m, z, f, row, J, ne, derivatives):  # pragma: no cover - compiled
+def _switched(w, p, guard):
     """Switch the contact whose guard is zero, and carry the derivatives J over the event."""
-    n, nu = J.shape[0], J.shape[1] - J.shape[0]
+    n, nu, ne, derivatives = w.x.size, w.columns.size, w.M.shape[1], w.A.shape[0] > 0
     e = guard // 2
-    before = m[e]
-    call(addresses[2], 0.0, 0.0, x, k, p, m, z)
+    before = w.m[e]
+    call(w.ints[EDGE], 0.0, 0.0, w.x, w.inputs, p, w.m, w.z)
     crossing = 0.0
     for i in range(n):
-        f[i] = z[i]
-        crossing += z[n + 2 * ne + guard * n + i] * z[i]
+        w.f[i] = w.z[i]
+        crossing += w.z[n + 2 * ne + guard * n + i] * w.z[i]
     if derivatives:
         for c in range(n + nu):
-            row[c] = z[n + 2 * ne + 2 * ne * n + guard * nu + c - n] if c >= n else 0.0
+            total = w.z[n + 2 * ne + 2 * ne * n + guard * nu + c - n] if c >= n else 0.0
             for b in range(n):
-                row[c] += z[n + 2 * ne + guard * n + b] * J[b, c]
+                total += w.z[n + 2 * ne + guard * n + b] * w.J[b, c]
+            w.row[c] = total
     if before == 0.0:
-        m[e] = -1.0 if guard % 2 == 0 else 1.0
+        w.m[e] = -1.0 if guard % 2 == 0 else 1.0
     else:
-        m[e] = 0.0
-        call(addresses[2], 0.0, 0.0, x, k, p, m, z)
+        w.m[e] = 0.0
+        call(w.ints[EDGE], 0.0, 0.0, w.x, w.inputs, p, w.m, w.z)
         last = n + 2 * ne + 2 * ne * (n + nu)
         for i in range(n):
-            x[i] = z[last + i]
-        _released(z, x, m, e)
+            w.x[i] = w.z[last + i]
+        _released(w, e)
     if derivatives and crossing != 0.0:
-        call(addresses[2], 0.0, 0.0, x, k, p, m, z)
+        call(w.ints[EDGE], 0.0, 0.0, w.x, w.inputs, p, w.m, w.z)
         for a in range(n):
             for c in range(n + nu):
-                J[a, c] += (z[a] - f[a]) * row[c] / crossing
+                w.J[a, c] += (w.z[a] - w.f[a]) * w.row[c] / crossing
 
 
-@cached(error_model="python")
-def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # pragma: no cover - compiled
-    """Fill X, A, B and M (see `Rollout.advance`), whose first rows of X and M are given; no derivatives where A is empty.
+def _begun(w, p, j):
+    """Take up inputs, states and modes at the begin of interval j."""
+    for i in range(w.columns.size):
+        w.inputs[w.columns[i]] = w.U[j, i]
+    for i in range(w.x.size):
+        w.x[i] = w.X[j, i]
+        for c in range(w.J.shape[1] if w.A.shape[0] > 0 else 0):
+            w.J[i, c] = 1.0 if i == c else 0.0
+    for i in range(w.M.shape[1]):
+        w.m[i] = w.M[j, i]
+    # a contact at rest that its bound cannot hold moves at once
+    if w.M.shape[1] > 0:
+        call(w.ints[EDGE], 0.0, 0.0, w.x, w.inputs, p, w.m, w.z)
+        for i in range(w.M.shape[1]):
+            if w.m[i] == 0.0:
+                _released(w, i)
 
-    Where the states overflow, or no bearable number of steps leads to the end of an interval, what follows is nan.
+
+def _lost(w, j):
+    """What follows from interval j on is not known: nan, with modes of 0."""
+    for k in range(j, w.U.shape[0]):
+        for i in range(w.x.size):
+            w.X[k + 1, i] = math.nan
+            if w.A.shape[0] > 0:
+                for c in range(w.x.size):
+                    w.A[k, i, c] = math.nan
+                for c in range(w.columns.size):
+                    w.B[k, i, c] = math.nan
+        for i in range(w.M.shape[1]):
+            w.M[k + 1, i] = 0.0
+
+
+def advance_interval(w, p, j):
+    """Move over interval j with the numbers p.
+
+    Returns whether it can be done; where the states overflow, or it takes too many steps, what follows is nan.
     """
-    n, nu, ne = X.shape[1], columns.size, M.shape[1]
-    derivatives = A.shape[0] > 0
-    size = n + 2 * ne + n * (n + nu)
-    y, z = np.empty(max(size, n + 2 * ne + 2 * ne * (n + nu) + n)), np.empty(2 * n + 2 * ne + 2 * ne * (n + nu))
-    k, m, x, f = inputs.copy(), np.zeros(max(ne, 1)), np.empty(n), np.empty(n)
-    row = np.empty(n + nu)
-    J, K = np.empty((n, n + nu)), np.empty((n, n + nu))
-    function = addresses[1] if derivatives else addresses[0]
-    for j in range(U.shape[0]):
-        for i in range(nu):
-            k[columns[i]] = U[j, i]
-        for i in range(n):
-            x[i] = X[j, i]
-        for i in range(ne):
-            m[i] = M[j, i]
-        if derivatives:
-            J[:, :] = 0.0
-            for i in range(n):
-                J[i, i] = 1.0
-        # a contact at rest that its bound cannot hold moves at once
-        if ne:
-            call(addresses[2], 0.0, 0.0, x, k, p, m, z)
-            for i in range(ne):
-                if m[i] == 0.0:
-                    _released(z, x, m, i)
-        left, switches, taken = interval, 0, 0
-        while left > 1e-12 * interval:
-            taken += 1
-            h = _bearable_step(function, min(interval / steps, left), interval, x, k, p, m, y, n + 2 * ne)
-            if (h <= 1e-6 * interval and h < left) or taken > steps + MOST_STEPS:  # nothing finite comes of it, or not in time
-                X[j + 1 :], M[j + 1 :] = np.nan, 0.0
-                A[j:], B[j:] = np.nan, np.nan
-                return
-            guard = _most_negative(y, n, ne, -1, 0.0) if switches < MOST_SWITCHES else -1
-            if guard >= 0:
-                h, guard = _first_crossing(addresses, guard, h, interval, x, k, p, m, y, z, ne)
-                if derivatives:
-                    call(function, 0.0, h, x, k, p, m, y)
+    interval, steps, derivatives = w.interval[0], w.ints[STEPS], w.A.shape[0] > 0
+    function = w.ints[SLOPE] if derivatives else w.ints[MOVE]
+    _begun(w, p, j)
+    left, switches, taken = interval, 0, 0
+    while left > 1e-12 * interval:
+        taken += 1
+        h = _bearable_step(w, p, function, min(interval / steps, left))
+        if (h <= 1e-6 * interval and h < left) or taken > steps + MOST_STEPS:  # nothing finite comes of it, or not in time
+            _lost(w, j)
+            return False
+        guard = _most_negative(w, -1, 0.0) if switches < MOST_SWITCHES else -1
+        if guard >= 0:
+            h, guard = _first_crossing(w, p, guard, h)
             if derivatives:
-                _carried(y, J, K, ne)
-            for i in range(n):
-                x[i] = y[i]
-            left -= h
-            if guard >= 0:
-                switches += 1
-                _switched(addresses, guard, x, k, p, m, z, f, row, J, ne, derivatives)
-        for i in range(n):
-            X[j + 1, i] = x[i]
-        for i in range(ne):
-            M[j + 1, i] = m[i]
+                call(function, 0.0, h, w.x, w.inputs, p, w.m, w.y)
         if derivatives:
-            A[j] = J[:, :n]
-            B[j] = J[:, n:]
+            _carried(w)
+        for i in range(w.x.size):
+            w.x[i] = w.y[i]
+        left -= h
+        if guard >= 0:
+            switches += 1
+            _switched(w, p, guard)
+    for i in range(w.x.size):
+        w.X[j + 1, i] = w.x[i]
+        if derivatives:
+            for c in range(w.x.size):
+                w.A[j, i, c] = w.J[i, c]
+            for c in range(w.columns.size):
+                w.B[j, i, c] = w.J[i, w.x.size + c]
+    for i in range(w.M.shape[1]):
+        w.M[j + 1, i] = w.m[i]
+    return True
+
+
+def _advance(w):
+    """Fill states, modes and derivatives."""
+    for j in range(w.U.shape[0]):
+        if not advance_interval(w, w.p, j):
+            return
+
+
+advance_rollout = Compiled(_advance, MOTION_KINDS)
+"""Fills a `Motion` from its first states and modes, as machine code."""

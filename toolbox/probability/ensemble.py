@@ -13,21 +13,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from toolbox.arguments import FloatArray, number, whole
-from toolbox.compilation.numba_cache import cached
 from toolbox.errors import SceneError
 from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
 from toolbox.modelling.components import check_fields
 from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.prediction import rollout_loop
 from toolbox.prediction.rollout import Rollout
+from toolbox.prediction.rollout_loop import MOTION_KINDS, advance_interval
 from toolbox.steady_states.hopf import hopf_points
+from toolbox.translation.compiled import Compiled
 
 LONGEST = 0.02
 """Longest step of the prediction [s]; a longer time between samples is taken in several."""
@@ -249,14 +249,14 @@ class EnsembleFilter:
             push = self.states[:, self.twists[0]] * self.table[:, self.numbers[2][0]] * (1.0 + 0.2 * draw(n))
         if len(self.rollout.drives) == 1:
             self.table[:, self.plant.values.size + self.contact] *= self.now / self.weight
-        driven = np.column_stack([push, np.full(n, self.now)])[:, : len(self.rollout.drives)]
+        driven = np.column_stack([push, np.full(n, self.now)][: len(self.rollout.drives)])
         if self.rollout.slip is None:
             modes = np.stack([self.rollout.modes(each) for each in self.states])
         else:
             rows, offset = self.rollout.slip
             modes = np.sign(self.states @ rows.T + offset)
-        made = self.rollout
-        _advance_all(made.addresses, duration, made.inputs, made.columns, self.table, driven, self.states, modes)
+        one = self.rollout.motion(np.zeros(self.rollout.n), np.zeros((1, driven.shape[1])), duration)
+        advance_all(one, Members(self.table, driven, self.states, modes))
         self.time += duration
         ways = np.array([known.lasting] * 3 + [known.rock])
         keeps = np.exp(-duration / ways)
@@ -350,19 +350,28 @@ def _border(loop: ClosedLoop) -> FloatArray | None:
     return np.array(borders)
 
 
-@cached(error_model="python")
-def _advance_all(addresses, duration, inputs, columns, table, driven, states, modes):  # pragma: no cover - compiled
-    """Move each member by one step, with numbers, inputs and modes of its own."""
-    none = np.empty((0, 0, 0))
-    n, contacts = states.shape[1], modes.shape[1]
-    x, m, u = np.empty((2, n)), np.zeros((2, contacts)), np.empty((1, driven.shape[1]))
-    for i in range(states.shape[0]):
-        for j in range(n):
-            x[0, j] = states[i, j]
-        for j in range(contacts):
-            m[0, j] = modes[i, j]
-        for j in range(driven.shape[1]):
-            u[0, j] = driven[i, j]
-        rollout_loop.advance(addresses, duration, 1, inputs, columns, table[i], u, x, none, none, m)
-        for j in range(n):
-            states[i, j] = x[1, j]
+class Members(NamedTuple):
+    """One row for each member: its numbers, inputs and states, which are moved, and its modes."""
+
+    table: np.ndarray
+    driven: np.ndarray
+    states: np.ndarray
+    modes: np.ndarray
+
+
+def _advance_all(w, given):
+    """Move each member over one interval, with numbers, inputs and modes of its own."""
+    for i in range(given.states.shape[0]):
+        for j in range(w.columns.size):
+            w.U[0, j] = given.driven[i, j]
+        for j in range(w.x.size):
+            w.X[0, j] = given.states[i, j]
+        for j in range(w.M.shape[1]):
+            w.M[0, j] = given.modes[i, j]
+        advance_interval(w, given.table[i], 0)
+        for j in range(w.x.size):
+            given.states[i, j] = w.X[1, j]
+
+
+advance_all = Compiled(_advance_all, MOTION_KINDS, dict.fromkeys(Members._fields, ("float64", 2)))
+"""One step of an ensemble, as machine code."""

@@ -219,7 +219,7 @@ def advance(w, series):
     """Run until the end time, a full buffer, a sample of a Python controller, the step budget, or a failure; can be called again.
 
     series: True where the steps are Taylor series, else None: another type, so that the loop of other steps is compiled without them. A condition
-    on it stands alone, because numba leaves out only what such a condition alone decides.
+    on it stands alone, because the translator leaves out only what such a condition alone decides.
     """
     ne = w.ints[layout.NE]
     every_node = w.ints[layout.NODES] == 1

@@ -4,12 +4,13 @@ The machine code is for the plain processor of its kind, not for the one at hand
 everything that enters it (`toolbox.compilation.stamps`): the functions, all that they call and read, the translator, and the version of LLVM. An installed
 package can hold it as well (`toolbox.translation.shipped`), under a number of the text of LLVM itself.
 
-A loop takes named tuples of arrays as they stand: its machine code reads where their data are from the arrays of numpy themselves, which is laid down for
-every program in C that uses them.
+A loop takes named tuples of arrays as they stand: its machine code reads what they are, and where their data are, from the arrays of numpy themselves, which
+is laid down for every program in C that uses them.
 """
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import hashlib
 import itertools
@@ -28,10 +29,20 @@ from toolbox.compilation.stamps import stamp_of
 from toolbox.translation.kinds import Array, Arrays, Value, known
 
 HEADER = object.__basicsize__
-"""Bytes of what begins every object of Python; behind it an array of numpy has the address of its data, its dimensions, their sizes and their strides."""
+"""Bytes of what begins every object of Python, with its type at their end; behind it an array of numpy has what the next lines say."""
 
-DATA, SIZES = HEADER, HEADER + 16
+TYPE, DATA, DIMENSIONS, SIZES, DTYPE, FLAGS = HEADER - 8, HEADER, HEADER + 8, HEADER + 16, HEADER + 40, HEADER + 48
+ORDER, NUMBER = HEADER + 10, HEADER + 12
+"""Of a type of numbers: the order of its bytes, and which one it is."""
+
 ITEMS = tuple.__basicsize__
+UNFIT = -(2**63)
+"""What a loop gives where its arrays are not of the kinds that were said."""
+
+KEPT = 8
+"""Texts of the functions of one name whose machine code is kept, the last ones used: several installations share a machine."""
+
+_ARRAY = id(np.ndarray)
 
 _IN_C: dict[Any, Any] = {"f": ctypes.c_double, "i": ctypes.c_int64, "u": ctypes.c_uint64, "b": ctypes.c_bool}
 
@@ -61,27 +72,20 @@ class Compiled:
         """Run it. Raises TypeError for arrays that are not as was said of them."""
         if not self.tuples:
             return self._entry(*[float(each) if kind == "f" else int(each) for each, kind in zip(given, self.arguments, strict=True)])
-        self._check(given)
-        return self._entry(*map(id, given))
+        done = self._entry(_ARRAY, *map(id, given)) if all([isinstance(each, tuple) for each in given]) else UNFIT  # noqa: C419 (a generator is slower)
+        if done == UNFIT:
+            views = self._viewed(given)  # which live as long as the call
+            done = self._entry(_ARRAY, *map(id, views))
+        return done
 
-    def bound(self, *given: Any) -> Callable[[], Any]:
-        """Return a function that runs it on these arrays, checked here once: a call checks them anew, which takes longer than a run of some microseconds.
-
-        The tuples live on in it; their arrays must keep their sizes and types. Raises TypeError as a call does.
-        """
-        self._check(given)
-        entry, places = self._entry, tuple(map(id, given))
-
-        def run(given: Any = given) -> Any:
-            return entry(*places)
-
-        return run
-
-    def _check(self, given: Sequence[Any]) -> None:
-        arrays = given[0] if len(given) == 1 else [each for work in given for each in work]
-        fits = [each.dtype for each in arrays] == self._dtypes and [each.ndim for each in arrays] == self._dimensions
-        if not (fits and all([each.flags.c_contiguous for each in arrays])):  # noqa: C419 (a generator is slower)
+    def _viewed(self, given: Sequence[Any]) -> list[tuple[Any, ...]]:
+        """Plain arrays of the kinds that were said on the memory of others, such as those of a file; raises TypeError where they cannot be that."""
+        plain = all(isinstance(each, np.ndarray) and each.flags.c_contiguous for work in given for each in work)
+        wanted = [[(np.dtype(dtype), dimensions) for dtype, dimensions in kinds.values()] for kinds in self.tuples]
+        if not (plain and [[(each.dtype, each.ndim) for each in work] for work in given] == wanted):
             raise TypeError(f"Function `{self.py_func.__qualname__}` must be given arrays {self.tuples} in one piece each.")
+        views = [[np.asarray(each).view(dtype) for each, (dtype, _) in zip(*pair, strict=True)] for pair in zip(given, wanted, strict=True)]
+        return [tuple(each) for each in views]
 
     def known(self) -> bool:
         """Whether it needs no compiling here."""
@@ -100,7 +104,7 @@ class Compiled:
     def _entry(self) -> Callable[..., Any]:
         if self.tuples:
             _check_layout()
-            return ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * len(self.tuples))(self._library["run"])
+            return ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * (1 + len(self.tuples)))(self._library["run"])
         return ctypes.CFUNCTYPE(*[_IN_C[kind] for kind in (self.gives, *self.arguments)])(self._library["run"])
 
     @cached_property
@@ -109,7 +113,8 @@ class Compiled:
             image = self._kept()
             if image is None:
                 image = self._shipped() or object_code(self.text, plain_processor())
-                keep(self._path, image)
+                if keep(self._path, image):
+                    self._make_room()
             return linked(f"{self._name}-{self._stamp}", image, ["run", "on_table"] if self.tuples else ["run"])
 
     @property
@@ -126,6 +131,12 @@ class Compiled:
 
     def _kept(self) -> bytes | None:
         return kept(self._path)
+
+    def _make_room(self) -> None:
+        """Forget all but the last `KEPT` texts."""
+        with contextlib.suppress(OSError):
+            for path in sorted(self._path.parent.glob(f"{self._name}.*.o"), key=lambda path: path.stat().st_mtime)[:-KEPT]:
+                path.unlink()
 
     def _shipped(self) -> bytes | None:
         """The object code that the package holds, of the same text for the same machine; None where there is none."""
@@ -170,29 +181,58 @@ class Compiled:
         return "\n".join([*head, *(self._reader() if self.tuples else []), METADATA])
 
     def _reader(self) -> list[str]:
-        """What takes tuples of arrays of numpy and calls the loop with the tables of them."""
+        """What takes the type of arrays and tuples of them, looks whether they are as was said, and calls the loop with the tables of them."""
         given, tables = (", ".join(f"ptr %{word}{k}" for k in range(len(self.tuples))) for word in ("tuple", "table"))
-        lines = [f"define i64 @run({given}) nounwind {{"]
+        lines = [f"define i64 @run(ptr %array, {given}) nounwind {{"]
         for k, kinds in enumerate(self.tuples):
             lines += [f"  %table{k} = alloca [{sum(1 + dimensions for _, dimensions in kinds.values())} x i64], align 64"]
         items = [(k, j, place) for k, kinds in enumerate(self.tuples) for j, place in enumerate(_places(kinds))]
-        for q, ((k, j, place), dimensions) in enumerate(zip(items, self._dimensions, strict=True)):
-            lines += [
-                f"  %item{q}.at = getelementptr i8, ptr %tuple{k}, i64 {ITEMS + 8 * j}",
-                f"  %item{q} = load ptr, ptr %item{q}.at",
-                f"  %data{q}.at = getelementptr i8, ptr %item{q}, i64 {DATA}",
-                f"  %sizes{q}.at = getelementptr i8, ptr %item{q}, i64 {SIZES}",
-                f"  %sizes{q} = load ptr, ptr %sizes{q}.at",
-            ]
-            sources = [f"%data{q}.at", *(f"%size{q}.{k}.at" for k in range(dimensions))]
-            lines += [f"  %size{q}.{k}.at = getelementptr i64, ptr %sizes{q}, i64 {k}" for k in range(dimensions)]
-            for d, source in enumerate(sources):
-                lines += [
-                    f"  %entry{q}.{d} = load i64, ptr {source}",
-                    f"  %entry{q}.{d}.at = getelementptr i64, ptr %table{k}, i64 {place + d}",
-                    f"  store i64 %entry{q}.{d}, ptr %entry{q}.{d}.at",
-                ]
-        return [*lines, f"  %done = call i64 @on_table({tables})", "  ret i64 %done", "}"]
+        read = _Reader(lines)
+        for k, kinds in enumerate(self.tuples):
+            read.expect(read.entry(f"%tuple{k}", HEADER, "i64"), "i64", len(kinds))
+        read.settle()
+        arrays = [read.entry(f"%tuple{k}", ITEMS + 8 * j) for k, j, _ in items]
+        for array in arrays:
+            read.expect(read.entry(array, TYPE), "ptr", "%array")
+        read.settle()
+        for array, dtype, dimensions in zip(arrays, self._dtypes, self._dimensions, strict=True):
+            read.expect(read.entry(array, DIMENSIONS, "i32"), "i32", dimensions)
+            number = read.entry(array, DTYPE)
+            read.expect(read.entry(number, NUMBER, "i32"), "i32", dtype.num)
+            read.expect(read.entry(number, ORDER, "i8"), "i8", ord(dtype.byteorder))
+            read.expect(read.new(f"and i32 {read.entry(array, FLAGS, 'i32')}, 1"), "i32", 1)  # in one piece
+        read.settle()
+        for array, (k, _, place), dimensions in zip(arrays, items, self._dimensions, strict=True):
+            sizes = read.entry(array, SIZES)
+            for d, value in enumerate([read.entry(array, DATA, "i64"), *(read.entry(sizes, 8 * i, "i64") for i in range(dimensions))]):
+                lines += [f"  store i64 {value}, ptr {read.new(f'getelementptr i64, ptr %table{k}, i64 {place + d}')}"]
+        return [*lines, f"  %done = call i64 @on_table({tables})", "  ret i64 %done", "unfit:", f"  ret i64 {UNFIT}", "}"]
+
+
+class _Reader:
+    """Writes what reads objects of Python and looks whether they are as expected."""
+
+    def __init__(self, lines: list[str]):
+        self.lines, self.count, self.fits = lines, 0, "true"
+
+    def new(self, text: str) -> str:
+        """Write an instruction and return the name of its result."""
+        self.count += 1
+        self.lines.append(f"  %r{self.count} = {text}")
+        return f"%r{self.count}"
+
+    def entry(self, pointer: str, offset: int, kind: str = "ptr") -> str:
+        """What stands so many bytes behind a place."""
+        return self.new(f"load {kind}, ptr {self.new(f'getelementptr i8, ptr {pointer}, i64 {offset}')}")
+
+    def expect(self, value: str, kind: str, wanted: int | str) -> None:
+        """Look whether a value is the wanted one."""
+        self.fits = self.new(f"and i1 {self.fits}, {self.new(f'icmp eq {kind} {value}, {wanted}')}")
+
+    def settle(self) -> None:
+        """Go on only where all was as expected: what follows is read from objects that are known by then."""
+        self.lines += [f"  br i1 {self.fits}, label %known{self.count}, label %unfit", f"known{self.count}:"]
+        self.fits = "true"
 
 
 def _argument(given: Any) -> Value:
@@ -233,7 +273,7 @@ def machine() -> str:
     import llvmlite.binding as llvm
 
     versions = f"{llvmlite.__version__} {llvm.llvm_version_info} {llvm.get_default_triple()} {plain_processor()} {sys.platform}"
-    return f"{versions} {ITEMS} {DATA} {SIZES}"
+    return f"{versions} {HEADER} {ITEMS}"
 
 
 @cache
@@ -248,9 +288,14 @@ def _translator() -> str:
 @cache
 def _check_layout() -> None:
     """Raise RuntimeError where arrays of numpy are not laid out as this file says."""
-    tried = (np.zeros((3, 5)), np.zeros(7))
-    for array, item in zip(tried, (ctypes.c_void_p * 2).from_address(id(tried) + ITEMS), strict=True):
-        data = ctypes.c_void_p.from_address(item + DATA).value
-        sizes = (ctypes.c_int64 * array.ndim).from_address(ctypes.c_void_p.from_address(item + SIZES).value or 0)
-        if item != id(array) or data != array.ctypes.data or tuple(sizes) != array.shape:
+    tried: tuple[np.ndarray, ...] = (np.zeros((3, 5)), np.zeros(7, np.int8), np.zeros((4, 4))[:, 1:])
+    for array, item in zip(tried, (ctypes.c_void_p * 3).from_address(id(tried) + ITEMS), strict=True):
+        data, sizes, dtype = (ctypes.c_void_p.from_address(item + at).value or 0 for at in (DATA, SIZES, DTYPE))
+        dimensions, flags = (ctypes.c_int32.from_address(item + at).value for at in (DIMENSIONS, FLAGS))
+        found = (item, data, dimensions, flags & 1, ctypes.c_void_p.from_address(item + TYPE).value)
+        if found != (id(array), array.ctypes.data, array.ndim, array.flags.c_contiguous, _ARRAY) or (
+            tuple((ctypes.c_int64 * array.ndim).from_address(sizes)) != array.shape
+            or ctypes.c_int32.from_address(dtype + NUMBER).value != array.dtype.num
+            or ctypes.c_char.from_address(dtype + ORDER).value.decode() != array.dtype.byteorder
+        ):
             raise RuntimeError(f"Arrays of numpy {np.__version__} are laid out otherwise than the compiled loops know.")

@@ -12,7 +12,7 @@ STORED = {"float64": "f", "int64": "i", "uint64": "u", "bool": "b", "int8": "i",
 """{dtype: kind of its numbers}."""
 
 CASTS = {float: "f", np.float64: "f", np.int64: "i", np.uint64: "u"}
-FUNCTIONS = {math.sqrt: "sqrt", math.log: "log", math.cos: "cos", math.copysign: "copysign"}
+FUNCTIONS = {math.sqrt: "sqrt", math.exp: "exp", math.log: "log", math.cos: "cos", math.copysign: "copysign"}
 
 
 class NotTranslatable(Exception):

@@ -14,15 +14,15 @@ from pathlib import Path
 from toolbox.files.atomic import replaced
 from toolbox.translation.compiled import SHIPPED, Compiled, plain_processor
 
-PACKAGE = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def compiled_loops() -> list[Compiled]:
-    """All compiled loops of the package, found by its text."""
+    """All compiled loops of the packages, found by their text."""
     found: dict[str, Compiled] = {}
-    for path in sorted(PACKAGE.rglob("*.py")):
+    for path in sorted(path for package in ("toolbox", "controllers") for path in (ROOT / package).rglob("*.py")):
         if "= Compiled(" in path.read_text(encoding="utf-8"):
-            name = ".".join((PACKAGE.name, *path.relative_to(PACKAGE).with_suffix("").parts))
+            name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
             module = importlib.import_module(name)
             found |= {f"{name}.{word}": value for word, value in vars(module).items() if isinstance(value, Compiled)}
     return list({id(each): each for each in found.values()}.values())

@@ -64,7 +64,7 @@ def test_wrong_names_and_numbers_are_told(arguments, words):
 
 def test_wrong_values_and_closed_machines_are_told():
     machine = stepper(RIG, 0.1, inputs="top.torque", outputs="bit.speed")
-    for values in ((), (1.0, 2.0), np.nan):
+    for values in ((), (1.0, 2.0), np.nan, "10 kN m", ["10 kN m"], None, [[1.0]]):
         with pytest.raises(SceneError, match="1 finite number"):
             machine.step(values)
     with pytest.raises(SceneError, match="chain.speed.1"):

@@ -6,10 +6,10 @@ from scipy import stats
 
 import toolbox.probability.chances as verb
 from controllers import SoftTorque, StiffPI
-from models import BitRock, wells
+from models import BitRock, Coulomb, TorsionalChain, wells
 from toolbox import SceneError, closed_loop, compose, simulate
 from toolbox.onsets.coming_to import comes_to
-from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, VERDICTS
+from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS
 from toolbox.probability import Chance, chance
 from toolbox.probability.bounds import clopper_pearson
 
@@ -88,6 +88,19 @@ def test_a_swing_that_has_died_out_needs_no_judge_and_is_as_he_says(monkeypatch)
     by_judge = chance(loop, OVER, UNCERTAIN, draws=16)
     assert np.array_equal(found.outcomes["as it is"], by_judge.outcomes["as it is"])
     assert found.judged["as it is"] < 0.25 * by_judge.judged["as it is"]
+
+
+@pytest.mark.parametrize("duration", [None, 150.0])
+def test_a_machine_that_slows_down_until_it_stands_is_not_free(duration):
+    """Under constant friction a constant torque turns the bit for ever or never: it stands where the friction is larger, however long it takes."""
+    torque, share = 8000.0, 0.5
+    bit = BitRock(friction=Coulomb(static=share, kinetic=share))
+    loop = closed_loop(compose(TorsionalChain(bit_drag=10.0), bit), inputs={"top.torque": torque})
+    found = chance(loop, {"top.torque": [torque]}, {"bit.weight": "98 kN +- 5 kN"}, draws=100, duration=duration)
+    weights = verb.drawn(loop, {"bit.weight": "98 kN +- 5 kN"}, 100).points[:, 0]
+    stands = weights * share * bit.radius > torque
+    assert 8 < stands.sum() < 30
+    assert np.array_equal(found.outcomes["as it is"][0], np.where(stands, STUCK, SMOOTH))
 
 
 @pytest.mark.slow

@@ -187,7 +187,11 @@ class Stepper:
         """
         if not self._open:
             raise SceneError("A machine that was closed cannot be stepped: make another one.")
-        given = [float(value) for value in values] if np.iterable(values) else [float(values)]
+        try:
+            given = [float(value) for value in values] if np.iterable(values) else [float(values)]
+        except (TypeError, ValueError):  # text, or no row
+            given = []
+            self._refuse(values, given)
         if len(given) != len(self._settable):
             self._refuse(values, given)
         inside = [low <= value <= high for value, (low, high) in zip(given, self._bounds, strict=True)]

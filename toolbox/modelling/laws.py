@@ -49,11 +49,17 @@ class Controller(Component):
 
     def continuous(self, signal: Signal) -> Equations:
         """The law as equations of a part."""
-        raise SceneError(f"{type(self).__name__} has no continuous form: give `sample_time`.")
+        raise SceneError(f"{type(self).__name__} has no continuous form: {self._instead('sampled', 'give `sample_time`')}.")
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
         """The law as an update at every sample; `period` [s] is a symbol."""
-        raise SceneError(f"{type(self).__name__} has no sampled form: leave out `sample_time`.")
+        raise SceneError(f"{type(self).__name__} has no sampled form: {self._instead('continuous', 'leave out `sample_time`')}.")
+
+    def _instead(self, form: str, remedy: str) -> str:
+        """What to do where one form is missing; form: the other one."""
+        if getattr(type(self), form) is getattr(Controller, form):  # what all are derived from, as a default that must be replaced
+            return f"it has no {form} form either, so give another one"
+        return remedy
 
     def equations(self, signal: Signal) -> Equations:
         return self.continuous(signal)

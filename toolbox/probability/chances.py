@@ -59,6 +59,9 @@ that the mean stick of ten differs by a tenth where all are the same."""
 FALLS = 0.8
 """Severity in the last quarter, in parts of that before, up to which a swing without a stick is taken to fall."""
 
+KEEPS = 0.95
+"""Mean slip of the last quarter, in parts of that before, from which on a run keeps its speed; one that slows down more may stand later."""
+
 LONGER = (3.0, 10.0)
 """Runs that are not clear are run so many times as long before the judge is asked."""
 
@@ -162,13 +165,14 @@ def labelled(loop: Any) -> dict[str, ClosedLoop]:
 
 
 def quarters(element: str, signal: str, begin: float, end: float) -> dict[str, Measure]:
-    """What a run from a time on is decided by: sticks, time in stick and severity of its third and its last quarter."""
+    """What a run from a time on is decided by: sticks, time in stick, severity and mean slip of its third and its last quarter."""
     edges = [begin + part * (end - begin) for part in (0.5, 0.75, 1.0)]
     asked = {}
     for k, (after, until) in enumerate(itertools.pairwise(edges)):
         asked[f"sticks_{k}"] = measures.stays(element, after, until)
         asked[f"stuck_{k}"] = measures.time_in(element, after, until)
         asked[f"severity_{k}"] = measures.severity(signal, after, until)
+        asked[f"mean_{k}"] = measures.mean(f"{element}.slip", after, until)
     return asked
 
 
@@ -259,6 +263,7 @@ class Search:
         n = [found[f"sticks_{k}"] for k in range(2)]
         stuck = [found[f"stuck_{k}"] for k in range(2)]
         severity = [found[f"severity_{k}"] for k in range(2)]
+        mean = [np.abs(found[f"mean_{k}"]) for k in range(2)]
         outcomes = np.full(len(rows), NONE, np.int8)
         with np.errstate(invalid="ignore", divide="ignore"):
             stands = (stuck[0] >= ALL * quarter) & (stuck[1] >= ALL * quarter)
@@ -266,6 +271,7 @@ class Search:
             last |= (stuck[1] >= SAME_STICK * stuck[0]) & (severity[1] >= SAME_SWING * severity[0])
             sticks = (np.minimum(*n) >= 2) & last & ~stands
             falls = (np.maximum(*n) == 0) & (severity[1] <= np.maximum(FALLS * severity[0], DIED_OUT * self.accuracy))
+            falls &= mean[1] >= KEEPS * mean[0]
         outcomes[falls], outcomes[sticks], outcomes[stands] = SMOOTH, STICK_SLIP, STUCK
         return outcomes, np.where(stands, math.inf, severity[1]), np.isnan(n[0])
 

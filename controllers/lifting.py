@@ -38,7 +38,7 @@ class Lifting(Controller):
     amplitude stays below half of L for half a period, L comes down. Two dips on the way down, or within 54 periods after it, are a relapse: L rises to what
     calmed the bit before, and after n relapses it comes down 1 + n^2 / 2 times more slowly. After `tries` relapses, or where `highest` does not help, the law
     gives up: it comes down and lifts no more until what is asked changes by 5 %. A weight that varies is no evidence: it makes no dips with so large a swing.
-    Another set-point is followed at the same rates, so that a step of it is none either.
+    Another set-point is followed at the same rates, so that a step of it is none either. To the left it does the same; a string that is to stop dips by right.
 
     Why: a stick-slip that lives beside smooth running at one set-point does not at a higher one, where the rock is flatter. The price is speed: while
     lifted the top turns at twice what is asked and more, for half a minute to a minute (`python -m studies recovery`). It helps where the law inside holds
@@ -49,10 +49,10 @@ class Lifting(Controller):
     weight for two minutes. The law then drives `bit.weight`, and reads the weight that is asked from `weight.reference`, of which `weight` is the default.
 
     `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. Recorded
-    are `lifting.reference` (L), `lifting.lifts` (their number), `lifting.gave_up` (the set-point at which it did, else 0), `lifting.held` (how far above the
-    set-point the bit calmed last), and with `relief` `lifting.relief` (the share that is off). Sampled only. Around a law that is designed as a callable, such
-    as a predictive one, the whole is a callable; `run.laws[0].inside` holds that law. Source: the practice of lifting the rotary speed against stick-slip; the
-    rule is a choice of this file.
+    are `lifting.reference` (L), `lifting.lifts` (their number), `lifting.gave_up` (the size of the set-point at which it did, else 0), `lifting.held` (how
+    far above the set-point the bit calmed last), and with `relief` `lifting.relief` (the share that is off). Sampled only. Around a law that is designed as
+    a callable, such as a predictive one, the whole is a callable; `run.laws[0].inside` holds that law. Source: the practice of lifting the rotary speed
+    against stick-slip; the rule is a choice of this file.
     """
 
     law: Controller = field(default_factory=Controller)
@@ -103,26 +103,31 @@ class Lifting(Controller):
         left, calm, watch = (state(f"lifting.{name}", "s") for name in ("left", "calm", "watch"))
         extra, level, held, gave_up = (state(f"lifting.{name}", "rad/s") for name in ("speed", "level", "held", "gave_up"))
         relapses, lifts = state("lifting.relapses", "1"), state("lifting.lifts", "1")
-        lifted, nothing = asked + extra, 1e-3 * self.reference
+        turn = ca.if_else(
+            ca.if_else(asked == 0.0, wanted, asked) < 0.0, -1.0, 1.0
+        )  # what follows is in sizes, so that a string that turns to the left is lifted too
+        size, nothing = turn * asked, 1e-3 * self.reference
+        lifted = size + extra
 
         def higher(name, unit, default=None):
-            return lifted if name == "top.reference" else signal(name, unit, default)
+            return turn * lifted if name == "top.reference" else signal(name, unit, default)
 
         inside = self.law.sampled(higher, period)
         estimates = self.observer.seen(x)
-        bit, swing = estimates["bit.speed"][0], estimates["top.load"][0] / self.string_impedance
+        bit, swing = turn * estimates["bit.speed"][0], estimates["top.load"][0] / self.string_impedance
         share = ca.fmin(period / self.string_period, 1.0)
 
         swings = 2.0 * (square - mean * mean)  # square of the amplitude
         dip = armed * (bit < SLOW * lifted) * (swings > (SWING * lifted) ** 2) * (level <= extra) * (torque != 0.0)
-        quiet = (gave_up > nothing) * (ca.fabs(asked - gave_up) <= CHANGED * gave_up)
+        dip *= turn * wanted > nothing  # a string that is to stop, or to turn back, dips by right
+        quiet = (gave_up > nothing) * (ca.fabs(size - gave_up) <= CHANGED * gave_up)
         watches = (watch > period) * ((gave_up <= nothing) + quiet)
         evidence = dip * (left > 0.0) * (1.0 - quiet)
-        up, most = level > nothing, (self.highest - 1.0) * asked
+        up, most = level > nothing, (self.highest - 1.0) * size
         relapse = evidence * (1.0 - up) * watches
         ends = evidence * ca.if_else(up, level >= most, relapse * (relapses >= self.tries))
         lifts_now = evidence * (1.0 - ends)
-        higher_by = ca.if_else(up, level + self.further * asked, ca.if_else(relapse, held, (self.first - 1.0) * asked))
+        higher_by = ca.if_else(up, level + self.further * size, ca.if_else(relapse, held, (self.first - 1.0) * size))
         calms = up * (calm <= 0.0) * (1.0 - evidence)
         aim = ca.if_else(lifts_now, ca.fmin(higher_by, most), ca.if_else(ends + calms, 0.0, ca.if_else(up, level, 0.0)))
         rises = aim > extra
@@ -131,7 +136,7 @@ class Lifting(Controller):
         busy = (extra > nothing) + (aim > nothing)
         memory = {
             x: self.observer.moved(x, torque, period, speed),
-            asked: asked + ca.fmin(ca.fmax(wanted - asked, -self.fall * period), self.rise * period),
+            asked: asked + turn * ca.fmin(ca.fmax(turn * (wanted - asked), -self.fall * period), self.rise * period),
             mean: mean + share * (swing - mean),
             square: square + share * (swing * swing - square),
             armed: ca.if_else(bit > FAST * lifted, 1.0, armed * (1.0 - dip)),
@@ -143,11 +148,11 @@ class Lifting(Controller):
             extra: moved,
             level: aim,
             held: ca.if_else(calms, level, ca.if_else(held > nothing, held, 0.0)),
-            gave_up: ca.if_else(ends, asked, ca.if_else(quiet, gave_up, 0.0)),
+            gave_up: ca.if_else(ends, size, ca.if_else(quiet, gave_up, 0.0)),
             relapses: ca.if_else(watches, relapses + relapse, 0.0),
             lifts: ca.if_else(lifts > 0.5, lifts, 0.0) + lifts_now * (1.0 - up),
         }
-        outputs = {**inside.outputs, "lifting.reference": (lifted, "rad/s")}
+        outputs = {**inside.outputs, "lifting.reference": (turn * lifted, "rad/s")}
         if self.relief is not None:
             taken, full = state("lifting.relief", "1"), signal("weight.reference", "N", default=self.weight)
             memory[taken] = ca.if_else(

@@ -179,3 +179,20 @@ def test_a_law_that_may_take_weight_off_has_the_margins_of_the_same_law_without(
     )
     assert relieving.stable and relieving.disk_margin == pytest.approx(plain.disk_margin, rel=1e-9)
     assert relieving.signals["bit.weight"] == pytest.approx(97_347.0, rel=1e-12)
+
+
+def test_to_the_left_it_does_the_same_to_the_last_bit():
+    """The machine is odd in its speeds, and so must be a law; a set-point that turns back is followed, and lifted only on the other side."""
+    law = Sampled(Lifting(law=PI()), 0.01, delay=0.03)
+    right, left = (simulate(RIG, 60.0, controller=law, inputs={"top.reference": sign * 8.0}) for sign in (1.0, -1.0))
+    assert np.array_equal(right["top.speed"], -left["top.speed"]) and right["lifting.lifts"][-1] == left["lifting.lifts"][-1] == 1.0
+    assert left["lifting.reference"].min() == -16.0
+    back = simulate(RIG, 400.0, controller=law, inputs={"top.reference": ((0.0, 200.0, 200.0, 400.0), (8.0, 8.0, -8.0, -8.0))})
+    assert back["lifting.lifts"][-1] == 2.0 and back.time_in("bit", "stick", after=300.0) == 0.0
+    assert back["bit.speed"][-1] == pytest.approx(-8.0, rel=0.01)
+
+
+def test_a_string_that_is_to_stop_is_not_lifted():
+    law = Sampled(Lifting(law=SoftTorque()), 0.01, delay=0.03)
+    run = simulate(RIG, 300.0, controller=law, inputs={"top.reference": ((0.0, 100.0, 100.0, 300.0), (8.0, 8.0, 0.0, 0.0))})
+    assert run["lifting.lifts"][-1] == 0.0 and run.time_in("bit", "stick", after=250.0) == 50.0

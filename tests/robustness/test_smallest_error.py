@@ -73,6 +73,10 @@ def test_the_error_found_breaks_the_machine_and_a_smaller_one_does_not(loop):
     found = smallest_error(loop, {"bit.weight": ("60 kN", "160 kN"), "chain.inertia.0": 0.5}, 60.0)
     assert math.isfinite(found.size) and found.held < found.size <= found.held + PRECISION and found.size == max(map(abs, found.error))
     assert "sticks and slips" in found.why and "weight [kN]" in str(found)
+    off = 100.0 * (found.values["bit.weight"] / found.numbers[0].declared - 1.0)
+    assert f"{found.values['bit.weight'] / 1e3:.4g} ({off:+.3g} %)" in str(
+        found
+    )  # how far off the weight itself is, not in parts of its range
     for size, sticks in ((found.size, True), (0.9 * found.held, False)):
         values = {number.name: number.value(size * np.sign(part)) for number, part in zip(found.numbers, found.error, strict=True)}
         other = loop

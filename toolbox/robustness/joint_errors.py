@@ -143,7 +143,9 @@ class SmallestError(Result):
             read = reading(number.unit, self.asked)
             shown = [f"{value * read.factor:.4g}" for value in (number.declared, number.low, number.high)]
             for parts in (self.error, self.linear_error):
-                shown.append(f"{number.value(parts[i]) * read.factor:.4g} ({100 * parts[i]:+.3g} %)" if parts else "-")
+                value = number.value(parts[i]) if parts else math.nan
+                off = f" ({100 * (value / number.declared - 1):+.3g} %)" if number.declared else ""
+                shown.append(f"{value * read.factor:.4g}{off}" if parts else "-")
             lines.append((number.name + (f" [{read.tail.strip()}]" if read.tail else ""), *shown))
         return lines
 

@@ -334,14 +334,23 @@ class LeastSquares:
 
     def _unbounded(self, given: Mapping[str, Any], size: np.ndarray) -> Any:
         """Where the method of Levenberg and Marquardt ends, which takes a third of the time for long data; None where a bound is or comes near."""
-        from scipy.optimize import least_squares
+        from scipy.optimize import OptimizeResult, leastsq
 
-        edge = 1e-3 * size
+        low, high = self.low / size + 1e-3, self.high / size - 1e-3
         with contextlib.suppress(SceneError, SimulationError):
-            if np.all(given["x0"] * size > self.low + edge) and np.all(given["x0"] * size < self.high - edge):
-                found = least_squares(**given, method="lm")
-                if found.success and np.all(found.x * size > self.low + edge) and np.all(found.x * size < self.high - edge):
-                    return found
+            if np.all(given["x0"] > low) and np.all(given["x0"] < high):
+                tolerances = {name: given[name] for name in ("xtol", "ftol", "gtol")}
+                x, _, told, _, status = leastsq(
+                    given["fun"],
+                    given["x0"],
+                    Dfun=lambda q: given["jac"](q).T,
+                    col_deriv=True,
+                    full_output=True,
+                    maxfev=given["max_nfev"],
+                    **tolerances,
+                )
+                if status in (1, 2, 3, 4) and np.all(x > low) and np.all(x < high):
+                    return OptimizeResult(x=x, cost=0.5 * float(np.einsum("i,i->", told["fvec"], told["fvec"])))
         return None
 
     def _left(self, values: np.ndarray) -> dict[str, np.ndarray]:

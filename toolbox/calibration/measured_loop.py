@@ -9,10 +9,10 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from toolbox.calibration.columnwise import Columnwise
+from toolbox.calibration.loop_law import LoopLaw, jumps
 from toolbox.calibration.misfit import ContactMisfit
 from toolbox.calibration.panels import Panel
 from toolbox.calibration.recording import Recording
@@ -59,33 +59,22 @@ class MeasuredLoop(ContactMisfit):
         self.loop, self.numbers, self.contact, self.shifts = loop, numbers, contact, tuple(shifts)
         self.given_still = still
         element: Any = plant.elements[self.place]
-        force = plant.F[self.place]
-        self.output = self._force_signal(recording, force)
-        self._check_alone(force)
+        self.output = self._force_signal(recording, plant.F[self.place])
         self._measured = recording
         if begin is not None:  # the samples that count are those that slip on the clock of the force
             self.recording = recording = dataclasses.replace(recording, signals=moved(recording, shifts, begin, self.output))
-        switches = [elements.index(twin.name) for twin in element.breaks]
-        inside = self._inputs(inputs)
-        gain, rest = ca.jacobian(plant.expression(self.output), force), ca.substitute(plant.expression(self.output), force, 0)
-        side = ca.SX.sym("side")
-        law: list[Any] = [element.slip, rest - gain * element.mode * element.kinetic, rest - gain * side * element.static]
-        law += [-gain * side, ca.vertcat(*[twin.high for twin in element.breaks])]
-        law = [ca.substitute(each, plant.u, inside) for each in law]
-        self._complain_about_missing(ca.vertcat(*law))
-        self._parameters = [number.name for number in numbers if number.kind == "parameter"]
-        free = ca.vertcat(*[plant.p[plant._parameter(name).offset] for name in self._parameters])
-        symbols = [plant.x, self._u_symbol, plant.p, plant.m, side]
-        self._law = Columnwise(ca.Function("law", symbols, law))
-        self._law_slopes = Columnwise(ca.Function("law_slopes", symbols, [ca.densify(ca.jacobian(each, free)) for each in law[1:3]]))
-        self._switches = switches
+        self._driven = [name for name in plant.inputs if name in recording.signals]
+        parameters = [number.name for number in numbers if number.kind == "parameter"]
+        law = self._law = LoopLaw.of(plant, self.place, self.output, inputs, self._driven, parameters)
+        self._complain_about_missing(law)
+        self._switches = [elements.index(twin.name) for twin in element.breaks]
 
         self._last: tuple[bytes, np.ndarray] = (b"", plant.values)
         self._late = np.full(len(shifts), np.nan)
         self._chosen: Any = slice(None)
         self._side = np.zeros(recording.time.size)
         known = np.all([np.isfinite(values) for values in recording.signals.values()], axis=0)
-        self.slip = np.broadcast_to(self._of(self._law, plant.values)[0][0], recording.time.size)
+        self.slip = np.broadcast_to(self._of(law.law, plant.values)[0][0], recording.time.size)
         self.still = 0.01 * float(np.abs(self.slip[known]).max(initial=0.0)) if still is None else still
         moving = known & (np.abs(self.slip) > self.still)
         if begin is not None:
@@ -97,8 +86,8 @@ class MeasuredLoop(ContactMisfit):
         self._side = np.sign(np.where(moving, self.slip, np.append(self.slip[1:], 0.0)))
         values, release = recording.signals[self.output].copy(), []
         cut = ~known | np.insert(np.diff(recording.time) > recording.gap, 0, False)  # no stick phase reaches over it
-        toward = np.broadcast_to(np.sign(self._of(self._law, plant.values)[3][0]), values.size)
-        for k in np.flatnonzero(moving[1:] & ~moving[:-1] & ~cut[1:]) if self._jumps(element) else []:
+        toward = np.broadcast_to(np.sign(self._of(law.law, plant.values)[3][0]), values.size)
+        for k in np.flatnonzero(moving[1:] & ~moving[:-1] & ~cut[1:]) if jumps(law, plant) else []:
             first = 1 + int(np.max(np.flatnonzero((moving | ~known)[: k + 1]), initial=-1))
             first = max(first, int(np.max(np.flatnonzero(cut[: k + 1] & known[: k + 1]), initial=0)))
             if k + 1 - first >= BREAKAWAY_SAMPLES:  # a shorter one is noise where slip begins or ends
@@ -110,12 +99,13 @@ class MeasuredLoop(ContactMisfit):
         away[release] = True
         rows = np.flatnonzero(moving | away)
         self.rows, self.released = rows, away[rows]
+        self._forces, self._slopes = law.with_release if self.released.any() else (law.forces, law.slopes)
         self.outputs = [self.output]
         self.time, self.measured = {self.output: recording.time[rows]}, {self.output: values[rows]}
 
     def _slips_around(self, values: np.ndarray) -> np.ndarray:
         """Where the contact slips at both samples around the time of a force: between one at rest and one that slips the line would be taken for slip."""
-        slip = np.broadcast_to(self._of(self._law, self.plant.values, self._laid(self._measured.signals))[0][0], self._side.size)
+        slip = np.broadcast_to(self._of(self._law.law, self.plant.values, self._laid(self._measured.signals))[0][0], self._side.size)
         slips = (np.abs(slip) > self.still) * 1.0
         time, around = self.recording.time, np.ones(slip.size, bool)
         late = {name: float(values[shift.place]) for shift in self.shifts for name in shift.channels}
@@ -165,40 +155,12 @@ class MeasuredLoop(ContactMisfit):
         chosen[:: self.rows.size // TRIAL] = True
         few, kept = copy.copy(self), self.rows[chosen]
         few._x, few._u, few._side, few._chosen = self._x[:, kept], self._u[:, kept], self._side[kept], kept
+        few.__dict__.pop("_known", None)
         few.rows, few.released = np.arange(kept.size), self.released[chosen]
         few.time, few.measured = ({name: values[chosen] for name, values in each.items()} for each in (self.time, self.measured))
         return few
 
-    def _jumps(self, element: Any) -> bool:
-        """Whether the force drops at release: then release is sharp, and the force before it is the static bound; else slip itself tells the bound."""
-        away = self.plant.p * 0 + self.plant.values * (1 + 0.1 * np.cos(np.arange(self.plant.values.size)))
-        law = ca.vertcat(element.load * element.law.sliding(ca.SX(0), *[0] * len(element.breaks)), element.static)
-        law = ca.substitute(ca.substitute(law, self.plant.u, ca.SX.ones(self.plant.u.numel())), self.plant.p, away)
-        kinetic, static = np.array(ca.evalf(ca.substitute(law, ca.vertcat(*ca.symvar(law)), 1.0))).ravel()
-        return bool(abs(static - kinetic) > 1e-12 * abs(static))
-
-    def _check_alone(self, force: ca.SX) -> None:
-        """Raise SceneError where the force of another contact enters the signal that holds the force."""
-        expression = self.plant.signals[self.output][0]
-        others = [each.name for i, each in enumerate(self.plant.elements) if i != self.place and ca.depends_on(expression, self.plant.F[i])]
-        if others or ca.depends_on(ca.jacobian(expression, force), force):
-            raise SceneError(
-                f"The signal `{self.output}` must hold the force of `{self.contact}` alone, but that of `{others[0]}` enters it as well."
-            )
-
-    def _inputs(self, given: Mapping[str, Any]) -> ca.SX:
-        """The inputs of the plant: measured ones as symbols, others as given, or their defaults."""
-        measured = [name for name in self.plant.inputs if name in self.recording.signals]
-        self._u_symbol = ca.SX.sym("measured", len(measured))
-        self._driven = measured
-        out = []
-        for name, entry in self.plant.inputs.items():
-            if name in given and not isinstance(given[name], (int, float)) and name not in measured:
-                raise SceneError(f"Argument `{name}` must be a number or be measured for a loop to be fitted, but it varies in time.")
-            out.append(self._u_symbol[measured.index(name)] if name in measured else given.get(name, entry.default))
-        return ca.vertcat(*out) if out else ca.SX(0, 1)
-
-    def _complain_about_missing(self, law: ca.SX) -> None:
+    def _complain_about_missing(self, law: LoopLaw) -> None:
         """Find the place of every measured state; raises SceneError where the law needs another."""
         self._states: dict[str, np.ndarray] = {}
         for name in self.recording.signals:
@@ -208,9 +170,9 @@ class MeasuredLoop(ContactMisfit):
             self._states[name] = np.flatnonzero(mark == 1.0)
         there = {int(row) for rows in self._states.values() for row in rows}
         self._x, self._u = self._laid(self.recording.signals)
-        for row in range(self.plant.x.numel()):
-            if row not in there and ca.depends_on(law, self.plant.x[row]):
-                raise self._missing(row)
+        row = next((row for row in law.needs if row not in there), None)
+        if row is not None:
+            raise self._missing(row)
 
     def _laid(self, signals: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """The states and the measured inputs at all samples."""
@@ -228,38 +190,44 @@ class MeasuredLoop(ContactMisfit):
         x, u = laid or (self._x, self._u)
         given = (list(x), list(u), p.tolist(), m, [self._side])
         if self._switches:
-            (slip,), *_, places = self._law(*given, count=count)
+            (slip,), *_, places = self._law.law(*given, count=count)
             for at, place in zip(self._switches, places, strict=True):
                 m[at] = 1.0 * (self._side * slip >= place)
         return function(*given, count=count)
 
-    def _counted(self, sliding: Any, release: Any) -> np.ndarray:
+    def _counted(self, sliding: Any, release: Any = None) -> np.ndarray:
         """A quantity at the samples that count: at break-away that of release."""
-        found = np.broadcast_to(sliding, self._side.size)[self.rows]
-        if self.released.any():
-            found[self.released] = np.broadcast_to(release, self._side.size)[self.rows[self.released]]
+        found = np.full(self.rows.size, sliding) if np.ndim(sliding) == 0 else sliding[self.rows]
+        if release is not None:
+            found[self.released] = release if np.ndim(release) == 0 else release[self.rows[self.released]]
         return found
 
     def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """The force of the law at the measured slip, and with the static bound at break-away."""
+        return self._once("model", values, self._model)
+
+    def _model(self, values: np.ndarray) -> np.ndarray:
         self._place(values)
-        _, (sliding,), (release,), *_ = self._of(self._law, self._numbers(values))
-        return {self.output: self._counted(sliding, release)}
+        found = self._of(self._forces, self._numbers(values))
+        return self._counted(*(each for (each,) in found))
 
     def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of `model` with respect to the free numbers, shape (nt, k): exact, those of a shift by central differences."""
+        return self._once("slopes", values, self._slopes_at)
+
+    def _slopes_at(self, values: np.ndarray) -> np.ndarray:
         self._place(values)
-        both = self._of(self._law_slopes, self._numbers(values))
-        found = np.empty((self.rows.size, values.size))
+        both = self._of(self._slopes, self._numbers(values))
+        found = np.empty((values.size, self.rows.size)).T  # column by column, as it is filled and used
         places = [i for i, number in enumerate(self.numbers) if number.kind == "parameter"]
         for i, each in zip(places, zip(*both, strict=True), strict=True):
             found[:, i] = self._counted(*each)
         for shift in self.shifts:
             step = np.zeros(values.size)
             step[shift.place] = 0.1 * self.recording.interval
-            ahead, back = (self.model(values + sign * step)[self.output] for sign in (1.0, -1.0))
+            ahead, back = (self._model(values + sign * step) for sign in (1.0, -1.0))
             found[:, shift.place] = (ahead - back) / (2.0 * step[shift.place])
-        return {self.output: found}
+        return found
 
     def _place(self, values: np.ndarray) -> None:
         """Take slip and inputs on the clock of the force."""

@@ -241,18 +241,25 @@ class MemoryLoop(ContactMisfit):
 
     def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """The force of the law along the measured slip."""
+        return self._once("model", values, self._model)
+
+    def _model(self, values: np.ndarray) -> np.ndarray:
         at, memory, _, p = self._along(values, False, self.steps)
         ((force,),) = self._force(list(memory), list(at), p.tolist(), count=memory.shape[1])
-        return {self.output: np.broadcast_to(force, memory.shape[1])[self._kept]}
+        found: np.ndarray = np.broadcast_to(force, memory.shape[1])[self._kept]
+        return found
 
     def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of `model` with respect to the free numbers, shape (nt, k): exact, those of a shift by central differences."""
+        return self._once("slopes", values, self._slopes_at)
+
+    def _slopes_at(self, values: np.ndarray) -> np.ndarray:
         at, memory, turned, p = self._along(values, True, self.steps)
         count = memory.shape[1]
         of_memory, of_free = self._force_slopes(list(memory), list(at), p.tolist(), count=count)
         along = np.stack([np.broadcast_to(each, count) for each in of_memory], axis=1)
         through = np.einsum("ni,nij->nj", along, turned)
-        found = np.empty((count, values.size))
+        found = np.empty((values.size, count)).T
         k, parameters = len(self._parameters), self._parameters
         for i, number in enumerate(self.numbers):
             if number.kind == "parameter":
@@ -266,8 +273,8 @@ class MemoryLoop(ContactMisfit):
             h = 0.1 * self.recording.interval
             ahead[shift.place] += h
             back[shift.place] -= h
-            found[:, shift.place] = (self.model(ahead)[self.output] - self.model(back)[self.output]) / (2.0 * h)
-        return {self.output: found}
+            found[:, shift.place] = (self._model(ahead) - self._model(back)) / (2.0 * h)
+        return found
 
     def panels(self, left: Mapping[str, np.ndarray], _: np.ndarray) -> tuple[Panel, ...]:
         """What was measured beside the law, over what drives it; left: law less measured."""

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import within
 from toolbox.calibration.recording import Recording
 from toolbox.errors import SceneError
-from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.components import numbers_of
+from toolbox.modelling.hybrid_system import HybridSystem, Parameter
 from toolbox.modelling.numbers import Number
+from toolbox.sweeps.variants import passing
 
 
 class Misfit:
@@ -39,7 +43,17 @@ class ContactMisfit(Misfit):
     plant: HybridSystem
     numbers: Sequence[Number]
     contact: str
+    output: str
     _last: tuple[bytes, np.ndarray]
+    steps = 1
+
+    def _once(self, what: str, values: np.ndarray, find: Callable[[np.ndarray], np.ndarray]) -> dict[str, np.ndarray]:
+        """{output: what is found at some values}, kept until it is asked for at others: a search asks more than once where it begins."""
+        key = values.tobytes(), self.steps
+        kept: dict[str, tuple[Any, np.ndarray]] = self.__dict__.setdefault("_known", {})
+        if what not in kept or kept[what][0] != key:
+            kept[what] = key, find(values)
+        return {self.output: kept[what][1]}
 
     def allowed(self, values: np.ndarray) -> None:
         """Raise SceneError where the numbers contradict each other."""
@@ -54,8 +68,29 @@ class ContactMisfit(Misfit):
         """All numbers of the plant; raises SceneError where they contradict each other. Kept for the slopes at the same place."""
         key = values.tobytes()
         if self._last[0] != key:
-            self._last = (key, self.plant.with_parameters(self._of_plant(values)).values)
+            free = self._of_plant(values)
+            entries, checks = self._entries
+            at = list(free.values())
+            good = all(within(value, entry.bounds) for value, entry in zip(at, entries, strict=True))
+            if good and all(passes([at[i] for i in own]) for own, passes in checks):
+                found = self.plant.values.copy()
+                found[[entry.offset for entry in entries]] = at
+            else:  # which finds the words for it
+                found = self.plant.with_parameters(free).values
+            self._last = (key, found)
         return self._last[1]
+
+    @cached_property
+    def _entries(self) -> tuple[list[Parameter], list[tuple[list[int], Callable[[Sequence[float]], bool]]]]:
+        """The parameters that are free, and for every part that has some of them their places among these and whether it passes its checks with others."""
+        entries = [self.plant._parameter(number.name) for number in self.numbers if number.kind == "parameter"]
+        checks = []
+        for part, first in zip(self.plant.parts, self.plant._offsets(), strict=True):
+            last = first + len(numbers_of(part))
+            own = [i for i, entry in enumerate(entries) if first <= entry.offset < last]
+            if own:
+                checks.append((own, passing(part, self.plant.values, first, [entries[i].offset for i in own])))
+        return entries, checks
 
     def _force_signal(self, recording: Recording, symbols: ca.SX) -> str:
         """The measured signal that holds the force; symbols: what that force depends on, and no other signal that is no state."""

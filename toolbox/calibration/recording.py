@@ -363,9 +363,11 @@ def _time_flaws(time: np.ndarray, order: np.ndarray) -> list[Flaw]:
     flaws = []
     kept = time[order]
     begin = kept[0]
-    lost = np.setdiff1d(np.flatnonzero(np.isfinite(time)), order)
-    again = np.isin(time[lost], kept)
-    none = np.flatnonzero(~np.isfinite(time))
+    good = np.isfinite(time)
+    none = np.flatnonzero(~good)
+    good[order] = False
+    lost = np.flatnonzero(good)
+    again = np.isin(time[lost], kept) if lost.size else np.zeros(0, bool)
     for kind, places in (("repeated", lost[again]), ("backward", lost[~again])):
         if places.size:
             flaws.append(Flaw("time", kind, time[places] - begin, time[places] - begin))

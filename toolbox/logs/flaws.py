@@ -65,9 +65,9 @@ class Flaw:
 
 def is_null(numbers: np.ndarray, nulls: tuple[float, ...] = ()) -> np.ndarray:
     """Where numbers, in the unit of the log, mean that there is none."""
-    marked = ~np.isfinite(numbers) | (np.abs(np.nan_to_num(numbers, nan=0.0, posinf=0.0, neginf=0.0)) >= HUGE)
+    marked = ~(np.abs(numbers) < HUGE)  # so is nan
     for null in (*NULLS, *nulls):
-        marked |= np.isclose(numbers, null, rtol=1e-9, atol=0.0)
+        marked |= np.abs(numbers - null) <= 1e-9 * abs(null)
     return marked
 
 
@@ -129,14 +129,16 @@ def _clipped(values: np.ndarray) -> np.ndarray:
     finite = values[np.isfinite(values)]
     if finite.size < 10:
         return out
-    same = np.diff(finite) == 0
-    typical = 0.5 * float(np.median(np.abs(np.diff(finite))))
     for extreme in (finite.max(), finite.min()):
         at = values == extreme
+        if extreme == 0 or np.count_nonzero(at) < 3:
+            continue
+        steps = np.diff(finite)
+        same, typical = steps == 0, 0.5 * float(np.median(np.abs(steps)))
         groups = [(a, b) for a, b in _groups(at) if b - a >= 3 and _met_abruptly(values, a, b, typical)]
         inside = (finite[1:] == extreme) & (finite[:-1] == extreme)
         others = same[~inside]
-        if extreme == 0 or not groups or at.all() or (others.size and others.mean() > 0.02) or others.size < 5:
+        if not groups or at.all() or (others.size and others.mean() > 0.02) or others.size < 5:
             continue
         if len(groups) >= 2 or max(b - a for a, b in groups) >= 5:
             out |= at
@@ -175,6 +177,8 @@ def _dropped(values: np.ndarray) -> np.ndarray:
 
 def _between(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """What the neighbours that are not marked say of the marked samples: a straight line between them."""
+    if not mask.any():
+        return values
     good = np.isfinite(values) & ~mask
     out = values.copy()
     places = np.arange(values.size)

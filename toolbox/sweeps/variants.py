@@ -68,7 +68,7 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
         own_columns = [j for j, place in enumerate(places) if first <= place < first + len(numbers_of(part))]
         rows, which = np.unique(points[:, own_columns], axis=0, return_inverse=True)
         row = found.same.copy()
-        passes = _passing(part, row, first, [places[j] for j in own_columns])
+        passes = passing(part, row, first, [places[j] for j in own_columns])
         for k, values in enumerate(rows):
             if passes(values.tolist()):
                 continue
@@ -179,7 +179,7 @@ def _has_check(part: Any) -> bool:
     return any(is_nested(value) and _has_check(value) for value in (getattr(part, f.name) for f in fields_of(type(part))))
 
 
-def _passing(part: Any, row: np.ndarray, first: int, places: Sequence[int]) -> Callable[[Sequence[float]], bool]:
+def passing(part: Any, row: np.ndarray, first: int, places: Sequence[int]) -> Callable[[Sequence[float]], bool]:
     """Whether a part with other numbers at some places passes its checks; it is changed in place, because making it anew takes ten times as long."""
     nodes: list[Any] = []
     slots: list[tuple[int, Any, int | None]] = []

@@ -14,6 +14,7 @@ from toolbox.compilation.formulas import ClosedEquations, Formulas
 from toolbox.errors import SceneError
 from toolbox.modelling.elements import FRICTION, Element
 from toolbox.modelling.elimination import calls, coupled_groups
+from toolbox.modelling.garbage import uncollected
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.input_kinds import ExpressionKey
 from toolbox.modelling.inputs import Shape
@@ -105,7 +106,8 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], formula
     """
     key = ("program", kinds, formulas.name)
     if key not in system.cache:
-        _programmed(system, kinds, formulas, _closed(system, kinds, formulas.locates))
+        with uncollected():
+            _programmed(system, kinds, formulas, _closed(system, kinds, formulas.locates))
         if _holds_expression(key):
             for old in [other for other in list(system.cache) if _holds_expression(other)][:-EXPRESSIONS]:
                 system.cache.pop(old, None)

@@ -134,7 +134,8 @@ KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Work._fields, ("float64", 1)) 
 class Between(NamedTuple):
     """Arrays for states between the nodes of a run: the nodes, what a step needs (x, k, m, a projected x, y), and which states are wanted.
 
-    ints: as in `Work`;  p: the whole parameter vector;  row, times: the node that each wanted time is a step from;  states: filled with them.
+    ints: as in `Work`;  p: the whole parameter vector;  row, times: the node that each wanted time follows;  states: filled with them;  passed: ends of
+    steps that are no nodes;  first: the first of them after each node.
     """
 
     ints: np.ndarray
@@ -151,8 +152,11 @@ class Between(NamedTuple):
     row: np.ndarray
     times: np.ndarray
     states: np.ndarray
+    passed: np.ndarray
+    first: np.ndarray
 
 
 BETWEEN_KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Between._fields, ("float64", 1)) | {
     "ints": ("int64", 1), "node_x": ("float64", 2), "node_m": ("int8", 2), "node_p": ("float64", 2), "row": ("int64", 1), "states": ("float64", 2),
+    "first": ("int64", 1),
 }  # fmt: skip

@@ -34,6 +34,7 @@ from toolbox.modelling.components import (
     unit_at,
 )
 from toolbox.modelling.elements import Element, State, time
+from toolbox.modelling.garbage import uncollected
 from toolbox.modelling.hybrid_system import HybridSystem, Input, Parameter, SampledUpdate
 from toolbox.modelling.switching import check_rates
 from toolbox.modelling.well_posed import check_gain, check_push
@@ -87,7 +88,8 @@ def assembled(components: tuple[Component, ...]) -> HybridSystem:
     shared = _COMPOSED.get(key)
     if shared is None:
         try:
-            shared = _Composer(components).system()
+            with uncollected():
+                shared = _Composer(components).system()
         except SceneError:
             raise
         except Exception:  # a structure that does not fit its numbers, which `check` has not seen because one of them is out of bounds

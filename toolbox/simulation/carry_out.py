@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import time as clock
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -27,6 +27,7 @@ from toolbox.simulation.refinement import refined, with_tolerance
 from toolbox.simulation.run import Run
 from toolbox.simulation.samples import read_signals
 from toolbox.simulation.stiffness import FIRST_LOOK, pays, progress
+from toolbox.simulation.thin_records import ThinRecords
 from toolbox.simulation.trajectory import Stepped, Trajectory
 from toolbox.simulation.work_arrays import grown, work_arrays
 
@@ -84,6 +85,9 @@ def carry_out(run: Run) -> Trajectory:
             course.bar.close()
 
 
+AnySimulationError = TypeVar("AnySimulationError", bound=SimulationError)
+
+
 class Course:
     """A run under way: its arrays, its laws and their answers, and what it has spent."""
 
@@ -92,6 +96,7 @@ class Course:
         self.program = program_of(run.system, run.kinds, self.formulas)
         self.advance = compiled_loop(run, self.program)
         self.work = work_arrays(run, self.program)
+        self.records = ThinRecords()
         self.began = clock.perf_counter()
         self.laws = run.start.continued(run.laws)
         self.answers: list[list[np.ndarray]] = [[] for _ in self.laws]
@@ -110,11 +115,16 @@ class Course:
 
     def so_far(self) -> Trajectory:
         """The trajectory up to now."""
-        return trajectory_so_far(self.run, self.program, self.work, self.began, self.answers)
+        return self.records.told(trajectory_so_far(self.run, self.program, self.work, self.began, self.answers))
 
     def exhausted(self) -> BudgetError:
         """The error of a run that has spent its budget."""
-        return exhausted(self.run, self.program, self.work, self.began, self.answers)
+        return self._told(exhausted(self.run, self.program, self.work, self.began, self.answers))
+
+    def _told(self, error: AnySimulationError) -> AnySimulationError:
+        """The error of this run, whose trajectory so far knows the steps that are not recorded."""
+        self.records.told(error.run)
+        return error
 
     def to_the_end(self) -> Trajectory:
         """Call the compiled loop until the run is done; raises as `carry_out`."""
@@ -130,6 +140,8 @@ class Course:
                 return self._done()
             if status == work_layout.EVENTS_FULL and work.ints[work_layout.EVENTS] > budget.events:
                 raise self.exhausted()
+            if status == work_layout.RECORDS_FULL and self.run.method.locates and self.records.thinned(work):
+                continue
             if status == work_layout.RECORDS_FULL or status == work_layout.EVENTS_FULL:
                 self.work = grown(work, self.program, status == work_layout.RECORDS_FULL, budget)
             elif status == work_layout.SAMPLE_DUE:
@@ -147,7 +159,7 @@ class Course:
                 again.why = f"explicit: no Taylor series at t = {t:.9g} s"
                 return again
             else:
-                raise failure(status, self.run, self.program, work, self.began, self.answers)
+                raise self._told(failure(status, self.run, self.program, work, self.began, self.answers))
 
     def _done(self) -> Trajectory:
         done = self.so_far()

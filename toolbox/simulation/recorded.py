@@ -30,6 +30,8 @@ class Recorded(Stays):
         @property
         def nodes(self) -> Any: ...
         @property
+        def anchors(self) -> Any: ...
+        @property
         def contacts(self) -> list[str]: ...
         @property
         def main_signals(self) -> list[str]: ...
@@ -99,7 +101,7 @@ class Recorded(Stays):
             raise SceneError(
                 f"Argument `time` must be a number or a row of numbers between {self.begin:g} and {self.end:g} s, but it is {short(time)}."
             )
-        nodes = self.nodes
+        nodes = self.anchors
         row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
         return nodes.inside(row, times, np.ndim(time) == 0)
 

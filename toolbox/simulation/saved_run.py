@@ -360,7 +360,7 @@ class SavedRun(Recorded):
         self.events = [Event(*row) for row in zip(*(arrays[f"event.{field}"].tolist() for field in Event._fields), strict=True)]
         polynomials = {name: arrays[f"step.{name}"] for name in self._units}
         steps = SavedSteps(arrays["step.time"], arrays["step.mode"], arrays["step.degree"], self._words, polynomials)
-        self.nodes = steps  # type: ignore[misc]
+        self.nodes = self.anchors = steps  # type: ignore[misc]
         self.contacts: list[str] = arrays["contacts"].tolist()
         self.main_signals: list[str] = arrays["main"].tolist()
         self.limits: dict[str, tuple[float | None, float | None]] = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -46,8 +46,9 @@ by less."""
 class Records:
     """What the event loop recorded of a run.
 
-    `time`, `states`, `mode` and `held` have a row for every node. `event_arrays` are the times, elements and modes of the events, `last_mode` the modes
-    at the end, and `last` the state there, without that of Python laws. All others are what they are in `Trajectory`.
+    `time`, `states`, `mode` and `held` have a row for every node, `passed` are the ends of steps that are none. `event_arrays` are the times, elements and
+    modes of the events, `last_mode` the modes at the end, and `last` the state there, without that of Python laws. All others are what they are in
+    `Trajectory`.
     """
 
     time: np.ndarray
@@ -63,6 +64,7 @@ class Records:
     merged: int
     wall_time: float
     last: RunState | None
+    passed: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 class Trajectory(Recorded, Samples[FloatArray]):
@@ -71,7 +73,9 @@ class Trajectory(Recorded, Samples[FloatArray]):
     Attributes
     ----------
     time
-        Recorded times [s], shape (nt,); without output times every step, and events twice (before and after).
+        Recorded times [s], shape (nt,); without output times every step, and events twice (before and after). Of a chain so long that its steps would fill
+        more memory than `toolbox.simulation.thin_records.MOST`, every second, third ... step and all events; `run.at` is as exact as ever, and
+        `run.nodes` has every step.
     states
         States at these times, shape (nt, n).
     begin, end
@@ -113,6 +117,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         self.begin, self.end = run.start.time, records.end
         self.answers = records.answers
         self._last = records.last
+        self.passed = records.passed
         self.why = why
 
     @staticmethod
@@ -131,10 +136,14 @@ class Trajectory(Recorded, Samples[FloatArray]):
 
     def __reduce__(self) -> Any:
         """A trajectory travels as its arguments and arrays; the program is made again from the cache of object code."""
-        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "why")
+        return _trajectory_again, (type(self), self.program.formulas, self._told())
+
+    def _told(self) -> dict[str, Any]:
+        """The arguments and arrays of a trajectory."""
+        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "passed", "why")
         data = {name: getattr(self, name) for name in names}
         data |= {"event_arrays": self._event_arrays, "last_mode": self._last_mode, "last": self._last}
-        return _trajectory_again, (type(self), self.program.formulas, data)
+        return data
 
     def end_before(self, event: int) -> None:
         """Forget the events of the instant of this one, counted from 0, and what came after them: a run that a budget ends."""
@@ -264,23 +273,36 @@ class Trajectory(Recorded, Samples[FloatArray]):
         return Samples(self.program, times, states, self.mode[row], self.held[row], self.parameters, single)
 
     def _between(self, times: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """States at times within the recorded steps that begin at the nodes `row`: by one step from the node."""
+        """States at times within the recorded steps that begin at the nodes `row`: by one step from the node, or from the last step that has passed."""
         from toolbox.stepping import event_stepper as loop
 
         kernel = self.program.kernel
         n, guards = kernel.states, kernel.guards
         states = np.empty((times.size, self.states.shape[1]))
+        following = np.searchsorted(self.passed, self.time, side="right")
         work = Between(
             ints=self.program.ints, node_t=self.time, node_x=self.states, node_m=self.mode, node_p=self.held, x=np.zeros(n), k=np.zeros(kernel.slopes),
             m=np.zeros(max(kernel.elements, 1)), projected=np.zeros(n), y=np.zeros(max(4 * n + 2 * guards, 3 * n + 4 * guards)), p=self.parameters.copy(),
-            row=row, times=times, states=states,
+            row=row, times=times, states=states, passed=self.passed, first=following,
         )  # fmt: skip
         loop.evaluate(Between._make(np.ascontiguousarray(each) for each in work))
         return states
 
     @cached_property
     def nodes(self) -> Trajectory:
-        """The same run with every step recorded (itself, unless output times were given)."""
+        """The same run with every step recorded (itself, unless output times were given or not every step is recorded)."""
+        found = self.anchors
+        if not found.passed.size:
+            return found
+        places, row = np.searchsorted(found.time, found.passed), np.searchsorted(found.time, found.passed, side="right") - 1
+        inside = found.inside(row, found.passed)
+        names = ("time", "states", "mode", "held")
+        whole = {name: np.insert(getattr(found, name), places, getattr(inside, name), axis=0) for name in names}
+        return _trajectory_again(type(found), found.program.formulas, {**found._told(), **whole, "passed": np.empty(0)})
+
+    @cached_property
+    def anchors(self) -> Trajectory:
+        """The same run with nodes from which steps lead to every state between them (itself, unless output times were given)."""
         if self.run.output_times is None:
             return self
         laws = [Replay(answers) for answers in self.answers]  # what a Python law answered is repeated, not asked again

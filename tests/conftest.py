@@ -22,14 +22,6 @@ def pytest_addoption(parser):
     parser.addoption("--exhaustive", action="store_true", help=words)
 
 
-def pytest_collection_modifyitems(items):
-    """Slow tests have ten times as long before they count as hanging: a loaded machine is no failure."""
-    for item in items:
-        if item.get_closest_marker("slow") is not None:
-            own = item.get_closest_marker("timeout")
-            item.add_marker(pytest.mark.timeout(max(1200, own.args[0] if own is not None and own.args else 0)), append=False)
-
-
 def pytest_configure(config):
     os.environ["MPLBACKEND"] = "Agg"
     try:

@@ -561,7 +561,6 @@ def test_a_path_of_five_thousand_characters_is_one_line(tmp_path, belt, capsys, 
 
 
 @pytest.mark.skipif(os.name != "posix", reason="devices and pipes are those of POSIX")
-@pytest.mark.timeout(30)
 @pytest.mark.parametrize("place", ["scene", "body", "sections", "data", "earlier"])
 @pytest.mark.parametrize("kind", ["zero", "pipe"])
 def test_devices_and_pipes_are_refused_and_not_read(tmp_path, belt, no_figures, capsys, place, kind):

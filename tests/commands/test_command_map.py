@@ -10,8 +10,6 @@ import pytest
 from toolbox.commands.command_line import main
 from toolbox.onsets.severity_map import SeverityMap
 
-pytestmark = pytest.mark.timeout(120)
-
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 GROAN = ["--law", "HeldSpeed", "--x", "disc.reference=0.2:5", "--y", "brake.force=0.2kN:3kN", "--shape", "4x3"]
 

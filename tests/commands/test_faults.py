@@ -27,8 +27,6 @@ from toolbox.files.origin import ORIGIN
 from toolbox.onsets import study
 from toolbox.sweeps import Sweep
 
-pytestmark = pytest.mark.timeout(600)
-
 BELT = 'title = "TITLE"\nduration = 40\n[[plant]]\npart = "BlockOnBelt"\n[[controllers]]\nlabel = "one"\n'
 RIG = """
 title = "rig"

@@ -6,12 +6,8 @@ import os
 import subprocess
 import sys
 
-import pytest
-
 from models import TorsionalChain
 from toolbox import compose, simulate
-
-pytestmark = pytest.mark.timeout(120)
 
 MODULE = """
 from toolbox.translation.compiled import Compiled

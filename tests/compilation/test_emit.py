@@ -20,8 +20,6 @@ from toolbox.compilation.vector_emitter import LARGEST_ANGLE, VectorBody, functi
 from toolbox.modelling.elements import time
 from toolbox.modelling.switching import switching
 
-pytestmark = pytest.mark.timeout(60)
-
 POINTER = ctypes.POINTER(ctypes.c_double)
 SIGNATURE = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[POINTER] * 5)
 

@@ -26,8 +26,6 @@ from toolbox.translation import compiled
 from toolbox.translation.compiled import KEPT, Compiled
 from toolbox.translation.shipped import compiled_loops
 
-pytestmark = pytest.mark.timeout(120)
-
 FILES = {
     "loops_a": """
         from toolbox.translation.compiled import Compiled

@@ -18,8 +18,6 @@ from toolbox.compilation.vector_emitter import function_text as vector_text
 from toolbox.modelling import elimination
 from toolbox.modelling.elimination import dense_solver, masked_solve
 
-pytestmark = pytest.mark.timeout(120)
-
 SIGNATURE = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[ctypes.c_void_p] * 5)
 
 

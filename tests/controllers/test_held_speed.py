@@ -11,8 +11,6 @@ from controllers import HeldSpeed
 from models import BlockOnBelt, DiscBrake
 from toolbox import SceneError, closed_loop, compose, linearise, severity_map, simulate
 
-pytestmark = pytest.mark.timeout(60)
-
 
 def test_a_disc_without_brake_has_the_poles_that_were_asked_for():
     loop = closed_loop(compose(DiscBrake(force=0.0)), HeldSpeed(reference=2.0, frequency=0.4, damping=0.6))

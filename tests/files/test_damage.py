@@ -22,8 +22,6 @@ from toolbox.files.mat import read_mat
 from toolbox.files.reading import opened
 from toolbox.sweeps import Sweep
 
-pytestmark = pytest.mark.timeout(600)
-
 
 @pytest.fixture(scope="module")
 def reader():
@@ -243,7 +241,6 @@ def test_the_header_of_an_array_is_compared_with_what_is_there_before_memory_is_
 
 
 @pytest.mark.skipif(os.name != "posix", reason="devices and pipes are those of POSIX")
-@pytest.mark.timeout(60)
 @pytest.mark.parametrize("kind", ["a device", "a pipe", "a folder"])
 @pytest.mark.parametrize("name", ["x.npz", "x.csv", "x.mat", "x.toml", "x.mtx", "x.mtx.gz", "x.journal", "body.npz"])
 def test_only_regular_files_are_opened(tmp_path, name, kind):
@@ -263,7 +260,6 @@ def test_only_regular_files_are_opened(tmp_path, name, kind):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes are those of POSIX")
-@pytest.mark.timeout(60)
 def test_a_pipe_in_a_store_is_refused(tmp_path):
     pytest.importorskip("zarr")
     for name in ("zarr.json", "status/zarr.json", "severity/c/0/0", "block.mass/c/0"):

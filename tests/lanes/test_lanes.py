@@ -28,8 +28,6 @@ from toolbox.simulation.methods import Explicit
 from toolbox.simulation.request import Request
 from toolbox.sweeps.batch import Task, finished
 
-pytestmark = pytest.mark.timeout(180)
-
 RANDOM = np.random.default_rng(5)
 
 

@@ -39,8 +39,6 @@ from toolbox.sweeps import batch, uniform
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes, single
 from toolbox.sweeps.variants import shared_run, varied_numbers
 
-pytestmark = pytest.mark.timeout(120)
-
 
 @dataclass(frozen=True)
 class Tank(Component):

@@ -17,8 +17,6 @@ from toolbox.measuring import energy
 from toolbox.measuring.measure import cycles, energy_audit, extent, overshoot, settling, severity, stick_intervals, stuck_ratio
 from toolbox.modelling.inputs import sine, step
 
-pytestmark = pytest.mark.timeout(120)
-
 
 @dataclass(frozen=True)
 class Oscillator(Component):

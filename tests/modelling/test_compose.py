@@ -15,8 +15,6 @@ from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, Torsi
 from toolbox import Component, Controller, DryFriction, Equations, FrictionLaw, SceneError, Update, compose, quantity, simulate, state, time
 from toolbox.compilation import emitter as emit
 
-pytestmark = pytest.mark.timeout(60)
-
 BAD_NUMBERS = pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, "1.0", True, None, [1.0], {}, 1j], ids=repr)
 
 

@@ -14,8 +14,6 @@ from scipy.optimize import brentq
 from models import Coulomb, Hyperbolic
 from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, compose, quantity, simulate, state, time
 
-pytestmark = pytest.mark.timeout(60)
-
 
 @dataclass(frozen=True)
 class Row(Component):

@@ -12,8 +12,6 @@ from scipy.optimize import brentq
 from models import BlockOnBelt, Coulomb, OscillatorOnBar
 from toolbox import SceneError, compose, energy_audit, equilibrium, linearise, simulate
 
-pytestmark = pytest.mark.timeout(60)
-
 PLAIN = OscillatorOnBar()
 WAVE = math.sqrt(PLAIN.modulus / PLAIN.density)
 

@@ -12,8 +12,6 @@ from scipy.integrate import solve_ivp
 from models import BlockOnBelt, Coulomb, CubicStribeck, Hyperbolic
 from toolbox import compose, simulate, time
 
-pytestmark = pytest.mark.timeout(60)
-
 
 def switches(run, before, after):
     return np.array([event.time for event in run.events if (event.before, event.after) == (before, after)])

@@ -13,8 +13,6 @@ from studies.questions import sliders as study
 from toolbox import SceneError, compose, energy_audit, simulate
 from toolbox.inputs import ramp, sine
 
-pytestmark = pytest.mark.timeout(60)
-
 N, MU, K = 10.0, 0.35, 1e6
 
 

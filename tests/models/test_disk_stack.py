@@ -15,8 +15,6 @@ from studies.questions.disks import rest_of
 from toolbox import SceneError, compose, energy_audit, measure, simulate
 from toolbox.inputs import ramp, step
 
-pytestmark = pytest.mark.timeout(120)
-
 
 @pytest.fixture(scope="module")
 def stop():

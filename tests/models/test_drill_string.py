@@ -14,8 +14,6 @@ from controllers import PI
 from models import BitRock, Coulomb, TorsionalChain, wells
 from toolbox import SceneError, compose, simulate
 
-pytestmark = pytest.mark.timeout(60)
-
 RADIUS = 0.155575
 
 

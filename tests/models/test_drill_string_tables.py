@@ -33,8 +33,6 @@ from models.soft_string import side_force, tension
 from studies.questions import detail
 from toolbox import Scene, SceneError, compose, energy_audit, measure, simulate
 
-pytestmark = pytest.mark.timeout(60)
-
 TABLES = Path(__file__).parents[2] / "models" / "tables"
 G = 9.80665
 PIPE, COLLAR = Section(2000.0, 0.127, 0.1086), Section(300.0, 0.1651, 0.0714)

@@ -12,8 +12,6 @@ from models import Coulomb, FlowLine, OutletRCR
 from models.flow_line import expansion_loss, nozzle_loss, poiseuille_resistance
 from toolbox import SceneError, closed_loop, compose, energy_audit, equilibrium, linearise, simulate
 
-pytestmark = pytest.mark.timeout(60)
-
 LENGTH, BORE, DENSITY, BULK = 2500.0, 0.123, 1500.0, 1.5e9
 MUD = {"viscosity": 0.03, "density": DENSITY, "bulk_modulus": BULK}
 AREA = math.pi * BORE**2 / 4

@@ -28,8 +28,6 @@ from models import (
 )
 from toolbox import SceneError, compose, hopf_points, limit_cycle, simulate
 
-pytestmark = pytest.mark.timeout(60)
-
 LAWS = [
     Coulomb(static=0.5, kinetic=0.3),
     Exponential(static=0.8, kinetic=0.5, decay=0.9),

@@ -12,8 +12,6 @@ from models import BitRock, GearNetwork, TorsionalChain
 from models.gears import Train, steady_gears
 from toolbox import SceneError, compose, energy_audit, linearise, simulate
 
-pytestmark = pytest.mark.timeout(60)
-
 SINGLE = [Train("sun", "ground", "carrier", -3.0, 0.98)]
 
 

@@ -12,8 +12,6 @@ from studies.questions import disks as study
 from toolbox import SceneError, compose, energy_audit, simulate
 from toolbox.inputs import ramp
 
-pytestmark = pytest.mark.timeout(60)
-
 
 @pytest.fixture(scope="module")
 def stop():

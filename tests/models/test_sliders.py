@@ -13,8 +13,6 @@ from studies.questions import sliders as study
 from toolbox import SceneError, compose, energy_audit, simulate
 from toolbox.inputs import sine
 
-pytestmark = pytest.mark.timeout(60)
-
 
 def test_the_slider_adheres_until_spring_damper_and_inertia_need_the_static_bound():
     # while it adheres v = a t: k a t^2 / 2 + c a t + m a = mu_s N

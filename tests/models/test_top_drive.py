@@ -13,8 +13,6 @@ from controllers import PI, IdealSlidingMode, SlidingMode, SoftTorque, StiffPI
 from models import BitRock, TopDrive, wells
 from toolbox import Component, Equations, SceneError, compose, energy_audit, linearise, measure, quantity, simulate, state
 
-pytestmark = pytest.mark.timeout(60)
-
 ROCK = BitRock(weight=97_347.0)
 DIRECT = TopDrive(drive_lag=None, encoder_lag=None)
 MOTOR = {"motor_inertia": 10.0, "stiffness": 1e6, "damping": 2e3, "ratio": 10.0}

@@ -14,8 +14,6 @@ from studies.questions.critical_curve import critical_curve
 from toolbox import SceneError, compose, simulate
 from toolbox.measure import cycles
 
-pytestmark = pytest.mark.timeout(60)
-
 
 @pytest.mark.parametrize("z", [0.1, 1.0, 8.0])
 @pytest.mark.parametrize("radius", [0.1, 0.37])

@@ -13,8 +13,6 @@ from models import BitRock, Coulomb, TorsionalChain, WhirlingCollar, wells, whir
 from studies.questions import whirl
 from toolbox import SceneError, compose, energy_audit, measure, simulate
 
-pytestmark = pytest.mark.timeout(100)
-
 FREE = Coulomb(static=0.0, kinetic=0.0)
 FLYWHEEL = TorsionalChain(inertia=(1e9, 1e9), stiffness=(0.0,), damping=(0.0,), collar=-1)  # turns at the speed it starts with
 WEIGHT = 100_000.0
@@ -431,7 +429,6 @@ def test_a_step_from_rest_strikes_at_some_gains_and_a_ramp_of_a_minute_at_none()
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 def test_inside_stick_slip_every_gain_strikes_and_the_one_that_a_step_calls_good_leaves_the_collar_rolling():
     phases = INSIDE[::2]
     gentle, praised, larger = whirl.outcomes((0.1, 0.2, 0.3), phases)
@@ -452,7 +449,6 @@ def test_inside_stick_slip_every_gain_strikes_and_the_one_that_a_step_calls_good
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 def test_the_outcome_from_inside_is_that_of_other_phases_and_another_weight():
     for gain, weight in ((0.1, 155_000.0), (0.1, 165_000.0), (0.05, 165_000.0), (0.8, 160_000.0)):
         assert {whirl.outcome(whirl.driven(gain, way, weight)) for way in INSIDE[::2]} <= {0, 1}

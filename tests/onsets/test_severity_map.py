@@ -30,7 +30,6 @@ from toolbox.onsets.carried import Job
 from toolbox.onsets.severity_map import SMOOTH, STICK_SLIP, SeverityMap
 
 matplotlib.use("Agg")
-pytestmark = pytest.mark.timeout(120)
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 OVER = {"top.reference": (3.0, 14.0), "bit.weight": (50e3, 110e3)}
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"

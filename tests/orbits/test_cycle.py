@@ -35,8 +35,6 @@ from toolbox.modelling import Hysteresis
 from toolbox.orbits import CycleError
 from toolbox.steady_states import pole_locus
 
-pytestmark = pytest.mark.timeout(90)
-
 
 @pytest.mark.parametrize("z", [0.1, 1.0, 8.0])
 def test_a_block_on_a_belt_with_constant_kinetic_friction_has_the_period_of_the_closed_form(z):

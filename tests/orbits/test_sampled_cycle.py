@@ -15,8 +15,6 @@ from models import BitRock, BlockOnBelt, wells
 from toolbox import Controller, Sampled, SceneError, Update, closed_loop, compose, follow, limit_cycle, quantity, simulate, state
 from toolbox.inputs import sine, square, triangle
 
-pytestmark = pytest.mark.timeout(90)
-
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 STATES = ("chain.twist.0", "chain.speed.0", "chain.speed.1", "pi.angle")
 

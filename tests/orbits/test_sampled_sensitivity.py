@@ -14,8 +14,6 @@ from models import BitRock, BlockOnBelt, Coulomb, wells
 from toolbox import Component, Controller, Equations, Sampled, SceneError, Update, compose, measure, quantity, sensitivity, simulate, state
 from toolbox.errors import GrazingError
 
-pytestmark = pytest.mark.timeout(90)
-
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 START = {"chain.speed.0": 9.0, "chain.speed.1": 5.0}
 

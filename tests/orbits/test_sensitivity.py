@@ -16,8 +16,6 @@ from toolbox.errors import GrazingError
 from toolbox.inputs import sine, step
 from toolbox.modelling import Hysteresis, Relay
 
-pytestmark = pytest.mark.timeout(90)
-
 
 def differenced(plant, duration, to, measured, *, start=None, parameters=None, inputs=None, relative=1e-6, **options):
     """Central differences (k, ...) of what `measured` takes from a run, and the run between them."""

@@ -11,8 +11,6 @@ from toolbox import closed_loop, compose, follow, limit_cycle
 from toolbox.inputs import sine
 from toolbox.orbits.sliding import segments, sliding_kind
 
-pytestmark = pytest.mark.timeout(120)
-
 # m x'' + c x' + k x = A sin(om t) + R,  |R| <= 1 on a belt at speed V: static friction as kinetic, a Filippov system
 C, K, OM, V = 0.1, 1.0, 0.5, 0.5
 PERIOD = 2 * np.pi / OM

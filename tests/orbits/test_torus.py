@@ -14,8 +14,6 @@ from studies.questions import torus
 from toolbox import closed_loop, compose, follow, limit_cycle
 from toolbox.inputs import sine
 
-pytestmark = pytest.mark.timeout(90)
-
 
 @pytest.fixture(scope="module")
 def sliding():

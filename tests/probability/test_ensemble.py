@@ -14,7 +14,6 @@ from toolbox.probability import EnsembleFilter, Estimates, Knowledge, estimate
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_the_bit_speed_is_known_better_than_by_the_best_observer_with_bands_that_cover_it():
     """Machines of the robust set, one error each: `python -m studies beside_the_rig` has the figures of the page on probabilities."""
     found = judged(scores((3, 4, 6, 8, 10), 60.0))

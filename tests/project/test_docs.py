@@ -65,7 +65,6 @@ def unprinted(told, printed):
 LONG = ("first_hour", "elastic_contact")
 
 
-@pytest.mark.timeout(300)  # commands are processes of their own, and import everything anew
 @pytest.mark.parametrize(
     "path",
     [pytest.param(p, marks=pytest.mark.slow if p.stem in LONG else ()) for p in PAGES if RUNS.search(p.read_text(encoding="utf-8"))],

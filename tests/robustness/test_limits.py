@@ -16,8 +16,6 @@ from toolbox.robustness import absorber_limit, performance_limit
 from toolbox.robustness.limits import gramian, interpolation, smallest_peak
 from toolbox.steady_states.running import running
 
-pytestmark = pytest.mark.timeout(120)
-
 WEIGHT = 97_347.0
 FALL = WEIGHT * 0.155575 * 0.3 * 0.9  # slope of the rock's torque at standstill [N m s/rad]
 K, J_BIT = 473.0, 374.0

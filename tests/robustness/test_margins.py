@@ -35,8 +35,6 @@ from toolbox.robustness.loop import LinearLoop
 from toolbox.robustness.measured import measured_margins, with_delay, with_gain
 from toolbox.robustness.steady_loop import steady_loop
 
-pytestmark = pytest.mark.timeout(120)
-
 J, DRAG, GAIN, INTEGRAL = 2.0, 0.5, 3.0, 4.0
 
 

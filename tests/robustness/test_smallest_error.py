@@ -16,8 +16,6 @@ from toolbox.robustness import smallest_error
 from toolbox.robustness.joint_errors import PRECISION
 from toolbox.robustness.steady_loop import smooth_start
 
-pytestmark = pytest.mark.timeout(120)
-
 SPEED = 5.0
 
 

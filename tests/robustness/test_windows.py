@@ -14,8 +14,6 @@ from models import BitRock, wells
 from toolbox import SceneError, closed_loop, compose, margins, onset
 from toolbox.robustness import windows
 
-pytestmark = pytest.mark.timeout(120)
-
 OVER = {"top.reference": ("30 rpm", "140 rpm"), "bit.weight": ("60 kN", "110 kN")}
 LAW = PI(4_000.0, 1_500.0, reference="110 rpm")
 

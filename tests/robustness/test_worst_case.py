@@ -13,8 +13,6 @@ from toolbox import Sampled, SceneError, closed_loop, compose, measure, simulate
 from toolbox.robustness import cycle_phases
 from toolbox.robustness.steady_loop import smooth_start
 
-pytestmark = pytest.mark.timeout(120)
-
 REFERENCE = 6.5
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
 

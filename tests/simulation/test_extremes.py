@@ -38,8 +38,6 @@ from toolbox.modelling.components import fields_of
 from toolbox.simulation import EventExact, TimeStepping
 from toolbox.simulation.methods import METHODS, method_of
 
-pytestmark = pytest.mark.timeout(60)
-
 
 def simulate(*arguments, method="event", **more):
     return toolbox.simulate(*arguments, method=replace(method_of(method), budget=Budget(steps=2_000_000)), **more)

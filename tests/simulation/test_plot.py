@@ -17,11 +17,11 @@ from matplotlib.colors import to_hex, to_rgb
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, TorsionalChain, wells
 from toolbox import SceneError, Trajectory, compose, simulate
-from toolbox.figures.style import LINES, MANY_EVENTS, TONES
+from toolbox.figures.style import LINES, MANY_EVENTS, RESOLUTION, TONES
 from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.simulation.plot import comparison, phase_plane, traces
 
-pytestmark = [pytest.mark.timeout(120), pytest.mark.usefixtures("closed_figures")]
+pytestmark = pytest.mark.usefixtures("closed_figures")
 
 
 @pytest.fixture
@@ -72,10 +72,12 @@ def test_one_signal_in_a_panel_is_named_by_its_axis(belt_run):
 def test_curves_reach_the_peaks_that_the_nodes_miss(rig_run):
     (ax,) = traces(rig_run, "bit.speed", after=20.0, until=40.0)
     drawn = curves(ax)["bit speed"]
-    peak = extent(rig_run, "bit.speed", 20.0, 40.0).maximum
+    whole = extent(rig_run, "bit.speed", 20.0, 40.0)
     node = rig_run["bit.speed"][(rig_run.time >= 20.0) & (rig_run.time <= 40.0)].max()
-    assert drawn[:, 1].max() == pytest.approx(peak, rel=1e-5)
-    assert node < (1 - 1e-4) * peak
+    half = 0.5 * 20.0 / RESOLUTION  # a point is drawn so near the peak, wherever the steps end
+    beside = min(rig_run.at(whole.time_of_maximum + away)["bit.speed"] for away in (-half, half))
+    assert beside <= drawn[:, 1].max() <= whole.maximum
+    assert node < beside
     assert drawn[0, 0] == 20.0 and drawn[-1, 0] == 40.0
     assert drawn[-1, 1] == rig_run.at(40.0)["bit.speed"]
 

@@ -87,7 +87,6 @@ def test_pieces_cut_anywhere_equal_the_whole_run(law):
     assert apart(whole, parts) < 1e-9
 
 
-@pytest.mark.timeout(300)
 def test_a_nonlinear_predictive_law_goes_on_where_it_was():
     law = Sampled(
         NonlinearMPC(reference=6.0, lowest_torque=0.0, highest_torque=12e3), "100 ms"

@@ -29,8 +29,6 @@ from toolbox import (
 )
 from toolbox.inputs import step
 
-pytestmark = pytest.mark.timeout(60)
-
 
 @dataclass(frozen=True)
 class Tank(Component):

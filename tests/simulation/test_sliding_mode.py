@@ -15,8 +15,6 @@ from toolbox import Component, Controller, Equations, SceneError, SimulationErro
 from toolbox.errors import ZenoError
 from toolbox.modelling import Relay
 
-pytestmark = pytest.mark.timeout(60)
-
 
 @dataclass(frozen=True)
 class Switched(Component):

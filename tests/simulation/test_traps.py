@@ -21,8 +21,6 @@ from toolbox import Budget, Component, DryFriction, Equations, FrictionLaw, Scen
 from toolbox.inputs import sine
 from toolbox.simulation.methods import method_of
 
-pytestmark = pytest.mark.timeout(60)
-
 
 def simulate(*arguments, method="event", **more):
     """A run of this file that needs a million steps has been trapped, whatever it answers."""

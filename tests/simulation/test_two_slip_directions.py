@@ -91,8 +91,10 @@ def test_a_puck_runs_straight_and_stops_after_v_over_mu_g(method):
     assert mode == "stick" and stop == pytest.approx(5.0 / (0.4 * G), rel=3e-9 if method == "stiff" else 1e-11)
     assert run["puck.x"][-1] == pytest.approx(0.6 * 5.0**2 / (2 * 0.4 * G), rel=1e-10)
     moving = run.time < stop
-    # round-off of the speed at the start, which just before the stop is more than a part in 1e9 of what is left
-    np.testing.assert_allclose(run["puck.w"][moving], -4.0 / 3.0 * run["puck.v"][moving], rtol=0.0, atol=5e-14)
+    # round-off of the speed at the start, which just before the stop is more than a part in 1e9 of what is left; points of an implicit step come nearer to
+    # rest than its end, and turn by the round-off of the speed there, more or less with the last bits of a processor
+    round_off = 1e-11 if method == "stiff" else 5e-14
+    np.testing.assert_allclose(run["puck.w"][moving], -4.0 / 3.0 * run["puck.v"][moving], rtol=0.0, atol=round_off)
     assert run["puck.v"][-1] == run["puck.w"][-1] == 0.0
     check_energy(run)
 

@@ -17,8 +17,6 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, 
 from toolbox.modelling import Relay
 from toolbox.steady_states.linear import equilibrium, linearise
 
-pytestmark = pytest.mark.timeout(120)
-
 J1, J2, K, C12, CR, CB = 2122.0, 374.0, 473.0, 23.2, 425.0, 50.0
 TORQUE = 97_347.0 * 0.155575
 

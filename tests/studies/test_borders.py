@@ -11,7 +11,6 @@ from studies.questions import borders as study
 from studies.questions.slow_ramp import String, ramp
 from toolbox import limit_cycle, simulate
 
-pytestmark = pytest.mark.timeout(120)
 CASES = [pytest.param(case, id=case.label, marks=[pytest.mark.slow] if k in (2, 4, 6, 7) else []) for k, case in enumerate(study.CASES)]
 
 

@@ -21,7 +21,6 @@ def test_the_last_row_lets_go_with_the_rigid_slider_and_the_first_long_before():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(400)
 def test_nodes_with_cone_and_opening_repeat_the_shared_area_of_an_independent_model():
     run = study.face_run(study.face_problem(10), 1e-3)
     found = study.measures(run)

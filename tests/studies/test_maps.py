@@ -11,8 +11,6 @@ from studies.questions import maps
 from studies.questions.disks import critical_drop
 from toolbox.onsets.borders import border
 
-pytestmark = pytest.mark.timeout(120)
-
 
 def test_a_driven_stator_is_caught_again_above_the_critical_drop():
     ratios = np.array([0.05, 0.2, 0.35])

@@ -8,8 +8,6 @@ import pytest
 from studies.questions import networks
 from toolbox import measure
 
-pytestmark = pytest.mark.timeout(60)
-
 
 def test_the_motor_cuts_the_start_torque_to_what_it_has():
     runs = networks.start_up()

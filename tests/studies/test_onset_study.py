@@ -10,8 +10,6 @@ from scipy.optimize import brentq
 from studies.questions import onset as study
 from toolbox import simulate
 
-pytestmark = pytest.mark.timeout(90)
-
 STIFF, SOFT, SLIDING, _, SOFT_10, _ = study.DRIVES
 
 

@@ -10,8 +10,6 @@ from studies.questions import robustness as study
 from toolbox import closed_loop, measure, simulate
 from toolbox.robustness.steady_loop import steady_loop
 
-pytestmark = pytest.mark.timeout(120)
-
 
 @pytest.fixture(scope="module")
 def found():

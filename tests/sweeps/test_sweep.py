@@ -45,7 +45,6 @@ from toolbox.sweeps import Sweep, latin_hypercube, sobol, store, uniform
 from toolbox.sweeps import chunks as columns
 from toolbox.sweeps import executors as workers
 
-pytestmark = pytest.mark.timeout(120)
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 

@@ -22,7 +22,6 @@ from toolbox.sweeps import Sweep, batch, store, uniform
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes
 from toolbox.sweeps.variants import shared_run, varied_numbers
 
-pytestmark = pytest.mark.timeout(120)
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 CHAIN = TorsionalChain(
     inertia=(900.0, 300.0, 400.0), stiffness=(2000.0, 1200.0), damping=(40.0, 30.0), top_drag=300.0,

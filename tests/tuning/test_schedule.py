@@ -17,8 +17,6 @@ from toolbox import Sampled, SceneError, closed_loop, compose, margins, simulate
 from toolbox.export.scheduled_c import export_schedule
 from toolbox.tuning import schedule
 
-pytestmark = pytest.mark.timeout(240)
-
 TOP, SPEED = 2000.0, "120 rpm"
 JOINT = ToolJoint("6.625 in", "3.25 in", "21 in", every="31.7 ft")
 

@@ -335,7 +335,7 @@ def picture(path: Path) -> None:
         )
         right.set_xticks([0.5, 1, 2, 5, 10, 20, 30], ["0.5", "1", "2", "5", "10", "20", "30"])
         right.minorticks_off()
-        right.set_title("ended by groan: filled; by its way, or no more scanned: open", loc="left", fontsize=9.0)
+        right.set_title("filled: ended by groan; open: by its way", loc="left", fontsize=9.0)
         right.legend(frameon=False, fontsize=8.0)
         right.spines[["top", "right"]].set_visible(False)
         figure.savefig(path, dpi=120)

@@ -4,6 +4,7 @@ import base64
 import gc
 import http.client
 import json
+import math
 import random
 import signal
 import socket
@@ -17,7 +18,8 @@ import numpy as np
 import pytest
 
 from models import BlockOnBelt
-from toolbox import Scene, closed_loop, compose, simulate
+from toolbox import Scene, closed_loop, compose, measure, simulate
+from toolbox.commands.command_line import main
 from toolbox.errors import SceneError
 from toolbox.onsets.study import verdict_of
 from toolbox.page import explore, maps
@@ -330,6 +332,53 @@ def test_a_stop_tells_of_the_sticks_before_it_stands_and_has_no_map():
     sticks = sticks_before_standstill(scene.run("constant force"), "pad", "disc.speed", scene.standstill, scene.after)
     assert f"sticks {len(sticks)} times" in found["reason"] and f"{max(b - a for a, b in sticks):.3g} s at the longest" in found["reason"]
     assert max(b - a for a, b in sticks) < 0.5 and told["still"] and told["axes"] == []
+
+
+def test_a_stop_tells_its_way_and_what_its_contact_sounds_like_until_it_stands():
+    """The pad groans somewhat below the 50 Hz at which it swings while it slips."""
+    scene = Scene.load(SCENES / "brake_laws.toml")
+    with explore(scene, port=0) as served:
+        found, more = (
+            run(served, "constant force"),
+            ask(served, "further", setting={"label": "constant force", "changes": {}, "disturbance": ""}),
+        )
+    told = dict(found["measures"])
+    stopped = scene.run("constant force")
+    times = np.linspace(0.0, measure.standstill(stopped, "disc.speed", scene.standstill, after=scene.after), 20_001)
+    way = np.trapezoid(stopped.at(times)["disc.speed"], times)
+    assert told["stands at"] == f"{times[-1]:.3g} s" and told["way of the stop"] == f"{way:.4g} rad ({way / (2 * math.pi):.3g} turns)"
+    frequency, amplitude = (floats(found["spectrum"][each]) for each in ("frequency", "amplitude"))
+    assert found["spectrum"]["signal"] == "pad.slip" and 30.0 < frequency[np.argmax(np.where(frequency > 10.0, amplitude, 0.0))] < 60.0
+    assert more["poles"] == [] and "standstill" in more["poles_words"]
+
+
+def test_natural_frequencies_and_damping_ratios_are_those_of_the_poles(page, scene):
+    told = ask(page, "further", setting={"label": "stiff PI", "changes": {}, "disturbance": ""})
+    swinging = [complex(*pole) for pole in told["poles"] if pole[1] > 1e-9]
+    assert len(swinging) == 1
+    size, damping = abs(swinging[0]), -100.0 * swinging[0].real / abs(swinging[0])
+    assert f"{size / (2 * math.pi):.3g} Hz ({size:.3g} rad/s), damping {damping:.2g} %" in told["poles_words"]
+    found = dict(run(page, "stiff PI")["measures"])
+    seen = measure.extent(scene.run("stiff PI"), "bit.speed", scene.after)
+    assert found["bit.speed"] == " to ".join(f"{value * 30 / math.pi:.3g}" for value in (seen.minimum, seen.maximum)) + " rpm"
+
+
+def test_a_brake_that_is_held_at_a_speed_has_a_map_of_its_groan(monkeypatch):
+    opened = []
+
+    def page_of(scene, path, system, port):
+        opened.append((scene, path))
+        raise SceneError("no page here")
+
+    monkeypatch.setattr("toolbox.page.served.page_of", page_of)
+    assert main(["explore", str(SCENES / "brake_stop.toml"), "--law", "HeldSpeed", "--duration", "10 s"]) == 2
+    assert main(["explore", str(SCENES / "brake_stop.toml")]) == 2
+    (held, elsewhere), (stop, path) = opened
+    assert elsewhere is None and path == str(SCENES / "brake_stop.toml") and stop.standstill == 0.1
+    assert held.labels == ["HeldSpeed"] and (held.standstill, held.duration, held.after) == (None, 10.0, 5.0)
+    monkeypatch.undo()
+    with explore(held, port=0) as served:
+        assert sorted(ask(served, "scene")["laws"]["HeldSpeed"]["axes"]) == ["brake.force", "disc.reference"]
 
 
 def test_the_range_of_a_map_ends_where_the_machine_is_none():

@@ -10,7 +10,20 @@ from typing import TYPE_CHECKING, Any
 from toolbox.arguments import numbers
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import check_some, common, constant_inputs, drawn_as, earlier, file_stems, held, ranges, share, show
+from toolbox.commands.terminal import (
+    check_some,
+    common,
+    constant_inputs,
+    drawn_as,
+    earlier,
+    file_stems,
+    held,
+    other_law,
+    ranges,
+    share,
+    show,
+    with_law,
+)
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.printing import columns
 from toolbox.files.unit_systems import asked_in
@@ -78,11 +91,7 @@ def add(commands: Any) -> None:
     )
     chart.add_argument("--y", required=True, metavar="NAME=LOW:HIGH", help="what varies along the second axis")
     chart.add_argument("--shape", default="50x50", metavar="NxM", help="points along both axes (50x50)")
-    chart.add_argument(
-        "--law",
-        metavar="NAME",
-        help="a law of `stickslip list` with its own numbers in place of the controllers of the scene, such as HeldSpeed for a brake",
-    )
+    other_law(chart)
     constant_inputs(chart)
     chart.add_argument(
         "--off",
@@ -182,7 +191,7 @@ def run_map(given: argparse.Namespace) -> int:
     from toolbox.onsets.severity_map import severity_map
     from toolbox.scenes.scene import Scene
 
-    scene = _of_law(Scene.load(given.scene), given)
+    scene = held(with_law(Scene.load(given.scene), given.law), given.hold)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     shape = given.shape.split("x")
     if len(shape) != 2 or not all(word.isdigit() and int(word) >= 2 for word in shape):
@@ -216,20 +225,6 @@ def run_map(given: argparse.Namespace) -> int:
         print(f"{label}: {failure}\n")
     print(f"Figures, reports and data are in {given.out}")
     return 1 if len(failures) == len(labels) else 0
-
-
-def _of_law(scene: Any, given: argparse.Namespace) -> Any:
-    """The scene with `--law` in place of its controllers, where it is given, and with the inputs of `--hold`."""
-    from toolbox.scenes.cases import Case
-    from toolbox.scenes.catalogue import part
-
-    cases = scene.cases
-    if given.law is not None:
-        law = part(given.law, "control law")()
-        cases = (Case.of(given.law, law),)
-        inputs = {name: value for name, value in scene.inputs.items() if name not in law.drives}
-        scene = dataclasses.replace(scene, inputs=inputs, cases=cases)
-    return held(scene, given.hold)
 
 
 def _machines(loop: Any, off: str | None) -> dict[str, Any]:

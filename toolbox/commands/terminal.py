@@ -54,6 +54,27 @@ def figure_format(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def other_law(parser: argparse.ArgumentParser) -> None:
+    """Declare the argument `--law` of a command that looks at a machine under another law than those of its scene."""
+    parser.add_argument(
+        "--law",
+        metavar="NAME",
+        help="a law of `stickslip list` with its own numbers in place of the controllers of the scene, such as HeldSpeed for a brake",
+    )
+
+
+def with_law(scene: Any, name: str | None) -> Any:
+    """A scene with the law of `--law` in place of its controllers, where one is given."""
+    if name is None:
+        return scene
+    from toolbox.scenes.cases import Case
+    from toolbox.scenes.catalogue import part
+
+    law = part(name, "control law")()
+    inputs = {key: value for key, value in scene.inputs.items() if key not in law.drives}
+    return dataclasses.replace(scene, inputs=inputs, cases=(Case.of(name, law),))
+
+
 def constant_inputs(parser: argparse.ArgumentParser) -> None:
     """Declare the argument `--hold` of a command that needs constant inputs."""
     parser.add_argument(

@@ -122,7 +122,11 @@ def verdict_of(scene: Any, run: Trajectory) -> tuple[str, dict[str, float], Judg
     stands = found["settling"]
     if not scene.after < stands < math.inf:
         return "does not stand" if stands == math.inf else "stands at once", found, None
-    sticks = sticks_before_standstill(run, scene.element, scene.signal, scene.standstill, scene.after) if scene.element is not None else []
+    sticks = (
+        sticks_before_standstill(run, scene.element, scene.signal, scene.standstill, scene.after, stands)
+        if scene.element is not None
+        else []
+    )
     return verdict(sticks, scene.after, stands), found, None
 
 

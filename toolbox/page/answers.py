@@ -14,7 +14,7 @@ from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import reading_of
 from toolbox.measuring.judge import Judged, told_growth
-from toolbox.measuring.measure import stick_intervals
+from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
 from toolbox.onsets.study import verdict_of
@@ -79,7 +79,7 @@ def answer(run: Trajectory, loop: ClosedLoop, names: Sequence[str], plane: Seque
         "sticks": [[float(a), float(b)] for a, b in sticks], "element": loop.element,
         "plane": [{"name": name, "unit": each.unit, "values": packed(values * each.factor)}
                   for name, each, values in zip(plane, corner_units, corners, strict=True)],
-        "stuck": packed(_inside(late, sticks)), "spectrum": spectrum(run, loop.signal, after, asked),
+        "stuck": packed(_inside(late, sticks)), "spectrum": spectrum(run, *_listened(run, loop, after, found), asked),
         "print": hashlib.sha256(np.ascontiguousarray(run.states).tobytes()).hexdigest()[:16], "milliseconds": 1e3 * run.wall_time,
         "period": both if math.isfinite(both) else None,
     }  # fmt: skip
@@ -131,19 +131,29 @@ def _inside(times: FloatArray, intervals: Sequence[tuple[float, float]]) -> Floa
     return found
 
 
-def spectrum(run: Trajectory, signal: str | None, after: float, asked: Mapping[str, str]) -> dict[str, Any] | None:
-    """Amplitude of the judged signal over frequency, from a time on, as far as it is not nothing."""
-    if signal is None or not run.end > after:
+def _listened(run: Trajectory, loop: ClosedLoop, after: float, found: Mapping[str, float]) -> tuple[str | None, float, float]:
+    """(signal, begin, end) of a spectrum: the judged one after the start-up, and of a stop the slip of its contact until it stands, which is what groans."""
+    slip = f"{loop.element}.slip"
+    if loop.standstill is None or loop.signal is None or slip not in run:
+        return loop.signal, after, run.end
+    return slip, after, min(found.get("settling", run.end), run.end)
+
+
+def spectrum(run: Trajectory, signal: str | None, begin: float, end: float, asked: Mapping[str, str]) -> dict[str, Any] | None:
+    """Amplitude of a signal over frequency between two times, its straight line taken off, as far as it is not nothing."""
+    if signal is None or not end > begin:
         return None
-    times = np.linspace(after, run.end, FREQUENCIES, endpoint=False)
+    times = np.linspace(begin, end, FREQUENCIES, endpoint=False)
     values = np.asarray(run.at(times)[signal], float)
+    values = values - np.polynomial.Polynomial.fit(times, values, 1)(times)
     window = np.hanning(FREQUENCIES)
-    amplitude = 2.0 * np.abs(np.fft.rfft((values - values.mean()) * window)) / window.sum()
+    amplitude = 2.0 * np.abs(np.fft.rfft(values * window)) / window.sum()
     frequency = np.fft.rfftfreq(FREQUENCIES, times[1] - times[0])
     loud = np.flatnonzero(amplitude > 0.01 * amplitude.max(initial=0.0))
     last = min(max(40, int(1.3 * loud[-1]) if loud.size else 0), frequency.size)
-    read = reading_of(run.unit(signal), float(np.abs(values).max()), asked)
+    read = reading_of(run.unit(signal), float(np.abs(run[signal]).max()), asked)
     return {
+        "when": f"after {begin:g} s" if end == run.end else f"from {begin:g} s until it stands",
         "frequency": packed(frequency[1:last]),
         "amplitude": packed(amplitude[1:last] * read.factor),
         "unit": read.unit,
@@ -159,7 +169,7 @@ def reason(loop: ClosedLoop, words: str, judged: Judged | None, found: Mapping[s
     if loop.element is not None and loop.element in run.modes:
         sticks = stick_intervals(run, loop.element, after)
         if loop.standstill is not None and loop.signal is not None:  # afterwards it only rests
-            sticks = sticks_before_standstill(run, loop.element, loop.signal, loop.standstill, after)
+            sticks = sticks_before_standstill(run, loop.element, loop.signal, loop.standstill, after, found.get("settling"))
     longest = max((b - a for a, b in sticks), default=0.0)
     seen = (
         f"{who} sticks {len(sticks)} times after {after:g} s, {longest:.3g} s at the longest"
@@ -195,10 +205,32 @@ def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Traject
             factor, unit = reading_of(run.unit(loop.effort), abs(value), asked)
             rows.append([f"peak of {loop.effort}", f"{value * factor:.4g} {unit}"])
         elif name in ("stuck", "settling"):
-            rows.append([{"stuck": "time stuck", "settling": "settling"}[name], "never" if value == math.inf else f"{value:.3g} s"])
+            settles = "settling" if loop.standstill is None else "stands at"
+            rows.append([{"stuck": "time stuck", "settling": settles}[name], "never" if value == math.inf else f"{value:.3g} s"])
+        elif name == "severity":
+            rows.append([name, f"{100 * value:.3g} % of the mean"])
         elif not (name == "overshoot" and found.get("settling") == math.inf):
             rows.append([name, f"{100 * value:.3g} %"])
-    return rows
+    return rows + [row for row in (_way(loop, found, run) if loop.standstill is not None else _swing(loop, run, asked),) if row]
+
+
+def _way(loop: ClosedLoop, found: Mapping[str, float], run: Trajectory) -> list[str]:
+    """The way of a stop: what its speed comes to until it stands; empty where it never does, or what is judged is no speed."""
+    unit, stands = run.unit(loop.signal or ""), found.get("settling", math.inf)
+    if unit not in ("rad/s", "m/s") or not math.isfinite(stands):
+        return []
+    way = extent(run, loop.signal or "", until=stands).mean * (stands - run.begin)
+    turns = f" ({way / (2.0 * math.pi):.3g} turns)" if unit == "rad/s" else ""
+    return ["way of the stop", f"{way:.4g} {unit.removesuffix('/s')}{turns}"]
+
+
+def _swing(loop: ClosedLoop, run: Trajectory, asked: Mapping[str, str]) -> list[str]:
+    """From where to where the judged signal goes after the start-up."""
+    if loop.signal is None or not run.end > (loop.after or 0.0):
+        return []
+    seen = extent(run, loop.signal, loop.after or 0.0)
+    factor, unit = reading_of(run.unit(loop.signal), max(abs(seen.minimum), abs(seen.maximum)), asked)
+    return [loop.signal, f"{seen.minimum * factor:.3g} to {seen.maximum * factor:.3g} {unit}"]
 
 
 # ------------------------------------------------------------------------------------------------------------------------- what may follow
@@ -212,18 +244,31 @@ def further(run: Trajectory, loop: ClosedLoop) -> dict[str, Any]:
     except SimulationError as failure:
         told["error_words"] = str(failure)
     told["poles"], told["poles_words"] = [], ""
+    if loop.standstill is not None:
+        return told | {"poles_words": "What comes to a standstill has no steady running, and so no poles."}
     try:
         steady = loop.but(inputs={name: at_last(value) for name, value in loop.values.items()})
         point = equilibrium(steady.continuous)
         poles = np.asarray(linearise(point.plant, point).poles(), complex)
         told["poles"] = [[float(pole.real), float(pole.imag)] for pole in poles if np.isfinite(pole)]
         worst = max((pole.real for pole in poles if abs(pole) > 1e-9), default=math.nan)
-        told["poles_words"] = f"Steady running is {'stable' if worst < 0 else 'unstable'}: its slowest motion {told_growth(worst)}."
+        told["poles_words"] = (
+            f"Steady running is {'stable' if worst < 0 else 'unstable'}: its slowest motion {told_growth(worst)}.{_swings(poles)}"
+        )
         if loop.sampled:
             told["poles_words"] += " Of the continuous form of the law; the verdict counts its samples."
     except (SceneError, SimulationError) as refusal:
         told["poles_words"] = f"No poles: {refusal}"
     return told
+
+
+def _swings(poles: np.ndarray) -> str:
+    """The natural frequencies and damping ratios of the slowest swings among poles, as a sentence behind another; empty where nothing swings."""
+    swings = sorted((pole for pole in poles if np.isfinite(pole) and pole.imag > 1e-9), key=abs)[:3]
+    told = [
+        f"{abs(pole) / (2.0 * math.pi):.3g} Hz ({abs(pole):.3g} rad/s), damping {-100.0 * pole.real / abs(pole):.2g} %" for pole in swings
+    ]
+    return f" It swings at {'; '.join(told)}." if told else ""
 
 
 def at_last(value: Any) -> Any:

@@ -350,12 +350,7 @@ def explore(loop: ClosedLoop | HybridSystem | Scene, duration: NumberOrText | No
         If nothing can stick and no signal is named, or there is no duration.
     """
     if isinstance(loop, Scene):
-        scene = (
-            loop
-            if duration is None
-            else dataclasses.replace(loop, duration=number("duration", duration, "s", above=0), after=_half(duration))
-        )
-        page = page_of(scene, None, None, PORT if port is None else port)
+        page = page_of(loop if duration is None else lasting(loop, duration), None, None, PORT if port is None else port)
     else:
         judged = _judged(as_loop(loop), duration)
         page = Page({judged.label or "loop": judged}, None, None, None, PORT if port is None else port)
@@ -368,8 +363,10 @@ def page_of(scene: Scene, path: str | None, system: str | None, port: int) -> Pa
     return Page({label: scene[label] for label in scene.labels}, scene, path, system, port)
 
 
-def _half(duration: NumberOrText) -> float:
-    return number("duration", duration, "s", above=0) / 2
+def lasting(scene: Scene, duration: NumberOrText) -> Scene:
+    """A scene whose runs last so long, and are judged from their half on."""
+    whole = number("duration", duration, "s", above=0)
+    return dataclasses.replace(scene, duration=whole, after=whole / 2)
 
 
 def _judged(loop: ClosedLoop, duration: NumberOrText | None) -> ClosedLoop:

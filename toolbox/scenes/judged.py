@@ -142,9 +142,12 @@ def set_point(machine: HybridSystem | Recorded, signal: str) -> str | None:
     return found[0] if len(found) == 1 else None
 
 
-def sticks_before_standstill(run: Recorded, element: str, signal: str, speed: float, after: float) -> list[tuple[float, float]]:
-    """(begin, end) [s] of the sticks of a stop that let go again before a signal falls to `speed`."""
-    stands = measure.standstill(run, signal, speed, after=after)
+def sticks_before_standstill(
+    run: Recorded, element: str, signal: str, speed: float, after: float, stands: float | None = None
+) -> list[tuple[float, float]]:
+    """(begin, end) [s] of the sticks of a stop that let go again before a signal falls to `speed`; stands: when it does, where that is known."""
+    if stands is None:
+        stands = measure.standstill(run, signal, speed, after=after)
     sticks = measure.stick_intervals(run, element, after, min(stands, run.end)) if stands > after else []
     return sticks[:-1] if sticks and sticks[-1][1] >= stands else sticks
 

@@ -115,7 +115,9 @@ function drawPoles(canvas, poles) {
   if (!poles.length) { context.fillStyle = colour("faint"); context.fillText("none", 20, 24); return; }
   // the slow ones tell: what is far to the left is left out of the axis
   const sizes = poles.map((pole) => Math.hypot(pole[0], pole[1])).filter((size) => size > 1e-9).sort((a, b) => a - b);
-  const reach = 6 * (sizes[0] || 1);
+  const swings = poles.filter((pole) => Math.abs(pole[1]) > 1e-9).map((pole) => Math.hypot(pole[0], pole[1])).sort((a, b) => a - b);
+  const growing = poles.filter((pole) => pole[0] > 0).map((pole) => Math.hypot(pole[0], pole[1]));
+  const reach = Math.max(6 * (sizes[0] || 1), 6 * (swings[0] || 0), ...growing);
   const near = poles.filter((pole) => Math.hypot(pole[0], pole[1]) <= reach);
   const xs = extent(near.map((pole) => pole[0]), [0]), ys = extent(near.map((pole) => pole[1]), near.map((pole) => -pole[1]));
   const [x, y] = axes(context, width, height, xs, ys, ["growth rate [1/s]", "frequency [rad/s]"]);

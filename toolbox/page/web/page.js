@@ -140,7 +140,7 @@ function follow() {
       find("drive").hidden = !found.drive.length;
       find("drive-words").replaceChildren(...found.drive.map((words) => { const line = document.createElement("li"); line.textContent = words; return line; }));
       drawPoles(find("poles"), found.poles);
-      find("poles-words").textContent = found.poles_words;
+      find("poles-words").textContent = found.poles_words.replaceAll("`", "");
       find("cost").textContent = "Simulated in " + short(live.milliseconds) + " ms" + (found.inexact === undefined ? "; its error could not be measured: " + found.error_words : "; measured error " + short(found.inexact) + ", in parts of the size of each state") + ". Server: this computer alone.";
       for (const row of rows.values()) row.show();
       document.body.dataset.followed = String(mine);
@@ -304,7 +304,7 @@ function tracePanel(group, k) {
     series: [{ label: "time [s]", value: (_, value) => value === null ? "-" : value.toFixed(2) }, ...group.map((signal, i) => ({
       label: named(signal), stroke: () => colour(COLOURS[(i + (k ? 1 : 0)) % COLOURS.length]), width: 1.6, dash: i > 1 ? [6, 3] : i ? [10, 2] : undefined, points: { show: false }, value: (_, value) => value === null ? "-" : short(value),
     }))],
-    axes: [looks(), { ...looks(), size: 64, label: group.length === 1 && named(group[0]).length < 22 ? named(group[0]) : "[" + group[0].unit + "]", labelSize: 18, values: (_, values) => told_apart(values) }],
+    axes: [looks(), { ...looks(), size: 64, label: group.length === 1 && named(group[0]).length < (k ? 16 : 22) ? named(group[0]) : "[" + group[0].unit + "]", labelSize: 18, values: (_, values) => told_apart(values) }],
     hooks: {
       drawClear: [(plot) => {
         const context = plot.ctx;
@@ -395,7 +395,7 @@ function closer() {
 function drawSpectrum() {
   if (!live.spectrum) return;
   const box = find("spectrum"), data = [floats(live.spectrum.frequency), floats(live.spectrum.amplitude)];
-  find("spectrum-name").textContent = "of " + live.spectrum.signal.replaceAll(".", " ") + " after " + short(live.after) + " s, amplitude [" + live.spectrum.unit + "]";
+  find("spectrum-name").textContent = "of " + live.spectrum.signal.replaceAll(".", " ") + " " + live.spectrum.when + ", amplitude [" + live.spectrum.unit + "]";
   if (!spectrum || spectrum.unit !== live.spectrum.unit) {
     if (spectrum) spectrum.destroy();
     box.replaceChildren();
@@ -453,8 +453,8 @@ function mapRanges() {
 
 function drawMapNow() {
   const names = chosenAxes();
-  find("map").hidden = find("axis-x").parentElement.hidden = names.length < 2;
-  if (names.length < 2) { find("map-words").textContent = law().still ? "What comes to a standstill has no steady running to map: a law that holds its speed has, such as HeldSpeed (stickslip map --law)." : "This loop has no two numbers for a map."; return; }
+  find("map").hidden = find("axis-x").closest(".line").hidden = names.length < 2;
+  if (names.length < 2) { find("map-words").textContent = law().still ? "What comes to a standstill has no steady running to map: a law that holds its speed has, such as HeldSpeed (stickslip explore --law HeldSpeed, or stickslip map --law)." : "This loop has no two numbers for a map."; return; }
   const place = (values) => names.map((name) => values(name) * control(name).factor);
   const here = place(valueOf), there = pinned && pinned.setting.label === setting.label ? place((name) => pinned.setting.changes[name] ?? law().values[name]) : null;
   backOfMap = drawMap(find("map"), map && map.axes ? map : null, here, there, mapRanges(), names.map((name) => named({ name, unit: control(name).unit })));

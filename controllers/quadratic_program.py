@@ -27,6 +27,10 @@ from toolbox.authoring import announced, time_left
 SOLVERS = ("daqp", "piqp", "osqp", "proxqp", "qrqp")
 """Solvers by name: osqp through its own interface, daqp too where its package is installed, the others as they ship with casadi."""
 
+TOLERANCE = 1e-6
+"""The largest KKT residual of an answer that counts: plans that two solvers of a drilling law agree to count differ in their first torque by less than 1e-4 of
+its limit. osqp and proxqp, which are of first order, are asked for 1e-8 and 1e-9."""
+
 
 @dataclass(frozen=True)
 class Residuals:
@@ -69,19 +73,16 @@ class Answer:
 class QuadraticProgram:
     """A program of n unknowns and m rows for one of `SOLVERS`; H and A may change in place between solutions.
 
-    tolerance: the largest KKT residual of an answer that counts: with 1e-6, plans that two solvers of a drilling law agree to count differ in their first
-    torque by less than 1e-4 of its limit; osqp and proxqp, which are of first order, are asked for 1e-8 and 1e-9;  warm: start from the last sound answer.
-    Raises SceneError for an unknown solver.
+    warm: start from the last sound answer. Raises SceneError for an unknown solver.
     """
 
-    def __init__(self, H: np.ndarray, A: np.ndarray, solver: str = "daqp", tolerance: float = 1e-6, warm: bool = True):
+    def __init__(self, H: np.ndarray, A: np.ndarray, solver: str = "daqp", warm: bool = True):
         if solver not in SOLVERS:
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {solver!r}.")
         from controllers.condensing import kkt
 
         announced("check of quadratic programs", kkt)
         self.solver, self.warm = solver, warm
-        self.tolerance = tolerance
         self.H, self.A = np.array(H, float), np.array(A, float).reshape(-1, H.shape[0])
         self._start()
 
@@ -114,7 +115,7 @@ class QuadraticProgram:
             self._call.forget()
             return Answer(z, y, False, f"{self.solver} stopped: {str(error).splitlines()[-1]}", Residuals(np.inf, np.inf, np.inf))
         found = residuals(self.H, self.A, g, low, high, z, y)
-        sound = found.largest <= self.tolerance
+        sound = found.largest <= TOLERANCE
         if not sound or not self.warm:
             self._call.forget()
         reason = "" if sound else f"KKT residual {found.largest:.1e} of the answer of {self.solver}, violation {found.violation:.1e}"

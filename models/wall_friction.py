@@ -138,8 +138,10 @@ def string_on_wall(
     first = 0 if top_drive else 1  # of the inertias that are coordinates: behind a top drive that is told its speed the twists are relative
     twists = [_free_chain(row)[first:, first:] for row in (torsional.stiffness, torsional.damping)]
     twists[1][0, 0] += torsional.top_drag if top_drive else 0.0
+    from scipy.linalg import block_diag
+
     stiffness, damping = (
-        _block(_free_chain(row)[1:, 1:], twist) for row, twist in zip((axial.stiffness, axial.damping), twists, strict=True)
+        block_diag(_free_chain(row)[1:, 1:], twist) for row, twist in zip((axial.stiffness, axial.damping), twists, strict=True)
     )
     mass = np.diag([*axial.mass, *torsional.inertia[first:]])
     unit = np.eye(len(mass))
@@ -196,7 +198,3 @@ def _free_chain(springs: Sequence[float]) -> np.ndarray:
     """Matrix of springs between neighbours in a row; without its first row and column the first spring is fixed there."""
     k = np.asarray(springs, float)
     return np.diag(np.append(k, 0.0) + np.append(0.0, k)) - np.diag(k, 1) - np.diag(k, -1)
-
-
-def _block(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    return np.block([[first, np.zeros((len(first), len(second)))], [np.zeros((len(second), len(first))), second]])

@@ -111,14 +111,14 @@ def correlated(jacobian: np.ndarray, weighed: np.ndarray, blocks: Sequence[int],
     return middle
 
 
-def autocorrelation(left: np.ndarray, most: int = 30) -> np.ndarray:
+def autocorrelation(left: np.ndarray) -> np.ndarray:
     """Autocorrelation (lags from 0) of the autoregression that residuals are like, its order by the criterion of Schwarz; by the recursion of Levinson."""
     centred = left - left.mean()
     n = centred.size
     power = float(centred @ centred)
     if not power:
         return np.ones(1)
-    orders = min(most, n // 10)
+    orders = min(30, n // 10)
     measured = np.array([float(np.einsum("i,i->", centred[i:], centred[: n - i])) / power for i in range(orders + 1)])
     filters, variance = [np.zeros(0)], [1.0]
     for order in range(1, orders + 1):

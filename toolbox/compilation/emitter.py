@@ -306,15 +306,13 @@ LARGE = 20_000
 """Instructions above which code that is compiled for one run is generated in a hurry, which makes it run half as fast."""
 
 
-def compiled(text: str, names: Sequence[str], instructions: int, large: int = LARGE, side_by_side: bool = False) -> dict[str, int]:
+def compiled(text: str, names: Sequence[str], instructions: int, large: int = LARGE) -> dict[str, int]:
     """Addresses of the functions `names` of an LLVM module given as text; the code lives as long as the process.
 
-    instructions: size of the module, above `large` of which the code generator hurries;  side_by_side: whether equal instructions on neighbours are to
-    be joined in
-    vectors, which pays where there are many and costs time where there are few.
+    instructions: size of the module, above `large` of which the code generator hurries.
     """
     with COMPILING:
-        key, library = _library(text, names, instructions > large, side_by_side)
+        key, library = _library(text, names, instructions > large, False)
         _KEPT[key] = library
         return {name: library[name] for name in names}
 
@@ -322,7 +320,10 @@ def compiled(text: str, names: Sequence[str], instructions: int, large: int = LA
 def compiled_for(
     text: str, names: Sequence[str], instructions: int, passing: bool, side_by_side: bool = False
 ) -> tuple[dict[str, int], Any]:
-    """Addresses as of `compiled`; with `passing`, of code that lives as long as the second value: whoever calls them has to hold it."""
+    """Addresses as of `compiled`; with `passing`, of code that lives as long as the second value: whoever calls them has to hold it.
+
+    side_by_side: whether equal instructions on neighbours are to be joined in vectors, which pays where there are many and costs time where there are few.
+    """
     with COMPILING:
         key, library = _library(text, names, instructions > LARGE, side_by_side)
         if not passing:
@@ -422,11 +423,11 @@ def object_code(text: str, processor: tuple[str, str], large: bool = False, side
     return machine.emit_object(module)
 
 
-def _make_room(directory: Path, most: int = 4096) -> None:
-    """Forget the older half of the object files where there are more than `most`: every formula of time leaves one."""
+def _make_room(directory: Path) -> None:
+    """Forget the older half of the object files where there are more than 4096: every formula of time leaves one."""
     with contextlib.suppress(OSError):
         files = [entry for entry in os.scandir(directory) if entry.name.endswith(".o")]
-        if len(files) > most:
+        if len(files) > 4096:
             for entry in sorted(files, key=lambda entry: entry.stat().st_mtime)[: len(files) // 2]:
                 os.unlink(entry.path)
 

@@ -65,16 +65,17 @@ class Absorber:
         return f"An ideal absorber keeps `{self.signal}` smooth down to {shown(self.speed, self.unit)}: {taken}"
 
 
+SPEED, TORQUE = "top.speed", "top.torque"
+
+
 @takes_loop
 def absorber_limit(
     loop: ClosedLoop,
     between: tuple[NumberOrText, NumberOrText],
     *,
-    signal: str = "top.speed",
-    drives: str = "top.torque",
     own_inertia: bool = False,
 ) -> Absorber:
-    """Find the lowest set-point of a speed at which the best spring, damper and inertia on it keep steady running stable, to a part in a thousand.
+    """Find the lowest set-point of the top speed at which the best spring, damper and inertia there keep steady running stable, to a part in a thousand.
 
     Parameters
     ----------
@@ -83,8 +84,6 @@ def absorber_limit(
     between
         Range (low, high) in which the set-point is looked for, in SI or text such as ("10 rpm", "120 rpm"); stability is taken to be lost once on the way
         down.
-    signal, drives
-        The speed, and the force that acts on it.
     own_inertia
         Whether the inertia of the drive stays as it is, and only spring and damper are tuned.
 
@@ -96,17 +95,17 @@ def absorber_limit(
     Raises
     ------
     SceneError
-        If there is no steady running, or the force does not act on that speed.
+        If there is no steady running, or `top.torque` does not act on `top.speed`.
     """
-    unit = loop.unsampled().system.signal_unit(signal)
+    unit = loop.unsampled().system.signal_unit(SPEED)
     between = low, high = checked_range(between, "between", unit)
 
     calm: list[np.ndarray] = []  # the absorbers of the speeds that are smooth, of which each is lower than the one before
     units = {unit: asked_in(between, unit)}
 
     def smooth(speed: float) -> bool:
-        point = running(loop, {signal: speed}, drives)
-        linear = linearise(point.plant, point, inputs=drives, outputs=signal)
+        point = running(loop, {SPEED: speed}, TORQUE)
+        linear = linearise(point.plant, point, inputs=TORQUE, outputs=SPEED)
         growth, numbers = tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], own_inertia)
         for each, asked in point.asked.items():
             units.setdefault(each, asked)
@@ -115,10 +114,10 @@ def absorber_limit(
         return growth < 0.0
 
     if not smooth(high):
-        return Absorber(signal, unit, math.nan, math.nan, math.nan, math.nan, units)
+        return Absorber(SPEED, unit, math.nan, math.nan, math.nan, math.nan, units)
     speed = low if smooth(low) else halved(smooth, low, high, 1e-3)[1]
     damping, stiffness, inertia = calm[-1].tolist()
-    return Absorber(signal, unit, speed, damping, stiffness, inertia, units)
+    return Absorber(SPEED, unit, speed, damping, stiffness, inertia, units)
 
 
 def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, own_inertia: bool) -> tuple[float, np.ndarray]:
@@ -127,7 +126,7 @@ def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, own_inertia: bool) -> tup
 
     reach = float(C @ B)
     if reach <= 0.0:
-        raise SceneError("Argument `drives` must be a force that acts on the inertia whose speed is `signal`.")
+        raise SceneError("Argument `loop` must have a `top.torque` that acts on the inertia of `top.speed`.")
     own = 1.0 / reach
     poles = np.abs(np.linalg.eigvals(A))
     pace = float(np.median(poles[poles > 1e-6 * poles.max()]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -82,14 +81,15 @@ WEIGHTS = (
 )
 """Weights that vary: 2 and 5 % rms with a corner at 0.2 Hz, 5 % at the frequency of a string of 2 km, a heave of 10 % every ten seconds."""
 
+SEEDS = tuple(range(101, 121))
+"""Seeds of the noise."""
 
-def machine_groups(
-    machine: ClosedLoop | HybridSystem, noise: float = 0.01, late: float = 0.03, seeds: Sequence[int] = tuple(range(101, 121))
-) -> dict[str, Group]:
+
+def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, late: float = 0.03) -> dict[str, Group]:
     """Groups of machines for a drill string with a chain of inertias and a rock, by name.
 
         declared   as declared, no noise
-        real       weight + 10 %, noise, all seeds
+        real       weight + 10 %, noise, 20 seeds
         robust     one error at a time: inertia of the drive +-10 and +-20 %, inertia below it, stiffness and weight +-20 %, commands later; 3 seeds
         corners    (drive, below, stiffness) = (.8, 1.2, .8), (1.2, .8, 1.2), (.8, .8, .8); 3 seeds
         rocks      half the decay of the friction with speed; 3 seeds; only for a rock with an exponential law
@@ -123,14 +123,14 @@ def machine_groups(
     ]
     groups = [
         Group("declared", (Machine("declared"),), noise=0.0),
-        Group("real", (other("weight +10 %", weight=1.1),), tuple(seeds), noise),
-        Group("robust", (*singles, other(f"commands {1e3 * late:.0f} ms later", late)), tuple(seeds[:3]), noise),
-        Group("corners", tuple(corners), tuple(seeds[:3]), noise),
+        Group("real", (other("weight +10 %", weight=1.1),), SEEDS, noise),
+        Group("robust", (*singles, other(f"commands {1e3 * late:.0f} ms later", late)), SEEDS[:3], noise),
+        Group("corners", tuple(corners), SEEDS[:3], noise),
     ]
     if "bit.friction.decay" in names:
-        groups.append(Group("rocks", (Machine("half the decay", (("bit.friction.decay", 0.5),)),), tuple(seeds[:3]), noise))
+        groups.append(Group("rocks", (Machine("half the decay", (("bit.friction.decay", 0.5),)),), SEEDS[:3], noise))
     varying = tuple(
         Machine(f"weight {'noise' if each.noise else 'sine'} {100 * each.size:g} %, {each.frequency:g} Hz", weight=each) for each in WEIGHTS
     )
-    groups.append(Group("weight", varying, tuple(seeds[:3]), noise, (0.0, 0.5), 600.0))
+    groups.append(Group("weight", varying, SEEDS[:3], noise, (0.0, 0.5), 600.0))
     return {group.name: group for group in groups}

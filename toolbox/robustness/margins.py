@@ -189,7 +189,7 @@ def margins(
     else:
         late = found.loop if linear.period is not None else None
         rows = tuple(
-            loop_margins(linear.alone(i), None if late is None else (lambda delay, i=i: _one_later(found.loop, i, delay)))  # type: ignore[misc]
+            loop_margins(linear.alone(i), None if late is None else (lambda delay, i=i: late(delay, only=i).alone(i)))  # type: ignore[misc]
             for i in range(len(linear.drives))
         )
         joint = joint_margins(linear) if len(rows) > 1 else None
@@ -209,11 +209,6 @@ def _set_points(loop: ClosedLoop) -> dict[str, float]:
     """{signal: value} of what laws are asked to keep, as it is given, or as the laws declare it."""
     values = zip(loop.system.inputs, input_values(loop.system, loop.values).tolist(), strict=True)
     return {name: value for name, value in values if name.endswith(".reference")}
-
-
-def _one_later(loop: Any, i: int, delay: float) -> LinearLoop:
-    """The loop of command i alone, which comes some delay later, with all others closed as they are."""
-    return loop(delay, only=i).alone(i)
 
 
 def _shown(value: float) -> str:

@@ -34,6 +34,9 @@ FACTORS = (1.05, 1.1, 1.2, 1.35, 1.6, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
 """Factors that are tried one after the other until one fails; then the last interval is halved."""
 RIPPLE = 0.05
 """Part of its mean by which a command may swing to either side; twice what it does on the machine as it is, where that is more."""
+SEVERE = 0.05
+"""Severity above which a run is carried on."""
+
 PIECES, SAME, UNSEEN = 8, 1.01, 1e-6
 """How often a run is carried on that is not calm, what a swing may grow by from one quarter of it to the next, and the severity below which nothing swings."""
 LIMITS = EventExact(budget=Budget(steps=2_000_000))
@@ -111,10 +114,10 @@ def with_delay(law: Any, delay: float) -> Any:
     return dataclasses.replace(law, delay=law.delay + delay) if isinstance(law, Sampled) else law
 
 
-def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None = None, severity: float = 0.05) -> MeasuredMargins:
+def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None = None) -> MeasuredMargins:
     """Gain, delay and inertia at which a closed loop that starts from smooth running fails.
 
-    A run fails where it cannot be finished, or where in its second half a contact sticks. Where the severity in that half is above `severity`, or grows within
+    A run fails where it cannot be finished, or where in its second half a contact sticks. Where the severity in that half is above SEVERE, or grows within
     it, the run is carried on by as much again, up to PIECES times, because a law may lift the set-point for a while, and a loop may grow slowly; it fails
     if it never calms down, or where a command swings by more than RIPPLE then.
 
@@ -147,7 +150,7 @@ def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None =
         """Whether the second half of a run swings little, and less and less."""
         quarters = [done.begin + part * duration for part in (0.5, 0.75, 1.0)]
         pairs = [[measure.severity(done, speed, a, until=b) for a, b in itertools.pairwise(quarters)] for speed in speeds]
-        return all(late < severity and early < severity and (late <= SAME * early or late < UNSEEN) for early, late in pairs)
+        return all(late < SEVERE and early < SEVERE and (late <= SAME * early or late < UNSEEN) for early, late in pairs)
 
     swings: list[np.ndarray] = []
 

@@ -14,8 +14,8 @@ from toolbox.errors import SceneError
 from toolbox.files.printing import columns
 from toolbox.files.results import HeadedRows, Result
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.steady_states.equilibria import flow_slopes
 from toolbox.steady_states.linear import equilibrium
-from toolbox.steady_states.poles import flow_slopes
 
 
 @dataclass(frozen=True)

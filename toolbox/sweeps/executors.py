@@ -81,7 +81,6 @@ def evaluated(
     broken: Mapping[int, str],
     executor: concurrent.futures.Executor | None = None,
     store: Store | None = None,
-    label: str = "sweep",
     manner: Manner | None = None,
 ) -> tuple[np.ndarray, dict[int, str], float]:
     """(measures of all runs, errors, seconds) of a task cut into chunks; `broken` runs count as failed, whatever they give.
@@ -121,7 +120,7 @@ def evaluated(
         future.add_done_callback(arrived.put)
 
     try:
-        with GATE.kept(), travelling(task.part(slice(0, 1))), progress_bar(total, label, done=total - left) as bar:
+        with GATE.kept(), travelling(task.part(slice(0, 1))), progress_bar(total, "sweep", done=total - left) as bar:
             for chunk in itertools.islice(chunks, AHEAD):
                 submit(chunk)
             while waiting:

@@ -162,7 +162,8 @@ class Compiled:
         kinds = [Arrays(f"w{k}" if k else "w") for k in range(len(tuples))]
         made = LlvmTranslation(dict(zip(kinds, tuples, strict=True)), {}, {})
         waiting = iter(kinds)
-        values = [Value("", next(waiting)) if isinstance(each, Mapping) else _argument(each) for each in self.arguments]
+        short = {None: known(None), True: Value("", "b")}
+        values = [Value("", next(waiting)) if isinstance(each, Mapping) else short.get(each) or Value("", each) for each in self.arguments]
         main = made.written(self.py_func, values)
         result = type_of(main.returns)
         if main.returns not in (self.gives, "none", None):
@@ -233,10 +234,6 @@ class _Reader:
         """Go on only where all was as expected: what follows is read from objects that are known by then."""
         self.lines += [f"  br i1 {self.fits}, label %known{self.count}, label %unfit", f"known{self.count}:"]
         self.fits = "true"
-
-
-def _argument(given: Any) -> Value:
-    return known(None) if given is None else Value("", "b" if given is True else given)
 
 
 def _places(kinds: Mapping[str, tuple[str, int]]) -> Iterator[int]:

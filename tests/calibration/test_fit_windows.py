@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from models import BitRock, BlockOnBelt, Exponential, wells
+from models import BitRock, BlockOnBelt, Coulomb, Exponential, wells
 from studies.questions.synthetic import NOISE, TRUTH, true_rig
-from toolbox import SceneError, compose, fit, simulate
-from toolbox.calibration import Search, Window
+from toolbox import SceneError, closed_loop, compose, fit, simulate
+from toolbox.calibration import Search, Window, validate
 from toolbox.commands.command_line import main
 
 RIG = compose(wells.JANSEN_2, BitRock())
@@ -104,3 +104,24 @@ def test_the_command_takes_windows_own_numbers_and_shifts(root, tmp_path, run, c
     told = capsys.readouterr().out
     assert "bit.weight[1]" in told and "bit.weight[2]" in told and "bit.torque.shift" in told and "2 windows together" in told
     assert main(words) == 2 and "`--own` must come with windows" in capsys.readouterr().err
+
+
+def test_a_window_that_begins_in_motion_is_told_until_its_start_is_free():
+    """A simulation begins at the start of the loop in every window, so that the law takes the blame for another start."""
+    time = np.linspace(0.0, 20.0, 801)
+    block = compose(BlockOnBelt(mass=2.0, stiffness=8.0, belt_speed=0.3, friction=Coulomb(static=1.5, kinetic=1.0)))
+    run = simulate(closed_loop(block, start={"block.speed": 0.3}), 20.0, output_times=time)
+    noise = 1e-3 * np.random.default_rng(2).standard_normal((2, time.size))
+    log = {"time": time, "block.position": run["block.position"] + noise[0], "block.speed": run["block.speed"] + noise[1]}
+    law, start = ["belt.friction.static", "belt.friction.kinetic"], ["block.position", "block.speed"]
+    windows = [Window(5.0, 9.0, own=tuple(start)), Window(11.0, 15.0, own=tuple(start))]
+    blind = fit(block, log, law, window=[(5.0, 9.0), (11.0, 15.0)])
+    assert blind.apart["block.position"] > 0.05 and "begins every window at the start of the loop" in str(blind)
+    found = fit(block, log, [*law, *start], window=windows)
+    assert not found.apart and "begins every window" not in str(found)
+    assert found["belt.friction.static"] == pytest.approx(1.5, abs=3e-3)
+    assert abs(blind["belt.friction.static"] - 1.5) > 0.02
+    there, elsewhere = (
+        validate(closed_loop(block, start=begin), log, window=(5.0, 9.0)) for begin in ({name: run.at(5.0)[name] for name in start}, {})
+    )
+    assert not there.apart and elsewhere.apart["block.position"] > 0.05 and "give the loop the `start`" in str(elsewhere)

@@ -193,3 +193,13 @@ def test_a_vector_state_has_one_column_per_entry_and_a_number_without_unit_no_br
     assert np.array_equal(table["chain.speed.1 [rad/s]"], table["bit.speed [rad/s]"])
     assert math.isfinite(table["top.torque [N m]"].max())
     assert {heading.partition(" ")[0] for heading in table} >= {name for name in run.names if run[name].ndim == 1}
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_the_scene_of_a_run_that_ends_before_its_verdict_begins_can_be_read_again(belt, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where the report is written
+    for duration, name in (("4", "short"), ("0", "none")):
+        out = tmp_path / name
+        assert main(["simulate", str(belt), "--duration", duration, "--out", str(out), "--quiet"]) == 0
+        assert main(["report", str(out)]) == 0
+    assert Scene.load(tmp_path / "short" / "scene.toml").duration == 4.0 and not (tmp_path / "none" / "scene.toml").exists()

@@ -143,6 +143,7 @@ class LeastSquares:
             {self.names[i]: words for i, words in rest.why.items()}, tuple(name for name, silent in zip(self.names, mute.tolist(), strict=True) if silent),
             ways @ sampling_error(misfit, values, jacobian, scales),
             strays={name: int((~kept).sum()) for name, kept in self.kept.items() if not kept.all()}, equal=equal,
+            apart=misfit.apart(values),
         )  # fmt: skip
 
     def _all_kept(self) -> dict[str, np.ndarray]:

@@ -33,6 +33,10 @@ class Misfit:
         """Where the data come from."""
         return self.recording.source
 
+    def apart(self, values: np.ndarray) -> dict[str, float]:
+        """{output: how far from the model its first samples are}, of those that begin elsewhere; none where nothing is simulated from a start."""
+        return {}
+
 
 class ContactMisfit(Misfit):
     """A misfit of the law of a contact, without simulation.

@@ -10,6 +10,7 @@ Three misfits, one interface (`model`, `slopes`, `measured`, `time`), and `Toget
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -35,6 +36,9 @@ HORIZONS = (0.25, 0.5)
 
 TRIAL_RUN = 2000
 """Samples of a simulation, about, with which the searches from different starts are done where there are several times as many."""
+
+PART, FAR = 0.2, 5.0
+"""How far from the model the first samples are where it begins elsewhere: in parts of the measured range, and in deviations of the noise of the signal."""
 
 TRIAL_ACCURACY = 1e-5
 """Accuracy of their runs, at best."""
@@ -107,6 +111,17 @@ class Simulated(Misfit):
                 fewer[name] = Table(coarse.time[good], coarse.signals[name][good])
         accuracy = max(self.accuracy, TRIAL_ACCURACY)
         return Simulated(self.loop.but(inputs={**self.loop.inputs, **fewer}), coarse, self.numbers, accuracy, self.shifts)
+
+    def apart(self, values: np.ndarray) -> dict[str, float]:
+        """{output: how far from the model its first samples are}, of those that begin elsewhere than the machine that is simulated."""
+        found = {}
+        for name, model in self.model(values).items():
+            measured = self.measured[name]
+            first = float(np.median(np.abs(model - measured)[:3]))  # not one sample, which may be a stray
+            noise = 1.4826 * float(np.median(np.abs(np.diff(measured, 2)))) / math.sqrt(6.0)  # what two neighbours do not say of a sample
+            if first > max(PART * np.ptp(measured), FAR * noise):
+                found[name] = first
+        return found
 
     @property
     def plant(self) -> HybridSystem:

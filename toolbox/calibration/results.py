@@ -11,7 +11,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray
 from toolbox.calibration.panels import Panel
-from toolbox.calibration.trust import Residual
+from toolbox.calibration.trust import Residual, begins_apart
 from toolbox.errors import SceneError, suggest
 from toolbox.files.printing import columns, table
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
@@ -58,6 +58,8 @@ class Fit(Result):
         {unit: unit that was typed}: the units in which report and figure answer.
     strays
         {signal: how many of its samples break the law, and were left out}.
+    apart
+        {signal: how far from the model its first samples are}, where the simulation begins elsewhere than the machine did.
     equal
         The law whose static friction the data cannot tell from the kinetic one, such as "bit.friction."; empty where they can.
     """
@@ -84,6 +86,7 @@ class Fit(Result):
     asked: Mapping[str, str] = field(default_factory=dict)
     strays: Mapping[str, int] = field(default_factory=dict)
     equal: str = ""
+    apart: Mapping[str, float] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
         """An estimate in SI."""
@@ -176,6 +179,7 @@ class Fit(Result):
         lines: list[str] = []
         for left in self.residuals:
             lines += left.lines(self.asked)
+        lines += begins_apart(self.residuals, self.apart, self.asked, "free the start values of its states")
         if len(self.names) > 1:
             i, k = max(itertools.combinations(range(len(self.names)), 2), key=lambda pair: abs(self.correlation[pair]))
             lines.append(

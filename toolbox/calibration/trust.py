@@ -67,6 +67,19 @@ class Residual:
         return found
 
 
+def begins_apart(residuals: Sequence[Residual], apart: Mapping[str, float], asked: Mapping[str, str] | None, remedy: str) -> list[str]:
+    """What a report says where a simulation begins elsewhere than the machine did; apart: {signal: how far its first samples are from the model}."""
+    lines = []
+    for each in residuals:
+        if each.signal in apart:
+            read = reading(each.unit, asked)
+            lines.append(
+                f"  {each.signal} begins {apart[each.signal] * read.factor:.3g}{read.tail} from the model, which begins every window at the start of the loop, "
+                f"at rest unless that says otherwise: {remedy}"
+            )
+    return lines
+
+
 def residual_of(signal: str, unit: str, left: np.ndarray, measured: np.ndarray) -> Residual:
     """The residual of one signal. left: model minus measured."""
     from scipy.special import chdtrc

@@ -11,7 +11,7 @@ import numpy as np
 
 from toolbox.calibration.fit import simulated
 from toolbox.calibration.panels import Panel
-from toolbox.calibration.trust import Residual, residual_of
+from toolbox.calibration.trust import Residual, begins_apart, residual_of
 from toolbox.calibration.windows import Window
 from toolbox.files.tables import write
 from toolbox.files.units import NumberOrText
@@ -32,15 +32,21 @@ class Validation:
         What was compared, in words.
     asked
         {unit: unit that was typed}: the units in which report and figure answer.
+    apart
+        {signal: how far from the simulation its first samples are}, where that begins elsewhere than the machine did.
     """
 
     residuals: tuple[Residual, ...]
     panels: tuple[Panel, ...] = field(repr=False)
     compared: str
     asked: Mapping[str, str] = field(default_factory=dict)
+    apart: Mapping[str, float] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        return "\n".join([self.compared, *(line for each in self.residuals for line in each.deviation(self.asked))])
+        lines = [line for each in self.residuals for line in each.deviation(self.asked)]
+        return "\n".join(
+            [self.compared, *lines, *begins_apart(self.residuals, self.apart, self.asked, "give the loop the `start` that it had")]
+        )
 
     def plot(self) -> Any:
         """Draw what was measured against what is simulated, and the difference below. Returns the axes."""
@@ -88,7 +94,7 @@ def validate(
     left = {name: model[name] - misfit.measured[name] for name in misfit.outputs}
     residuals = tuple(residual_of(name, misfit.plant.unit(name), left[name], misfit.measured[name]) for name in misfit.outputs)
     compared = f"Simulated beside {sum(each.size for each in left.values())} measured values over {misfit.span:g} s ({misfit.source})"
-    return Validation(residuals, misfit.panels(left, nothing), compared, loop.asked)
+    return Validation(residuals, misfit.panels(left, nothing), compared, loop.asked, misfit.apart(nothing))
 
 
 def write_deviations(found: Mapping[str, Validation], path: Path) -> None:

@@ -202,6 +202,14 @@ class Together:
         """What the model makes of all windows."""
         return self._joined([misfit.model(values[places]) for misfit, places in zip(self.each, self.places, strict=True)])
 
+    def apart(self, values: np.ndarray) -> dict[str, float]:
+        """{output: how far from the model its first samples are}, the farthest of all windows that begin elsewhere than the model."""
+        found: dict[str, float] = {}
+        for misfit, places in zip(self.each, self.places, strict=True):
+            for name, far in misfit.apart(values[places]).items():
+                found[name] = max(far, found.get(name, 0.0))
+        return found
+
     def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of `model` with respect to the free numbers, shape (nt, k)."""
         parts = []

@@ -52,7 +52,7 @@ def run(given: argparse.Namespace) -> int:
     scene, simulated = _asked(given)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     stems = file_stems(labels)
-    declared = hasattr(scene, "save")  # a body with many contacts has arrays that no scene holds
+    declared = hasattr(scene, "save") and scene.duration > 0  # a body with many contacts has arrays that no scene holds
     printed, texts, failed = [scene.title], [scene.title], 0
     given.found = {"title": scene.title, "runs": {}}
     with (
@@ -113,6 +113,8 @@ def _asked(given: argparse.Namespace) -> tuple[Any, Callable[[str], Any]]:
         if changes:
             stepped.check()
         return stepped, stepped.run
+    if duration is not None and duration <= loaded.after:
+        changes["after"] = duration / 2  # that a scene must judge from within its duration on, and the folder holds it
     scene = dataclasses.replace(loaded, **changes)
     return scene, lambda label: simulate(scene[label], method=given.method or "event")
 

@@ -13,6 +13,7 @@ from matplotlib.collections import QuadMesh
 
 from toolbox.onsets import SeverityMap
 from toolbox.onsets.borders import border
+from toolbox.onsets.figures import _words
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING
 from toolbox.onsets.regions import MEANINGS, outlines
 from toolbox.onsets.severity_map import MapSide
@@ -99,3 +100,17 @@ def test_the_legend_says_what_each_region_that_there_is_means(stuck, tmp_path):
     assert words[len(names) :] == ["smooth running is lost", "stick-slip ends"]
     assert [ax.get_xlabel() for ax in axes] == ["top reference [rad/s]"] * 2 and axes[0].get_ylabel() == "bit weight [kN]"
     axes[0].figure.savefig(tmp_path / "map.png")
+
+
+def test_names_of_regions_stand_within_them_also_where_a_coarse_map_has_them_at_its_edge_only():
+    from matplotlib.figure import Figure
+
+    grid = (np.array([60.0, 95.0, 130.0]), np.array([60.0, 85.0, 110.0]))
+    free = np.array([[False, False, False], [True, False, False], [True, True, False]])
+    ax = Figure().add_subplot()
+    _words(ax, grid, {"free": free, "bistable": ~free}, np.array([np.nan, np.nan]))
+    places = {each.get_text(): each for each in ax.texts}
+    for word, where in (("smooth", free), ("bistable", ~free)):
+        x, y = places[word].get_position()
+        assert where[list(grid[0]).index(x), list(grid[1]).index(y)]
+    assert (places["smooth"].get_ha(), places["smooth"].get_va()) != ("center", "center")  # letters do not cross the axes

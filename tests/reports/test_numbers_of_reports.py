@@ -285,8 +285,12 @@ def of_drives(results):
         value = {key: float(text) for key, text in row.items() if text and key not in ("law", "group", "way", "why", "weakest")}
         rpm = 30.0 / math.pi
         cells = [rpm * value["speed"], value["margin"], value["margin_declared"], value["above"], value["recovery"], rpm * value["fastest"]]
-        cells += [value["torque"], -1.0 / value["growth"], *(float(text) * factor for text, factor in split(row["why"]))]
-        rules.append((f"{row['law']}  {row['group']}  {row['way']} ", cells))
+        last = [-1.0 / value["growth"], *(float(text) * factor for text, factor in split(row["why"]))]
+        begin = f"{row['law']}  {row['group']}  {row['way']} "
+        rules += [
+            (begin, [*cells, value["torque"], *last]),
+            (begin, [cells[0], cells[1], cells[4], *last]),
+        ]  # as printed, and those that answer
     return folder, rules
 
 

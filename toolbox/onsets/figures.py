@@ -220,10 +220,14 @@ def _words(ax: Any, grid: tuple[np.ndarray, np.ndarray], regions: Mapping[str, n
                 place - (value - values[0]) / (values[-1] - values[0]) for place, value, values in zip(places, avoided, grid, strict=True)
             ]
             depth = np.where(np.hypot(away[0][:, None], away[1][None, :]) > CLEAR, depth, 0.0)
+        if not depth.any():  # a region of a coarse map that lies at its edge
+            depth = where.astype(float)
         i, j = np.unravel_index(np.argmax(depth), where.shape)
         word = "smooth" if name == "free" else name
         upright = depth[i, j] < NARROW  # beside a border, or the axis, there is no room for it to lie
-        ax.text(grid[0][i], grid[1][j], word, ha="center", va="center", fontsize=8.5, zorder=5, rotation=90.0 if upright else 0.0,
+        across_it = {0: "left", len(grid[0]) - 1: "right"}.get(int(i), "center")
+        up_it = {0: "bottom", len(grid[1]) - 1: "top"}.get(int(j), "center")
+        ax.text(grid[0][i], grid[1][j], word, ha=across_it, va=up_it, fontsize=8.5, zorder=5, rotation=90.0 if upright else 0.0,
                 bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.5})  # fmt: skip
 
 

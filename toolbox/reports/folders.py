@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -114,6 +115,20 @@ def _short(onset: Onset, label: str) -> str:
     return table(label, (), (), [onset.advice, *onset.notes])
 
 
+def _drives(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
+    """The lowest set-points with what they leave and what they cost; all columns stand in the appendix."""
+    lines = text_of(folder / "drives.txt").strip().splitlines()[1:]
+    rows = [re.split(r" {2,}", line.strip()) for line in lines[1:]]
+    if not rows or not set(DRIVES) <= {each.partition(" [")[0] for each in rows[0]}:
+        return preformatted("\n".join(lines)), ()
+    shown, count = [k for k, each in enumerate(rows[0]) if each.partition(" [")[0] in DRIVES], len(rows[0])
+    head, *cells = ([[*row, ""][k] for k in shown] for row in rows if len(row) in (count - 1, count))  # nothing may fail below
+    return table(lines[0], head, cells), tuple(" ".join(row) for row in rows if len(row) < count - 1)
+
+
+DRIVES = ("law", "group", "way", "lowest", "disk margin", "recovery", "disturbance", "what fails below")
+"""Columns of the lowest set-points that answer."""
+
 ALL: Sequence[Kind] = (
     Kind("study.txt", "Study", "comparison", _study),
     Kind("onset.txt", "Onset of stick-slip", "onset", _onset),
@@ -124,7 +139,7 @@ ALL: Sequence[Kind] = (
     Kind("posterior.txt", "Posterior", "posterior"),
     Kind("estimate.txt", "Estimates beside the rig", "estimate"),
     Kind("margins.txt", "Margins", "margins"),
-    Kind("drives.txt", "Lowest set-points", "drives"),
+    Kind("drives.txt", "Lowest set-points", "drives", _drives),
     Kind("tune.txt", "Tuning", "tune"),
     Kind("fit.txt", "Calibration", "fit"),
     Kind("simulate.txt", "Simulation", "01"),

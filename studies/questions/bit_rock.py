@@ -13,8 +13,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -24,11 +22,11 @@ from controllers import StiffPI
 from models import AxialChain, BitRock, DragBit, ElasticRock, HystereticBitRock, SmoothBitRock, TorsionalPendulum, wells
 from models.drag_bit import radau
 from models.smooth_bit_rock import smooth_torque
+from studies.folders import figure_folder
 from toolbox import compose, measure, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.simulation.trajectory import Trajectory
 
-FOLDER = Path(__file__).parents[1] / "figures"
 MASS, WEIGHT = 34_000.0, 40_000.0
 BIT = DragBit(flat_length=3e-3, nodes=20)
 STRING = AxialChain(mass=(MASS,), stiffness=(), damping=(), hook_load=MASS * 9.81 - WEIGHT)
@@ -191,13 +189,9 @@ def draw_bounce() -> Any:
 
 def main() -> None:
     """Print the numbers and write the figures."""
-    import matplotlib
-
-    matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = figure_folder()
     print(f"steady cutting is stable above {CRITICAL:.2f} rad/s, where its torque is {STEADY:.0f} N m")
     print("speed [rad/s]  mean torque [N m]  axial stick  least cut [mm]")
     for speed in (4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 25.0):

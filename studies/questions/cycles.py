@@ -13,20 +13,18 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from controllers import StiffPI
 from models import BitRock, oscillators, wells
+from studies.folders import figure_folder
 from toolbox import closed_loop, compose, follow, limit_cycle, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.orbits import Branch, Cycle
 
-FOLDER = Path(__file__).parents[1] / "figures"
 RPM = math.pi / 30
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 REFERENCE = 95 * RPM
@@ -103,13 +101,9 @@ def draw(string: Branch, slow: Branch, sliding: Branch, bistable: Branch) -> Any
 
 def main() -> None:
     """Print the numbers and write the figure."""
-    import matplotlib
-
-    matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = figure_folder()
     settled = simulate(RIG, 120.0, controller=StiffPI(reference=REFERENCE), accuracy=1e-8)
     cycle = limit_cycle(settled)  # compiles
     times = []

@@ -9,14 +9,13 @@ that follows, slips last as long as the keys of the rotors swing, and sticks as 
 from __future__ import annotations
 
 import math
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from models import DiskStack
-from studies.questions.disks import FIGURES, rest_of
+from studies.folders import figure_folder
+from studies.questions.disks import rest_of
 from toolbox import compose, measure, plot, simulate
 from toolbox.inputs import ramp
 from toolbox.simulation.trajectory import Trajectory
@@ -87,11 +86,7 @@ def draw_stack(run: Trajectory, stack: DiskStack) -> Any:
 
 def main() -> None:
     """Print the tables and write the figure."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FIGURES
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = figure_folder()
     run = stack_stop()
     print("Stack of eight rotors, stop from 3 rad/s; " + ", ".join(f"{name} {b:.3f} to {e:.3f} s" for name, (b, e) in phases(run).items()))
     print("  interface  cycles    slip [ms] early, late   stick [ms] early, late   final stick at [s]")

@@ -20,21 +20,18 @@ The end "near 3" is thus a property of the set: of the ratio of the inertias and
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from models import Coulomb, PressedDisks, TwoDisks
+from studies.folders import figure_folder
 from studies.questions.critical_curve import critical_curve
 from toolbox import compose, measure, plot, simulate
 from toolbox.inputs import ramp
 from toolbox.measuring.measure import StickSlipPeriod
 from toolbox.simulation.trajectory import Trajectory
-
-FIGURES = Path(__file__).parents[1] / "figures"
 
 
 # -------------------------------------------------------------------------------------------------------------------------------- closed forms
@@ -297,11 +294,7 @@ def braking_decision(load: float, damping: float) -> float:
 
 def main() -> None:
     """Print the tables and write the figures."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FIGURES
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = figure_folder()
 
     stops = {speed: stop_of(TwoDisks(), speed) for speed in SPEEDS}
     print("Two disks, stop from 2 rad/s, every cycle\n" + str(stops[2.0]))

@@ -13,18 +13,16 @@ by half of the load takes a tenth to a fifth of the swing at 0.5 to 20 kHz and e
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from models import Coulomb, ElasticPad, SquealingPad, block_mesh, body_of_mesh
+from studies.folders import figure_folder
 from toolbox import Trajectory, compose, plot, simulate
 from toolbox.inputs import sine
 
-FIGURES = Path(__file__).parents[1] / "figures"
 CONTACTS = 5
 
 
@@ -107,11 +105,7 @@ def draw(run: Trajectory, shown: float = 1.5e-3) -> Any:
 
 def main() -> None:
     """Print the table and write the figure."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FIGURES
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = figure_folder()
     exact = SquealingPad(damping=0.0).flutter_friction()
     print(f"two-mode limit: flutter from mu = {exact:.4f} by the closed form of the minimal model; a block with a modulus of")
     for modulus in (1e13, 1e11, 1e9, 1e8):

@@ -15,9 +15,7 @@ nodes   every node of the face may open, and rubs in two directions under its ow
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -35,12 +33,12 @@ from models import (
     block_mesh,
     body_of_mesh,
 )
+from studies.folders import figure_folder
 from studies.questions.sliders import ACCELERATION, adhesion_time
 from toolbox import Trajectory, compose, plot, simulate, time
 from toolbox.contacts import ContactProblem, ContactRun, press_contacts, step_contacts
 from toolbox.inputs import ramp
 
-FIGURES = Path(__file__).parents[1] / "figures"
 SIDE, PRESSURE, MU, STIFFNESS, DAMPING = 0.01, 1e5, 0.35, 1e4, 5e3
 """Side of the cube [m] (assumed: the study states no area), pressure [Pa], static friction, spring [N/m], damper [N s/m]."""
 PUBLISHED = {"share at 0.16 s": 0.57, "share at 0.20 s": 0.26, "no node sticks from [s]": 0.2175}
@@ -217,11 +215,7 @@ def draw_faces(run: ContactRun, times: tuple[float, ...] = (0.08, 0.16, 0.20, 0.
 
 def main() -> None:
     """Print the tables and write the figures and the animation."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FIGURES
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = figure_folder()
     rows, rigid = row_run(), Pull().rigid_time()
     slips = first_slips(rows)
     print(

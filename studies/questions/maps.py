@@ -24,10 +24,8 @@ like the bit between its borders.
 from __future__ import annotations
 
 import math
-import sys
 import time as clock
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -36,6 +34,7 @@ import numpy as np
 from controllers import StiffPI
 from models import BitRock, Coulomb, TwoDisks, WhirlingCollar, wells
 from models.oscillators import LEINE
+from studies.folders import figure_folder
 from studies.questions.disks import braking_decision, critical_drop
 from toolbox import Component, Equations, HybridSystem, Quantity, Sampled, closed_loop, compose, plot, quantity, sweep, time, units
 from toolbox.figures.style import name_axis
@@ -44,7 +43,6 @@ from toolbox.onsets.borders import border
 from toolbox.onsets.severity_map import SeverityMap, severity_map
 from toolbox.sweeps import Sweep, Variations
 
-FIGURES = Path(__file__).parents[1] / "figures"
 SPEEDS, WEIGHTS = (3.0, 14.0), (50e3, 110e3)  # [rad/s], [N]
 
 
@@ -187,13 +185,9 @@ THEORY = {"color": "black", "linestyle": (0, (1.2, 1.2)), "linewidth": 1.3, "zor
 
 def main() -> None:
     """Print the tables and write the figures."""
-    import matplotlib
-
-    matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FIGURES
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = figure_folder()
 
     def timed(label: str, function: Any, *arguments: Any) -> Any:
         wall, cpu = clock.perf_counter(), clock.process_time()

@@ -20,23 +20,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, wells
+from studies.folders import figure_folder
 from toolbox import ClosedLoop, closed_loop, compose, follow, limit_cycle, measure, onset, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.onsets.results import Onset
 from toolbox.orbits import Branch
 
-FOLDER = Path(__file__).parents[1] / "figures"
 RPM = math.pi / 30
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 WORKING = 95 * RPM
@@ -189,13 +187,9 @@ def draw(grid: np.ndarray) -> Any:
 
 def main() -> None:
     """Print the table and write the figure."""
-    import matplotlib
-
-    matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = figure_folder()
     print(f"Set-points in rad/s, 97.3 kN on bit; margin of {WORKING:.2f} rad/s (95 rpm) to the end of stick-slip\n")
     print(f"{'drive':<22}{'Hopf, exact':>13}{'smooth lost':>18}{'stick-slip ends':>19}{'its cycle ends':>32}{'margin':>9}")
     for drive in DRIVES:

@@ -13,8 +13,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,11 +31,11 @@ from models import (
     averaged_friction,
     oscillators,
 )
+from studies.folders import figure_folder
 from studies.questions.lyapunov import lyapunov
 from toolbox import HybridSystem, Trajectory, compose, energy_audit, equilibrium, linearise, measure, simulate
 from toolbox.inputs import sine
 
-FOLDER = Path(__file__).parents[1] / "figures"
 FALLING = BlockOnBelt(damping=0.05, friction=Exponential(static=1.0, kinetic=0.5, decay=3.0))
 RATIO = 0.1  # mass of the absorber in parts of the block's
 
@@ -323,9 +321,6 @@ def draw_brake(plt: Any) -> Any:
 
 def main() -> None:
     """Print the checks and write the figures."""
-    import matplotlib
-
-    matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
     from toolbox import plot
@@ -333,8 +328,7 @@ def main() -> None:
     print(f"{'':<52}{'closed form':>14}{'found':>14}{'difference':>13}")
     for name, theory, found in checks():
         print(f"{name:<52}{theory:>14.6g}{found:>14.6g}{found / theory - 1:>13.1e}")
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = figure_folder()
     for name, draw in (("belt", draw_belt), ("load", draw_load), ("cures", draw_cures), ("brake", draw_brake)):
         with plt.rc_context(plot.PAPER):
             figure = draw(plt)

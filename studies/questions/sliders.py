@@ -11,20 +11,18 @@ Row of bristles.  A rounded contact of tangential stiffness k under N that is dr
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from models import BristleContact, Coulomb, InclinedSlider, PlateContact, Slider
+from studies.folders import figure_folder
 from studies.questions.critical_curve import critical_curve
 from toolbox import compose, plot, simulate
 from toolbox.inputs import ramp, sine
 from toolbox.simulation.trajectory import Trajectory
 
-FIGURES = Path(__file__).parents[1] / "figures"
 ACCELERATION = 0.01 / 4.0
 """Of the plate [m/s2]: 0 to 10 mm/s in 4 s."""
 
@@ -226,11 +224,7 @@ def draw_bristles(runs: list[Trajectory], regional: Trajectory) -> Any:
 
 def main() -> None:
     """Print the tables and write the figures."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FIGURES
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = figure_folder()
 
     for paper, what, theirs, ours, verdict in table():
         print(f"{paper:8} {what:36} {theirs:12} {ours:14} {verdict}")

@@ -21,19 +21,17 @@ no torus attracts beyond it, and the bit spirals away to a rhythm of three perio
 from __future__ import annotations
 
 import math
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from controllers import SoftTorque
 from models import BitRock, oscillators, wells
+from studies.folders import figure_folder
 from toolbox import ClosedLoop, closed_loop, compose, follow, limit_cycle, plot, simulate
 from toolbox.inputs import sine
 from toolbox.orbits import Branch, Cycle
 
-FOLDER = Path(__file__).parents[1] / "figures"
 BLOCK = oscillators.THOMSEN_FIDLIN
 DEPTH, RATIO = 0.5, math.sqrt(8.0)
 PERIOD = 2 * math.pi / RATIO
@@ -137,13 +135,9 @@ def draw(block: Branch, string: Branch) -> Any:
 
 def main() -> None:
     """Print the numbers and write the figure."""
-    import matplotlib
-
-    matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = figure_folder()
     block, string = slowing(dithered()), loosening(entrained())
     print(block)
     print(f"Hopf speed of the block without dither: {oscillators.hopf_speed(BLOCK):.6f} m/s")

@@ -24,13 +24,13 @@ import math
 import sys
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from controllers import SlidingMode, StiffPI
 from models import BitRock, Exponential, WhirlingCollar, wells, whirl_ratio
+from studies.folders import figure_folder
 from toolbox import HybridSystem, compose, measure, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.simulation.trajectory import Trajectory
@@ -51,7 +51,6 @@ GAINS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3, 1.6)  # [1/s]
 ROCK = BitRock(weight=WEIGHT, radius=0.0239, friction=Exponential(static=2.5, kinetic=1.1, decay=0.4))
 SLIDING = ROCK.radius * WEIGHT * ROCK.friction.kinetic
 """Torque on bit at high speed [N m]."""
-FIGURES = Path(__file__).parents[1] / "figures"
 
 
 def rig(weight: float = WEIGHT) -> HybridSystem:
@@ -244,14 +243,10 @@ def _cost(label: str, run: Trajectory) -> str:
 
 def main() -> None:
     """Print the table and write the figures."""
-    import matplotlib
-
     if sys.argv[1:] == ["stiffness"]:
         print(cost_of_a_stiff_wall())
         return
-    matplotlib.use("Agg")
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FIGURES
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = figure_folder()
     found = outcomes()
     print(map_text(found), end="\n\n")
     named = {"stiff PI": driven(None), **{f"0.2 1/s, {way}": driven(0.2, way) for way in WAYS}}

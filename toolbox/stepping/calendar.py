@@ -12,6 +12,9 @@ from toolbox.stepping.modes import settle, turn_switches
 from toolbox.stepping.noise import normal
 from toolbox.translation.words import call
 
+GO_ON = -1
+"""What is given, instead of a status of the loop, where the run goes on with a step."""
+
 
 def record(w, t, x):
     """Write a node: time, state, modes and held parameters."""
@@ -125,6 +128,20 @@ def next_stop(w):
         if s[layout.APPLIED] < s[layout.TAKEN]:
             stop = min(stop, s[layout.APPLIED] * w.clocks[c, 0] + w.clocks[c, 1])
     return stop
+
+
+def outputs_due(w, t, every_node):
+    """Record the output times that are reached, and the end of the run; a status of the loop, or GO_ON."""
+    while w.ints[layout.OUTPUT] < w.out_t.size and w.out_t[w.ints[layout.OUTPUT]] <= t:
+        record(w, t, w.x)
+        w.ints[layout.OUTPUT] += 1
+        if w.ints[layout.RECORDS] + 4 > w.rec_t.size:
+            return layout.RECORDS_FULL
+    if t >= w.reals[layout.END]:
+        if every_node and w.rec_t[w.ints[layout.RECORDS] - 1] < t:
+            record(w, t, w.x)
+        return layout.DONE
+    return GO_ON
 
 
 def outputs_before(w, end, t_new):

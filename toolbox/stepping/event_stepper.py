@@ -17,7 +17,7 @@ from __future__ import annotations
 from typing import Any
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.calendar import inputs_changed, jumps, next_stop, outputs_before, record, samples
+from toolbox.stepping.calendar import GO_ON, inputs_changed, jumps, next_stop, outputs_before, outputs_due, record, samples
 from toolbox.stepping.crossings import dip_inside, hermite_minimum, locate, rising_fraction, watch
 from toolbox.stepping.events import after_event, project_event
 from toolbox.stepping.guards import accept, guard_size, held_quietly, no_modes, project
@@ -38,9 +38,6 @@ from toolbox.stepping.step_control import (
 )
 from toolbox.translation.compiled import Compiled
 from toolbox.translation.words import call
-
-GO_ON = -1
-"""What `_due` returns, instead of a status of `advance`, where the run goes on with a step."""
 
 
 def _due(w, t, every_node, undecided):
@@ -76,16 +73,7 @@ def _due(w, t, every_node, undecided):
         first_step(w)
         if every_node and not recorded:
             record(w, t, w.x)
-    while w.ints[layout.OUTPUT] < w.out_t.size and w.out_t[w.ints[layout.OUTPUT]] <= t:
-        record(w, t, w.x)
-        w.ints[layout.OUTPUT] += 1
-        if w.ints[layout.RECORDS] + 4 > w.rec_t.size:
-            return layout.RECORDS_FULL
-    if t >= w.reals[layout.END]:
-        if every_node and w.rec_t[w.ints[layout.RECORDS] - 1] < t:
-            record(w, t, w.x)
-        return layout.DONE
-    return GO_ON
+    return outputs_due(w, t, every_node)
 
 
 def _first_dip(w, t, h):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.calendar import jumps, next_stop, record, samples
+from toolbox.stepping.calendar import GO_ON, jumps, next_stop, outputs_due, record, samples
 from toolbox.stepping.guards import project
 from toolbox.stepping.modes import begin
 from toolbox.translation.compiled import Compiled
@@ -138,15 +138,9 @@ def _advance(w):
                 if w.ints[layout.RECORDS] > 0 and w.rec_t[w.ints[layout.RECORDS] - 1] == t and held:
                     w.ints[layout.RECORDS] -= 1
                 record(w, t, w.x)
-        while w.ints[layout.OUTPUT] < w.out_t.size and w.out_t[w.ints[layout.OUTPUT]] <= t:
-            record(w, t, w.x)
-            w.ints[layout.OUTPUT] += 1
-            if w.ints[layout.RECORDS] + 4 > w.rec_t.size:
-                return layout.RECORDS_FULL
-        if t >= w.reals[layout.END]:
-            if every > 0 and w.rec_t[w.ints[layout.RECORDS] - 1] < t:
-                record(w, t, w.x)
-            return layout.DONE
+        status = outputs_due(w, t, every > 0)
+        if status != GO_ON:
+            return status
         if w.ints[layout.ACCEPTED] >= budget:
             return layout.PAUSED
 

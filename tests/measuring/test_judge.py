@@ -67,6 +67,16 @@ def test_a_swing_that_grows_until_the_budget_is_spent_is_not_decided():
     assert judged.regime == NOT_DECIDED and time == pytest.approx(40 * SWING)
 
 
+def test_a_run_that_has_drawn_near_to_a_known_round_comes_to_it():
+    law, start, inputs = SoftTorque(reference=6.0), {"chain.speed": (6.0, 0.0)}, {"top.reference": 6.0}
+    judged, time = carried(RIG, law, at(6.0, -0.3), start, inputs=inputs)
+    again, sooner = carried(RIG, law, replace(at(6.0, -0.3), known=[judged]), start, inputs=inputs)
+    assert sooner < 0.7 * time and again.regime == STICKS and again.sticks == 1
+    assert (again.interval, again.longest) == pytest.approx((judged.interval, judged.longest), rel=0.01)
+    other = replace(judged, interval=1.05 * judged.interval)
+    assert carried(RIG, law, replace(at(6.0, -0.3), known=[other]), start, inputs=inputs) == (judged, time)
+
+
 def test_stick_slip_beyond_its_end_is_smooth_and_before_it_lasts():
     law = SoftTorque(reference=6.0)
     inside = carried(RIG, law, at(6.0, -0.3), {"chain.speed": (6.0, 0.0)}, inputs={"top.reference": 6.0})[0]

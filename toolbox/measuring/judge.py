@@ -61,6 +61,9 @@ TURNS = 3
 FLOOR = 1e-6
 """Severity below which nothing swings."""
 
+NEAR = 0.01
+"""What three rounds in a row may differ by from a known one, in parts of its time, to come to it."""
+
 CALM = 1e-3
 """Deviation, in parts of the target, that is small where it falls and small ones die."""
 
@@ -210,6 +213,8 @@ class Judge:
         Largest deviation of the signal from its target that measurement noise makes in smooth running.
     budget
         Swings after which a run that nothing decides is given up.
+    known
+        Rounds to which other runs with the same numbers came: one of a single stick is what a run comes to that has drawn near to it.
     """
 
     element: str
@@ -219,6 +224,7 @@ class Judge:
     rate: float = math.nan
     noise: float = 0.0
     budget: float = BUDGET
+    known: Sequence[Judged] = ()
 
     def carried(self, run_on: Callable[[RunState, float], Trajectory], begin: RunState) -> tuple[Judged, RunState]:
         """Carry a run on until it is decided, or the budget is spent; run_on: (state, duration) -> run. Returns the verdict and where the run ended.
@@ -281,6 +287,8 @@ class Judge:
         rows = np.column_stack([np.diff(begins[first:]), (ends - begins)[first:-1]])
         if found is not None or len(rows) < 3:
             return found
+        if any(each.sticks == 1 and np.abs(rows[-3:] - (each.interval, each.longest)).max() <= NEAR * each.interval for each in self.known):
+            return self._round(record, sticks, 1)
         most = min(MOST_STICKS, len(rows) // 3)
         parted = [math.inf, *[float(np.abs(rows[-p:] - rows[-2 * p : -p]).max()) for p in range(1, most + 1)]]
         for p in range(1, most + 1):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic
 
@@ -98,19 +98,21 @@ class JudgedRuns(Generic[Place]):
         return with_numbers(self.base, self.branch.numbers(value))
 
     # ------------------------------------------------------------------------------------------------------------------------------------- one run
-    def job(self, value: Place, begin: RunState, /, finer: float = 1.0, silent: bool = False) -> Job:
-        """What a run at a place is to be judged by; silent: without measurement noise."""
+    def job(self, value: Place, begin: RunState, /, finer: float = 1.0, silent: bool = False, known: Sequence[Judged] = ()) -> Job:
+        """What a run at a place is to be judged by; silent: without measurement noise;  known: rounds to which runs there came."""
         run = dataclasses.replace(self.branch.at(value) if silent else self.at(value), accuracy=self.base.accuracy * finer)
-        return Job(run, self.judge(value), begin)
+        return Job(run, dataclasses.replace(self.judge(value), known=known), begin)
 
-    def run(self, value: Place, begin: RunState, /, finer: float = 1.0, silent: bool = False) -> tuple[Judged, RunState | None]:
-        """What a run at a place comes to, and where it ended; silent: without measurement noise."""
+    def run(
+        self, value: Place, begin: RunState, /, finer: float = 1.0, silent: bool = False, known: Sequence[Judged] = ()
+    ) -> tuple[Judged, RunState | None]:
+        """What a run at a place comes to, and where it ended; silent: without measurement noise;  known: rounds to which runs there came."""
         self.runs += 1
         if self.bar is not None:
             self.bar.update()
         number = self.runs
-        known = self.kept(number)
-        return self.keeping(number, self.job(value, begin, finer, silent)()) if known is None else known
+        kept = self.kept(number)
+        return self.keeping(number, self.job(value, begin, finer, silent, known)()) if kept is None else kept
 
     def kept(self, number: int) -> tuple[Judged, RunState | None] | None:
         """What the run of that number came to, and where it ended, where the journal knows it."""
@@ -261,9 +263,11 @@ class Carried(Generic[Place]):
                 size = BEYOND * abs(search.steady(value, smooth)[0])
                 yield f"the swing of {2 * math.pi / exponent.imag:.3g} s", moved(smooth.state, point.plant, -size * motion)
 
-    def tried(self, value: Place, begin: RunState, finer: float = 1.0, begun: str = "stick-slip carried on") -> Judged:
-        """A run from a beginning, with where it ends kept by what it ends in; begun: what it begins from."""
-        judged, end = self.search.run(value, begin, finer=finer)
+    def tried(
+        self, value: Place, begin: RunState, finer: float = 1.0, begun: str = "stick-slip carried on", known: Sequence[Judged] = ()
+    ) -> Judged:
+        """A run from a beginning, with where it ends kept by what it ends in; begun: what it begins from;  known: rounds to which runs there came."""
+        judged, end = self.search.run(value, begin, finer=finer, known=known)
         self.keep(value, judged, end, begun)
         return judged
 
@@ -288,7 +292,7 @@ class Carried(Generic[Place]):
         """Begin stick-slip at a value from all beginnings; the cycle that is carried on stays the one that was known."""
         known = self.cycling.get(value)
         for begun, begin in self._untried(value):
-            self.tried(value, begin, begun=begun)
+            self.tried(value, begin, begun=begun, known=[judged for _, judged, _ in self.rounds.get(value, ())])
         if known is not None:
             self.cycling[value] = known
 

@@ -48,11 +48,15 @@ class Stays:
         """The error of a name that is no element of the run."""
         return SceneError(f"There is no element `{name}`: {suggest(name, self._legends)}")
 
+    def _events_of(self, element: str) -> list[Event]:
+        """The switches of one element."""
+        return [event for event in self.events if event.element == element]
+
     def intervals(self, element: str) -> list[tuple[float, float, str]]:
         """(begin, end, mode) of one element over the whole run, from the located events; raises SceneError for an unknown element."""
         if element not in self._legends:
             raise self._no_element(element)
-        own = [event for event in self.events if event.element == element]
+        own = self._events_of(element)
         end = self.end
         mode = own[0].before if own else self._at_last(element)
         out, begin = [], self.begin

@@ -196,10 +196,15 @@ class Trajectory(Recorded, Samples[FloatArray]):
         """Every switch of every element, in order of time; not how the second direction of a friction finds its own."""
         return [event for event, _ in self._switches()]
 
-    def _switches(self) -> list[tuple[Event, bool]]:
-        """Every switch, and whether other modes were consistent with the forces, too."""
+    def _events_of(self, element: str) -> list[Event]:
+        return [event for event, _ in self._switches(self._elements.index(element))]
+
+    def _switches(self, place: int | None = None) -> list[tuple[Event, bool]]:
+        """Every switch, or those of the element at a place, and whether other modes were consistent with the forces, too."""
         elements = self.program.system.elements
         times, index, modes = self._event_arrays
+        if place is not None:
+            times, index, modes = (array[self._event_arrays[1] == place] for array in self._event_arrays)
         return [
             (Event(float(t), elements[i].name, elements[i].legend[int(b)], elements[i].legend[int(a)]), bool(other))
             for t, i, (b, a, other) in zip(times, index, modes, strict=True)

@@ -1,8 +1,7 @@
-"""Is the method that `simulate(method=None)` chooses as right as explicit formulas on every shipped scene, and how much faster?
+"""Are the steps that `simulate` chooses as right as explicit formulas on every shipped scene, and how much faster?
 
-Every case of every scene is run by the method that is chosen (default, below) and by explicit formulas, both at the accuracy of the scene.
-Cases where the default is explicit, too,
-are only named. Columns: states; switches by each; the largest difference of the time of a switch, in parts of the run; the error of each run against one at a
+Every case of every scene is run by the steps that are chosen (default, below) and by explicit formulas, both at the accuracy of the scene. Cases where
+the default is explicit, too, are only named. Columns: states; switches by each; the largest difference of the time of a switch, in parts of the run; the error of each run against one at a
 hundredth of the accuracy, by explicit formulas; time of the loop by explicit formulas, and what part of it the default takes (the least of turns that
 alternate). A case is sensitive where a run by explicit formulas has an error above SENSITIVE: its switches are then no property of the machine.
 
@@ -59,7 +58,7 @@ class Pair:
     def ratio(self, turns: int) -> tuple[float, float]:
         """Time of the loop by explicit formulas [s], and what part of it the default takes."""
         explicit, default = least(
-            [lambda: simulate(self.loop, method="event").wall_time, lambda: simulate(self.loop, method=None).wall_time],
+            [lambda: simulate(self.loop, method="explicit").wall_time, lambda: simulate(self.loop).wall_time],
             turns if self.explicit.wall_time < 0.1 else 1,
         )
         return explicit, default / explicit
@@ -81,11 +80,11 @@ def pairs(name: str) -> Iterator[Pair | str]:
         if loop.system.updates:  # the rule's own reason, without a run that may take a minute
             yield f"{title}: a law is sampled"
             continue
-        default = simulate(loop, method=None)
+        default = simulate(loop)
         if not default.program.formulas.series:
             yield f"{title}: {default.why}"
             continue
-        yield Pair(title, loop, simulate(loop, method="event"), default)
+        yield Pair(title, loop, simulate(loop, method="explicit"), default)
 
 
 def line(pair: Pair, turns: int) -> str:

@@ -88,7 +88,7 @@ def test_the_table_of_a_run_is_a_recording_that_can_be_read_again(belt, tmp_path
     assert np.array_equal(recorded.signals["block.position"], scene.run("slow belt").at(recorded.time)["block.position"])
 
 
-@pytest.mark.parametrize("method", ["explicit", "stiff", "time-stepping", "smoothed", "auto"])
+@pytest.mark.parametrize("method", ["event", "explicit", "stiff", "time-stepping", "smoothed"])
 def test_method_duration_and_accuracy_are_those_of_the_command(belt, tmp_path, capsys, no_figures, method):
     out, given = tmp_path / "out", ["--method", method, "--accuracy", "1e-2", "--duration", "8"]
     assert main(["simulate", str(belt), "--controller", "slow belt", *given, "--out", str(out)]) == 0

@@ -71,8 +71,8 @@ def test_a_wheel_built_beside_the_dependencies_runs_without_compiling_a_loop(tmp
         "compiled.object_code = None\n"
         "from models import BlockOnBelt\nfrom toolbox import compose, simulate, sweep\nfrom toolbox.measure import severity\n"
         "assert 'installed' in compiled.__file__\n"
-        "run = simulate(compose(BlockOnBelt()), 20.0)\nrun.at([1.0])\nseverity(run, 'block.speed')\n"
-        "simulate(compose(BlockOnBelt()), 20.0, method='auto')\n"
+        "run = simulate(compose(BlockOnBelt()), 20.0, method='explicit')\nrun.at([1.0])\nseverity(run, 'block.speed')\n"
+        "simulate(compose(BlockOnBelt()), 20.0)\n"
     )
     environment = {"PYTHONPATH": str(tmp_path / "installed"), "STICKSLIP_CACHE_DIR": str(tmp_path / "cache"), "PATH": ""}
     done = subprocess.run([sys.executable, "-c", run], cwd=tmp_path, capture_output=True, text=True, env=environment)

@@ -178,7 +178,7 @@ def test_a_plant_whose_series_would_be_too_long_is_stepped_by_explicit_formulas(
                            friction=Hyperbolic(static=1.0, decay=1.0), friction_load=(100.0,) * n)  # fmt: skip
     run = simulate(compose(chain), 0.1, method="taylor", inputs={"top.torque": 1e4})
     assert run.program.formulas is DOP853
-    assert run.why == "dop853: the Taylor series of the plant would be too long"
+    assert run.why == "explicit steps: the Taylor series of the plant would be too long"
     assert [record.getMessage() for record in caplog.records if record.levelname == "WARNING"] == [
         f"method='taylor' was not taken: {run.why}"
     ]
@@ -187,12 +187,12 @@ def test_a_plant_whose_series_would_be_too_long_is_stepped_by_explicit_formulas(
 def test_a_plant_without_series_says_so_once_and_a_choice_of_the_toolbox_in_the_run_alone(caplog):
     arguments = {"inputs": {"block.force": ca.fmin(time, 0.05)}}
     run = simulate(compose(BlockOnBelt()), 0.1, method="taylor", **arguments)
-    assert run.why == "dop853: an operation of the plant has no Taylor series"
+    assert run.why == "explicit steps: an operation of the plant has no Taylor series"
     assert [record.getMessage() for record in caplog.records if record.levelname == "WARNING"] == [
         f"method='taylor' was not taken: {run.why}"
     ]
     caplog.clear()
-    chosen = simulate(compose(BlockOnBelt()), 0.1, method="auto", **arguments)
+    chosen = simulate(compose(BlockOnBelt()), 0.1, **arguments)
     assert "no Taylor series" in chosen.why
     assert not [record for record in caplog.records if record.levelname == "WARNING"]
 
@@ -224,12 +224,12 @@ def test_an_order_that_is_none_is_refused():
 
 def test_the_choice_takes_series_but_not_between_samples():
     plant, duration, arguments = MACHINES["block on belt"]
-    run = simulate(plant, duration, method="auto", **arguments)
+    run = simulate(plant, duration, **arguments)
     np.testing.assert_array_equal(run.states, simulate(plant, duration, method="taylor", **arguments).states)
     sampled, duration, arguments = MACHINES["drill string under a sampled law"]
-    run = simulate(sampled, duration, method="auto", **arguments)
+    run = simulate(sampled, duration, **arguments)
     assert run.program.formulas.explicit
-    np.testing.assert_array_equal(run.states, simulate(sampled, duration, method="event", **arguments).states)
+    np.testing.assert_array_equal(run.states, simulate(sampled, duration, method="explicit", **arguments).states)
 
 
 def test_derivatives_of_a_run_by_series_are_those_of_explicit_steps():

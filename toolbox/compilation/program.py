@@ -63,7 +63,7 @@ class Program:
         """Why a run that asked for these formulas steps by those of this program; empty where it steps by them."""
         if self.formulas == formulas:
             return ""
-        return f"{self.formulas.name}: {self.system.cache['lacking', ('program', kinds, formulas.name)]}"
+        return f"{self.formulas.steps}: {self.system.cache['lacking', ('program', kinds, formulas.name)]}"
 
     def place(self, number: Number, inputs: Mapping[str, Any]) -> int:
         """Where a parameter, an input that is given as a number, or a number of a shape stands in the vector of parameters.

@@ -198,7 +198,7 @@ def has_series(run: Run) -> bool:
     """Whether the runs of a checked run like this one can step by Taylor series in lanes."""
     if run.system.updates:
         return False
-    return _by_series(program_of(run.system, run.kinds, TaylorSeries().formulas(run.accuracy, False)))
+    return _by_series(program_of(run.system, run.kinds, TaylorSeries().formulas(run.accuracy, run.system)))
 
 
 def _by_series(program: Program) -> bool:

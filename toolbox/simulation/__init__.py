@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from toolbox.faces import face
 
 if TYPE_CHECKING:
-    from toolbox.simulation.methods import Automatic as Automatic
     from toolbox.simulation.methods import EventExact as EventExact
     from toolbox.simulation.methods import Explicit as Explicit
     from toolbox.simulation.methods import Implicit as Implicit

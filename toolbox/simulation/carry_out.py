@@ -21,7 +21,7 @@ from toolbox.modelling.regularisation import SmoothSystem
 from toolbox.simulation.deadline import OutOfTime, until
 from toolbox.simulation.failures import exhausted, failure, trajectory_so_far
 from toolbox.simulation.growth import attended
-from toolbox.simulation.method_choice import cheapest_method
+from toolbox.simulation.method_choice import reason
 from toolbox.simulation.methods import Explicit, Implicit, Method
 from toolbox.simulation.refinement import refined, with_tolerance
 from toolbox.simulation.run import Run
@@ -53,13 +53,11 @@ def compiled_loop(run: Run, program: Program) -> Any:
 
 def formulas_of(run: Run) -> Formulas:
     """The formulas that a run steps with."""
-    return run.method.formulas(run.accuracy, bool(run.system.updates))
+    return run.method.formulas(run.accuracy, run.system)
 
 
 def carry_out(run: Run) -> Trajectory:
     """The trajectory of checked arguments; raises SimulationError and its kinds as `simulate` does."""
-    if run.method.chooses:
-        return cheapest_method(run)
     if run.method.refines:
         return refined(run)
     if run.method.smooths and not isinstance(run.system, SmoothSystem):
@@ -150,13 +148,12 @@ class Course:
                 if self._is_stiff(spent):
                     LOG.debug("the plant is stiff: stepped implicitly from the start")
                     again = self._again(Implicit(), spent)
-                    if self.formulas.series:
-                        again.why = f"{again.program.formulas.name}: {again.program.formulas.steps}"
+                    again.why = again.program.formulas.steps
                     return again
             elif series and status in (work_layout.NO_SERIES, work_layout.UNDERFLOW) and not self.run.laws:
                 again, t = self._again(Explicit(), spent), float(work.reals[work_layout.TIME])
                 LOG.debug("no Taylor series at t = %g s: stepped explicitly", t)
-                again.why = f"explicit: no Taylor series at t = {t:.9g} s"
+                again.why = f"explicit steps: no Taylor series at t = {t:.9g} s"
                 return again
             else:
                 raise self._told(failure(status, self.run, self.program, work, self.began, self.answers))
@@ -164,8 +161,11 @@ class Course:
     def _done(self) -> Trajectory:
         done = self.so_far()
         done.laws = tuple(self.laws)
-        done.why = self.program.lacking(self.formulas, self.run.kinds)
-        return _sound(done, self.program) if isinstance(done, Stepped) else done
+        run, program = self.run, self.program
+        done.why = program.lacking(self.formulas, run.kinds)
+        if run.method.chooses and not done.why:
+            done.why = f"{program.formulas.steps}: {reason(run.accuracy, run.system)}"
+        return _sound(done, program) if isinstance(done, Stepped) else done
 
     def _again(self, method: Method, spent: float) -> Trajectory:
         """The run from its start by another method, in the time that is left."""

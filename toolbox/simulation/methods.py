@@ -1,14 +1,11 @@
 """Methods of simulation: values with their own options, each with a plain string as its short form.
 
-"event"          EventExact()       adaptive steps that end on every switch, explicit until implicit ones prove cheaper
+"event"          EventExact()       adaptive steps that end on every switch, of the kind that is the fastest (`toolbox.simulation.method_choice`)
 "explicit"       Explicit()         the same with explicit steps only
 "taylor"         TaylorSeries()     the same with Taylor series of high order
 "stiff"          Implicit()         the same with linearly implicit steps only
 "time-stepping"  TimeStepping()     fixed steps (Moreau and Jean), refined until the accuracy is met unless `step` is given
 "smoothed"       Smoothing()        regularised friction, refined until the accuracy is met unless `width` is given
-"auto"           Automatic()        the cheapest of them by the rule of `toolbox.simulation.method_choice`
-
-By `method=None` `simulate` takes "event" or "taylor" by another rule of that module.
 """
 
 from __future__ import annotations
@@ -25,7 +22,9 @@ from toolbox.compilation.rosenbrock import RODAS5P
 from toolbox.compilation.runge_kutta import DOP853, DOPRI5
 from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SceneError
+from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.budget import UNHURRIED, Budget
+from toolbox.simulation.method_choice import without_series
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class Method:
     locates: ClassVar[bool] = True  # steps end on switches
     watches_stiffness: ClassVar[bool] = False  # a run that stability holds up begins anew with implicit steps
     in_lanes: ClassVar[bool] = False  # many runs may step side by side
-    chooses: ClassVar[bool] = False  # each run is to be given another method first
+    chooses: ClassVar[bool] = False  # the kind of steps follows from the run, which says why
     smooths: ClassVar[bool] = False  # friction is regularised
     finer: ClassVar[str] = ""  # how the option is written that refines a run
     budget: Budget = field(default=UNHURRIED, kw_only=True)
@@ -53,9 +52,9 @@ class Method:
             raise SceneError(f"Argument `budget` must be a Budget, such as Budget(seconds=60), but it is {self.budget!r}.")
         self.budget.check()
 
-    def formulas(self, accuracy: float, sampled: bool) -> Formulas:
-        """The formulas of a step for an accuracy, for a plant with or without sampled laws."""
-        if sampled:
+    def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
+        """The formulas of a step of a closed system for an accuracy."""
+        if system.updates:
             return DOP853 if accuracy < 1e-9 else DOPRI5
         return DOPRI5 if accuracy > 1e-5 else DOP853
 
@@ -67,11 +66,10 @@ class Method:
     @property
     def alone(self) -> bool:
         """Whether every run has to be prepared by itself, so that it cannot follow another one in the same arrays."""
-        return self.chooses or self.smooths or not self.locates
+        return self.smooths or not self.locates
 
-    @property
-    def unwatched(self) -> Method:
-        """The method for many runs that are known not to be stiff."""
+    def unwatched(self, accuracy: float, system: HybridSystem) -> Method:
+        """The method for many runs of a closed system that are known not to be stiff."""
         return self
 
     @property
@@ -97,15 +95,23 @@ class Method:
 
 @dataclass(frozen=True)
 class EventExact(Method):
-    """Adaptive steps of high order that end exactly on every switch; linearly implicit ones where they prove cheaper (`toolbox.simulation.stiffness`)."""
+    """Adaptive steps that end exactly on every switch, of the kind that was the fastest for such runs; `run.why` says which, and why.
+
+    These are Taylor series or explicit formulas (`toolbox.simulation.method_choice`), or linearly implicit ones where they prove cheaper
+    (`toolbox.simulation.stiffness`).
+    """
 
     text: ClassVar[str] = "event"
     watches_stiffness: ClassVar[bool] = True
+    chooses: ClassVar[bool] = True
 
-    @property
-    def unwatched(self) -> Method:
-        """Explicit steps."""
-        return Explicit()
+    def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
+        """Taylor series, or explicit formulas."""
+        return self.unwatched(accuracy, system).formulas(accuracy, system)
+
+    def unwatched(self, accuracy: float, system: HybridSystem) -> Method:
+        """Taylor series, or explicit formulas."""
+        return Explicit() if without_series(accuracy, system) else TaylorSeries()
 
 
 @dataclass(frozen=True)
@@ -142,7 +148,7 @@ class TaylorSeries(Method):
         if self.order is not None:
             whole("order", self.order, 6, 30)
 
-    def formulas(self, accuracy: float, sampled: bool) -> Formulas:
+    def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
         """Series of the order that the accuracy asks for."""
         return Taylor(self.order or 16)
 
@@ -153,7 +159,7 @@ class Implicit(Method):
 
     text: ClassVar[str] = "stiff"
 
-    def formulas(self, accuracy: float, sampled: bool) -> Formulas:
+    def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
         """RODAS5P, of order 5."""
         return RODAS5P
 
@@ -177,7 +183,7 @@ class TimeStepping(Method):
             number("step", self.step, "s", above=0)
             number("step", self.step, "s", at_least=duration / self.budget.steps)
 
-    def formulas(self, accuracy: float, sampled: bool) -> Formulas:
+    def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
         """The theta method of Moreau and Jean."""
         return MOREAU_JEAN
 
@@ -212,7 +218,7 @@ class Smoothing(Method):
     width: float | Mapping[str, float] | None = None
     tolerance: float | None = None
 
-    def formulas(self, accuracy: float, sampled: bool) -> Formulas:
+    def formulas(self, accuracy: float, system: HybridSystem) -> Formulas:
         """RODAS5P, because regularised friction is stiff."""
         return RODAS5P
 
@@ -227,21 +233,8 @@ class Smoothing(Method):
         return self.tolerance
 
 
-@dataclass(frozen=True)
-class Automatic(Method):
-    """The cheapest method by the rule of `toolbox.simulation.method_choice`; `run.why` says which it was, and why."""
-
-    text: ClassVar[str] = "auto"
-    chooses: ClassVar[bool] = True
-
-    @property
-    def refines(self) -> bool:
-        """Whether one of the methods that it may take does."""
-        return True
-
-
 METHODS: dict[str, Method] = {
-    kind.text: kind() for kind in (EventExact, Explicit, TaylorSeries, Implicit, TimeStepping, Smoothing, Automatic)
+    kind.text: kind() for kind in (EventExact, Explicit, TaylorSeries, Implicit, TimeStepping, Smoothing)
 }
 """{short form: method with its default options}."""
 

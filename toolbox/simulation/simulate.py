@@ -27,7 +27,7 @@ def simulate(
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
     sample_time: NumberOrText | None = None,
-    method: Method | str | None = "event",
+    method: Method | str = "event",
     accuracy: float | None = None,
     output_times: Sequence[float] | np.ndarray | None = None,
 ) -> Trajectory:
@@ -58,12 +58,11 @@ def simulate(
     sample_time
         Sample time of the controller [s]; without it a `Controller` acts continuously.
     method
-        A method or its short form. None locates every switch as an event, by the steps that were the fastest for such plants: Taylor series, explicit
-        formulas, or linearly implicit ones where these are cheaper; `run.why` says which and why. "event" does the same without series (runs with a law in
-        Python stay explicit); "explicit", "taylor" and "stiff" prescribe the steps. `TimeStepping(step)`, short "time-stepping", locates no switch;
-        `Smoothing(width)`, short "smoothed", regularises friction; both refine their option until the accuracy is met, unless it is given. "auto" takes
-        the cheapest method for runs that are repeated, time stepping among them, and says why in `run.why`. What the run may spend at most is an option of
-        every method: `EventExact(budget=Budget(seconds=60))`.
+        A method or its short form. "event" locates every switch, by the steps that were the fastest for such runs: Taylor series, explicit formulas, or
+        linearly implicit ones where these are cheaper (runs with a law in Python stay explicit); `run.why` says which and why. "taylor", "explicit" and
+        "stiff" prescribe the steps. `TimeStepping(step)`, short "time-stepping", locates no switch; `Smoothing(width)`, short "smoothed", regularises
+        friction; both refine their option until the accuracy is met, unless it is given. What the run may spend at most is an option of every method:
+        `EventExact(budget=Budget(seconds=60))`.
     accuracy
         Target for the global error, where every state is scaled by its size; between 1e-13 and 0.1. By default that of the scene, or 1e-6.
     output_times
@@ -88,7 +87,6 @@ def simulate(
     from toolbox.errors import SceneError
     from toolbox.messages import LOG
     from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
-    from toolbox.simulation.method_choice import fastest_located
     from toolbox.simulation.request import Request
     from toolbox.simulation.run_state import RunState
     from toolbox.simulation.samples import Samples
@@ -104,14 +102,10 @@ def simulate(
     if duration is None:
         raise SceneError("Argument `duration` must be given: only a loop out of a scene has one of its own.")
     accuracy = (loop.accuracy or 1e-6) if accuracy is None else accuracy
-    run = Request(loop, duration, at, "event" if method is None else method, accuracy, output_times).checked()
-    if method is None:
-        return fastest_located(run)
+    run = Request(loop, duration, at, method, accuracy, output_times).checked()
     done = run.again()
     told = ("told", done.why.partition(" at t = ")[0])
-    if (
-        done.why and not run.method.chooses and told not in run.system.cache
-    ):  # once for a plant; of what "auto" takes, `run.why` tells alone
+    if done.why and not run.method.chooses and told not in run.system.cache:  # once for a plant; of what is chosen `run.why` tells alone
         run.system.cache[told] = True
         LOG.warning("method=%r was not taken: %s", run.method.text, done.why)
     return done

@@ -92,7 +92,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
     laws
         Those controllers as the run left them, with what they recorded; they do not travel with a pickled trajectory.
     why
-        What steps a run took, and why, by method=None and "auto"; why another than the one named was taken; else empty.
+        What steps a run by "event" took, and why; by another method why its steps were not taken; else empty.
     """
 
     laws: tuple[Any, ...] = ()

@@ -260,12 +260,12 @@ def bound() -> None:
 def probed(task: Task) -> Manner:
     """The method that the middle run asks for, whether runs like it pay in lanes, and the seconds that it takes alone.
 
-    Where the method is to be chosen, runs in lanes step by Taylor series where the plant has them.
+    Where the steps are to be chosen, runs in lanes step by Taylor series wherever the plant has them.
     """
     middle = len(task.numbers) // 2
     method = task.run.method
     if method.watches_stiffness:
-        method = method.unwatched
+        method = method.unwatched(task.run.accuracy, task.run.system)
         if not task.run.laws:
             found: Trajectory | None
             try:

@@ -25,9 +25,9 @@ from toolbox import (
     state,
     time,
 )
-from toolbox.errors import AccuracyError
+from toolbox.errors import AccuracyError, ZenoError
 from toolbox.inputs import sine
-from toolbox.modelling import Relay
+from toolbox.modelling import Hysteresis, Relay
 from toolbox.simulation import TimeStepping  # fmt: skip
 
 BELT = compose(BlockOnBelt())
@@ -113,6 +113,26 @@ def test_endlessly_many_bounces_end_at_the_time_of_the_geometric_series(restitut
         assert abs(run["ball.speed"][-1]) == 0.0
         late.append(abs(run.events[-1].time - rest) / (duration / n))
     assert max(late) < 40.0  # steps; with e = 0.9 each of 40 visible bounces may add a part of one
+
+
+@dataclass(frozen=True)
+class Heated(Component):
+    """A room with a thermostat without hysteresis: on below 20 K, off above, both leading back."""
+
+    def equations(self, signal):
+        temperature = state("room.temperature", "K")
+        off = Hysteresis("thermostat", temperature, 20.0, 20.0, signal_unit="K")
+        return Equations(flow={temperature: (30.0 * (1 - off.output) - temperature) / 10.0}, elements=[off])
+
+
+def test_switching_that_has_no_end_is_passed():
+    plant, start = compose(Heated()), {"room.temperature": 18.0}
+    with pytest.raises(ZenoError, match=r"`thermostat` switches without end at t = 1\.8"):  # 10 ln(12 / 10) s
+        simulate(plant, 10.0, start=start)
+    run = simulate(plant, 10.0, start=start, method="time-stepping", accuracy=1e-3)
+    assert np.abs(run["room.temperature"][run.time > 2.0] - 20.0).max() < 20.0 * 1e-3
+    share = run.time_in("thermostat", "low", after=2.0) / 8.0
+    assert share == pytest.approx(2 / 3, abs=0.01)  # of the heating, in the mean, holds 20 K against 30 K
 
 
 def test_a_ball_that_keeps_its_energy_bounces_to_its_height_again():

@@ -371,7 +371,7 @@ def counted_runs(monkeypatch):
     return made
 
 
-GROWING = {"duration": 1.0, "measures": {"x": measures.final("growth.size")}}
+GROWING = {"duration": 1.0, "accuracy": 1e-7, "measures": {"x": measures.final("growth.size")}}
 
 
 def growing(plant=None):

@@ -14,6 +14,7 @@ looks calm for one. So a verdict rests on what comes back, and on how a small di
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -109,8 +110,8 @@ class Judged:
 class Record:
     """What the judge has seen: the sticks of a contact, and what a signal did.
 
-    steps: (begin, end, lowest value, highest value, integral) of the steps of each piece;  windows: lowest and highest value in windows of a length, which
-    divides that of a piece;  recent: the last three pieces, whose force is looked at where the contact stays.
+    steps: (begin, end, lowest value, highest value, integral) of the steps in each window of a length, which divides that of a piece, and which cuts them;
+    windows: lowest and highest value in each;  recent: the last three pieces, whose force is looked at where the contact stays.
     """
 
     element: str
@@ -133,16 +134,11 @@ class Record:
                 self.sticks[-1] = (self.sticks[-1][0], b)
             else:
                 self.sticks.append((a, b))
-        found = steps_of(run.nodes, self.signal, run.begin, run.end)
-        self.steps.append(np.stack([found.begin, found.end, found.lowest, found.highest, found.integral]))
-        count = max(round((run.end - run.begin) / self.length), 1)
-        place = np.clip((count * (found.begin - run.begin) / (run.end - run.begin)).astype(int), 0, count - 1)
-        low, high = np.full(count, np.inf), np.full(count, -np.inf)
-        np.minimum.at(low, place, found.lowest)
-        np.maximum.at(high, place, found.highest)
-        for i in np.flatnonzero(low > high):  # inside of a long step
-            low[i], high[i] = low[i - 1], high[i - 1]
-        self.windows += zip(low.tolist(), high.tolist(), strict=True)
+        edges = np.linspace(run.begin, run.end, max(round((run.end - run.begin) / self.length), 1) + 1)
+        for begin, end in itertools.pairwise(edges.tolist()):
+            found = steps_of(run.nodes, self.signal, begin, end)
+            self.steps.append(np.stack([found.begin, found.end, found.lowest, found.highest, found.integral]))
+            self.windows.append((float(found.lowest.min()), float(found.highest.max())))
         self.now = run.end
         self.recent = [*self.recent[-2:], run]
 
@@ -169,7 +165,7 @@ class Record:
         return [(a, b) for a, b in self.sticks if b - a > self.shortest]
 
     def table(self, begin: float) -> FloatArray:
-        """(begin, end, lowest, highest, integral) of the steps from a time on, shape (5, steps)."""
+        """(begin, end, lowest, highest, integral) of the steps whose middle lies behind a time, shape (5, steps)."""
         columns: list[FloatArray] = []
         for each in reversed(self.steps):
             if each.size and each[1, -1] <= begin:
@@ -177,12 +173,12 @@ class Record:
             if each.size:
                 columns.insert(0, each)
         table = np.concatenate(columns, axis=1) if columns else np.empty((5, 0))
-        return table[:, table[1] > begin]
+        return table[:, table[0] + table[1] > 2.0 * begin]
 
     def swing(self, begin: float, end: float) -> tuple[float, float, float]:
         """(severity, lowest, highest) of the signal between two times: half of its range in parts of its mean, and the range."""
         table = self.table(begin)
-        table = table[:, table[0] < end]
+        table = table[:, table[0] + table[1] < 2.0 * end]
         if not table.size:
             return math.nan, math.nan, math.nan
         low, high, mean = float(table[2].min()), float(table[3].max()), float(table[4].sum() / (table[1, -1] - table[0, 0]))

@@ -1,9 +1,9 @@
 """Are the steps that `simulate` chooses as right as explicit formulas on every shipped scene, and how much faster?
 
 Every case of every scene is run by the steps that are chosen (default, below) and by explicit formulas, both at the accuracy of the scene. Cases where
-the default is explicit, too, are only named. Columns: states; switches by each; the largest difference of the time of a switch, in parts of the run; the error of each run against one at a
-hundredth of the accuracy, by explicit formulas; time of the loop by explicit formulas, and what part of it the default takes (the least of turns that
-alternate). A case is sensitive where a run by explicit formulas has an error above SENSITIVE: its switches are then no property of the machine.
+the default is explicit, too, are only named. Columns: states; switches by each; the largest difference of the time of a switch, in parts of the run; the
+error of each run against one at a hundredth of the accuracy; time of the loop by explicit formulas, and what part of it the default takes (the least of
+turns that alternate). A case is sensitive where a run by explicit formulas has an error above SENSITIVE: its switches are then no property of the machine.
 
     python -m studies methods [--only SCENE ...] [--turns 11]
 """

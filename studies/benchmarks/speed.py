@@ -119,9 +119,7 @@ def row(name: str, case: Case, target: float = TARGET) -> str:
     calls += [(lambda: compiled[heyoka.setting](case.duration).wall_time) if heyoka else (lambda: np.nan)]
     calls += [lambda: ours(typed.setting).wall_time]
     kernel, whole, series, theirs, default = least(calls, TURNS)
-    line = (
-        f"{case.title:<30}{explicit.error:9.1e}{1e3 * kernel:9.3f}{1e3 * whole:9.3f}{scipy.seconds / kernel:8.0f}{scipy.seconds / whole:8.0f}"
-    )
+    line = f"{case.title:<30}{explicit.error:9.1e}{1e3 * kernel:9.3f}{1e3 * whole:9.3f}{scipy.seconds / kernel:8.0f}{scipy.seconds / whole:8.0f}"
     line += f"{taylor.error:10.1e}{1e3 * series:9.3f}{scipy.seconds / series:8.0f}" if taylor else f"{'-':>10}{'-':>9}{'-':>8}"
     line += f"{typed.error:10.1e}{1e3 * default:9.3f}{1e3 * scipy.seconds:10.1f}"
     return line + (f"{1e3 * theirs:9.3f}{default / theirs:9.2f}" if heyoka else f"{'-':>9}{'-':>9}")

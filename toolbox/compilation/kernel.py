@@ -54,6 +54,7 @@ class Kernel:
     slopes: int
     code: Any
 
+
 MANY = 10
 """States from which series win a tenth by equal instructions that are joined in vectors; of fewer states looking for them takes longer than all else."""
 
@@ -87,7 +88,9 @@ def kernel_of(
     count = sum(body.count for body in bodies.values())
     if not formulas.implicit:
         announced_code(count)
-    found, code = compiled_for("\n".join([*texts, *sorted(declared)]), list(bodies), count, passing, side_by_side=formulas.series and n >= MANY)
+    found, code = compiled_for(
+        "\n".join([*texts, *sorted(declared)]), list(bodies), count, passing, side_by_side=formulas.series and n >= MANY
+    )
     return Kernel(
         n,
         len(equations.elements),

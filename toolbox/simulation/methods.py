@@ -233,9 +233,7 @@ class Smoothing(Method):
         return self.tolerance
 
 
-METHODS: dict[str, Method] = {
-    kind.text: kind() for kind in (EventExact, Explicit, TaylorSeries, Implicit, TimeStepping, Smoothing)
-}
+METHODS: dict[str, Method] = {kind.text: kind() for kind in (EventExact, Explicit, TaylorSeries, Implicit, TimeStepping, Smoothing)}
 """{short form: method with its default options}."""
 
 

@@ -18,13 +18,13 @@ def slide(friction):
     return compose(BlockOnBelt(stiffness=5.0, belt_speed=0.0, friction=friction))
 
 
-def logs(law, late):
+def logs(law, late, measured="block.speed"):
     """Fifty logs of a block that is pushed, whose force was written late and has noise."""
     run = simulate(closed_loop(slide(law), inputs=PUSH), TIME[-1], accuracy=1e-9)
-    force, speed = run.at(np.clip(TIME - late, 0.0, TIME[-1]))["belt.force"], run.at(TIME)["block.speed"]
+    force, speed = run.at(np.clip(TIME - late, 0.0, TIME[-1]))["belt.force"], run.at(TIME)[measured]
     for seed in range(SEEDS):
         noise = 0.05 * np.random.default_rng(seed).standard_normal(TIME.size)
-        yield {"time": TIME, "block.speed": speed, "belt.force": force + noise}
+        yield {"time": TIME, measured: speed, "belt.force": force + noise}
 
 
 def covered(found, truth):
@@ -48,9 +48,15 @@ def test_intervals_hold_the_truth_with_the_shift_free_and_do_not_where_it_is_lef
 
 
 @pytest.mark.slow
-def test_intervals_of_a_law_with_memory_hold_the_truth():
+@pytest.mark.parametrize("measured", ["block.speed", "block.position"])
+def test_intervals_of_a_law_with_memory_hold_the_truth(measured):
+    """The mean of the estimates is true, too: with straight lines between samples of the way the stiffness was off by ten of its standard errors."""
     truth = {"belt.friction.stiffness": 80.0, "belt.friction.kinetic": 1.2}
-    found = [fit(slide(Dahl()), log, list(truth), contact="belt", starts=1) for log in logs(Dahl(stiffness=80.0, kinetic=1.2), 0.0)]
+    made = logs(Dahl(stiffness=80.0, kinetic=1.2), 0.0, measured)
+    found = [fit(slide(Dahl()), log, list(truth), contact="belt", starts=1) for log in made]
     cover = np.mean([covered(each, truth) for each in found], axis=0)
     assert (cover >= 0.85).all(), cover
-    assert all(abs(each[name] / value - 1) < 0.02 for each in found for name, value in truth.items())
+    for name, value in truth.items():
+        estimates = np.array([each[name] for each in found])
+        assert abs(estimates.mean() - value) < 3.0 * estimates.std(ddof=1) / np.sqrt(SEEDS), name
+        assert np.abs(estimates / value - 1).max() < 0.03

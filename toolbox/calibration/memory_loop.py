@@ -1,8 +1,9 @@
 """A law of friction with memory against measured force over measured slip: its memory is integrated along the slip that was measured, without the machine.
 
-Between samples the slip is linear in time where its speed was measured; where only its way was, the speed is that of the line between two samples. Steps are
-those of a linearly implicit method of second order, ROS2 (J. G. Verwer and others, SIAM J. Sci. Comput. 20 (1999) 1456-1480), because a
-bristle yields within a small part of the time between samples. Slopes are those of these very steps.
+Between samples the slip follows the smooth curve through them (H. Akima, J. ACM 17 (1970) 589-602), and where only its way was measured, the slope of that
+curve: straight lines would cut off the peaks of the speed, which moves the stiffness of bristles by more than its interval. Steps are those of a linearly
+implicit method of second order, ROS2 (J. G. Verwer and others, SIAM J. Sci. Comput. 20 (1999) 1456-1480), because a bristle yields within a small part of the
+time between samples. Slopes are those of these very steps.
 """
 
 from __future__ import annotations
@@ -149,24 +150,21 @@ class MemoryLoop(ContactMisfit):
         row = next(rows, None)
         return None if row is None else (row, 1)
 
-    def _columns(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What drives the law: at the begin and the end of every interval between samples, and at the samples."""
+    def _columns(self, values: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """What drives the law: at the ends of the steps of every interval between samples, shape (sources x (steps + 1), nt - 1), and at the samples."""
+        from scipy.interpolate import Akima1DInterpolator  # here, because scipy.interpolate is slow to import
+
         time = self.recording.time
+        parts = np.linspace(0.0, 1.0, steps + 1)[:, None]
+        nodes = time[:-1] + parts * np.diff(time)
         signals = moved(self.recording, self.shifts, values, self.output)
-        begins, ends, at = [], [], []
+        between, at = [], []
         for _, name, is_way in self._sources:
-            own = signals[name]
-            if is_way:
-                rate = np.diff(own) / np.diff(time)
-                begins.append(rate)
-                ends.append(rate)
-                at.append(np.append(rate, rate[-1]))
-                at[-1][1:-1] = 0.5 * (rate[1:] + rate[:-1])
-            else:
-                begins.append(own[:-1])
-                ends.append(own[1:])
-                at.append(own)
-        return np.array(begins), np.array(ends), np.array(at)
+            curve = Akima1DInterpolator(time, signals[name])
+            curve = curve.derivative() if is_way else curve
+            between.append(curve(nodes))
+            at.append(curve(time))
+        return np.stack(between, axis=1).reshape(-1, time.size - 1), np.array(at)
 
     def _step(self, steps: int, slopes: bool) -> ca.Function:
         """What the memory, and its slopes, come to over one interval between samples."""
@@ -175,7 +173,7 @@ class MemoryLoop(ContactMisfit):
             return made
         law, free = self._law
         n, driving = len(self.memory), ca.vertcat(*[symbol for symbol, *_ in self._sources])
-        memory, p = self.plant.x[self.memory], self.plant.p
+        memory, p, count = self.plant.x[self.memory], self.plant.p, driving.numel()
         rate = ca.Function("rate", [memory, driving, p], [law[:n]])
         z, begin, end, h = ca.SX.sym("z", n), ca.SX.sym("begin", driving.numel()), ca.SX.sym("end", driving.numel()), ca.SX.sym("h")
         gamma = 1.0 - 1.0 / math.sqrt(2.0)
@@ -188,23 +186,21 @@ class MemoryLoop(ContactMisfit):
         tangent = ca.SX.sym("tangent", n, free.numel() + n)
         turned = ca.jacobian(after, z) @ tangent + ca.horzcat(ca.densify(ca.jacobian(after, free)), ca.SX.zeros(n, n))
         part = ca.Function("part", [z, tangent, begin, end, h, p], [after, turned if slopes else tangent])
-        a, b, whole = z, tangent, h
+        a, b, nodes = z, tangent, ca.SX.sym("nodes", count * (steps + 1))
         for i in range(steps):
-            first, last = (begin + (end - begin) * (k / steps) for k in (i, i + 1))
-            a, b = part(a, b, first, last, whole / steps, p)
+            a, b = part(a, b, nodes[i * count : (i + 1) * count], nodes[(i + 1) * count : (i + 2) * count], h / steps, p)
         if slopes:
-            made = ca.Function("step", [z, tangent, begin, end, h, p], [a, b])
+            made = ca.Function("step", [z, tangent, nodes, h, p], [a, b])
         else:
-            made = ca.Function("step", [z, begin, end, h, p], [ca.substitute(a, tangent, ca.SX.zeros(tangent.shape))])
-        count = self.recording.time.size - 1
+            made = ca.Function("step", [z, nodes, h, p], [ca.substitute(a, tangent, ca.SX.zeros(tangent.shape))])
         carried = [0, 1] if slopes else [0]
-        made = self._made[steps, slopes] = made.mapaccum("along", count, carried, carried, {"base": 16})
+        made = self._made[steps, slopes] = made.mapaccum("along", self.recording.time.size - 1, carried, carried, {"base": 16})
         return made
 
     def _along(self, values: np.ndarray, slopes: bool, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(what drives the law, its memory (n, nt), slopes of the memory (nt, n, parameters and starts), numbers of the plant) at all samples."""
         p, n = self._numbers(values), len(self.memory)
-        begins, ends, at = self._columns(values)
+        nodes, at = self._columns(values, steps)
         first = self._first.copy()
         for i, row in enumerate(self.memory):
             if row in self._begin:
@@ -212,7 +208,7 @@ class MemoryLoop(ContactMisfit):
         h = np.diff(self.recording.time)[None]
         k = len(self._parameters)
         tangent = np.hstack([np.zeros((n, k)), np.eye(n)])
-        given = [first, tangent, begins, ends, h, np.repeat(p[:, None], h.size, axis=1)]
+        given = [first, tangent, nodes, h, np.repeat(p[:, None], h.size, axis=1)]
         found = self._step(steps, slopes)(*(given if slopes else [given[0], *given[2:]]))
         memory = np.hstack([first[:, None], np.array(found[0] if slopes else found)])
         if not slopes:
@@ -290,12 +286,14 @@ class MemoryLoop(ContactMisfit):
         return [self]
 
     def thinned(self) -> MemoryLoop:
-        """The misfit with every other sample of what drives the law replaced by the line between its neighbours."""
+        """The misfit with every other sample of what drives the law replaced by the curve through its neighbours."""
+        from scipy.interpolate import Akima1DInterpolator
+
         time, signals = self.recording.time, dict(self.recording.signals)
         keep = np.unique(np.append(np.arange(0, time.size, 2), time.size - 1))
         for name, values in signals.items():
             if name != self.output:
-                signals[name] = np.interp(time, time[keep], values[keep])
+                signals[name] = Akima1DInterpolator(time[keep], values[keep])(time)
         made = MemoryLoop(self.loop, dataclasses.replace(self.recording, signals=signals), self.numbers, self.contact, self.shifts)
         made.steps = self.steps
         return made

@@ -135,12 +135,10 @@ def test_files_of_earlier_texts_go(package):
 
 
 def test_a_value_that_cannot_be_told_from_another_is_refused():
-    scale = {"x": 1.0}
-
     def reading(x):
-        return x * scale["x"]
+        return x * FILES["x"]
 
-    with pytest.raises(TypeError, match="`test_a_value.*reading` must read constants and functions only, but `scale` holds a dict"):
+    with pytest.raises(TypeError, match="`test_a_value.*reading` must read constants and functions only, but `FILES` holds a dict"):
         stamp_of(reading)
 
 
@@ -185,8 +183,7 @@ def called_by_text(function):
         if plain in found:
             continue
         names, pairs = words_of(plain)
-        enclosed = zip(plain.__code__.co_freevars, plain.__closure__ or (), strict=True)
-        space = {**vars(sys.modules[plain.__module__]), **{name: cell.cell_contents for name, cell in enclosed}}
+        space = vars(sys.modules[plain.__module__])
         values = {name: space[name] for name in names if name in space and name != plain.__name__}
         values |= {
             f"{name}.{word}": getattr(space[name], word)
@@ -208,7 +205,7 @@ def test_every_cached_function_is_kept_under_all_that_it_calls_and_reads_in_ever
         assert not missing, f"{name} is kept without {missing}"
         assert not set(by_text) - plain, f"{name} is kept without {set(by_text) - plain}"
         for each, values in by_text.items():
-            seen = {word.partition(".length")[0] for word, _ in read_outside(each)}
+            seen = {word for word, _ in read_outside(each)}
             unseen = {word for word, value in values.items() if not inspect.ismodule(value) and word not in seen}
             assert not unseen, f"{name} is kept without `{unseen}`, which `{each.__qualname__}` reads"
 

@@ -269,3 +269,13 @@ def text_of(w):
 def test_what_the_translator_does_not_know_is_refused_by_name_and_line(empty, function, line, given):
     with pytest.raises(NotTranslatable, match=rf"test_compiled.{function.__name__}, line {function.__code__.co_firstlineno + line}"):
         Compiled(function, *given, gives="f").ready()
+
+
+def test_a_function_that_encloses_something_is_refused(empty):
+    OFFSET = 4.0  # beside a constant of the module that has its name
+
+    def moved(a):
+        return a + OFFSET
+
+    with pytest.raises(NotTranslatable, match="moved: it encloses `OFFSET`"):
+        Compiled(moved, "f", gives="f").ready()

@@ -96,4 +96,6 @@ def tree_of(plain: FunctionType) -> ast.FunctionDef:
     found = _functions_of(path, "".join(linecache.getlines(path, plain.__globals__))).get(plain.__code__.co_firstlineno)
     if found is None or found.name != plain.__name__:
         raise NotTranslatable(f"{plain.__module__}.{plain.__qualname__}: there is no text of it")
+    if plain.__closure__:
+        raise NotTranslatable(f"{plain.__module__}.{plain.__qualname__}: it encloses `{plain.__code__.co_freevars[0]}`")
     return found

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, closed_forms, oscillators, wells
@@ -42,6 +43,26 @@ def test_both_borders_of_thomsen_and_fidlin_are_those_of_first_order():
     assert found.hopf[0].value == pytest.approx(oscillators.hopf_speed(block), rel=1e-12) and found.hopf[0].kind == "soft"
     assert found.verdict((found.end + found.loss) / 2) == "swing"
     assert all(border.confirmed and border.safe == "above" for border in (*found.losses, *found.ends))
+
+
+@pytest.mark.parametrize("damping", [0.05, 0.16])
+def test_stick_slip_on_a_belt_ends_where_the_block_just_reaches_the_belt_again(damping):
+    """A change of the belt's speed would end a stick at once if the block were not carried along with it."""
+    static, kinetic = 1.0, 0.5
+
+    def reaches(speed):
+        """Highest speed of the block after its stick, above that of the belt, in closed form: a free damped swing about the stretch that friction holds."""
+        z = damping / 2
+        w = math.sqrt(1 - z**2)
+        a = static - damping * speed - kinetic
+        b = (speed + z * a) / w
+        t = np.linspace(2.0, 9.0, 20_001)
+        return (np.exp(-z * t) * ((w * b - z * a) * np.cos(w * t) - (z * b + w * a) * np.sin(w * t))).max() - speed
+
+    block = compose(BlockOnBelt(damping=damping, friction=Coulomb(static=static, kinetic=kinetic)))
+    found = onset(block, "block.belt_speed", (0.05, 8.0), values=9)
+    assert found.end == pytest.approx(brentq(reaches, 0.05, 8.0), rel=1e-5)
+    assert found.ends[0].followed == "grazing-sliding"
 
 
 def test_the_smooth_onset_of_a_stiff_drive_understates_the_danger_by_a_factor_of_about_three(stiff):

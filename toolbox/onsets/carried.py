@@ -100,6 +100,7 @@ class JudgedRuns(Generic[Place]):
     # ------------------------------------------------------------------------------------------------------------------------------------- one run
     def job(self, value: Place, begin: RunState, /, finer: float = 1.0, silent: bool = False, known: Sequence[Judged] = ()) -> Job:
         """What a run at a place is to be judged by; silent: without measurement noise;  known: rounds to which runs there came."""
+        begin = self.still_stuck(value, begin)
         run = dataclasses.replace(self.branch.at(value) if silent else self.at(value), accuracy=self.base.accuracy * finer)
         return Job(run, dataclasses.replace(self.judge(value), known=known), begin)
 
@@ -162,11 +163,17 @@ class JudgedRuns(Generic[Place]):
             return begin
         for k in range(1, STEPS):
             try:
-                run = self.at(origin + (value - origin) * k / STEPS)
+                between = origin + (value - origin) * k / STEPS
+                run, begin = self.at(between), self.still_stuck(between, begin)
                 begin = run.again(start=begin, duration=2.3 * self.period, longest_step=self.period / 256).last
             except SimulationError:
                 return begin
         return begin
+
+    def still_stuck(self, value: Place, begin: RunState) -> RunState:
+        """A state with the contacts that stick at rest at a value on which their slip depends, as on the speed of a belt: a jump of it would end the stick."""
+        modes = self._modes(begin)
+        return self._projected(value, begin, modes) if 0.0 in modes.values() else begin
 
     # ----------------------------------------------------------------------------------------------------------------------- from smooth running
     def smooth(self, value: Place, finer: float = 1.0) -> Judged:
@@ -201,19 +208,31 @@ class JudgedRuns(Generic[Place]):
         smooth = self.branch(value)
         if smooth is None:
             return None
-        plant, last = self.at(value).plant, self.steady(value, smooth)[1]
-        modes = (
-            dict(zip([each.name for each in self.base.system.elements], last.modes, strict=True))
-            if last is not None and last.modes is not None
-            else {}
-        )
-        m = np.array([0.0 if each.name == self.element else modes.get(each.name, 1.0) for each in plant.elements])
-        x = np.concatenate([np.atleast_1d(smooth.state[name]) for name in plant.states])
+        last = self.steady(value, smooth)[1]
+        return self._projected(value, smooth.state, {**self._modes(last), self.element: 0.0})
+
+    def _modes(self, state: RunState | None) -> dict[str, float]:
+        """{element: its mode in a state}; empty where it does not know them."""
+        if state is None or state.modes is None:
+            return {}
+        return dict(zip([each.name for each in self.base.system.elements], state.modes.tolist(), strict=True))
+
+    def _projected(self, value: Place, state: RunState, modes: dict[str, float]) -> RunState:
+        """A state whose contacts of mode 0 are brought to rest, as at their entry into stick; modes: {element: mode}, 1 where it is not known."""
+        run = self.at(value)
+        plant = run.plant
+        m = np.array([modes.get(each.name, 1.0) for each in plant.elements])
+        x = np.concatenate([np.atleast_1d(state[name]) for name in plant.states])
         u = np.array(plant.input_defaults(plant.values)).ravel()
+        for k, name in enumerate(plant.inputs):
+            if isinstance(given := run.loop.values.get(name), float):
+                u[k] = given
         project = function_of(plant, ("project",), lambda: [plant.switching.projected])
-        x = np.array(project(0.0, x, u, plant.values, m)).ravel()
+        moved = np.array(project(0.0, x, u, plant.values, m)).ravel()
+        if np.allclose(moved, x, rtol=1e-13, atol=0.0):
+            return state
         places = {name: (first, size) for name, (first, size, _) in plant.states.items()}
-        return smooth.state.with_values({name: x[first : first + (size or 1)] for name, (first, size) in places.items()})
+        return state.with_values({name: moved[first : first + (size or 1)] for name, (first, size) in places.items()})
 
 
 @dataclass(kw_only=True)

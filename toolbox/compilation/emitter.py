@@ -311,21 +311,18 @@ def compiled(text: str, names: Sequence[str], instructions: int, large: int = LA
 
     instructions: size of the module, above `large` of which the code generator hurries.
     """
-    with COMPILING:
-        key, library = _library(text, names, instructions > large, False)
-        _KEPT[key] = library
-        return {name: library[name] for name in names}
+    return compiled_for(text, names, instructions, False, large=large)[0]
 
 
 def compiled_for(
-    text: str, names: Sequence[str], instructions: int, passing: bool, side_by_side: bool = False
+    text: str, names: Sequence[str], instructions: int, passing: bool, side_by_side: bool = False, large: int = LARGE
 ) -> tuple[dict[str, int], Any]:
     """Addresses as of `compiled`; with `passing`, of code that lives as long as the second value: whoever calls them has to hold it.
 
     side_by_side: whether equal instructions on neighbours are to be joined in vectors, which pays where there are many and costs time where there are few.
     """
     with COMPILING:
-        key, library = _library(text, names, instructions > LARGE, side_by_side)
+        key, library = _library(text, names, instructions > large, side_by_side)
         if not passing:
             _KEPT[key] = library
         return {name: library[name] for name in names}, library

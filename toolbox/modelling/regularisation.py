@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -54,11 +55,7 @@ class SmoothSystem(HybridSystem):
         return smoothed(self.sharp.with_parameters(values), self.widths, matched=self.matched)
 
     def __reduce__(self) -> Any:
-        return _smoothed_again, (self.sharp, self.widths, self.matched)
-
-
-def _smoothed_again(sharp: HybridSystem, widths: dict[str, float], matched: bool) -> SmoothSystem:
-    return smoothed(sharp, widths, matched=matched)
+        return partial(smoothed, matched=self.matched), (self.sharp, self.widths)
 
 
 def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched: bool = True) -> SmoothSystem:

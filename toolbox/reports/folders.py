@@ -53,8 +53,8 @@ def _section(folder: Path, kind: Kind) -> Section:
     if origin is not None and (changed := origin.changed(folder)):
         remarks = (f"Changed since they were written, or gone: {', '.join(changed)}.",)
     declared = scene if isinstance(scene, Scene) else None
-    answer, more = kind.answer(folder, declared) if kind.answer else (preformatted(_below_title(text)), ())
-    first = text.strip().partition("\n")[0]
+    first, _, below = text.strip().partition("\n")
+    answer, more = kind.answer(folder, declared) if kind.answer else (preformatted(below.strip("\n") or text), ())
     title = getattr(scene, "title", "") or first or kind.name
     own = [picture(folder / f"{kind.figure}{suffix}", f"{kind.name}: {title}") for suffix in KINDS]
     shown = {f"{kind.figure}{suffix}" for suffix in KINDS}
@@ -71,10 +71,6 @@ def _section(folder: Path, kind: Kind) -> Section:
         folder,
         more + remarks,
     )
-
-
-def _below_title(text: str) -> str:
-    return text.strip().partition("\n")[2].strip("\n") or text
 
 
 def _caption(path: Path, scene: Scene | None) -> str:

@@ -1,5 +1,6 @@
 """The page in a browser: what somebody who turns, types, drags and clicks gets to see."""
 
+import dataclasses
 import json
 import random
 import shutil
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from toolbox import Scene
+from toolbox.commands.terminal import with_law
 from toolbox.onsets.study import verdict_of
 from toolbox.page import explore
 
@@ -186,6 +188,41 @@ def test_a_driller_finds_how_fast_to_turn_at_his_weight_and_what_the_drive_needs
     loop = scene["soft torque"].at("bit.weight", 80e3)
     assert tab.page.locator("#drive-words li").all_inner_texts() == loop.law_words
     assert "proportional 0.4206 kN m s/rad" in loop.law_words[0]
+
+
+def test_a_brake_engineer_finds_the_way_of_a_stop_and_from_which_force_on_the_pad_groans(browser):
+    with explore(Scene.load(SCENES / "brake_laws.toml"), port=0) as served, Tab(browser, served.address) as tab:
+        assert "way of the stop\n" in tab.page.inner_text("#measures") and "stands at\n" in tab.page.inner_text("#measures")
+        assert tab.page.inner_text("#spectrum-name").startswith("of pad slip from ") and "HeldSpeed" in tab.page.inner_text("#map-words")
+        assert tab.said == []
+    stop = Scene.load(SCENES / "brake_stop.toml")
+    bench = dataclasses.replace(with_law(stop, "HeldSpeed"), standstill=None)
+    with explore(bench, "10 s", port=0) as served, Tab(browser, served.address) as tab:
+        tab.page.select_option("#axis-x", "brake.force")
+        tab.until("map !== null && Boolean(map.last)", 120.0)
+        words = tab.page.inner_text("#where").replace("about ", "")
+        assert words.startswith("Lower brake.force below ") and " N and stick-slip ends" in words
+        border = float(words.removeprefix("Lower brake.force below ").split()[0])
+        for part, groans in ((0.85, False), (1.3, True)):
+            tab.type("brake.force", repr(part * border))
+            assert (tab.page.inner_text("#word") == "stick-slip") == groans, (part, border)
+        assert tab.said == []
+
+
+def test_a_student_finds_the_natural_frequency_and_why_it_sticks_at_one_speed_and_not_at_another(tab, scene):
+    tab.page.select_option("#law", "soft torque")
+    tab.type("top.reference", "30 rpm")
+    tab.followed()
+    assert tab.page.inner_text("#word") == "stick-slip" and "A small disturbance of smooth running grows" in tab.page.inner_text("#reason")
+    assert " Hz (" in tab.page.inner_text("#poles-words") and "is unstable" in tab.page.inner_text("#poles-words")
+    assert "bit.speed\n0 to " in tab.page.inner_text("#measures")
+    tab.page.click("#pin")
+    tab.type("top.reference", "100 rpm")
+    tab.followed()
+    assert tab.page.inner_text("#word") == "free" and "A small disturbance of smooth running dies" in tab.page.inner_text("#reason")
+    assert "stick-slip" in tab.page.inner_text("#pinned") and "is stable" in tab.page.inner_text("#poles-words")
+    drawn = tab.page.get_attribute("#poles", "aria-label")
+    assert drawn.count(" i") == sum(abs(pole[1]) > 0 for pole in tab("live.poles"))  # none that swings is left out
 
 
 def test_the_advice_at_a_border_names_the_side_on_which_stick_slip_ends(tab):

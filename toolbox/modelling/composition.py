@@ -366,7 +366,7 @@ class _Composer:
         if name in self.parameters:
             raise SceneError(f"The default of `{name}` and its parameter are different things: use the parameter as default.")
         symbol = ca.SX.sym(name)
-        self.parameters[name] = Parameter(name, unit, "default of a signal", None, self._n_parameters, {})
+        self.parameters[name] = Parameter(name, unit, "value where nothing else gives it", None, self._n_parameters, {})
         self.symbols.append(symbol)
         self.values.append(float(default))
         return symbol

@@ -129,6 +129,7 @@ let following = 0;
 function follow() {
   clearTimeout(following);
   following = setTimeout(async () => {
+    if (running || answered !== asked) return;  // what follows is that of the run that is shown; it is asked for when the one under way has come
     const mine = asked;
     askMap();
     try {
@@ -460,27 +461,30 @@ function drawMapNow() {
   backOfMap = drawMap(find("map"), map && map.axes ? map : null, here, there, mapRanges(), names.map((name) => named({ name, unit: control(name).unit })));
   if (map && map.axes) {
     const words = [["smooth", "smooth running is lost"], ["sticking", "stick-slip, once there, ends"]].map(([name, what]) => {
-      const found = crossings(map.borders[name], here[1]);
+      const found = met(name, here, 0);
       return what + (found.length ? " at " + found.map(short).join(", ") + " " + map.units[0] : ": no border here");
     });
     find("map-words").textContent = "With " + names[1] + " at " + short(here[1]) + " " + map.units[1] + ": " + words.join("; ") + ". " + map.notes.join(" ");
-    find("where").textContent = advice(here, names);
+    find("where").textContent = advice(here, names, 0) || advice(here, names, 1);
   } else { find("where").textContent = ""; if (!map || !map.error) find("map-words").textContent = "The map is being computed."; }
 }
 
-// What to do, in a sentence, from the nearest border of stick-slip along the number that goes across: it ends above it, or below it.
-function advice(here, names) {
-  const ends = crossings(map.borders.sticking, here[1]), unit = map.units[0] === "1" ? "" : " " + map.units[0], about = map.last ? "" : "about ";
+// Where a border is met along one of both numbers, 0 that goes across and 1 that goes up, while the other stays.
+const met = (name, here, along) => along ? crossings(map.borders[name].map((segment) => segment.map(([x, y]) => [y, x])), here[0]) : crossings(map.borders[name], here[1]);
+
+// What to do, in a sentence, from the nearest border of stick-slip along one of both numbers: it ends above it, or below it.
+function advice(here, names, along) {
+  const ends = met("sticking", here, along), unit = map.units[along] === "1" ? "" : " " + map.units[along], about = map.last ? "" : "about ";
   if (!ends.length) return "";
-  const end = ends[nearest(ends, here[0])], column = map.axes[0], j = nearest(map.axes[1], here[1]);
-  const free = (i) => map.regions[map.where[i][j]] === "free";
+  const end = ends[nearest(ends, here[along])], column = map.axes[along], j = nearest(map.axes[1 - along], here[1 - along]);
+  const free = (i) => map.regions[along ? map.where[j][i] : map.where[i][j]] === "free";
   let over = column.findIndex((value) => value > end), under = over - 1;
   if (over < 1) return "";
   while (under > 0 && over < column.length - 1 && free(under) === free(over)) { under -= 1; over += 1; }  // the row of points is beside this value
   if (free(under) === free(over)) return "";
-  const above = free(over), inside = above ? here[0] > end : here[0] < end, away = short(Math.abs(here[0] - end)) + unit;
-  if (inside) return "Here stick-slip dies out: it lasts " + (above ? "below " : "above ") + names[0] + " " + about + short(end) + unit + ", " + away + " from here.";
-  return (above ? "Raise " : "Lower ") + names[0] + (above ? " above " : " below ") + about + short(end) + unit + " and stick-slip ends, at this " + names[1] + ".";
+  const above = free(over), inside = above ? here[along] > end : here[along] < end, away = short(Math.abs(here[along] - end)) + unit;
+  if (inside) return "Here stick-slip dies out: it lasts " + (above ? "below " : "above ") + names[along] + " " + about + short(end) + unit + ", " + away + " from here.";
+  return (above ? "Raise " : "Lower ") + names[along] + (above ? " above " : " below ") + about + short(end) + unit + " and stick-slip ends, at this " + names[1 - along] + ".";
 }
 
 const nearest = (row, value) => row.reduce((best, each, i) => Math.abs(each - value) < Math.abs(row[best] - value) ? i : best, 0);
@@ -647,7 +651,10 @@ function listen() {
   find("time").addEventListener("input", () => { cursorTime = Number(find("time").value); showMotion(); });
   for (const id of ["axis-x", "axis-y"]) find(id).addEventListener("change", () => {
     const names = [find("axis-x").value, find("axis-y").value];
-    if (names[0] === names[1]) { say("A map needs two different numbers.", true); return; }
+    if (names[0] === names[1]) {  // they change places
+      const other = id === "axis-x" ? 1 : 0;
+      find(other ? "axis-y" : "axis-x").value = names[other] = chosenAxes()[1 - other];
+    }
     axesChosen[setting.label] = names;
     map = null;
     drawMapNow();

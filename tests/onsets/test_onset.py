@@ -45,6 +45,16 @@ def test_both_borders_of_thomsen_and_fidlin_are_those_of_first_order():
     assert all(border.confirmed and border.safe == "above" for border in (*found.losses, *found.ends))
 
 
+@pytest.mark.slow
+def test_to_the_left_borders_are_those_to_the_right_and_one_at_rest_has_no_margin(rig):
+    found = onset(closed_loop(rig, PI(reference=8.0)), "top.reference", (-11.0, 11.0), values=7)
+    for borders in (found.losses, found.ends):
+        left, right = borders
+        assert left.value == pytest.approx(-right.value, rel=1e-6) and (left.safe, right.safe) == ("below", "above")
+    assert any(abs(border.value) <= border.tolerance for border in found.breakaways)
+    assert found.advice.count("%") == 2 and "break-away" not in found.advice
+
+
 @pytest.mark.parametrize("damping", [0.05, 0.16])
 def test_stick_slip_on_a_belt_ends_where_the_block_just_reaches_the_belt_again(damping):
     """A change of the belt's speed would end a stick at once if the block were not carried along with it."""

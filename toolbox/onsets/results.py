@@ -273,6 +273,8 @@ class Onset(Result):
         for name, borders in zip(names, (self.losses, self.ends, self.stalls, self.breakaways), strict=True):
             if borders:
                 border = min(borders, key=lambda border: abs(border.value - self.at))
+                if abs(border.value) <= border.tolerance:
+                    continue  # it may be 0, and what is far from it in parts of it is no margin
                 margins.append(f"{100 * border.margin(self.at):+.1f} % to the {name}")
         also = (
             " Standstill lasts as well, once the machine is stopped."

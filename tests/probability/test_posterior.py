@@ -9,6 +9,7 @@ from models import BitRock, wells
 from toolbox import SceneError, SimulationError, closed_loop, compose, simulate, sweep
 from toolbox.measuring import measures
 from toolbox.probability import Normal, Posterior, Uniform, chance, posterior, windowed
+from toolbox.probability.distributions import told
 from toolbox.probability.tempering import tempered
 
 DEVIATION = 0.2
@@ -154,3 +155,8 @@ def test_a_trace_whose_rows_differ_is_refused():
         windowed("top.torque", [0.0, 1.0], [1.0], 1.0, 1.0)
     with pytest.raises(SceneError, match="at least one finite sample"):
         windowed("top.torque", [0.0], [np.nan], 1.0, 1.0)
+
+
+def test_what_was_measured_is_told_with_its_unit():
+    assert told("bit.speed", Normal(3.0, 0.5), "rad/s") == "3 +- 0.5 rad/s"
+    assert told("bit.speed", Normal("30 rpm", "5 rpm"), "rad/s") == "30 rpm +- 5 rpm" and told("severity", Normal(3.0, 0.5)) == "3 +- 0.5"

@@ -277,11 +277,12 @@ def _resampled(loop: ClosedLoop, known: Draws, runs: int, seed: int) -> Variatio
     return Variations(tuple(values), table[place], (runs,))
 
 
-def told(name: str, given: Any) -> str:
-    """What is known of a number, in words."""
+def told(name: str, given: Any, unit: str = "1") -> str:
+    """What is known of a number, in words; unit: that of what was given as numbers, where nothing beside the words says it."""
     known = distribution(name, given)
     if isinstance(known, Normal):
-        return f"{_short(known.mean)} +- {_short(known.deviation)}"
+        tail = "" if unit == "1" or isinstance(known.deviation, str) else f" {unit}"
+        return f"{_short(known.mean)} +- {_short(known.deviation)}{tail}"
     if isinstance(known, Uniform):
         return f"{_short(known.low)} to {_short(known.high)}"
     return ", ".join(f"{each.name} {_short(getattr(known, each.name))}" for each in dataclasses.fields(known))  # type: ignore[arg-type]

@@ -98,7 +98,7 @@ class Posterior(Result):
 
     def __str__(self) -> str:
         lines = [f"Posterior of {self.title}: {len(self.points)} draws by {self.runs} runs in {self.stages} stages"]
-        told = [f"  measured {name} {words}" for name, words in self.data.items()]
+        told = [f"  measured {name}: {words}" for name, words in self.data.items()]
         lines += told if len(told) <= SHOWN else [*told[: SHOWN - 2], f"  ... {len(told) - SHOWN + 1} more", told[-1]]
         rows: list[tuple[str, ...]] = [("unknown", "unit", "mean", "deviation", "5 %", "95 %", "before")]
         for name, unit in zip(self.names, self.units, strict=True):
@@ -203,7 +203,8 @@ def posterior(
     length = number("duration", loop.duration if duration is None else duration, "s", above=0)
     asked = {name: (measures or {}).get(name, name) for name in data}
     chosen = judged_measures(asked, loop, 0.0, length, argument="data")
-    values, deviations = measured_values(data, {name: each.unit_in(loop.system) for name, each in chosen.items()})
+    measured_in = {name: each.unit_in(loop.system) for name, each in chosen.items()}
+    values, deviations = measured_values(data, measured_in)
     unknowns = [loop.number(name) for name in priors]
     names = tuple(each.name for each in unknowns)
     known = [distribution(each.name, given) for each, given in zip(unknowns, priors.values(), strict=True)]
@@ -234,7 +235,8 @@ def posterior(
         sampled = tempered(likelihood, len(names), draws, np.random.default_rng(seed), lambda exponent: bar.update(exponent - bar.n))
     return Posterior(
         title=loop.title, names=names, units=tuple(each.unit for each in unknowns), points=numbers_at(sampled.points),
-        likelihoods=sampled.likelihoods, evidence=sampled.evidence, error=sampled.error, data={name: told(name, data[name]) for name in data},
+        likelihoods=sampled.likelihoods, evidence=sampled.evidence, error=sampled.error,
+        data={name: told(name, data[name], measured_in[name]) for name in data},
         priors={each.name: told(each.name, given) for each, given in zip(unknowns, priors.values(), strict=True)}, runs=sampled.runs,
         stages=sampled.stages, asked={each.unit: unit for each, k in zip(unknowns, known, strict=True) if (unit := k.asked(each.unit))},
     )  # fmt: skip

@@ -8,8 +8,10 @@ same before its first that is not. ecos and libcosim look at modes at communicat
     python -m studies importers [SCENE ...] [--by cvode own co-simulation ecos libcosim] [--tolerances 1e-4 1e-6 1e-8]
 
 An importer can count as `simulate` does only where its own error does not grow: `error` is what `simulate` estimates for itself at its accuracy; above 1 a
-scene is chaotic. And only where no switch hangs on a hair: `grazes` says in how many of some runs `simulate` itself switches otherwise, when every number of
-the machine is changed at random by up to a hundred thousandth. A row takes from a second to some minutes.
+scene is chaotic. And only where no switch hangs on a hair: `stands` is the largest of some relative changes, made to every number of the machine at random,
+under which `simulate` itself goes on to switch the same in all of some runs. Behind the errors of CVODE stands the change that would shift the switches of
+`simulate` as far as its own errors do, before the first switch that is not the same: `acts as`. Where that is above `stands`, a switch may be another one.
+A row takes from a second to some minutes.
 """
 
 from __future__ import annotations
@@ -30,7 +32,9 @@ from studies.benchmarks.fmu_masters import (
     by_libcosim,
     by_own_master,
     compared,
+    parted,
     seen_at_points,
+    shift,
     switches_of,
 )
 from toolbox import Scene, SceneError, export_fmu, simulate
@@ -49,49 +53,76 @@ WAYS: dict[str, tuple[str, Callable[[Path, float, float], Switches]]] = {
 """{way: (version of FMI, master)}."""
 AT_POINTS = ("ecos", "libcosim")
 """Ways that see modes at communication points only."""
-MOVED, DRAWS = 1e-5, 6
-"""How far every number is changed, as a share of it, and how often, to see which scenes graze."""
+CHANGES, DRAWS = (1e-5, 1e-6, 1e-7, 1e-8), 6
+"""By what shares every number is changed, and how often, to see on what a scene's switches hang."""
+BEGIN = 1e-6
+"""Share of a run before which switches are not looked at: a contact that begins at zero slip may begin otherwise with any other number."""
 
 
-def cell(way: str, path: Path, duration: float, setting: float, wanted: Switches) -> str:
-    """The answer of one master."""
+def cell(
+    way: str, path: Path, duration: float, setting: float, wanted: Switches, changed: Sequence[Switches] = (), change: float = 0.0
+) -> str:
+    """The answer of one master, with what its errors act as if there are runs of `simulate` under such a change."""
     begin = time.process_time()
     try:
-        found, all_, same, error = compared(WAYS[way][1](path, duration, setting), wanted)
+        switches = WAYS[way][1](path, duration, setting)
     except Exception as failure:  # whatever an importer raises
         return "failed: " + " ".join(str(failure).split())[-40:]
-    if found == all_ == same:
-        return f"{error:.1e}, {time.process_time() - begin:.2f} s"
-    return f"{found} for {all_}, {same} same"
+    spent = time.process_time() - begin
+    found, all_, same, error = compared(switches, wanted)
+    end = min([parted(switches, wanted), *(parted(each, wanted) for each in changed)])
+    moved = np.median([shift(each, wanted, end) for each in changed]) if changed else 0.0
+    words = f", as {change * shift(switches, wanted, end) / moved:.0e}" if moved else ""
+    return (f"{error:.1e}, {spent:.2f} s" if found == all_ == same else f"{found} for {all_}, {same} same") + words
 
 
-def grazes(loop: ClosedLoop, wanted: Switches) -> int:
-    """In how many of DRAWS runs `simulate` switches otherwise when its numbers are changed by MOVED; equal ones are changed alike, as bounds may ask it."""
-    system, draw, other = loop.system, np.random.default_rng(1), 0
-    values = {name: float(system.values[entry.offset]) for name, entry in system.parameters.items() if entry.size is None}
+def under_changes(loop: ClosedLoop, change: float, duration: float) -> list[Switches]:
+    """Switches of `simulate` when its numbers are changed at random by up to a share; equal ones are changed alike, as bounds may ask it."""
+    system, draw, found = loop.system, np.random.default_rng(1), []
+    values = {
+        name: float(system.values[entry.offset])
+        for name, entry in system.parameters.items()
+        if entry.size is None and name not in loop.inputs
+    }
     for _ in range(DRAWS):
-        factors = {value: 1.0 + MOVED * draw.uniform(-1.0, 1.0) for value in sorted({abs(value) for value in values.values() if value})}
+        factors = {value: 1.0 + change * draw.uniform(-1.0, 1.0) for value in sorted({abs(value) for value in values.values() if value})}
         changed = {name: value * factors[abs(value)] for name, value in values.items() if value}
         try:
             run = simulate(loop.but(parameters=dict(loop.parameters) | changed), method="explicit", accuracy=1e-10)
         except SceneError:  # a number that is whole, or at its bound
             continue
-        found, all_, same, _ = compared(switches_of(run), wanted)
-        other += not found == all_ == same
-    return other
+        found.append(after_begin(switches_of(run), duration))
+    return found
+
+
+def after_begin(switches: Switches, duration: float) -> Switches:
+    """The switches behind the very begin."""
+    return {element: [each for each in listed if each[0] > BEGIN * duration] for element, listed in switches.items()}
+
+
+def stands(loop: ClosedLoop, wanted: Switches, duration: float) -> tuple[float, list[Switches]]:
+    """The largest of CHANGES under which every run switches the same, and these runs; 0 and none where there is none."""
+    kept = after_begin(wanted, duration)
+    for change in CHANGES:
+        found = under_changes(loop, change, duration)
+        if found and all(count == all_ == same for count, all_, same, _ in (compared(each, kept) for each in found)):
+            return change, found
+    return 0.0, []
 
 
 def row(loop: ClosedLoop, folder: Path, ways: Sequence[str], settings: Sequence[Sequence[float]]) -> list[str]:
-    """The cells of a loop: its switches, how an error grows in it, whether it grazes, and what each master finds; SceneError for one that cannot go."""
+    """The cells of a loop: its switches, how an error grows in it, on what they hang, and what each master finds; SceneError for one that cannot go."""
     versions = {WAYS[way][0] for way in ways}
     units = {version: export_fmu(loop, folder / f"unit{version[0]}.fmu", part="loop", version=version) for version in sorted(versions)}
     run, plain = simulate(loop, method="explicit", accuracy=1e-10), simulate(loop, method="explicit")
     wanted, duration = switches_of(run), float(run.duration)
-    cells = [str(sum(map(len, wanted.values()))), f"{plain.error or 0.0:.0e}", str(grazes(loop, wanted))]
+    change, changed = stands(loop, wanted, duration)
+    cells = [str(sum(map(len, wanted.values()))), f"{plain.error or 0.0:.0e}", f"{change:.0e}"]
     for way, chosen in zip(ways, settings, strict=True):
         for setting in chosen:
             there = seen_at_points(run, setting) if way in AT_POINTS else wanted
-            cells.append(cell(way, units[WAYS[way][0]], duration, setting, there))
+            known = (changed, change) if way == "cvode" else ()
+            cells.append(cell(way, units[WAYS[way][0]], duration, setting, there, *known))
     return cells
 
 
@@ -106,14 +137,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     settings = [given.periods if way in ("co-simulation", *AT_POINTS) else given.tolerances for way in given.by]
     heads = [f"{way} {setting:g}" for way, chosen in zip(given.by, settings, strict=True) for setting in chosen]
-    print("  ".join([f"{'scene':<22}", "switches", "  error", "grazes", *(f"{head:>24}" for head in heads)]), flush=True)
+    print("  ".join([f"{'scene':<22}", "switches", "  error", "stands", *(f"{head:>38}" for head in heads)]), flush=True)
     for name in given.scenes:
         try:
             scene = Scene.load(SCENES / f"{name}.toml")
             with tempfile.TemporaryDirectory() as folder:
                 cells = row(scene[scene.labels[0]], Path(folder), given.by, settings)
             print(
-                "  ".join([f"{name:<22}", f"{cells[0]:>8}", f"{cells[1]:>7}", f"{cells[2]:>6}", *(f"{each:>24}" for each in cells[3:])]),
+                "  ".join([f"{name:<22}", f"{cells[0]:>8}", f"{cells[1]:>7}", f"{cells[2]:>6}", *(f"{each:>38}" for each in cells[3:])]),
                 flush=True,
             )
         except SceneError as error:

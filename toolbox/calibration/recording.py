@@ -165,7 +165,7 @@ class Recording:
             found = ", ".join(f"{begin:.6g} .. {end:.6g} s" for begin, end in stretches[:8])
             raise SceneError(
                 f"The data must hold what drives the machine, {' and '.join(f'`{name}`' for name in measured)}, without gaps, but it is there in "
-                f"{len(stretches)} stretches: choose among the windows {found}."
+                f"{len(stretches)} stretches: choose among the windows {found}, or say by `hole` that more than {hole} samples in a row may be missing."
             )
         good = {name: np.isfinite(self.signals[name]) for name in measured}
         return {name: (self.time[good[name]], self.signals[name][good[name]]) for name in measured}

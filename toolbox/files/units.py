@@ -45,6 +45,8 @@ HABITS = {
     "klb": "klbf",
     "klbs": "klbf",
     "t": "t_force",
+    "tonne": "t_force",
+    "tonnes": "t_force",
     "ft-lb": "lbf ft",
     "ppf": "lb/ft",
     "ppg": "lb/gal",
@@ -232,6 +234,10 @@ def _converted(text: str, unit: str, name: str) -> float:
     if not given and unit != "1":
         raise SceneError(
             f"Argument `{name}` must be in {unit}, but `{text}` has no unit: write a plain number, or `{text.strip()} {unit}`."
+        )
+    if re.fullmatch("tons?", given):
+        raise SceneError(
+            f"Argument `{name}` is `{text}`, and tons are of three sizes: write `t` (1000 kg), or `lb` (a short ton is 2000 of these, a long one 2240)."
         )
     try:
         (target, _), wanted = _roots(unit)

@@ -319,12 +319,17 @@ def of_fit(results):
             rules.append((rf"`?{re.escape(name)}`? is less sure", [sampling, sampling / (0.5 * (high - low))]))
     for residual in told["residuals"]:
         panel = panels[residual["signal"]]
-        left = panel["model"] - panel["measured"]
+        name = residual["signal"]
+        counts = ~arrays[dict(told["strays"])[name]] if name in dict(told["strays"]) else np.ones(panel["x"].size, bool)
+        measured = panel["measured"][counts]
+        left = panel["model"][counts] - measured
         rms, centred = np.sqrt(np.mean(left**2)), left - left.mean()
         neighbours = centred[1:] @ centred[:-1] / (centred @ centred)
-        cells = [rms, rms / np.ptp(panel["measured"]), neighbours, residual["whiteness"]]
+        cells = [rms, rms / np.ptp(measured), neighbours, residual["whiteness"]]
         rules.append(("they are about", [math.sqrt((1.0 + neighbours) / (1.0 - neighbours))]))
-        rules.append((rf"residual of {re.escape(residual['signal'])}:", cells))
+        rules.append((rf"residual of {re.escape(name)}:", cells))
+        rules += [(rf"\d+ sample\(s\) of {re.escape(name)} break", [np.sum(~counts)])] * (not counts.all())
+    rules += [(rf"{re.escape(name)} begins .* from the model", [far]) for name, far in dict(told["apart"]).items()]
     for name in log.dtype.names[1:]:
         values = log[name][np.isfinite(log[name])]
         signal = name.partition("_")[0]

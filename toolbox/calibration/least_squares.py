@@ -142,7 +142,7 @@ class LeastSquares:
             misfit.exact, misfit.panels(left, values), misfit,
             {self.names[i]: words for i, words in rest.why.items()}, tuple(name for name, silent in zip(self.names, mute.tolist(), strict=True) if silent),
             ways @ sampling_error(misfit, values, jacobian, scales),
-            strays={name: int((~kept).sum()) for name, kept in self.kept.items() if not kept.all()}, equal=equal,
+            strays={name: ~kept for name, kept in self.kept.items() if not kept.all()}, equal=equal,
             apart=misfit.apart(values),
         )  # fmt: skip
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import FloatArray
+from toolbox.arguments import BoolArray, FloatArray
 from toolbox.calibration.panels import Panel
 from toolbox.calibration.trust import Residual, begins_apart
 from toolbox.errors import SceneError, suggest
@@ -57,7 +57,7 @@ class Fit(Result):
     asked
         {unit: unit that was typed}: the units in which report and figure answer.
     strays
-        {signal: how many of its samples break the law, and were left out}.
+        {signal: where its samples break the law and were left out, one after the other of all windows, shape (n,)}.
     apart
         {signal: how far from the model its first samples are}, where the simulation begins elsewhere than the machine did.
     equal
@@ -84,7 +84,7 @@ class Fit(Result):
     mute: tuple[str, ...] = ()
     sampling: FloatArray = field(default_factory=lambda: np.zeros(0))
     asked: Mapping[str, str] = field(default_factory=dict)
-    strays: Mapping[str, int] = field(default_factory=dict)
+    strays: Mapping[str, BoolArray] = field(default_factory=dict)
     equal: str = ""
     apart: Mapping[str, float] = field(default_factory=dict)
 
@@ -193,7 +193,9 @@ class Fit(Result):
                 f"  `{self.equal}static` and `{self.equal}kinetic` are one number: the data do not tell them apart (F-test, 5 %), so friction has no decay."
             )
         lines += [f"  `{name}` has no influence there, and so no estimate." for name in self.mute]
-        lines += [f"  {count} sample(s) of {name} break the law and were left out (`robust`)" for name, count in self.strays.items()]
+        lines += [
+            f"  {np.sum(left_out)} sample(s) of {name} break the law and were left out (`robust`)" for name, left_out in self.strays.items()
+        ]
         for name, shift, error in zip(self.names, self.sampling, self.errors, strict=True):
             if abs(shift) > self.factor * error:
                 lines.append(

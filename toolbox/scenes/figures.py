@@ -46,5 +46,5 @@ def work_precision(trade: Any, ax: Any = None) -> Any:
         ax.axvspan(low, known, color=BAND, lw=0, label="below what is known")
         ax.set_xlim(high, low)  # better to the right
         ax.legend(frameon=False)
-        ax.set_title(textwrap.fill(trade.title, 80), fontsize=9)
+        ax.set_title(textwrap.fill(trade.title, 80), loc="left", fontsize=9)
     return ax

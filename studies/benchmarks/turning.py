@@ -11,6 +11,7 @@ nothing else.
 from __future__ import annotations
 
 import argparse
+import math
 import shutil
 import statistics
 import time
@@ -64,7 +65,9 @@ def painted(tab: Any, label: str, presses: int) -> list[float]:
 def served(page: Any, label: str, turns: int) -> float:
     """Milliseconds of processor time of a turn without a browser, the median."""
     look = page._look(label)["controls"]
-    name = next(name for name, each in look.items() if each.number.overridden is None and each.number.value)
+    name = next(
+        name for name, each in look.items() if each.number.overridden is None and each.number.value and math.isfinite(each.number.value)
+    )
     spent = []
     for k in range(turns + 1):
         value = look[name].number.value * (1.0 + 1e-4 * (k + 1))
@@ -97,6 +100,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 for label in page.loops:
                     times = painted(tab, label, given.presses)
                     every += times
+                    if not times:  # the first slider stands at its end
+                        print(f"{path.stem + ', ' + label:<58}{'-':>8}", flush=True)
+                        continue
                     row = f"{np.median(times):>8.0f}{np.quantile(times, 0.9):>8.0f}{max(times):>8.0f}"
                     print(f"{path.stem + ', ' + label:<58}{row}{served(page, label, 9):>12.1f}", flush=True)
                 tab.close()

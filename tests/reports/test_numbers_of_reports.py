@@ -2,7 +2,6 @@
 
 import csv
 import hashlib
-import html.parser
 import json
 import math
 import re
@@ -11,24 +10,12 @@ import tomllib
 import numpy as np
 import pytest
 
+from tests.reports.test_report import SCENE as MARKED
+from tests.reports.test_report import Page
 from toolbox.commands.command_line import main
 from toolbox.reports import report
 
-SCENE = """
-title = "Two inertias"
-duration = "40 s"
-reference = "95 rpm"
-[[plant]]
-part = "wells.JANSEN_2"
-[[plant]]
-part = "BitRock"
-[[controllers]]
-label = "stiff PI"
-law = "StiffPI"
-[[controllers]]
-label = "soft torque"
-law = "SoftTorque"
-"""
+SCENE = MARKED.replace(" <95 rpm>", "")  # a title without a number
 
 COMMANDS = {
     "study": [],
@@ -58,36 +45,6 @@ LISTED = {
 """{lines: why their numbers stand in no file}."""
 
 pytestmark = pytest.mark.slow
-
-
-class Page(html.parser.HTMLParser):
-    """The rows of all tables of a page, the lines of its preformatted texts, and its paragraphs and captions."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.tables, self.lines, self.told, self.inside = [], [], [], ""
-        self.feed(text)
-
-    def handle_starttag(self, tag, attributes):
-        self.inside = tag if tag in ("td", "th", "pre", "p", "figcaption", "text") else self.inside if tag in ("b", "code") else ""
-        if tag == "table":
-            self.tables.append([])
-        elif tag == "tr":
-            self.tables[-1].append([])
-        elif tag in ("td", "th"):
-            self.tables[-1][-1].append("")
-        elif self.inside == tag:
-            (self.lines if tag == "pre" else self.told).append("")
-
-    def handle_data(self, data):
-        if self.inside in ("td", "th"):
-            self.tables[-1][-1][-1] += data
-        elif self.inside:
-            (self.lines if self.inside == "pre" else self.told)[-1] += data
-
-    def handle_endtag(self, tag):
-        if tag not in ("b", "code"):
-            self.inside = ""
 
 
 @pytest.fixture(scope="module")

@@ -34,31 +34,36 @@ law = "SoftTorque"
 """
 
 
-class Cells(html.parser.HTMLParser):
-    """Tables of a page: a list of rows, each a list of texts, per table; and everything that a browser would fetch."""
+class Page(html.parser.HTMLParser):
+    """The rows of all tables of a page, the lines of its preformatted texts, its paragraphs and captions, and everything that a browser would fetch."""
 
     def __init__(self, text):
         super().__init__()
-        self.tables, self.fetched, self.inside = [], [], False
+        self.tables, self.lines, self.told, self.fetched, self.inside = [], [], [], [], ""
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
+        assert tag not in ("script", "link", "iframe", "object")
         self.fetched += [value for name, value in attributes if name in ("src", "href", "srcset")]
+        self.inside = tag if tag in ("td", "th", "pre", "p", "figcaption", "text") else self.inside if tag in ("b", "code") else ""
         if tag == "table":
             self.tables.append([])
         elif tag == "tr":
             self.tables[-1].append([])
         elif tag in ("td", "th"):
             self.tables[-1][-1].append("")
-        self.inside = tag in ("td", "th")
-        assert tag not in ("script", "link", "iframe", "object")
+        elif self.inside == tag:
+            (self.lines if tag == "pre" else self.told).append("")
 
     def handle_data(self, data):
-        if self.inside:
+        if self.inside in ("td", "th"):
             self.tables[-1][-1][-1] += data
+        elif self.inside:
+            (self.lines if self.inside == "pre" else self.told)[-1] += data
 
     def handle_endtag(self, tag):
-        self.inside = False
+        if tag not in ("b", "code"):
+            self.inside = ""
 
     def found(self, first):
         return next(rows for rows in self.tables if rows[0][0] == first)
@@ -80,7 +85,7 @@ def page(folders):
 
 
 def test_the_verdict_table_is_that_of_the_study(folders, page):
-    head, *rows = Cells(page).found("controller")
+    head, *rows = Page(page).found("controller")
     with (folders / "study" / "table.csv").open(newline="") as file:
         told = list(csv.DictReader(file))
     assert [row[0] for row in rows] == [row["controller"] for row in told] and len(rows) == 2
@@ -102,15 +107,15 @@ def test_the_borders_are_those_of_the_onset(folders, page):
 
 
 def test_the_machine_and_the_gains_stand_in_it(page):
-    numbers = {row[0]: row[1:3] for row in Cells(page).found("number")[1:]}
+    numbers = {row[0]: row[1:3] for row in Page(page).found("number")[1:]}
     assert numbers["chain.inertia"] == ["2122, 374", "kg m2"] and numbers["bit.weight"] == ["97.347", "kN"]
-    laws = {row[0]: row[1] for rows in Cells(page).tables for row in rows if rows[0] == ["controller", "law"]}
+    laws = {row[0]: row[1] for rows in Page(page).tables for row in rows if rows[0] == ["controller", "law"]}
     assert "proportional 0.4206 kN m s/rad" in laws["soft torque"]
     assert page.count("kg m&#178;") == 2  # the sketch
 
 
 def test_the_page_needs_nothing_else(page):
-    fetched = Cells(page).fetched
+    fetched = Page(page).fetched
     assert len(fetched) >= 6 and all(each.startswith("data:image/png;base64,") for each in fetched)
     assert "default-src 'none'" in page and "url(" not in page and "@import" not in page
     assert "<95 rpm>" not in page and "&lt;95 rpm&gt;" in page

@@ -72,9 +72,9 @@ def event_mode(w: Any, entered: bool) -> int:
     entered: whether the importer comes from continuous time, where a crossing just ahead is what made it stop, unless something else is due.
     """
     t, ne, status = w.reals[layout.TIME], w.ints[layout.NE], layout.DONE
-    if not come_to(w) and not (w.ints[layout.JUMP] < w.jump_t.size and w.jump_t[w.ints[layout.JUMP]] <= t):
-        return layout.NEGATIVE_BOUND
     due = w.ints[layout.JUMP] < w.jump_t.size and w.jump_t[w.ints[layout.JUMP]] <= t
+    if not come_to(w) and not due:
+        return layout.NEGATIVE_BOUND
     for c in range(w.samplers.shape[0]):
         due = due or w.samplers[c, layout.TAKEN] * w.clocks[c, 0] <= t
     first = first_to_fire(w, NEAR if entered and not due else 0.0)

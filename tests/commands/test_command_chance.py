@@ -112,10 +112,23 @@ def test_a_part_of_a_log_with_holes_is_used_where_that_is_said(rig, tmp_path, ca
 
 def test_a_basin_is_that_of_the_function(rig, tmp_path, capsys):
     out = tmp_path / "out"
-    asked = ["basin", str(rig), "--controller", "stiff PI", "--box", "bit.speed=0 rpm:250 rpm", "--runs", "60", "--out", str(out)]
+    asked = [
+        "basin",
+        str(rig),
+        "--controller",
+        "stiff PI",
+        "--box",
+        "bit.speed=0 rpm:250 rpm",
+        "--runs",
+        "60",
+        "--duration",
+        "90",
+        "--out",
+        str(out),
+    ]
     assert main(asked) == 0
     found = Basin.load(out / "basin.npz")
-    same = basin(Scene.load(rig)["stiff PI"], {"bit.speed": ("0 rpm", "250 rpm")}, 60)
+    same = basin(Scene.load(rig)["stiff PI"], {"bit.speed": ("0 rpm", "250 rpm")}, 60, duration=90.0)
     assert np.array_equal(found.outcomes, same.outcomes) and 0.0 < found.share < 1.0
     assert (out / "basin.txt").read_text() == f"{found}\n" and "250" in capsys.readouterr().out
     assert {path.name for path in out.iterdir()} == {"basin.txt", "basin.csv", "basin.npz", "basin.png", "scene.toml", "origin.json"}

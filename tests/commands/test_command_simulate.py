@@ -135,6 +135,7 @@ def test_a_file_that_no_simulation_wrote_is_not_overwritten(belt, tmp_path, caps
         (["--duration", "-1"], "`--duration` must be >= 0 s"),
         (["--duration", "nan"], "`--duration` must be a finite number"),
         (["--accuracy", "1"], "`--accuracy` must be >= 1e-13 and <= 0.1"),
+        (["--accuracy", "0"], "`--accuracy` must be >= 1e-13 and <= 0.1"),
     ],
 )
 def test_a_wrong_number_is_one_line_and_exit_code_2_and_nothing_is_written(belt, tmp_path, capsys, given, words):

@@ -224,6 +224,8 @@ def test_a_path_that_ends_with_csv_is_a_table(result, tmp_path):
     assert result.save(tmp_path / "found.csv").read_bytes() == result.to_csv(tmp_path / "again.csv").read_bytes()
     with pytest.raises(SceneError, match=f"must be a file written by `{type(result).__name__}.save`"):
         type(result).load(tmp_path / "found.csv")
+    with pytest.raises(SceneError, match="names no file"):
+        result.save("")
 
 
 def test_another_result_is_refused_by_its_kind(result, tmp_path):

@@ -132,6 +132,17 @@ def test_numbers_of_shapes_and_tables_are_numbers_of_the_loop():
     assert math.isnan(loop.number("top.torque").value) and loop.at("top.torque", 9e3).number("top.torque").value == 9e3
 
 
+def test_two_names_of_one_state_may_not_say_different_start_values():
+    with pytest.raises(SceneError, match="`bit.speed` and `chain.speed.1` must agree"):
+        simulate(RIG, 0.0, start={"bit.speed": 3.0, "chain.speed.1": 2.0})
+    assert simulate(RIG, 0.0, start={"bit.speed": 3.0, "chain.speed.1": 3.0})["bit.speed"][0] == 3.0
+    for start in ({"bit.speed": 3.0, "chain.speed": 2.0}, {"chain.speed": 2.0, "bit.speed": 3.0}):  # an entry beside its vector wins
+        assert simulate(RIG, 0.0, start=start).at(0.0)["chain.speed"].tolist() == [2.0, 3.0]
+        assert closed_loop(RIG, start=start).number("bit.speed").value == 3.0
+    put = closed_loop(RIG, start={"chain.speed.1": 2.0}).at("bit.speed", 5.0)
+    assert put.start == {"bit.speed": 5.0} and put.number("chain.speed.1").value == 5.0
+
+
 def test_a_number_that_only_the_design_knows_designs_the_law_anew():
     detuned = LOOP.at("softtorque.detuning", 2.0)
     assert detuned == closed_loop(LOOP, SoftTorque(reference="45 rpm", detuning=2.0), sample_time="10 ms")

@@ -62,6 +62,7 @@ def test_a_sweep_takes_what_is_drawn(rig):
     [
         ({"bit.weight": 97e3}, "`bit.weight` must be a distribution, or text such as"),
         ({"bit.weight": "97 kN"}, "`bit.weight` must be a distribution, or text such as"),
+        ({"bit.weight": "97 kN +- 8"}, "must say the unit of its deviation"),
         ({"bit.weight": "97 kN +- 0 kN"}, "`deviation` of `bit.weight` must be > 0"),
         ({"bit.weight": "97 kN +- 8 rpm"}, "rpm"),
         ({"bit.weight": Normal(-9e4, 1e3)}, "must have a distribution within the bounds of the number"),

@@ -26,6 +26,19 @@ def test_coulomb_friction_on_a_moving_belt_is_a_relay_with_a_bias():
     assert not found.cycles and "no cycle is predicted" in str(found)
 
 
+@pytest.mark.parametrize("static", [1.0, 2.0])
+def test_a_rest_that_swings_undamped_cycles_where_friction_gives_and_takes_the_same(static):
+    """G is infinite at sqrt(k / m), so that N(A) = 0 there: none for constant friction, whose N is 0 for all small A, and one for a law that falls."""
+    constant = Coulomb(static=static, kinetic=1.0)
+    assert not describing_function(closed_loop(compose(BlockOnBelt(mass=2.0, stiffness=8.0, friction=constant)))).cycles
+    falling = Exponential(static=static, kinetic=0.5, decay=3.0)
+    (cycle,) = describing_function(closed_loop(compose(BlockOnBelt(mass=2.0, stiffness=8.0, friction=falling)))).cycles
+    angle = np.linspace(0.0, 2 * np.pi, 400_001)[:-1]
+    slip = cycle.mean + cycle.amplitude * np.cos(angle)
+    force = -np.sign(slip) * (0.5 + (static - 0.5) * np.exp(-3.0 * np.abs(slip)))
+    assert cycle.period == pytest.approx(np.pi, rel=1e-9) and abs(np.mean(force * np.cos(angle))) < 1e-5
+
+
 def test_what_is_left_is_the_machine_without_the_contact():
     found = describing_function(
         closed_loop(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from controllers import PI, SoftTorque
-from models import BitRock, wells
+from models import BitRock, BlockOnBelt, Exponential, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, margins, simulate
 from toolbox.halving import halved
 from toolbox.robustness import smallest_error
@@ -42,6 +42,15 @@ def routh(loop, changed):
     a = np.polysub(np.polymul(top, bit), np.polymul([d, k], [d, k]))  # without the free angle
     first = a[1] * a[2] - a[0] * a[3]
     return bool((a > 0).all() and first > 0 and a[3] * first - a[1] ** 2 * a[4] > 0)
+
+
+def test_the_border_of_smooth_running_is_exact_along_its_way():
+    """A block under N (0.5 + 0.5 exp(-v)) swings on beyond c (1 - s) = N (1 + s) 0.5 exp(-v), where both are wrong by s."""
+    belt = BlockOnBelt(belt_speed=2.0, damping=0.2, friction=Exponential(static=1.0, kinetic=0.5, decay=1.0))
+    found = smallest_error(closed_loop(compose(belt)), {"block.damping": (0.0, 0.4), "block.load": (0.0, 2.0)}, 40.0)
+    fall = 0.5 * math.exp(-2.0)
+    assert found.linear_size == pytest.approx((0.2 - fall) / (0.2 + fall), abs=2e-6)
+    assert "breaks the machine without a law" in str(found)
 
 
 RANGES = {"bit.weight": 1.0, "chain.stiffness.0": 0.5, "proportional": 0.9}

@@ -7,7 +7,7 @@ import dataclasses
 from typing import Any
 
 from toolbox.commands.recording import results, write_found
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, ranges, show
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, plain, ranges, show
 from toolbox.errors import SimulationError
 
 FILES = ("basin.txt", "basin.csv", "basin.npz", "basin.png", "scene.toml")
@@ -32,7 +32,7 @@ def add(commands: Any) -> None:
         "--box", action="append", required=True, metavar="STATE=LOW:HIGH", help="a state that is disturbed, and its range; may be repeated"
     )
     verb.add_argument("--runs", type=int, default=1000, metavar="N", help="disturbances (1000)")
-    verb.add_argument("--duration", metavar="T", help="of a run; forty swings without")
+    verb.add_argument("--duration", type=plain, metavar="T", help="of a run; forty swings without")
     verb.add_argument("--accuracy", type=float, default=1e-4, metavar="X", help="of the runs (1e-4)")
     verb.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the bounds (0.95)")
     verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the draws (0)")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import numbers
 from toolbox.commands.recording import results, write_found
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, ranges, show
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, plain, ranges, show
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import asked_in
 
@@ -45,7 +45,7 @@ def add(commands: Any) -> None:
     )
     add_uncertain(verb)
     verb.add_argument("--draws", type=int, default=200, metavar="N", help="machines at every point (200)")
-    verb.add_argument("--duration", metavar="T", help="of a run; forty swings after the start without")
+    verb.add_argument("--duration", type=plain, metavar="T", help="of a run; forty swings after the start without")
     verb.add_argument("--accuracy", type=float, default=1e-4, metavar="X", help="of the runs (1e-4)")
     verb.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the bounds (0.95)")
     verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the draws (0)")

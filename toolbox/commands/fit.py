@@ -10,7 +10,7 @@ from typing import Any
 from toolbox.arguments import number, numbers, whole
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, ranges, show
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, plain, ranges, show
 from toolbox.errors import SceneError
 
 FIT_FILES = ("fit.txt", "fit.csv", "fit.npz", "fit.png", "scene.toml")
@@ -94,7 +94,7 @@ def run(given: argparse.Namespace) -> int:
     spans = {name: numbers(f"--free {name}", ends, units[name]) for name, ends in free.items() if ends}
     bounds = {name: (low, high) for name, (low, high) in spans.items()}
     columns = dict(pairs("--column", "SIGNAL=HEADING", given.column))
-    shifts = dict(pairs("--shift", "SIGNAL=TIME", given.shift))
+    shifts = {name: plain(late) for name, late in pairs("--shift", "SIGNAL=TIME", given.shift)}
     windows = [Window(*_window(text), own=given.own) for text in given.window]
     if given.own and not windows:
         raise SceneError("Argument `--own` must come with windows, by `--window`, but there is none.")

@@ -29,7 +29,7 @@ from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.numbers import Number
 from toolbox.simulation.carry_out import formulas_of
 from toolbox.simulation.methods import Explicit
-from toolbox.simulation.request import Request
+from toolbox.simulation.request import Request, accuracy_of
 from toolbox.simulation.run import Run
 from toolbox.simulation.work_arrays import work_arrays
 from toolbox.translation.kinds import STORED, WORK, NotTranslatable, Value, known
@@ -226,7 +226,7 @@ def machine(loop: ClosedLoop, name: str, duration: Any = None, accuracy: float |
     if span is None:
         raise SceneError("Argument `duration` must be given, over which the accuracy holds: only a loop out of a scene has one of its own.")
     span = number("duration", span, "s", above=0)
-    tried = Request(_with_all_inputs(loop), span, None, "event", accuracy or loop.accuracy or 1e-6).checked()
+    tried = Request(_with_all_inputs(loop), span, None, "event", accuracy_of(loop, accuracy)).checked()
     done = tried.again()
     if done.program.formulas.implicit:
         raise SceneError("The loop must be one for explicit steps to go to C, but it is stiff: its run takes implicit ones.")

@@ -54,6 +54,8 @@ def replaced(path: Path, durable: bool = False) -> Iterator[IO[bytes]]:
 
     durable: force it to disk before it takes the place, and the place after.
     """
+    if not path.name:
+        raise SceneError(f"Cannot write `{path}`: it names no file.")
     clear_left(path.parent)
     with _temporary(path.with_name(f".{path.name[:200]}.{secrets.token_hex(8)}.part")) as name:
         try:

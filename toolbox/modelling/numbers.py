@@ -31,7 +31,7 @@ from toolbox.modelling import inputs as shapes
 from toolbox.modelling.components import fields_of, is_nested, numbers_of, rebuilt
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Held, Sampled
-from toolbox.modelling.start import place_start, started
+from toolbox.modelling.start import place_starts, started
 
 Loop = Any
 """A `ClosedLoop`, which is made of numbers and therefore stands above this file."""
@@ -116,7 +116,9 @@ class Number:
             kept = {name: given for name, given in loop.inputs.items() if name != self.name}
             return loop.but(parameters={**loop.parameters, self.name: value}, inputs=kept)
         if self.kind == "start":
-            return loop.but(start={**loop.start, self.name: value})
+            row = _row(loop.system, self.name)  # other names of the same state give way
+            kept = {name: given for name, given in loop.start.items() if row is None or _row(loop.system, name) != row}
+            return loop.but(start={**kept, self.name: value})
         if self.kind == "design":
             return _redesigned(loop, self.name, value)
         if self.kind == "clock":
@@ -181,9 +183,11 @@ def number_of(loop: Loop, name: str) -> Number | None:
             return Number(name, unit or system.inputs[given].unit, kind, float(_shape_numbers(value)[key]))
     if _row(system, name) is not None:
         x = system.begin.copy()
-        for each, given in loop.start.items():
-            if system.rows(each) is not None or _row(system, each) is not None:
-                place_start(system, x, each, given)
+        place_starts(
+            system,
+            x,
+            {each: given for each, given in loop.start.items() if system.rows(each) is not None or _row(system, each) is not None},
+        )
         return Number(name, system.signal_unit(name), "start", float(x[_row(system, name)]))
     sizes, (head, _, place) = remembered(system), name.rpartition(".")
     if is_remembered(system, name) and sizes.get(name) is None:

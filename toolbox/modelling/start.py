@@ -15,9 +15,26 @@ from toolbox.modelling.hybrid_system import HybridSystem
 
 
 def place_starts(system: HybridSystem, x: np.ndarray, start: Mapping[str, Any]) -> None:
-    """Write start values; an entry that is named beside its vector wins, in whatever order they are given."""
-    for name in sorted(start, key=lambda name: (system.rows(name) or (0, None))[1] is None):
-        place_start(system, x, name, start[name])
+    """Write start values; an entry that is named beside its vector wins, in whatever order they are given.
+
+    Raises SceneError as `place_start` does, and where two names of one state, such as `bit.speed` and `chain.speed.1`, say different values.
+    """
+    named: dict[int, str] = {}
+    for name in sorted(start, key=lambda name: not _is_vector(system, name)):
+        before = x.copy()
+        place = place_start(system, x, name, start[name])
+        if _is_vector(system, name):
+            continue
+        other = named.setdefault(place.start, name)
+        if other != name and not np.array_equal(x[place], before[place]):
+            raise SceneError(
+                f"Arguments `{other}` and `{name}` must agree as start values of one state, but they are {start[other]!r} and {start[name]!r}."
+            )
+
+
+def _is_vector(system: HybridSystem, name: str) -> bool:
+    rows = system.rows(name)
+    return rows is not None and rows[1] is not None
 
 
 def started(system: HybridSystem) -> list[str]:
@@ -33,8 +50,8 @@ def started(system: HybridSystem) -> list[str]:
     return known
 
 
-def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
-    """Write a start value: of a state, of one entry of a vector state (`chain.speed.0`), or of a signal that is a state (`bit.speed`)."""
+def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> slice:
+    """Write a start value: of a state, of one entry of a vector state (`chain.speed.0`), or of a signal that is a state (`bit.speed`); returns its places."""
     target: Any = None
     rows = system.rows(name)
     if rows is not None:
@@ -55,3 +72,4 @@ def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> N
     if array.ndim and array.shape != x[target].shape:
         raise SceneError(f"Argument `{name}` must have shape {x[target].shape}, but it has {array.shape}.")
     x[target] = array
+    return target

@@ -17,7 +17,7 @@ from toolbox.modelling.inputs import Table
 from toolbox.modelling.steady_point import Equilibrium
 from toolbox.onsets.carried import JudgedRuns
 from toolbox.onsets.growth import SmoothBranch
-from toolbox.simulation.request import Request
+from toolbox.simulation.request import Request, accuracy_of
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.linear import equilibrium
@@ -76,7 +76,7 @@ class Settled:
         if loop.changes_in_time or any(each.directions > 1 for each in loop.system.elements):
             return None
         with contextlib.suppress(SceneError, SimulationError):
-            still = Request(loop, 0.0, accuracy=accuracy or loop.accuracy or 1e-6).checked()
+            still = Request(loop, 0.0, accuracy=accuracy_of(loop, accuracy)).checked()
             steady = functools.cache(lambda _: _steady(loop))  # asked for its swing and for its beginnings
             branch = known or SmoothBranch[float](still, lambda _: (), steady)
             period = branch.swing(HERE)

@@ -22,7 +22,7 @@ from toolbox.modelling.steady_point import Equilibrium, mode_numbers
 from toolbox.onsets.carried import JudgedRuns
 from toolbox.onsets.growth import SmoothBranch, check_autonomous
 from toolbox.scenes.judged import judged_contact, judged_speed
-from toolbox.simulation.request import Request
+from toolbox.simulation.request import Request, accuracy_of
 from toolbox.steady_states.linear import holding_elements, residual_functions, steady_state
 
 SMOOTH, SWING, STICK_SLIP, STUCK, NONE = 0, 1, 2, 3, -1
@@ -192,7 +192,7 @@ def map_runs(
     contact = judged_contact(loop)
     for each, value in plane.values(MIDDLE):
         loop = each.put(loop, value)
-    base = Request(loop, 0.0, accuracy=loop.accuracy or 1e-6).checked()
+    base = Request(loop, 0.0, accuracy=accuracy_of(loop)).checked()
     branch = SmoothBranch[complex](base, plane.values, steady)
     if steady is not None:
         steady.learn(places)

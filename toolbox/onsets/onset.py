@@ -38,7 +38,7 @@ from toolbox.onsets.inside import Inside, outward
 from toolbox.onsets.results import Onset
 from toolbox.onsets.search import OnsetSearch
 from toolbox.scenes.judged import judged_contact, judged_speed
-from toolbox.simulation.request import Request
+from toolbox.simulation.request import Request, accuracy_of
 from toolbox.steady_states.equilibria import EquilibriumBranch, state_values
 from toolbox.steady_states.hopf import HopfPoint, hopf_points_of
 
@@ -121,7 +121,7 @@ def onset(
     grid = np.linspace(low, high, values)
     if low < at < high and not np.isclose(grid, at, rtol=0, atol=1e-9 * (high - low)).any():
         grid = np.sort(np.append(grid, at))
-    base = Request(loop.at(parameter, low) if free.is_input else loop, 0.0, accuracy=accuracy or loop.accuracy or 1e-6).checked()
+    base = Request(loop.at(parameter, low) if free.is_input else loop, 0.0, accuracy=accuracy_of(loop, accuracy)).checked()
     followed = EquilibriumBranch(continuous.system, free, inputs, mode, guess) if continuous is not None else None
     branch = SmoothBranch(base, lambda value: [(free, value)], followed)
     if followed is not None and low <= at <= high:

@@ -15,7 +15,7 @@ from toolbox.onsets.map_loop import STICK_SLIP
 from toolbox.onsets.regions import outlines
 from toolbox.onsets.severity_map import SeverityMap, severity_map
 from toolbox.page.controls import Control
-from toolbox.simulation.request import Request
+from toolbox.simulation.request import Request, accuracy_of
 
 STAGES = ((5, 1), (9, 1), (17, 2), (33, 2))
 """(points along both axes, halvings of the edges across a border) of the maps, one after the other."""
@@ -109,7 +109,7 @@ def _borne(loop: ClosedLoop, name: str, end: float) -> float:
 
 def _bears(loop: ClosedLoop, name: str, value: float) -> bool:
     try:
-        Request(loop.at(name, value), 0.0, accuracy=loop.accuracy or 1e-6).checked()
+        Request(loop.at(name, value), 0.0, accuracy=accuracy_of(loop)).checked()
     except SceneError:
         return False
     return True

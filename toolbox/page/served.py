@@ -30,6 +30,7 @@ from toolbox.scenes.judged import judged_contact, judged_effort, judged_speed
 from toolbox.scenes.scene import Scene
 from toolbox.simulation.budget import Budget
 from toolbox.simulation.methods import EventExact
+from toolbox.simulation.request import accuracy_of
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
 
@@ -379,5 +380,5 @@ def _judged(loop: ClosedLoop, duration: NumberOrText | None) -> ClosedLoop:
     signal = loop.signal or judged_speed(loop, contact or "")
     return loop.but(
         duration=float(given), after=loop.after if duration is None and loop.after is not None else float(given) / 2, element=element, signal=signal,
-        effort=loop.effort or judged_effort(loop.plant, signal), accuracy=loop.accuracy or 1e-6,
+        effort=loop.effort or judged_effort(loop.plant, signal), accuracy=accuracy_of(loop),
     )  # fmt: skip

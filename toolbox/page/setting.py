@@ -16,6 +16,7 @@ from toolbox.modelling.inputs import Shape, Table
 from toolbox.modelling.numbers import law_with_numbers
 from toolbox.scenes.cases import Case, Waveform
 from toolbox.scenes.scene import Scene
+from toolbox.simulation.request import accuracy_of
 
 LONGEST = 100
 """Characters of a name or a value that the page may send."""
@@ -128,7 +129,7 @@ def scene_of(setting: Setting, loop: ClosedLoop, scene: Scene | None) -> Scene:
     assert loop.duration is not None
     return Scene.of(
         loop.plant, loop.duration, {case.label: case.controller}, title=loop.title, element=loop.element, signal=loop.signal, effort=loop.effort,
-        after=loop.after, reference=reference, inputs=inputs, parameters=own, start=dict(loop.start), accuracy=loop.accuracy or 1e-6,
+        after=loop.after, reference=reference, inputs=inputs, parameters=own, start=dict(loop.start), accuracy=accuracy_of(loop),
     )  # fmt: skip
 
 

@@ -148,8 +148,13 @@ def distribution(name: str, given: Any) -> Distribution:
         raise SceneError(f"Argument `{name}` must be a distribution, or text such as `97 kN +- 8 kN`, but it is {short(given)}.")
     mean, deviation = parts
     unit = re.sub(r"^[-+]?[0-9_.]+(?:[eE][-+]?[0-9]+)?\s*", "", deviation).strip()
-    if re.fullmatch(r"[-+]?[0-9_.]+(?:[eE][-+]?[0-9]+)?", mean.strip()) and unit and unit != "%":
+    bare = re.fullmatch(r"[-+]?[0-9_.]+(?:[eE][-+]?[0-9]+)?", mean.strip())
+    if bare and unit and unit != "%":
         mean = f"{mean} {unit}"
+    if not bare and not unit:
+        raise SceneError(
+            f"Argument `{name}` must say the unit of its deviation, as in `97 kN +- 8 kN` or `97 +- 8 kN`, but it is `{given}`."
+        )
     if unit == "%":
         size = re.match(r"[-+]?[0-9_.]+(?:[eE][-+]?[0-9]+)?", mean.strip())
         if size is not None:

@@ -232,10 +232,17 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
     response = answer(omega)
     amplitude = np.linspace(0.0, top, AMPLITUDES + 1)[1:]
     gain = np.array([gain_at(each) for each in amplitude])
+    scale = float(np.median(np.abs(response)))
     found = []
     for w in _crossings(omega, response.imag, lambda w: response_at(w).imag):
-        needed = 1.0 / response_at(w).real
-        for size in _crossings(amplitude, gain - needed, partial(missing, needed)):
+        there = response_at(w)
+        if abs(there) < 1e-9 * scale:  # the rest stands still at this frequency, whatever the contact does
+            continue
+        needed = (1.0 / there).real  # 0 where the rest swings undamped
+        off = np.where(
+            np.abs(gain - needed) > 1e-12 * np.nanmax(np.abs(gain)), gain - needed, 0.0
+        )  # what is 0 but for rounding crosses nothing
+        for size in _crossings(amplitude, off, partial(missing, needed)):
             rising = bool(gain[np.searchsorted(amplitude, size)] > needed)
             found.append(PredictedCycle(w, size, mean_at(size), not rising))
     exact = () if cycle is None else (cycle.period, *cycle.extremes(f"{contact}.slip"))

@@ -54,6 +54,9 @@ SIZES = 8
 PRECISION = 0.01
 """What the size of the smallest error is found to, in parts of the ranges."""
 
+EXACT = 1e-6
+"""What the size at which smooth running grows is found to along its way, in parts of the ranges."""
+
 MOST = 7
 """Numbers that may be wrong at once, at most: there are 2^n corners."""
 
@@ -235,11 +238,15 @@ def smallest_error(
     linear: Error = ()
     linear_size = math.nan
     if not math.isnan(rate):
-        linear, linear_size, _ = search(grow)
+        linear, linear_size, held = search(grow)
+        if linear:  # a rate costs no run, so that its border is found as exactly as the rate is known
+            direction = tuple(part / linear_size for part in linear)
+            _, linear_size = halved(lambda size: grow([tuple(part * size for part in direction)])[0], held, linear_size, 0.0, EXACT)
+            linear = tuple(part * linear_size for part in direction)
     before = search.tried
     error, size, held = search(fail)
     return SmallestError(
-        title="; ".join(map(described, loop.laws)),
+        title="; ".join(map(described, loop.laws)) or "the machine without a law",
         way=trials.way,
         numbers=numbers,
         size=size,

@@ -318,7 +318,7 @@ class Trials:
                 found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
         order = {label: i for i, label in enumerate(cases)}
         found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
-        return WorstCase("; ".join(map(described, loop.laws)), self.way, tuple(found), seconds)
+        return WorstCase("; ".join(map(described, loop.laws)) or "the machine without a law", self.way, tuple(found), seconds)
 
 
 def _target(loop: ClosedLoop, speed: str) -> float:

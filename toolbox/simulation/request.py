@@ -22,6 +22,11 @@ from toolbox.simulation.run_state import RunState
 from toolbox.simulation.samples import Samples
 
 
+def accuracy_of(loop: ClosedLoop, given: float | None = None) -> float:
+    """Accuracy of a run of a loop: as it is given, else that of its scene, else 1e-6."""
+    return next(each for each in (given, loop.accuracy, 1e-6) if each is not None)
+
+
 @dataclass(frozen=True)
 class Request:
     """What is asked of `simulate`, which says what each of them means: a loop, and how it is run."""

@@ -87,7 +87,7 @@ def simulate(
     from toolbox.errors import SceneError
     from toolbox.messages import LOG
     from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
-    from toolbox.simulation.request import Request
+    from toolbox.simulation.request import Request, accuracy_of
     from toolbox.simulation.run_state import RunState
     from toolbox.simulation.samples import Samples
 
@@ -101,7 +101,7 @@ def simulate(
     duration = loop.duration if duration is None else duration
     if duration is None:
         raise SceneError("Argument `duration` must be given: only a loop out of a scene has one of its own.")
-    accuracy = (loop.accuracy or 1e-6) if accuracy is None else accuracy
+    accuracy = accuracy_of(loop, accuracy)
     run = Request(loop, duration, at, method, accuracy, output_times).checked()
     done = run.again()
     told = ("told", done.why.partition(" at t = ")[0])

@@ -25,6 +25,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.scenes.judged import judged_measures
 from toolbox.simulation.methods import Method
+from toolbox.simulation.request import accuracy_of
 from toolbox.sweeps.batch import Task
 from toolbox.sweeps.designs import Variations, variations_of
 from toolbox.sweeps.executors import evaluated
@@ -107,7 +108,7 @@ def sweep(
     full = {name: loop.number(name).name for name in variations.names}
     asked = {full[name]: unit for name, unit in variations.asked.items()}
     variations = dataclasses.replace(variations, names=tuple(full.values()), asked=asked)
-    accuracy = (loop.accuracy or 1e-6) if accuracy is None else accuracy
+    accuracy = accuracy_of(loop, accuracy)
     task, broken, chosen = task_of(loop, variations, float(duration), start=start, measures=measures, method=method, accuracy=accuracy)
     run = task.run
     taken = next((name for name in chosen if name in {"run", "status", "error", *variations.names} or "/" in name), None)

@@ -10,7 +10,7 @@ from models import Coulomb
 from studies.benchmarks.stiff import uniform
 from toolbox import Component, DryFriction, Equations, compose, simulate, state
 from toolbox.compilation import bodies, implicit_step
-from toolbox.compilation.banded_systems import split
+from toolbox.compilation.banded_systems import factor_text, solve_text, split
 from toolbox.compilation.emitter import compiled, function_text, inline
 from toolbox.compilation.rolled import rolled_body, rolled_slope
 from toolbox.compilation.vector_emitter import VectorBody
@@ -182,6 +182,23 @@ def test_a_banded_elimination_takes_the_step_of_the_one_written_out(n, everywher
     plant = uniform(n, everywhere)
     (plain, _), (banded, _) = (steps(plant, limit, monkeypatch) for limit in (10**9, 0))
     np.testing.assert_allclose(banded, plain, rtol=0, atol=1e-13 * np.abs(plain).max())
+
+
+@pytest.mark.parametrize(("width", "rows"), [(1, 1), (1, 2), (1, 3), (1, 12), (2, 3), (2, 9), (2, 10), (3, 17), (6, 40)])
+def test_a_band_is_solved_from_both_its_ends(width, rows):
+    text = "\n".join([factor_text(width, rows), solve_text(width, rows)]).replace("define internal", "define")
+    found = compiled(text, ["band_factor", "band_solve"], 0)
+    random, near = np.random.default_rng(rows), np.abs(np.subtract.outer(np.arange(rows), np.arange(rows))) <= width
+    matrix = np.where(near, random.normal(size=(rows, rows)), 0.0) + np.diag(np.full(rows, 4.0 * width))
+    band = np.array([[matrix[i, j] if 0 <= (j := i + c) < rows else 0.0 for c in range(-width, width + 1)] for i in range(rows)])
+    pointer, right = ctypes.c_void_p, random.normal(size=rows)
+    solution = right.copy()
+    least = ctypes.CFUNCTYPE(ctypes.c_double, pointer, ctypes.c_double)(found["band_factor"])(band.ctypes.data, 1e3)
+    ctypes.CFUNCTYPE(None, pointer, pointer)(found["band_solve"])(band.ctypes.data, solution.ctypes.data)
+    np.testing.assert_allclose(solution, np.linalg.solve(matrix, right), rtol=1e-12, atol=1e-13)
+    pivots = 1.0 / band[:, width]
+    assert least == pytest.approx(pivots.min())
+    assert np.prod(pivots) == pytest.approx(np.linalg.det(matrix))
 
 
 @pytest.mark.slow

@@ -1,13 +1,16 @@
 """Systems of equations of chains in machine code: the unknowns that no other holds are eliminated at once, a band of few diagonals is left for a loop.
 
 Of a chain of inertias, twists depend on their two neighbours alone; without them the speeds are left, each of which depends on the next. What is
-eliminated first is written in expressions, which become loops over equal rows (`toolbox.compilation.rolled`); the band is factored and solved in natural
-order and without pivoting by functions of its half width b that have loops over its rows. A row holds 2 b + 1 numbers, the diagonal in the middle, later
-its inverse; b rows of zeros stand before the first.
+eliminated first is written in expressions, which become loops over equal rows (`toolbox.compilation.rolled`); the band is factored and solved without
+pivoting by functions of its half width b that have loops over its rows. A row holds 2 b + 1 numbers, the diagonal in the middle, later its inverse.
+
+Every row waits for its neighbour, four times as long as its operations take. So rows are eliminated from both ends at once, and the solution comes back
+from the middle where they meet: two rows wait side by side.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -27,7 +30,7 @@ FILL = 6
 class Banded:
     """A matrix D - J whose unknowns `apart` depend on none of themselves, and whose `others` are left in a band of this half width.
 
-    values: what a step computes: the pivots of those apart, their inverses, the entries beside and above them, and the band with its zeros;  reduced:
+    values: what a step computes: the pivots of those apart, their inverses, the entries beside and above them, and the band;  reduced:
     Function (values, right side) -> right side of the others;  completed: Function (values, right side, the others) -> solution.
     """
 
@@ -76,10 +79,10 @@ def banded(jacobian: ca.SX, diagonal: ca.SX, parts: Split) -> Banded:
         above = ca.sparsify(ca.mtimes(ca.diag(inverse), above))
         left = ca.sparsify(left - ca.mtimes(beside, above))
     rows, columns = (np.array(part, int) for part in left.sparsity().get_triplet())
-    places = row * (width + rows) + columns - rows + width
+    places = row * rows + columns - rows + width
     order = np.argsort(places)
     band = ca.SX(
-        ca.Sparsity.triplet(row * (width + m), 1, places[order].tolist(), [0] * rows.size),
+        ca.Sparsity.triplet(row * m, 1, places[order].tolist(), [0] * rows.size),
         ca.reshape(left.nz[order.tolist()], order.size, 1),
     )
     values = ca.vertcat(pivots, inverse, *(ca.reshape(part.nz[:], part.nnz(), 1) for part in (beside, above)), ca.densify(band))
@@ -141,55 +144,122 @@ def least_text() -> str:
     return text.function("least", "i64 %n, ptr %a, double %least", text.load(low))
 
 
-def factor_text(width: int) -> str:
-    """The function that factors a band of n rows in place and gives the least of `least` and the pivots."""
-    text, row = LoopText(), 2 * width + 1
+def factor_text(width: int, rows: int) -> str:
+    """The function that factors a band in place and gives the least of `least` and the pivots."""
+    text, middle = LoopText(), _middle(width, rows)
     low = _number(text, "%least")
-    with text.loop("0", "%n") as i:
-        here = text.at("%a", text.value(f"mul i64 {i}, {row}"))
-        entries = [text.load(text.at(here, str(c))) for c in range(row)]
-        for d in range(width, 0, -1):
-            before = text.at(here, str(-d * row))
-            factor = text.value(f"fmul double {entries[width - d]}, {text.load(text.at(before, str(width)))}")
-            text.store(factor, text.at(here, str(width - d)))
-            for c in range(1, width + 1):
-                product = text.value(f"fmul contract double {factor}, {text.load(text.at(before, str(width + c)))}")
-                entries[width - d + c] = text.value(f"fsub contract double {entries[width - d + c]}, {product}")
-        text.store(_lesser(text, text.load(low), entries[width]), low)
-        text.store(text.value(f"fdiv double 1.0, {entries[width]}"), text.at(here, str(width)))
-        for c in range(1, width + 1):
-            text.store(entries[width + c], text.at(here, str(width + c)))
-    with text.loop("0", "%n") as i:  # scaled rows leave one operation between neighbours, which wait for each other
-        here = text.at("%a", text.value(f"mul i64 {i}, {row}"))
-        inverse = text.load(text.at(here, str(width)))
-        for c in range(1, width + 1):
-            place = text.at(here, str(width + c))
-            text.store(text.value(f"fmul double {text.load(place)}, {inverse}"), place)
-    return text.function("band_factor", "i64 %n, ptr %a, double %least", text.load(low))
+    # of the rows eliminated last, in registers: the inverse of the pivot and the entries towards the middle
+    near = {side: [[_number(text, "0.0") for _ in range(width + 1)] for _ in range(width)] for side in (1, -1)}
 
+    def finished(entries: dict[int, str], here: str, towards: Sequence[int]) -> tuple[str, ...]:
+        """Store what a row leaves, its entries scaled, so that one operation is left between neighbours, which wait for each other in a solution."""
+        text.store(_lesser(text, text.load(low), entries[0]), low)
+        inverse = text.value(f"fdiv double 1.0, {entries[0]}")
+        text.store(inverse, text.at(here, str(width)))
+        for c in towards:
+            text.store(text.value(f"fmul double {entries[c]}, {inverse}"), text.at(here, str(width + c)))
+        return inverse, *(entries[c] for c in towards)
 
-def solve_text(width: int) -> str:
-    """The function that solves with the factors in place: n right sides, with `width` places before and behind them for what is zero."""
-    text, row = LoopText(), 2 * width + 1
-    for first, end in (("0", str(width)), (text.value(f"add i64 %n, {width}"), text.value(f"add i64 %n, {2 * width}"))):
-        with text.loop(first, end) as i:
-            text.store("0.0", text.at("%b", i))
-    for down in (False, True):
-        near = [_number(text, "0.0") for _ in range(width)]  # the solution at the last rows, in registers
-        with text.loop("0", "%n", down) as i:
-            here = text.at("%a", text.value(f"mul i64 {i}, {row}"))
-            place = text.at("%b", text.value(f"add i64 {i}, {width}"))
-            value = text.load(place)
-            if down:
-                value = text.value(f"fmul double {value}, {text.load(text.at(here, str(width)))}")
-            known = [text.load(each) for each in near]
+    def without(entries: dict[int, str], here: str, c: int, inverse: str, others: Mapping[int, str]) -> None:
+        """Eliminate the entry c columns off the diagonal by a row with the inverse of its pivot and `others` in columns relative to the same."""
+        factor = text.value(f"fmul double {entries[c]}, {inverse}")
+        text.store(factor, text.at(here, str(width + c)))
+        for place, other in others.items():
+            product = text.value(f"fmul contract double {factor}, {other}")
+            entries[place] = text.value(f"fsub contract double {entries[place]}, {product}")
+
+    with text.loop("0", str(middle[0])) as k:
+        for side in (1, -1):
+            here = _row(text, k, side, width, rows)
+            entries = {c: text.load(text.at(here, str(width + c))) for c in range(-width, width + 1)}
+            known = [[text.load(each) for each in row] for row in near[side]]
             for d in range(width, 0, -1):
-                entry = text.load(text.at(here, str(width + d if down else width - d)))
-                value = text.value(f"fsub contract double {value}, {text.value(f'fmul contract double {entry}, {known[d - 1]}')}")
-            for each, new in zip(near, [value, *known], strict=False):
-                text.store(new, each)
-            text.store(value, place)
-    return text.function("band_solve", "i64 %n, ptr %a, ptr %b")
+                inverse, *others = known[d - 1]
+                without(entries, here, -side * d, inverse, {side * (c - d): other for c, other in enumerate(others, 1)})
+            new = finished(entries, here, [side * c for c in range(1, width + 1)])
+            for row, values in zip(near[side], [new, *known], strict=False):
+                for each, value in zip(row, values, strict=True):
+                    text.store(value, each)
+    done: dict[int, tuple[str, dict[int, str]]] = {}
+    for side, first in ((1, middle[0] - 1), (-1, middle[-1] + 1)):
+        for d, row in enumerate(near[side]):
+            inverse, *others = [text.load(each) for each in row]
+            done[first - side * d] = inverse, {first + side * (c - d): other for c, other in enumerate(others, 1)}
+    for i in middle:
+        here = text.at("%a", str(i * (2 * width + 1)))
+        entries = {c: text.load(text.at(here, str(width + c))) for c in range(-width, width + 1)}
+        for j in [*range(i + width, middle[-1], -1), *range(i - width, i)]:
+            inverse, beside = done[j]
+            without(entries, here, j - i, inverse, {place - i: other for place, other in beside.items()})
+        towards = [j for j in range(i + 1, i + width + 1) if j in middle]
+        inverse, *others = finished(entries, here, [j - i for j in towards])
+        done[i] = inverse, dict(zip(towards, others, strict=True))
+    return text.function("band_factor", "ptr %a, double %least", text.load(low))
+
+
+def solve_text(width: int, rows: int) -> str:
+    """The function that solves with the factors in place."""
+    text, middle = LoopText(), _middle(width, rows)
+    near = {side: [_number(text, "0.0") for _ in range(width)] for side in (1, -1)}  # the solution at the last rows, in registers
+
+    def less(value: str, factors: Sequence[str], known: Sequence[str]) -> str:
+        for factor, other in zip(factors, known, strict=True):
+            value = text.value(f"fsub contract double {value}, {text.value(f'fmul contract double {factor}, {other}')}")
+        return value
+
+    def advance(k: str, side: int, towards: int) -> None:
+        here, place = _row(text, k, side, width, rows), text.at("%b", _mirrored(text, k, side, rows))
+        value = text.load(place)
+        if towards > 0:
+            value = text.value(f"fmul double {value}, {text.load(text.at(here, str(width)))}")
+        known = [text.load(each) for each in near[side]]
+        factors = [text.load(text.at(here, str(width + towards * side * d))) for d in range(width, 0, -1)]
+        value = less(value, factors, known[::-1])
+        for each, new in zip(near[side], [value, *known], strict=False):
+            text.store(new, each)
+        text.store(value, place)
+
+    with text.loop("0", str(middle[0])) as k:
+        for side in (1, -1):
+            advance(k, side, -1)
+    found: dict[int, str] = {}
+    for side, first in ((1, middle[0] - 1), (-1, middle[-1] + 1)):
+        found |= {first - side * d: text.load(each) for d, each in enumerate(near[side])}
+
+    def entry(i: int, j: int) -> str:
+        return text.load(text.at("%a", str(i * (2 * width + 1) + width + j - i)))
+
+    for i in middle:
+        others = [*range(i + width, middle[-1], -1), *range(i - width, i)]
+        found[i] = less(text.load(text.at("%b", str(i))), [entry(i, j) for j in others], [found[j] for j in others])
+    for i in reversed(middle):
+        others = [j for j in range(i + width, i, -1) if j in middle]
+        value = text.value(f"fmul double {found[i]}, {entry(i, i)}")
+        found[i] = less(value, [entry(i, j) for j in others], [found[j] for j in others])
+        text.store(found[i], text.at("%b", str(i)))
+    for side, first in ((1, middle[0]), (-1, middle[-1])):
+        for d, each in enumerate(near[side]):
+            text.store(found[first + side * d], each)
+    with text.loop("0", str(middle[0]), down=True) as k:
+        for side in (1, -1):
+            advance(k, side, 1)
+    return text.function("band_solve", "ptr %a, ptr %b")
+
+
+def _middle(width: int, rows: int) -> range:
+    """The rows where the elimination from the first row on and that from the last row back meet: as many as the half width, or one more."""
+    before = (rows - width) // 2
+    return range(before, rows - before)
+
+
+def _mirrored(text: LoopText, i: str, side: int, rows: int) -> str:
+    """The row i, counted from the end for the side -1."""
+    return i if side > 0 else text.value(f"sub i64 {rows - 1}, {i}")
+
+
+def _row(text: LoopText, i: str, side: int, width: int, rows: int) -> str:
+    """Where the row i of a band stands, counted from the end for the side -1."""
+    return text.at("%a", text.value(f"mul i64 {_mirrored(text, i, side, rows)}, {2 * width + 1}"))
 
 
 def _number(text: LoopText, value: str) -> str:

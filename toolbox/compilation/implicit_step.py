@@ -142,20 +142,20 @@ def _in_loops(made: Banded, given: list[ca.SX], drift: ca.SX, diagonal: ca.SX, p
 
     apart = f"ptr {pointer(prepare, '%y', n)}, double {prepare.load(results, n + size)}"
     least = prepare.value(f"call double @least(i64 {s}, {apart})")
-    least = prepare.value(f"call double @band_factor(i64 {m}, ptr {pointer(prepare, '%y', n + made.band)}, double {least})")
+    least = prepare.value(f"call double @band_factor(ptr {pointer(prepare, '%y', n + made.band)}, double {least})")
     prepare.store(prepare.value(f"fsub double {least}, {prepare.load(results, n + size + 1)}"), "%y", n + size)
 
     solve = RolledBody("solve")
     values = pointer(solve, "%x", n)
-    left = solve.value(f"alloca [{m + 2 * width} x double], align 64")
-    reduced, completed = Rolled(made.reduced, (values, "%y")), Rolled(made.completed, (values, "%y", pointer(solve, left, width)))
+    left = solve.value(f"alloca [{m} x double], align 64")
+    reduced, completed = Rolled(made.reduced, (values, "%y")), Rolled(made.completed, (values, "%y", left))
     cells = solve.value(f"alloca [{max(reduced.size, completed.size, 1)} x double], align 64")
     solution = solve.value(f"alloca [{n} x double], align 64")
-    solve.write(reduced, cells, left, width)
-    solve.lines.append(f"  call void @band_solve(i64 {m}, ptr {pointer(solve, values, made.band)}, ptr {left})")
+    solve.write(reduced, cells, left, 0)
+    solve.lines.append(f"  call void @band_solve(ptr {pointer(solve, values, made.band)}, ptr {left})")
     solve.write(completed, cells, solution, 0)
     loop_over(solve, n, "%y", solution, (), ())
-    text = "\n".join([least_text(), factor_text(width), solve_text(width), ""])
+    text = "\n".join([least_text(), factor_text(width, m), solve_text(width, m), ""])
     one = made.reduced.n_instructions() + made.completed.n_instructions() + m * (4 * width + 2)
     return LinearAlgebra(prepare, solve, size, text, (needed.n_instructions() + m * (2 * width * (width + 1) + 2), one))
 

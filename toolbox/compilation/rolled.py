@@ -34,6 +34,11 @@ FACTOR, SOLVE, PART = -1, -2, -3
 """Operations beside those of casadi: factors of a dense matrix, a solution with them, one entry of it."""
 
 
+APART = {"!1 = distinct !{}", "!2 = distinct !{!2, !3}", '!3 = !{!"llvm.loop.parallel_accesses", !1}'}
+"""Says of a loop that no pass reads what another one writes, which LLVM does not see where places are read from a table: else it is not done on several
+cells at once."""
+
+
 class Node(NamedTuple):
     """A value: an operation on other nodes. Of inputs `args` is (input, place), of a part of a solution (solution, place)."""
 
@@ -399,11 +404,16 @@ class RolledBody(Body):
         self.count += 1
         self.lines += [f"  br label %{label}a", f"{label}a:", f"  br label %{label}", f"{label}:"]
         self.lines.append(f"  %{label}i = phi i64 [0, %{label}a], [%{label}n, %{label}]")
+        first = len(self.lines)
         yield label
+        for k in range(first, len(self.lines)):
+            if " load " in self.lines[k] or self.lines[k].startswith("  store "):
+                self.lines[k] += ", !llvm.access.group !1"
+        self.declarations |= APART
         self.lines += [
             f"  %{label}n = add i64 %{label}i, 1",
             f"  %{label}c = icmp ult i64 %{label}n, {count}",
-            f"  br i1 %{label}c, label %{label}, label %{label}z",
+            f"  br i1 %{label}c, label %{label}, label %{label}z, !llvm.loop !2",
             f"{label}z:",
         ]
 

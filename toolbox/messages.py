@@ -35,12 +35,20 @@ _STEP: ContextVar[Callable[[], None] | None] = ContextVar("step", default=None)
 
 @contextmanager
 def at_every_step(step: Callable[[], None]) -> Iterator[None]:
-    """Call `step` whenever a bar of progress moves in this thread, shown or not: work that nobody waits for any more ends with what it raises."""
+    """Call `step` whenever a run begins or pauses in this thread, or a bar of progress moves, shown or not.
+
+    Work that nobody waits for any more ends with what it raises.
+    """
     before = _STEP.set(step)
     try:
         yield
     finally:
         _STEP.reset(before)
+
+
+def step_here() -> Callable[[], None] | None:
+    """What is called at every step of work in this thread; None where nothing is."""
+    return _STEP.get()
 
 
 SILENT = 1.0

@@ -1,9 +1,10 @@
 """How long after a key are verdict and traces of the new number painted, on the page of `stickslip explore`?
 
-In Chromium, by playwright: every law of a scene is chosen, the first slider of it gets the focus, and the right arrow is pressed so many times, each time when
-the answer before is painted and a moment has passed, in which the map is drawn on. A time reaches from the event of the key to the second frame after the
-page has drawn the answer. Beside it stands the processor time of this process for the same turns, without a browser. Times are those of a machine that does
-nothing else.
+In Chromium, by playwright: every law of a scene is chosen, the first slider of it gets the focus, and the right arrow is pressed so many times, each time
+when the answer before is painted and a moment has passed, in which the map is drawn on. A time reaches from the event of the key to the second frame after
+the page has drawn the answer. Where the judge needs longer than the page waits for him, the run is painted first, with "not decided yet" for its verdict: how
+often, and when the last of these verdicts came, stands beside it, and the processor time of this process for the same turns, without a browser. Times are
+those of a machine that does nothing else.
 
     python -m studies turning [SCENE.toml ...] [--presses 40]        (needs playwright and Chromium; by default the scenes below; some minutes)
 """
@@ -30,11 +31,15 @@ PAUSE = 0.4
 """Seconds between two keys, after the answer: somebody looks, and the map goes on."""
 
 LISTENS = """() => {
-  window.pressed = 0; window.waited = [];
-  document.addEventListener("keydown", () => { pressed = performance.now(); }, true);
+  window.pressed = 0; window.waited = []; window.followed = []; window.first = true;
+  document.addEventListener("keydown", () => { pressed = performance.now(); first = true; }, true);
   new MutationObserver(() => {
-    if (pressed && document.body.dataset.painted === String(asked)) { waited.push(performance.now() - pressed); pressed = 0; }
-  }).observe(document.body, { attributes: true, attributeFilter: ["data-painted"] });
+    if (!pressed || document.body.dataset.painted !== String(asked)) return;
+    const since = performance.now() - pressed, decided = document.body.dataset.decided === String(asked);
+    if (first) waited.push(since); else if (decided) followed.push(since);
+    first = false;
+    if (decided) pressed = 0;
+  }).observe(document.body, { attributes: true, attributeFilter: ["data-painted", "data-decided"] });
 }"""
 
 
@@ -47,19 +52,19 @@ def settle(tab: Any, seconds: float = 120.0) -> None:
         time.sleep(0.1)
 
 
-def painted(tab: Any, label: str, presses: int) -> list[float]:
-    """Milliseconds from each key to the painted answer, under one law."""
+def painted(tab: Any, label: str, presses: int) -> tuple[list[float], list[float]]:
+    """Milliseconds from each key to the painted answer, and to the verdicts that came after it, under one law."""
     tab.select_option("#law", label)
     settle(tab)
     tab.locator("#numbers input[type=range]:enabled").first.focus()
     tab.keyboard.press("ArrowRight")  # the first may compile
     settle(tab)
-    tab.evaluate("() => { waited = []; }")
+    tab.evaluate("() => { waited = []; followed = []; }")
     for _ in range(presses):
         time.sleep(PAUSE)
         tab.keyboard.press("ArrowRight")
         settle(tab)
-    return list(tab.evaluate("waited"))
+    return tab.evaluate("waited"), tab.evaluate("followed")
 
 
 def served(page: Any, label: str, turns: int) -> float:
@@ -85,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("scenes", nargs="*", type=Path, default=[SCENES / f"{name}.toml" for name in SHOWN], metavar="SCENE.toml")
     parser.add_argument("--presses", type=int, default=40, metavar="N", help="keys for each law (40)")
     given = parser.parse_args(arguments)
-    print(f"{'painted after a key, ms':<58}{'median':>8}{'90 %':>8}{'most':>8}{'processor':>12}")
+    print(f"{'painted after a key, ms':<58}{'median':>8}{'90 %':>8}{'most':>8}{'processor':>12}   verdicts that followed")
     every: list[float] = []
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
@@ -98,13 +103,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 settle(tab)
                 tab.evaluate(LISTENS)
                 for label in page.loops:
-                    times = painted(tab, label, given.presses)
+                    times, followed = painted(tab, label, given.presses)
                     every += times
                     if not times:  # the first slider stands at its end
                         print(f"{path.stem + ', ' + label:<58}{'-':>8}", flush=True)
                         continue
                     row = f"{np.median(times):>8.0f}{np.quantile(times, 0.9):>8.0f}{max(times):>8.0f}"
-                    print(f"{path.stem + ', ' + label:<58}{row}{served(page, label, 9):>12.1f}", flush=True)
+                    later = f"{len(followed):>6}, the last after {max(followed):.0f} ms" if followed else f"{0:>6}"
+                    print(f"{path.stem + ', ' + label:<58}{row}{served(page, label, 9):>12.1f}{later}", flush=True)
                 tab.close()
         browser.close()
     print(f"{'all':<58}{np.median(every):>8.0f}{np.quantile(every, 0.9):>8.0f}{max(every):>8.0f}")

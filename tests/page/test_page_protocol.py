@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 import tracemalloc
 from pathlib import Path
 
@@ -21,8 +22,9 @@ from models import BlockOnBelt
 from toolbox import Scene, closed_loop, compose, measure, simulate
 from toolbox.commands.command_line import main
 from toolbox.errors import SceneError
-from toolbox.onsets.study import verdict_of
-from toolbox.page import explore, maps
+from toolbox.messages import step_here
+from toolbox.onsets.study import verdict_of, words_of
+from toolbox.page import answers, explore, maps
 from toolbox.page.controls import controls_of
 from toolbox.page.served import SOON, page_of
 from toolbox.page.server import FILES, LONGEST
@@ -66,7 +68,7 @@ def request(page, question, body=None, path=None, **headers):
     return found
 
 
-def ask(page, question, **told):
+def ask(page, question, /, **told):
     status, headers, body = request(page, question, json.dumps(told).encode())
     assert status == 200, body
     if headers["Content-Type"] == "application/x-ndjson":
@@ -323,6 +325,54 @@ def test_a_run_that_takes_longer_than_a_moment_is_said_to_and_then_given(page, m
     setting = {"label": "soft torque", "changes": {"bit.weight": 87_654.0}}
     assert "takes a while" in ask(page, "run", setting=setting, soon=True)["waiting"]
     assert ask(page, "run", setting=setting)["whole"]
+
+
+def test_a_verdict_that_takes_longer_than_a_moment_follows_the_run(page, monkeypatch):
+    seen = threading.Event()
+
+    def long(loop, run, found):
+        while not seen.is_set():
+            step_here()()
+        return words_of(loop, run, found)
+
+    monkeypatch.setattr(answers, "words_of", long)
+    setting = {"label": "softer PI, 100 Hz", "changes": {"bit.weight": 87_655.0}}
+    first = ask(page, "run", setting=setting, soon=True)
+    assert (first["verdict"], first["decided"], first["whole"]) == ("not decided yet", False, True)
+    assert "being looked at" in first["reason"] and first["measures"] and first["signals"]
+    seen.set()
+    last = ask(page, "run", setting=setting)
+    assert last["decided"] and last["verdict"] != first["verdict"] and last["print"] == first["print"]
+
+
+def test_what_a_page_waits_for_ends_when_it_asks_for_another_run_or_goes(page, monkeypatch):
+    page.warming.join()
+    begun = threading.Barrier(2)
+
+    def judging(loop, run, found):
+        begun.wait(60.0)
+        while True:
+            step_here()()
+            time.sleep(0.001)
+
+    def waiting(name):
+        came = []
+        asks = threading.Thread(target=lambda: came.append(ask(page, "run", page=name, setting={"label": "stiff PI"})), daemon=True)
+        asks.start()
+        begun.wait(60.0)
+        return asks, came
+
+    with monkeypatch.context() as patched:
+        patched.setattr(answers, "words_of", judging)
+        (first, one), (second, two) = waiting("one"), waiting("two")
+    assert ask(page, "run", page="one", setting={"label": "soft torque"})["decided"]
+    first.join(60.0)
+    assert one == [{"cancelled": True}] and second.is_alive()
+    ask(page, "leave", page="two")  # its map alone
+    assert second.is_alive()
+    ask(page, "leave", page="two", gone=True)
+    second.join(60.0)
+    assert two == [{"cancelled": True}]
 
 
 def test_a_stop_tells_of_the_sticks_before_it_stands_and_has_no_map():

@@ -110,24 +110,38 @@ def verdict_of(scene: Any, run: Trajectory) -> tuple[str, dict[str, float], Judg
 
     scene: a scene, or a loop with all that a scene says of it.
     """
-    found = {name: _number_of(name, run) for name in (COLUMNS if scene.standstill is None else ("stuck", "settling", "peak"))}
+    found = measures_of(scene, run)
+    words, judged = words_of(scene, run, found)
+    return words, found, judged
+
+
+def measures_of(scene: Any, run: Trajectory) -> dict[str, float]:
+    """The measures of the verdict on a run, by the names of their columns."""
+    return {name: _number_of(name, run) for name in (COLUMNS if scene.standstill is None else ("stuck", "settling", "peak"))}
+
+
+def words_of(scene: Any, run: Trajectory, found: Mapping[str, float]) -> tuple[str, Judged | None]:
+    """The verdict in words, and what the judge found, as `verdict_of`; found: the measures of the run.
+
+    This is where the run may be carried on until the judge can tell.
+    """
     if scene.standstill is None:
         if scene.element is None:
-            return "no modes", found, None  # a contact without modes never sticks, whether it swings says the severity
+            return "no modes", None  # a contact without modes never sticks, whether it swings says the severity
         sticks = stick_intervals(run, scene.element, scene.after)
         judged = comes_to(run, scene.element, scene.signal, scene.after)
         if judged is None:  # the run shows no more than its own time
-            return verdict(sticks, scene.after, scene.duration) if sticks else "no stick", found, None
-        return in_words(judged, len(sticks)), found, judged
+            return verdict(sticks, scene.after, scene.duration) if sticks else "no stick", None
+        return in_words(judged, len(sticks)), judged
     stands = found["settling"]
     if not scene.after < stands < math.inf:
-        return "does not stand" if stands == math.inf else "stands at once", found, None
+        return "does not stand" if stands == math.inf else "stands at once", None
     sticks = (
         sticks_before_standstill(run, scene.element, scene.signal, scene.standstill, scene.after, stands)
         if scene.element is not None
         else []
     )
-    return verdict(sticks, scene.after, stands), found, None
+    return verdict(sticks, scene.after, stands), None
 
 
 def in_words(judged: Judged, sticks: int) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,9 +15,10 @@ from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import reading_of
 from toolbox.measuring.judge import Judged, told_growth
 from toolbox.measuring.measure import extent, stick_intervals
+from toolbox.messages import at_every_step
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
-from toolbox.onsets.study import verdict_of
+from toolbox.onsets.study import measures_of, words_of
 from toolbox.scenes.judged import sticks_before_standstill
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.linear import equilibrium, linearise
@@ -43,6 +44,14 @@ TONES = {
 """{verdict: how it is coloured}; the words say the same."""
 
 
+LOOKING_ON = "not decided yet"
+"""The verdict while the judge still follows the run."""
+
+
+class Later(Exception):
+    """What is under way takes too long for the moment."""
+
+
 def packed(values: FloatArray) -> str:
     """A row of numbers for the page: single precision in base64."""
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
@@ -53,12 +62,21 @@ def shown_signals(run: Trajectory, loop: ClosedLoop) -> list[str]:
     return [name for name in dict.fromkeys([loop.signal, *run.main_signals, loop.effort]) if name is not None and name in run]
 
 
-def answer(run: Trajectory, loop: ClosedLoop, names: Sequence[str], plane: Sequence[str], asked: Mapping[str, str]) -> dict[str, Any]:
+def answer(
+    run: Trajectory, loop: ClosedLoop, names: Sequence[str], plane: Sequence[str], asked: Mapping[str, str], step: Callable[[], None]
+) -> dict[str, Any]:
     """What is shown at once.
 
-    names: signals of the traces;  plane: the two of the phase plane;  asked: {unit: unit in which it is read}.
+    names: signals of the traces;  plane: the two of the phase plane;  asked: {unit: unit in which it is read};  step: called at every step of the judge; where
+    it raises `Later`, the verdict follows.
     """
-    words, found, judged = verdict_of(loop, run)
+    found = measures_of(loop, run)
+    judged: Judged | None = None
+    try:
+        with at_every_step(step):
+            words, judged = words_of(loop, run, found)
+    except Later:
+        words = LOOKING_ON
     after = loop.after or 0.0
     sticks = [] if loop.element is None or loop.element not in run.modes else stick_intervals(run, loop.element, run.begin)
     time, rows = traces(run, names, run.begin, run.end)
@@ -74,7 +92,8 @@ def answer(run: Trajectory, loop: ClosedLoop, names: Sequence[str], plane: Seque
         signals.append({"name": name, "unit": read[name].unit, "base": run.unit(name), "factor": read[name].factor, "values": packed(row * read[name].factor),
                         "limits": [None if end is None else end * read[name].factor for end in limits]})  # fmt: skip
     return {
-        "verdict": words, "tone": TONES.get(words, "bad" if "stick-slip" in words else "fair"), "reason": reason(loop, words, judged, found, run),
+        "verdict": words, "decided": words != LOOKING_ON, "tone": TONES.get(words, "bad" if "stick-slip" in words else "fair"),
+        "reason": reason(loop, words, judged, found, run),
         "measures": measures_in_words(loop, found, run, asked), "time": packed(time), "signals": signals, "end": run.end, "after": after,
         "sticks": [[float(a), float(b)] for a, b in sticks], "element": loop.element,
         "plane": [{"name": name, "unit": each.unit, "values": packed(values * each.factor)}
@@ -180,7 +199,9 @@ def reason(loop: ClosedLoop, words: str, judged: Judged | None, found: Mapping[s
     if loop.standstill is not None:
         stands = found.get("settling", math.nan)
         return f"{'It never stands.' if stands == math.inf else f'It stands at {stands:.3g} s.'} {parts[0]}"
-    if judged is not None:
+    if words == LOOKING_ON:
+        parts.append("Whether that stays so is being looked at.")
+    elif judged is not None:
         if math.isfinite(judged.interval):
             what = "The same stick comes back" if judged.sticks else "The same swing comes back"
             parts.append(f"{what} every {judged.interval:.3g} s.")

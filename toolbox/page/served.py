@@ -20,6 +20,7 @@ from toolbox.arguments import number
 from toolbox.errors import BudgetError, SceneError, SimulationError
 from toolbox.files.unit_systems import units
 from toolbox.files.units import NumberOrText
+from toolbox.messages import at_every_step
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.page import answers, maps
@@ -43,6 +44,12 @@ KEPT = 12
 SOON = 0.3
 """Seconds after which a run that is not finished is shown as far as it is."""
 
+AT_ONCE = 0.06
+"""Seconds, or as long again as the run took, after which it is shown without its verdict where the judge is not at the end: one waits for the run."""
+
+PAGES = 100
+"""Pages whose last question is known."""
+
 QUIET = 0.3
 """Seconds without a run after which maps are drawn on: while somebody turns a number, the processor is for the run that he waits for."""
 
@@ -54,7 +61,7 @@ PATIENCE = 120.0
 
 
 class _Cancelled(Exception):
-    """Nobody waits for this map any more."""
+    """Nobody waits for this map, or this answer, any more."""
 
 
 class Page:
@@ -71,6 +78,7 @@ class Page:
         self._lock, self._runs = threading.Lock(), OrderedDict[str, tuple[Trajectory, ClosedLoop, list[str]]]()
         self._looks: dict[str, dict[str, Any]] = {}
         self._maps: dict[str, object] = {}
+        self._waiting: dict[str, object] = {}
         self._drawn: OrderedDict[str, dict[str, Any]] = OrderedDict()
         self._closed = False
         self._turned, self._running = -math.inf, 0
@@ -191,10 +199,26 @@ class Page:
         return run, loop, without, True
 
     def _run(self, told: dict[str, Any]) -> dict[str, Any]:
-        """Traces and verdict of a setting; of one that is asked for soon and has nothing to show yet, that it takes a while."""
-        soon = bool(told.get("soon"))
+        """Traces and verdict of a setting; of one that is asked for soon, as much as there is in a moment. What the same page waited for before ends."""
+        with self._lock:
+            _newest(self._waiting, _page(told))
         with self._first():
-            return self._shown(told, soon)
+            return self._while_wanted(told, lambda step: self._shown(told, bool(told.get("soon")), step))
+
+    def _while_wanted(self, told: dict[str, Any], work: Callable[[Callable[[], None]], dict[str, Any]]) -> dict[str, Any]:
+        """What a piece of work finds, given a function to call at its steps; it ends once the page of the question asks for another run."""
+        page = _page(told)
+        mine = self._waiting.get(page)
+
+        def step() -> None:
+            if self._closed or (page and self._waiting.get(page) is not mine):
+                raise _Cancelled
+
+        try:
+            with at_every_step(step):
+                return work(step)
+        except _Cancelled:
+            return {"cancelled": True}
 
     @contextlib.contextmanager
     def _first(self) -> Iterator[None]:
@@ -208,7 +232,8 @@ class Page:
                 self._running -= 1
                 self._turned = time.monotonic()
 
-    def _shown(self, told: dict[str, Any], soon: bool) -> dict[str, Any]:
+    def _shown(self, told: dict[str, Any], soon: bool, wanted: Callable[[], None]) -> dict[str, Any]:
+        began = time.monotonic()
         try:
             run, loop, without, whole = self._simulated(told, soon)
         except BudgetError as failure:
@@ -219,7 +244,15 @@ class Page:
         look = self._look(label)
         if "signals" not in look:
             look["signals"], look["plane"] = answers.shown_signals(run, loop), answers.plane_of(run, loop)
-        return answers.answer(run, loop, look["signals"], look["plane"], look["asked"]) | {"lacking": without, "whole": whole}
+        ran = time.monotonic()
+        end = max(began + AT_ONCE, 2.0 * ran - began) if soon else math.inf
+
+        def step() -> None:
+            wanted()
+            if time.monotonic() > end:
+                raise answers.Later
+
+        return answers.answer(run, loop, look["signals"], look["plane"], look["asked"], step) | {"lacking": without, "whole": whole}
 
     def _traces(self, told: dict[str, Any]) -> dict[str, Any]:
         """The traces between two times, for who looks closer."""
@@ -230,8 +263,8 @@ class Page:
 
     def _further(self, told: dict[str, Any]) -> dict[str, Any]:
         """Error, poles, and what has no effect."""
-        run, loop, _, _ = self._simulated(told)
-        return answers.further(run, loop)
+
+        return self._while_wanted(told, lambda _: answers.further(*self._simulated(told)[:2]))
 
     # ------------------------------------------------------------------------------------------------------------------------------------- maps
     def _map(self, told: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -240,11 +273,9 @@ class Page:
         look, names = self._look(setting.label), told.get("axes")
         if not isinstance(names, list) or len(names) != 2 or names[0] == names[1] or not all(name in look["controls"] for name in names):
             raise SceneError("Argument `axes` must name two numbers of the loop.")
-        page, mine = str(told.get("page"))[:40], object()
+        page = _page(told)
         with self._lock:
-            self._maps[page] = mine
-            while len(self._maps) > 100:
-                del self._maps[next(iter(self._maps))]
+            mine = _newest(self._maps, page)
         loop, _ = dataclasses.replace(setting, disturbance="").loop(self.loops[setting.label])
         controls: dict[str, Control] = look["controls"]
         over = maps.ranges(controls, names, loop)
@@ -300,8 +331,9 @@ class Page:
                     self._answer("run", told | {"setting": {"label": label, "changes": {}, "disturbance": ""}, "soon": True})
 
     def _leave(self, told: dict[str, Any]) -> dict[str, Any]:
-        """Forget the map of a page."""
-        self._maps.pop(str(told.get("page"))[:40], None)
+        """Forget the map of a page, and what it waits for, where it has gone."""
+        for known in (self._maps, self._waiting) if told.get("gone") is True else (self._maps,):
+            known.pop(_page(told), None)
         return {}
 
     # ----------------------------------------------------------------------------------------------------------------------------------- saving
@@ -323,6 +355,21 @@ class Page:
         """The setting as lines of Python."""
         setting = Setting.of(told.get("setting"), self.loops)
         return {"text": python_of(setting, self.loops[setting.label], self.path)}
+
+
+def _page(told: dict[str, Any]) -> str:
+    """Which page asks; empty where a question does not say."""
+    return str(told.get("page", ""))[:40]
+
+
+def _newest(known: dict[str, object], page: str) -> object:
+    """A mark of the newest question of a page, which takes the place of the one before; of many pages those that asked last are known."""
+    mine = object()
+    known.pop(page, None)
+    known[page] = mine
+    while len(known) > PAGES:
+        del known[next(iter(known))]
+    return mine
 
 
 def explore(loop: ClosedLoop | HybridSystem | Scene, duration: NumberOrText | None = None, *, port: int | None = None) -> Page:

@@ -15,7 +15,7 @@ from toolbox.compilation.formulas import Formulas
 from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program, program_of
 from toolbox.errors import BudgetError, SimulationError
-from toolbox.messages import LOG, progress_bar
+from toolbox.messages import LOG, progress_bar, step_here
 from toolbox.modelling.laws import External
 from toolbox.modelling.regularisation import SmoothSystem
 from toolbox.simulation.deadline import OutOfTime, until
@@ -104,7 +104,9 @@ class Course:
         self.look = progress(self.work)
         undecided = run.method.watches_stiffness and not run.laws  # a law in Python is asked once per sample: its runs do not begin anew
         self.next_look = FIRST_LOOK if undecided else run.budget.steps
-        self.chunk = 200_000 if run.budget.seconds == np.inf else 100
+        self.step = step_here()
+        self.hurried = run.budget.seconds < np.inf or self.step is not None
+        self.chunk = 100 if self.hurried else 200_000
 
     @property
     def seconds(self) -> float:
@@ -128,6 +130,8 @@ class Course:
         """Call the compiled loop until the run is done; raises as `carry_out`."""
         budget, series = self.run.budget, self.program.formulas.series
         while True:
+            if self.step is not None:
+                self.step()
             work, tried = self.work, progress(self.work)[1]
             work.ints[work_layout.BUDGET] = min(self.next_look - tried, budget.steps - tried, self.chunk)
             status = self.advance(work)
@@ -177,7 +181,7 @@ class Course:
         steps, budget = progress(self.work)[1], self.run.budget
         if steps >= budget.steps:
             raise self.exhausted()
-        if budget.seconds < np.inf:  # as many steps as take a tenth of a second at most
+        if self.hurried:  # as many steps as take a tenth of a second at most
             self.chunk = max(1, min(2 * self.chunk, int(0.1 * steps / spent)))
         if steps >= self.next_look:
             if pays(self.run, self.program, self.work, self.look):

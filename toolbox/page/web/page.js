@@ -11,7 +11,8 @@ let history = [];             // settings before, for undo
 let live = null, pinned = null, map = null;
 let plots = [], spectrum = null, rows = new Map();
 let axesChosen = {};          // {label: [across, up]}
-let asked = 0, answered = 0, running = false, slow = false, gesture = "", lastPrint = "", turned = "";
+let asked = 0, answered = 0, running = false, gesture = "", lastPrint = "", turned = "";
+let later = null;             // ends the wait for what follows a first answer
 let cursorTime = null, playing = null, mapAbort = null, mapKey = "", backOfMap = null;
 
 async function ask(question, what, signal) {
@@ -58,6 +59,7 @@ function change(name, value) {
 
 function changed() {
   asked += 1;
+  if (later) later.abort();
   find("undo").disabled = !history.length;
   find("reset").disabled = !Object.keys(setting.changes).length && !setting.disturbance;
   for (const kind of ["rock", "bump"]) find(kind).setAttribute("aria-pressed", String(setting.disturbance === kind));
@@ -73,18 +75,19 @@ async function run() {
   while (answered !== asked) {
     const mine = asked, sent = copied(setting);
     try {
-      let found = await (await ask("run", { setting: sent, soon: slow })).json();
+      let found = await (await ask("run", { setting: sent, page, soon: true })).json();
       if (found.error) { refused(found.error, mine); continue; }
       if (found.waiting) { if (mine !== asked) { answered = mine; continue; } } else receive(found, sent, mine);
-      if (!found.whole && mine === asked) {
-        slow = true;
-        say(found.waiting || "The run is shown as far as it is, " + short(found.end) + " s; the rest follows.");
-        found = await (await ask("run", { setting: sent })).json();
-        if (mine === asked) { if (found.error) refused(found.error, mine); else receive(found, sent, mine); }
+      if (!(found.whole && found.decided) && mine === asked) {
+        if (!found.whole) say(found.waiting || "The run is shown as far as it is, " + short(found.end) + " s; the rest follows.");
+        later = new AbortController();
+        found = await (await ask("run", { setting: sent, page }, later.signal)).json();
+        if (mine === asked) { if (found.error) refused(found.error, mine); else receive(found, sent, mine, true); }
       }
     } catch (failure) {
-      refused("The page has ended: " + failure.message, mine);
+      if (failure.name !== "AbortError") refused("The page has ended: " + failure.message, mine);
     }
+    later = null;
   }
   running = false;
   document.body.classList.remove("busy");
@@ -97,20 +100,22 @@ function refused(text, mine) {
   document.body.dataset.painted = String(mine);
 }
 
-function receive(found, sent, mine) {
+function receive(found, sent, mine, again = false) {
   answered = mine;
-  slow = found.milliseconds > 250 || !found.whole;
   found.timeFloats = floats(found.time);
   found.stuckFloats = floats(found.stuck);
   for (const signal of [...found.signals, ...found.plane]) signal.floats = floats(signal.values);
   found.motion = motionOf(found);
   found.values = live ? live.values : null;
   found.setting = sent;
+  const whole = live && live.whole;
   const same = live && live.print === found.print && turned && live.setting.label === sent.label;
   live = found;
   const lacking = found.lacking.length ? " This law has no " + found.lacking.join(", ") + "." : "";
   const row = rows.get(turned);
-  if (same && sent.changes[turned] !== undefined) {
+  if (again) {
+    if (!whole) say(lacking.trim());
+  } else if (same && sent.changes[turned] !== undefined) {
     say("Turning " + turned + " does not change this run: nothing that happens in it depends on this number here." + lacking);
     if (row) row.note("No effect on this run: nothing that happens in it depends on this number here.");
   } else {
@@ -121,6 +126,7 @@ function receive(found, sent, mine) {
   show();
   requestAnimationFrame(() => requestAnimationFrame(() => {
     document.body.dataset.print = found.print;
+    document.body.dataset.decided = found.decided ? String(mine) : "";
     if (mine > Number(document.body.dataset.painted || 0)) document.body.dataset.painted = String(mine);  // what came later may have been refused meanwhile
   }));
 }
@@ -133,8 +139,8 @@ function follow() {
     const mine = asked;
     askMap();
     try {
-      const found = await (await ask("further", { setting: live.setting })).json();
-      if (mine !== asked || found.error) return;
+      const found = await (await ask("further", { setting: live.setting, page })).json();
+      if (mine !== asked || found.error || found.cancelled) return;
       live.values = found.values;
       live.without = found.without;
       live.poles = found.poles;
@@ -674,7 +680,7 @@ function listen() {
   });
   new ResizeObserver(() => { if (live) { for (const plot of plots) plot.setSize({ width: find("panels").clientWidth, height: plot.height }); if (spectrum) spectrum.setSize({ width: find("spectrum").clientWidth, height: 240 }); show(); if (live.poles) drawPoles(find("poles"), live.poles); } }).observe(find("panels"));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { drawTraces.layout = ""; if (spectrum) { spectrum.destroy(); spectrum = null; } if (live) { show(); if (live.poles) drawPoles(find("poles"), live.poles); } });
-  addEventListener("pagehide", () => navigator.sendBeacon("leave", JSON.stringify({ page })));
+  addEventListener("pagehide", () => navigator.sendBeacon("leave", JSON.stringify({ page, gone: true })));
 }
 
 async function start() {

@@ -31,7 +31,7 @@ import numpy as np
 from controllers import PI, Lifting, SoftTorque
 from studies import gains
 from studies.protocol import LIMITS, PLANT, WEIGHT, trial
-from studies.questions.drives import write_rows
+from studies.questions.drives import BETWEEN, write_rows
 from toolbox import Controller, Sampled, Trajectory, inputs, measure, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.files.printing import columns
@@ -62,7 +62,8 @@ SHOWN = ("impedance, tuned", f"impedance, tuned{RELIEF}")
 def inner_laws() -> dict[str, Controller]:
     """The laws that are lifted, by label."""
     tuned = {f"{name}, tuned": gains.tuned(f"{name}, lifting").law for name in ("Z-torque", "impedance", "LQG")}
-    return {"soft torque": SoftTorque(**LIMITS), "PI": PI(**LIMITS), **tuned}
+    one = gains.FAMILIES["LQG, lifting"].of(gains.between("LQG", "LQG, lifting", BETWEEN)).law
+    return {"soft torque": SoftTorque(**LIMITS), "PI": PI(**LIMITS), **tuned, "LQG, between": one}
 
 
 def labels() -> list[str]:

@@ -18,6 +18,7 @@ import numpy as np
 from toolbox.arguments import number
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, in_si
+from toolbox.halving import zero
 from toolbox.measuring.energy import EnergyAudit as EnergyAudit
 from toolbox.measuring.energy import energy_audit as energy_audit
 from toolbox.measuring.energy import gauss
@@ -320,8 +321,6 @@ def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberO
     SceneError
         If the speed is not finite, the signal is unknown or a vector, or the window lies outside the run.
     """
-    from scipy.optimize import brentq
-
     begin, end = window(run, after, until)
     speed = number("speed", speed, run.unit(signal))
     steps = _steps(run, signal, begin, end)
@@ -338,7 +337,7 @@ def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberO
 
     if excess(there) > 0.0:  # by round-off, or because it jumps
         return there
-    return float(brentq(excess, start, there, xtol=1e-14 * max(1.0, end)))
+    return zero(excess, start, there, 1e-14 * max(1.0, end))
 
 
 def overshoot(

@@ -21,6 +21,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError, SimulationError
+from toolbox.halving import zero
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium
@@ -113,7 +114,6 @@ class SmoothBranch(Generic[Place]):
 
     def loss(self, one: float, other: float, precision: float | None = None) -> float:
         """Where the rate is zero, between values at which its signs differ, by default to 1e-10; raises SimulationError where none is known on the way."""
-        from scipy.optimize import brentq
 
         def rate(value: float) -> float:
             if math.isnan(found := self.rate_near(value)):
@@ -121,7 +121,7 @@ class SmoothBranch(Generic[Place]):
                 raise SimulationError(f"The growth of smooth running is not known at {near}.")
             return found
 
-        return float(brentq(rate, one, other, xtol=precision or 1e-10 * max(abs(one), abs(other)), rtol=1e-10))
+        return zero(rate, one, other, precision or 1e-10 * max(abs(one), abs(other)), 1e-10)
 
     def _continuous(self, value: Place) -> Smooth | None:
         point = None if self.followed is None else self.followed(value)

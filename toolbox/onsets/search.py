@@ -67,7 +67,7 @@ class OnsetSearch(JudgedRuns[float]):
 
     def losses(self, values: Sequence[float], tolerance: float) -> list[Border]:
         """The borders of smooth running: where its growth changes its sign, else between neighbours of which one has no smooth running."""
-        safe = [self.smooth(value).regime == SMOOTH for value in values]
+        safe = [self._is_smooth(value, value) for value in values]
         found = []
         for (a, safe_a), (b, safe_b) in itertools.pairwise(zip(values, safe, strict=True)):
             if safe_a == safe_b:
@@ -87,7 +87,7 @@ class OnsetSearch(JudgedRuns[float]):
         return Border(self.branch.loss(a, b, precision), precision, "above" if self.branch.rate(b) < 0 else "below", True, followed=way)
 
     def _is_smooth(self, value: float, origin: float, finer: float = 1.0) -> bool:
-        return self.smooth(value, finer).regime == SMOOTH
+        return not self.branch.rate(value) > 0 and self.smooth(value, finer).regime == SMOOTH  # what grows needs no run to be unsafe
 
     # ---------------------------------------------------------------------------------------------------------------------------------- borders
     def borders(self, values: Sequence[float], safe: Sequence[bool], test: Callable[..., bool], tolerance: float) -> list[Border]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
+from toolbox.halving import zero
 from toolbox.modelling.numbers import Number
 from toolbox.orbits.branch import Bifurcation
 from toolbox.orbits.limit_cycle import anchored, forcing_period
@@ -311,8 +312,6 @@ class ArcWalk:
         return found
 
     def _located(self, test: Callable[[Corrected], float], before: Corrected, after: Corrected, size: float) -> Corrected | None:
-        from scipy.optimize import brentq
-
         points: dict[float, Corrected] = {0.0: before, size: after}
 
         def value(s: float) -> float:
@@ -324,7 +323,7 @@ class ArcWalk:
             return test(points[s])
 
         try:
-            root = brentq(value, 0.0, size, xtol=1e-10 * size + 1e-14)
+            root = zero(value, 0.0, size, 1e-10 * size + 1e-14)
             value(root)
             return points[root]
         except (CycleError, ValueError):

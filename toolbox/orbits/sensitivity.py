@@ -16,6 +16,7 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.files.printing import columns
+from toolbox.halving import zero
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import names
@@ -119,8 +120,6 @@ class Sensitivity:
         They are those at the time of the peak, whose own shift has no effect. Raises SceneError where the largest value stands at an end of the window, where
         it is no peak.
         """
-        from scipy.optimize import brentq
-
         from toolbox.measuring.measure import extent
 
         nodes = self.run.nodes
@@ -132,7 +131,7 @@ class Sensitivity:
         for width in (high - low) * np.logspace(-6, 0, 7):
             first, last = max(t - width, low), min(t + width, high)
             if self._rate(name, first) > 0.0 > self._rate(name, last):
-                t = float(brentq(lambda at: self._rate(name, at), first, last, xtol=1e-15 * nodes.end, rtol=1e-14))
+                t = zero(lambda at: self._rate(name, at), first, last, 1e-15 * nodes.end, 1e-14)
                 break
         return self._of(name, self._between(np.array([t])), nodes.at([t]))[0, 0]
 

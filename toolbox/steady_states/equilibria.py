@@ -15,7 +15,16 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.numbers import Number
 from toolbox.modelling.start import place_starts
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
-from toolbox.steady_states.linear import _free, _frictionless, _modes_at, input_values, residual_functions, steady_state
+from toolbox.steady_states.linear import (
+    _free,
+    _frictionless,
+    _modes_at,
+    holding_elements,
+    input_values,
+    residual_functions,
+    steady_state,
+)
+from toolbox.steady_states.zeros import contradictory
 
 MANY_MODES = 81
 """Combinations of modes above which `equilibria` tries only those in which all contacts do the same."""
@@ -107,10 +116,36 @@ class EquilibriumBranch:
             self.alone.discard(value)
             if not any(self.known.values()):
                 self.alone.add(value)  # to be tried again once a neighbour is known
-            self.known[value] = self._found(value, None) or self._approached(value)
+            self.known[value] = None if self._contradicts(value) else self._found(value, None) or self._approached(value)
             if self.known[value] is not None:
                 self.alone.discard(value)
         return self.known[value]
+
+    def _contradicts(self, value: float) -> bool:
+        """Whether the linear equations of the machine contradict the modes asked, as an integral of the speed does that of a contact in stick."""
+        if not self.mode:
+            return False
+        plant, inputs = self.free.varied(self.closed, self.inputs, value)
+        u, begin = input_values(plant, inputs), plant.begin
+        residual, slopes = residual_functions(plant)
+        asked = np.array([element.name in self.mode for element in plant.elements])
+        m = _modes_at(plant, begin, u, self.mode, resting=True)
+        kept = np.append(np.ones(begin.size, bool), (m == 0.0) & holding_elements(plant) & asked)
+
+        def equations(x: np.ndarray, m: np.ndarray = m) -> np.ndarray:
+            return np.concatenate([np.ravel(rows) for rows in residual(0.0, x, u, plant.values, m)])[kept]
+
+        def jacobian(x: np.ndarray) -> np.ndarray:
+            return np.vstack(slopes(0.0, x, u, plant.values, m))[kept]
+
+        for place in (begin, begin + 1.0):  # rows in which a mode acts that is not asked may be otherwise
+            for other in (-1.0, 0.0, 1.0):
+                same = equations(place, np.where(asked, m, other)) == equations(place)
+                kept[kept] = same
+        if not contradictory(equations, jacobian, begin):
+            return False
+        self.reason = f"the equations contradict {', '.join(f'`{name}` in {mode}' for name, mode in self.mode.items())}"
+        return True
 
     def _found(self, value: float, start: np.ndarray | None) -> Equilibrium | None:
         begin = None if start is None else state_values(self.closed, start)

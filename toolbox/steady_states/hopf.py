@@ -28,6 +28,7 @@ from toolbox.errors import NoSteadyState, SceneError
 from toolbox.files.results import LEFT_OUT
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
+from toolbox.halving import zero
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -35,6 +36,7 @@ from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
 from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes, state_values
 from toolbox.steady_states.linear import holding_elements, steady_state
+from toolbox.steady_states.zeros import searched
 
 
 @dataclass(frozen=True)
@@ -225,14 +227,13 @@ def hopf_curve(
 
 def _crossing(followed: EquilibriumBranch, k: int, a: float, b: float) -> float | None:
     """A value near which the k-th pair crosses the axis between a and b, to a few digits; None where the pair ends there."""
-    from scipy.optimize import brentq
 
     def growth(value: float) -> float:
         growths = followed.growths(value)
         return math.nan if growths is None else float(growths[k]) if k < growths.size else -1.0
 
     try:
-        value = float(brentq(growth, a, b, xtol=1e-9 * (b - a)))
+        value = zero(growth, a, b, 1e-9 * (b - a))
     except ValueError:  # nan where there is no steady state
         return None
     growths = followed.growths(value)  # where a pair meets on the real axis it ends, with a jump of its real part
@@ -241,8 +242,6 @@ def _crossing(followed: EquilibriumBranch, k: int, a: float, b: float) -> float 
 
 def _solved(followed: EquilibriumBranch, guess: float, stable: str) -> HopfPoint:
     """The Hopf point next to a value, from the extended system."""
-    from scipy.optimize import root
-
     closed, free, inputs = followed.closed, followed.free, followed.inputs
     given = [name for name in inputs if name != free.name]
     near = followed(guess)
@@ -270,11 +269,9 @@ def _solved(followed: EquilibriumBranch, guess: float, stable: str) -> HopfPoint
     rows = np.ones(1)
     rows = np.abs(slopes(z / scale)).max(axis=1)
     rows[rows == 0.0] = 1.0
-    y = root(equations, z / scale, jac=slopes, method="hybr" if not sticking.size else "lm", options={"xtol": 1e-14}).x
-    for _ in range(4):
-        step = np.linalg.lstsq(slopes(y), -equations(y), rcond=1e-13)[0]
-        if np.isfinite(step).all() and np.abs(equations(y + step)).sum() < np.abs(equations(y)).sum():
-            y = y + step
+    y = z / scale if sticking.size else _stepped(equations, slopes, z / scale)
+    if not np.abs(equations(y)).max() < 1e-10:
+        y = searched(equations, slopes, z / scale, "hybr" if not sticking.size else "lm")
     left = float(np.abs(equations(y)).max())
     z = y * scale
     if not left < 1e-8 or not z[n + 1] > 0:
@@ -286,6 +283,21 @@ def _solved(followed: EquilibriumBranch, guess: float, stable: str) -> HopfPoint
     vector = z[n + 2 : 2 * n + 2] + 1j * z[2 * n + 2 :]
     coefficient = _lyapunov_coefficient(point, m, float(z[n + 1]), vector) if not sticking.size else math.nan
     return HopfPoint(free.name, free.unit, value, float(z[n + 1]), point, stable, coefficient, left)
+
+
+def _stepped(equations: Any, slopes: Any, y: np.ndarray) -> np.ndarray:
+    """Where Newton's steps lead from a guess of as many digits as `_crossing` gives, as long as they come nearer to a zero that stands alone."""
+    residual = equations(y)
+    for _ in range(8):
+        try:
+            following = y - np.linalg.solve(slopes(y), residual)
+        except np.linalg.LinAlgError:
+            break
+        left = equations(following)
+        if not np.abs(left).sum() < np.abs(residual).sum():
+            break
+        y, residual = following, left
+    return y
 
 
 def _extended(plant: HybridSystem, free: Number, given: tuple[str, ...], sticking: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:

@@ -51,6 +51,36 @@ def searched(equations: Any, slopes: Any, begin: np.ndarray, method: str) -> np.
     return newton(equations, slopes, root(equations, begin, jac=slopes, method=method, options={"xtol": 1e-14}).x, 4, 1.0)
 
 
+def contradictory(equations: Any, slopes: Any, x: np.ndarray) -> bool:
+    """Whether those of some equations that are linear contradict one another, so that there is no zero anywhere.
+
+    What a linear row is at any other place its slope tells; it is asked at places of both signs and of all sizes.
+
+    Parameters
+    ----------
+    equations, slopes
+        Functions of x that give the residual and its Jacobian.
+    x
+        Any place, shape (n,).
+    """
+    residual, matrix = equations(x), slopes(x)
+    size = np.abs(x) + np.abs(x).max(initial=1e-3)
+    signs = np.where(np.arange(x.size) % 2, 1.0, -1.0)
+    linear = np.isfinite(matrix).all(axis=1) & np.isfinite(residual)
+    matrix, residual = np.where(linear[:, None], matrix, 0.0), np.where(linear, residual, 0.0)
+    for move in (-2.0 * x, *(part * sign * size for part in (1e-3, 1.0, 1e3, 1e6) for sign in (1.0, -1.0, signs, -signs))):
+        terms = np.abs(matrix) @ (np.abs(x) + np.abs(move)) + np.abs(residual)
+        with np.errstate(invalid="ignore"):
+            linear &= np.abs(equations(x + move) - residual - matrix @ move) <= 1e-11 * terms
+    rows = np.abs(matrix).max(axis=1, initial=0.0)
+    linear &= rows > 0.0
+    a, b = matrix[linear] / rows[linear, None], residual[linear] / rows[linear]
+    columns = np.abs(a).max(axis=0, initial=0.0)
+    a = a / np.where(columns > 0.0, columns, 1.0)
+    step = np.linalg.lstsq(a, -b, rcond=1e-12)[0]
+    return bool(np.abs(a @ step + b).max(initial=0.0) > 1e-9 * max(np.abs(step).max(initial=0.0), np.abs(b).max(initial=0.0)))
+
+
 def vanishes(residual: np.ndarray, size: np.ndarray) -> bool:
     """Whether a residual is the round-off of terms of that size."""
     return bool(np.isfinite(residual).all() and (np.abs(residual) <= 1e-9 * size + 1e-13 * size.max()).all())

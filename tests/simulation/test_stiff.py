@@ -12,6 +12,7 @@ from scipy.linalg import expm
 
 from controllers import LQG, LQR, PI, HInfinity
 from models import BitRock, BlockOnBelt, Exponential, Hyperbolic, TorsionalChain
+from studies.benchmarks.stiff import deviated
 from toolbox import (
     Component,
     DryFriction,
@@ -30,8 +31,10 @@ from toolbox.compilation import work_layout
 from toolbox.compilation.implicit_step import FASTEST_GROWTH
 from toolbox.compilation.rosenbrock import RODAS5P
 from toolbox.compilation.sparse_factors import elimination, factors
+from toolbox.errors import BudgetError
 from toolbox.inputs import ramp, sine
-from toolbox.simulation import EventExact, carry_out
+from toolbox.simulation import EventExact, carry_out, stiffness, thin_records
+from toolbox.simulation.budget import Budget
 from toolbox.simulation.growth import longest_followed
 from toolbox.simulation.stiffness import pays, progress, spectral_radius, stiff_size
 from toolbox.simulation.work_arrays import work_arrays
@@ -393,6 +396,47 @@ def test_the_choice_is_the_same_with_output_times():
     assert run.program.formulas is whole.program.formulas is RODAS5P
     np.testing.assert_array_equal(run.time, times)
     np.testing.assert_array_equal(run.states, whole.at(times).states)
+
+
+@pytest.fixture
+def eager(monkeypatch):
+    """Looks at stiffness for which no run is too short."""
+    monkeypatch.setattr(stiffness, "WORTH", 0.0)
+    monkeypatch.setattr(stiffness, "COMPILING", 0.0)
+
+
+@pytest.mark.slow
+def test_a_run_that_proves_stiff_on_its_way_goes_on_with_implicit_steps(eager, monkeypatch):
+    # contacts let go one after the other at first, each with a layer that both kinds of steps follow; then stability alone holds explicit ones
+    plant, inputs, times = deviated(200, everywhere=True), {"top.torque": 10_000.0}, np.linspace(0.0, 10.0, 41)
+    run, explicit = (simulate(plant, 10.0, inputs=inputs, method=method) for method in ("event", "explicit"))
+    turn, formulas = run.before
+    assert 0.0 < turn < 10.0 and formulas is explicit.program.formulas and run.program.formulas is RODAS5P
+    assert run.why == f"{RODAS5P.steps} at t = {turn:.9g} s and later: before that {formulas.steps}"
+    early = run.time <= turn
+    np.testing.assert_array_equal(run.time[early], explicit.time[: early.sum()])  # the steps until then stay
+    assert sum(run.steps) - early.sum() < 0.5 * (sum(explicit.steps) - early.sum())
+    assert switches(run) == switches(explicit)
+    around = np.sort(np.concatenate([times, turn + np.array([-1e-3, -1e-6, 0.0, 1e-6, 1e-3])]))
+    np.testing.assert_allclose(run.at(around).states, explicit.at(around).states, rtol=0, atol=1e-7)
+    finer = simulate(plant, 10.0, inputs=inputs, method="explicit", accuracy=1e-8)
+    assert run.difference(finer) < 1e-6 and run.error < 1e-6
+
+    asked = simulate(plant, 10.0, inputs=inputs, output_times=times)
+    np.testing.assert_array_equal(asked.states, run.at(times).states)
+    for twin in (asked, pickle.loads(pickle.dumps(run))):
+        np.testing.assert_array_equal(twin.at(around).states, run.at(around).states)
+    monkeypatch.setattr(thin_records, "MOST", 2**18)  # bytes
+    thin = simulate(plant, 10.0, inputs=inputs)
+    assert thin.before == run.before and thin.time.size < run.time.size == thin.nodes.time.size
+    np.testing.assert_allclose(thin.at(around).states, run.at(around).states, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(thin.nodes.states, run.states, rtol=0, atol=1e-7)
+
+    with pytest.raises(BudgetError) as failed:
+        simulate(plant, 10.0, inputs=inputs, method=EventExact(budget=Budget(steps=sum(run.steps) - 20)))
+    so_far = failed.value.run
+    assert so_far.before == run.before
+    np.testing.assert_array_equal(so_far.at([turn - 1e-3, so_far.end]).states, run.at([turn - 1e-3, so_far.end]).states)
 
 
 def test_a_chosen_run_travels():

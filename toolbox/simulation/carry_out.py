@@ -26,7 +26,7 @@ from toolbox.simulation.methods import Explicit, Implicit, Method
 from toolbox.simulation.refinement import refined, with_tolerance
 from toolbox.simulation.run import Run
 from toolbox.simulation.samples import read_signals
-from toolbox.simulation.stiffness import FIRST_LOOK, pays, progress
+from toolbox.simulation.stiffness import FIRST_LOOK, OFTEN, change_steps, pays, progress
 from toolbox.simulation.thin_records import ThinRecords
 from toolbox.simulation.trajectory import Stepped, Trajectory
 from toolbox.simulation.work_arrays import grown, work_arrays
@@ -101,7 +101,8 @@ class Course:
         asked = [c for c, update in enumerate(run.system.updates) if update.external]
         self.externals = dict(zip(asked, enumerate(part for part in run.system.parts if isinstance(part, External)), strict=True))
         self.bar: Any = None
-        self.look = progress(self.work)
+        self.looks = [progress(self.work)]
+        self.before: tuple[float, Program] | None = None  # whose code samples of laws are still taken by
         undecided = run.method.watches_stiffness and not run.laws  # a law in Python is asked once per sample: its runs do not begin anew
         self.next_look = FIRST_LOOK if undecided else run.budget.steps
         self.step = step_here()
@@ -115,7 +116,7 @@ class Course:
 
     def so_far(self) -> Trajectory:
         """The trajectory up to now."""
-        return self.records.told(trajectory_so_far(self.run, self.program, self.work, self.began, self.answers))
+        return self._completed(trajectory_so_far(self.run, self.program, self.work, self.began, self.answers))
 
     def exhausted(self) -> BudgetError:
         """The error of a run that has spent its budget."""
@@ -123,16 +124,21 @@ class Course:
 
     def _told(self, error: AnySimulationError) -> AnySimulationError:
         """The error of this run, whose trajectory so far knows the steps that are not recorded."""
-        self.records.told(error.run)
+        self._completed(error.run)
         return error
+
+    def _completed(self, run: Any) -> Any:
+        """The trajectory so far, which knows the steps that are not recorded, and those that were others at first."""
+        run.before = None if self.before is None else (self.before[0], self.before[1].formulas)
+        return self.records.told(run)
 
     def to_the_end(self) -> Trajectory:
         """Call the compiled loop until the run is done; raises as `carry_out`."""
-        budget, series = self.run.budget, self.program.formulas.series
+        budget = self.run.budget
         while True:
             if self.step is not None:
                 self.step()
-            work, tried = self.work, progress(self.work)[1]
+            work, tried, series = self.work, progress(self.work)[1], self.program.formulas.series
             work.ints[work_layout.BUDGET] = min(self.next_look - tried, budget.steps - tried, self.chunk)
             status = self.advance(work)
             spent = self.seconds
@@ -150,6 +156,9 @@ class Course:
                 self._sample()
             elif status == work_layout.PAUSED:
                 if self._is_stiff(spent):
+                    if len(self.looks) > 1:
+                        self._go_on()
+                        continue
                     LOG.debug("the plant is stiff: stepped implicitly from the start")
                     again = self._again(Implicit(), spent)
                     again.why = again.program.formulas.steps
@@ -166,6 +175,9 @@ class Course:
         done = self.so_far()
         done.laws = tuple(self.laws)
         run, program = self.run, self.program
+        if self.before is not None:
+            done.why = f"{program.formulas.steps} at t = {self.before[0]:.9g} s and later: before that {self.before[1].formulas.steps}"
+            return done
         done.why = program.lacking(self.formulas, run.kinds)
         if run.method.chooses and not done.why:
             done.why = f"{program.formulas.steps}: {reason(run.accuracy, run.system)}"
@@ -176,18 +188,29 @@ class Course:
         left = dataclasses.replace(self.run.budget, seconds=self.run.budget.seconds - spent)
         return carry_out(dataclasses.replace(self.run, method=method, budget=left))
 
+    def _go_on(self) -> None:
+        """Take implicit steps from here on."""
+        time = float(self.work.reals[work_layout.TIME])
+        LOG.debug("the plant is stiff: stepped implicitly from t = %g s on", time)
+        self.before = time, self.program
+        self.records.stay = time
+        self.program = program_of(self.run.system, self.run.kinds, Implicit().formulas(self.run.accuracy, self.run.system))
+        self.advance = compiled_loop(self.run, self.program)
+        change_steps(self.work, self.program)
+        self.next_look = self.run.budget.steps
+
     def _is_stiff(self, spent: float) -> bool:
-        """Whether a run that has paused is to begin anew with implicit steps; else shows how far it is and sets when it is looked at again."""
+        """Whether a run that has paused is to take implicit steps; else shows how far it is and sets when it is looked at again."""
         steps, budget = progress(self.work)[1], self.run.budget
         if steps >= budget.steps:
             raise self.exhausted()
         if self.hurried:  # as many steps as take a tenth of a second at most
             self.chunk = max(1, min(2 * self.chunk, int(0.1 * steps / spent)))
         if steps >= self.next_look:
-            if pays(self.run, self.program, self.work, self.look):
+            if pays(self.run, self.program, self.work, self.looks[0]):
                 return True
-            self.look = progress(self.work)
-            self.next_look = 2 * steps
+            self.looks = [*self.looks, progress(self.work)][-OFTEN:]
+            self.next_look = int(steps * 2 ** (1 / OFTEN)) + 1
         if self.bar is None and spent > 1.0:
             self.bar = progress_bar(self.run.duration, "simulate", unit="s", unit_scale=True, delay=0.0)
         if self.bar is not None:

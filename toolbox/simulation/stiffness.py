@@ -1,6 +1,7 @@
 """Whether a run under way is held up by stability, and would cost less with the stiff method.
 
-The rule, in numbers that do not depend on the machine, so that a run can be repeated: after 1000 steps, and then after twice as many again and again,
+The rule, in numbers that do not depend on the machine, so that a run can be repeated: after 1000 steps, and then again and again after a fifth more, over
+the second half of the steps so far,
 
     1. the explicit method needs at least 3e8 instructions for the rest of the run, about 0.1 s, and 1e5 for every instruction that the other step would be
        written in (else compiling it does not pay: of n states that all depend on each other its elimination takes 2/3 n^3 of them), or would need
@@ -10,7 +11,8 @@ The rule, in numbers that do not depend on the machine, so that a run can be rep
     3. between two events lie at least 50 steps (else accuracy asks for most of them: after an event implicit steps begin as short, and are more);
     4. in a trial of 100 steps from the same point the stiff method needs at most half the instructions per simulated second.
 
-The run then begins anew with the stiff method.
+At the first look the run then begins anew with the stiff method, so that it is stepped by this alone. Later it goes on from where it is: a chain of 1000
+inertias that rub, whose contacts let go one after the other, is stepped as cheaply by explicit steps until all have, and then in a thousandth of the steps.
 """
 
 from __future__ import annotations
@@ -29,6 +31,9 @@ from toolbox.simulation.growth import attended
 
 FIRST_LOOK = 1_000
 """Steps after which a run is looked at first."""
+
+OFTEN = 4
+"""Looks while the steps double."""
 
 WORTH = 3e8
 """Remaining instructions below which it is left alone."""
@@ -54,16 +59,30 @@ FEW = 8
 
 def spectral_radius(program: Program, t: float, x: np.ndarray, p: np.ndarray, m: np.ndarray, iterations: int = 40) -> float:
     """Largest modulus of the eigenvalues of df/dx [1/s], by power iteration on differences of the compiled field; right to a few percent."""
-    pointer = ctypes.c_void_p
-    field = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[pointer] * 5)(program.kernel.addresses[0])
-    n, out = x.size, np.zeros(2 * x.size + 2 * program.kernel.guards + 8)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _growth(slope_of(program, t, p, m), x, iterations)
+
+
+def slope_of(program: Program, t: float, p: np.ndarray, m: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """The compiled field x -> x' at a time, for parameters and modes."""
+    field = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[ctypes.c_void_p] * 5)(program.kernel.addresses[0])
+    n = program.kernel.states
+    out = np.zeros(2 * n + 2 * program.kernel.guards + 8)
 
     def slope(at: np.ndarray) -> np.ndarray:
         field(t, 0.0, at.ctypes.data, at.ctypes.data, p.ctypes.data, m.ctypes.data, out.ctypes.data)
         return out[n : 2 * n].copy()
 
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _growth(slope, x, iterations)
+    return slope
+
+
+def change_steps(work: Any, other: Program) -> None:
+    """Let a paused run go on with the steps of another program of the same equations."""
+    places = list(work_layout.FORMULAS)
+    work.ints[places] = other.ints[places]
+    work.reals[work_layout.POWER] = other.formulas.power
+    work.reals[[work_layout.STEP_OLD, work_layout.FOLLOWED]] = 0.0
+    work.k[: work.x.size] = slope_of(other, float(work.reals[work_layout.TIME]), work.p, work.m)(work.x)
 
 
 def _growth(slope: Callable[[np.ndarray], np.ndarray], x: np.ndarray, iterations: int) -> float:
@@ -100,8 +119,7 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
     other = program_of(run.system, run.kinds, RODAS5P)
     records = ("rec_t", "rec_x", "rec_m", "rec_p")  # of which the trial makes none
     trial = type(work)(*(array[:FEW].copy() if name in records else array.copy() for name, array in zip(work._fields, work, strict=True)))
-    trial.ints[list(work_layout.FORMULAS)] = other.ints[list(work_layout.FORMULAS)]
-    trial.reals[work_layout.POWER] = other.formulas.power
+    change_steps(trial, other)
     trial.ints[[work_layout.RECORDS, work_layout.EVENTS, work_layout.NODES]] = 0
     trial.ints[work_layout.OUTPUT] = trial.out_t.size
     trial.ints[work_layout.BUDGET] = TRIAL

@@ -6,6 +6,7 @@ every step is a node.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -29,10 +30,12 @@ class ThinRecords:
     ----------
     every
         How many steps go to a node, between events.
+    stay
+        The time of a node that stays, because from there on the steps are others.
     """
 
     def __init__(self) -> None:
-        self.every, self._old = 1, 0
+        self.every, self.stay, self._old = 1, math.nan, 0
         self._passed: list[np.ndarray] = []
 
     def told(self, run: Any) -> Any:
@@ -65,6 +68,7 @@ class ThinRecords:
         time = work.rec_t[:rows]
         stays = np.zeros(rows, bool)
         stays[:first] = stays[-1] = stays[0] = True
+        stays |= time == self.stay
         twice = time[1:] == time[:-1]
         stays[:-1] |= twice
         stays[1:] |= twice

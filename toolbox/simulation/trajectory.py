@@ -13,10 +13,12 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import FloatArray, short
-from toolbox.compilation.work_layout import Between
+from toolbox.compilation.formulas import Formulas
+from toolbox.compilation.program import program_of
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.modelling.closing import kind_of
 from toolbox.modelling.components import law_of
+from toolbox.simulation.between_nodes import outside_jumps, states_between
 from toolbox.simulation.budget import UNHURRIED, Budget
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
 from toolbox.simulation.recorded import Recorded
@@ -46,9 +48,9 @@ by less."""
 class Records:
     """What the event loop recorded of a run.
 
-    `time`, `states`, `mode` and `held` have a row for every node, `passed` are the ends of steps that are none. `event_arrays` are the times, elements and
-    modes of the events, `last_mode` the modes at the end, and `last` the state there, without that of Python laws. All others are what they are in
-    `Trajectory`.
+    `time`, `states`, `mode` and `held` have a row for every node, `passed` are the ends of steps that are none. `before` is the time of the node until which
+    the steps were others, and their formulas. `event_arrays` are the times, elements and modes of the events, `last_mode` the modes at the end, and `last` the
+    state there, without that of Python laws. All others are what they are in `Trajectory`.
     """
 
     time: np.ndarray
@@ -65,6 +67,7 @@ class Records:
     wall_time: float
     last: RunState | None
     passed: np.ndarray = field(default_factory=lambda: np.empty(0))
+    before: tuple[float, Formulas] | None = None
 
 
 class Trajectory(Recorded, Samples[FloatArray]):
@@ -87,6 +90,8 @@ class Trajectory(Recorded, Samples[FloatArray]):
     merged
         Number of guards that reached zero without a change of mode, because the element touched and went on, or left and returned faster than can be
         resolved.
+    before
+        Where a run went on with implicit steps, the time from which on it took these, and the formulas of its steps before [s]; else None.
     answers
         What each Python controller returned, sample by sample.
     laws
@@ -118,6 +123,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         self.answers = records.answers
         self._last = records.last
         self.passed = records.passed
+        self.before = records.before
         self.why = why
 
     @staticmethod
@@ -140,7 +146,22 @@ class Trajectory(Recorded, Samples[FloatArray]):
 
     def _told(self) -> dict[str, Any]:
         """The arguments and arrays of a trajectory."""
-        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "passed", "why")
+        names = (
+            "run",
+            "time",
+            "states",
+            "mode",
+            "held",
+            "parameters",
+            "steps",
+            "merged",
+            "wall_time",
+            "end",
+            "answers",
+            "passed",
+            "before",
+            "why",
+        )
         data = {name: getattr(self, name) for name in names}
         data |= {"event_arrays": self._event_arrays, "last_mode": self._last_mode, "last": self._last}
         return data
@@ -278,20 +299,8 @@ class Trajectory(Recorded, Samples[FloatArray]):
         return Samples(self.program, times, states, self.mode[row], self.held[row], self.parameters, single)
 
     def _between(self, times: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """States at times within the recorded steps that begin at the nodes `row`: by one step from the node, or from the last step that has passed."""
-        from toolbox.stepping import event_stepper as loop
-
-        kernel = self.program.kernel
-        n, guards = kernel.states, kernel.guards
-        states = np.empty((times.size, self.states.shape[1]))
-        following = np.searchsorted(self.passed, self.time, side="right")
-        work = Between(
-            ints=self.program.ints, node_t=self.time, node_x=self.states, node_m=self.mode, node_p=self.held, x=np.zeros(n), k=np.zeros(kernel.slopes),
-            m=np.zeros(max(kernel.elements, 1)), projected=np.zeros(n), y=np.zeros(max(4 * n + 2 * guards, 3 * n + 4 * guards)), p=self.parameters.copy(),
-            row=row, times=times, states=states, passed=self.passed, first=following,
-        )  # fmt: skip
-        loop.evaluate(Between._make(np.ascontiguousarray(each) for each in work))
-        return states
+        """States at times within the recorded steps that begin at the nodes `row`."""
+        return states_between(self, times, row)
 
     @cached_property
     def nodes(self) -> Trajectory:
@@ -348,7 +357,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         times = times[times <= min(nodes.end, better.end)]
         late = 0.0
         if any(element.rigid for element in self.program.system.elements):
-            times, late = _outside_jumps(times, nodes, better)
+            times, late = outside_jumps(times, nodes, better)
         mine, theirs = nodes.at(times).states, better.at(times).states
         size = np.abs(theirs).max(axis=0, initial=0.0)
         groups = self.program.groups[: size.size]
@@ -474,25 +483,5 @@ class Smoothed(Trajectory):
 
 def _trajectory_again(kind: type[Trajectory], formulas: Any, data: dict[str, Any]) -> Trajectory:
     """A trajectory from what `Trajectory.__reduce__` gives."""
-    from toolbox.compilation.program import program_of
-
     run, why = data.pop("run"), data.pop("why")
     return kind(run=run, program=program_of(run.system, run.kinds, formulas), records=Records(**data), why=why)
-
-
-def _outside_jumps(times: np.ndarray, run: Trajectory, better: Trajectory) -> tuple[np.ndarray, float]:
-    """The times at which both runs have made the same impacts, and the largest distance between their impacts, relative to the duration."""
-    jumps = [nodes._jumps(run.accuracy) for nodes in (run, better)]
-    late, blur = 0.0, run._blur + better._blur
-    for some, others in (jumps, jumps[::-1]):
-        if not some.size:
-            continue
-        if not others.size:
-            return times, 1.0
-        right = np.minimum(np.searchsorted(others, some), others.size - 1)
-        gap = np.minimum(np.abs(others[right] - some), np.abs(others[np.maximum(right - 1, 0)] - some))
-        late = max(late, float(gap.max()) / (run.end - run.begin))
-        reach = 2.0 * gap + blur
-        within = np.searchsorted(np.sort(some - reach), times, side="right") > np.searchsorted(np.sort(some + reach), times, side="left")
-        times = times[~within]
-    return times, late

@@ -30,7 +30,7 @@ from toolbox.errors import SceneError, SimulationError
 from toolbox.files.interrupts import GATE, undivided
 from toolbox.messages import progress_bar
 from toolbox.simulation.carry_out import carry_out
-from toolbox.simulation.methods import METHODS, Method, TaylorSeries
+from toolbox.simulation.methods import METHODS, Implicit, Method, TaylorSeries
 from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.batch import FEWEST_LANES, Outcome, Task, finished, pays_in_lanes, single
@@ -273,7 +273,7 @@ def probed(task: Task) -> Manner:
             except SimulationError as failure:
                 found = failure.run
             if found is not None and found.program.formulas.implicit:
-                method = found.run.method
+                method = Implicit()
     alone = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method)).part(slice(middle, middle + 1))
     steps = finished(alone).steps  # compiles
     lanes, seconds = pays_in_lanes(dataclasses.replace(task, run=alone.run), steps), finished(alone).seconds

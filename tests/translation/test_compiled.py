@@ -212,6 +212,17 @@ def test_arrays_of_a_file_and_whole_numbers_of_another_name_are_read_and_written
         np.testing.assert_array_equal(mine, theirs)
 
 
+def test_a_bound_call_does_the_same_to_arrays_that_are_looked_at_once(empty):
+    made, given, other = Compiled(on_arrays, KINDS), arrays(), arrays()
+    run = made.bound(other._replace(wholes=other.wholes.view(np.longlong)))  # arrays live on with the call alone
+    for _ in range(2):
+        assert made(given) == run()
+    for mine, theirs in zip(given, other, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    with pytest.raises(TypeError, match="must be given arrays"):
+        made.bound(other._replace(table=other.table[:, ::2]))
+
+
 def test_it_is_compiled_once_and_a_damaged_object_anew(empty, monkeypatch):
     assert not Compiled(extremes, "f", "f", gives="f").known()
     assert Compiled(extremes, "f", "f", gives="f")(1.0, 2.0) == 3.5

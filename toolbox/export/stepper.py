@@ -100,7 +100,7 @@ class Stepper:
         self._work.ints[layout.BUDGET] = 2**62
         self._first = {name: array.copy() for name, array in self._work._asdict().items()}
         compiled_loop(made.run, made.program)  # says so where it has to be compiled first
-        self._loop = loop_of(self._work)
+        self._loop = loop_of(self._work).bound(self._work)
         self._values = np.empty(len(self.outputs))
         self._reader = signal_reader(made.program, self.outputs) if self.outputs else None
         self._addresses = [array.ctypes.data for array in (self._work.x, self._work.k, self._work.p, self._work.m, self._values)]
@@ -229,7 +229,7 @@ class Stepper:
         status = layout.EVENTS_FULL
         while status == layout.EVENTS_FULL:
             work.ints[layout.EVENTS] = 0
-            status = self._loop(work)
+            status = self._loop()
             if work.ints[layout.EVENTS]:
                 self.events += self._switches()
         if status != layout.DONE:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -83,12 +82,8 @@ class VectorEnvironment(gymnasium.vector.VectorEnv):
         first, self._machine = single.machine.work, single.machine
         self._stacks = Work(*(np.repeat(array[None], count, 0) for array in first))
         self._rows = [Work(*(stack[i] for stack in self._stacks)) for i in range(count)]
-        tables = [[entry for array in row for entry in (array.ctypes.data, *array.shape)] for row in self._rows]
-        self._tables = np.array(tables, np.int64)
-        self._pointers = [int(self._tables[i].ctypes.data) for i in range(count)]
         compiled = loop_of(first)
-        compiled.ready()
-        self._run = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(compiled.address)
+        self._runs = [compiled.bound(row) for row in self._rows]
         self._values = np.zeros((count, len(self._machine.outputs)))
         system = self._machine.system
         same = [[i for i in range(system.x.numel()) if ca.is_equal(system.expression(name), system.x[i])] for name in self._machine.outputs]
@@ -155,15 +150,15 @@ class VectorEnvironment(gymnasium.vector.VectorEnv):
 
     def _go_on(self) -> np.ndarray:
         """Run every copy to the end of its step; returns its switches."""
-        w, run = self._stacks, self._run
+        w = self._stacks
         w.reals[:, layout.END] = self._steps * self._machine.period
         w.ints[:, layout.EVENTS] = 0
-        statuses = [run(pointer) for pointer in self._pointers]
+        statuses = [run() for run in self._runs]
         switches = w.ints[:, layout.EVENTS].copy()
         for i, status in enumerate(statuses):
             while status == layout.EVENTS_FULL:
                 w.ints[i, layout.EVENTS] = 0
-                status = run(self._pointers[i])
+                status = self._runs[i]()
                 switches[i] += w.ints[i, layout.EVENTS]
             if status != layout.DONE:
                 words = why(status, self._rows[i], self._machine.program)

@@ -17,7 +17,7 @@ import itertools
 import platform
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +77,15 @@ class Compiled:
             views = self._viewed(given)  # which live as long as the call
             done = self._entry(_ARRAY, *map(id, views))
         return done
+
+    def bound(self, *given: Any) -> Callable[[], int]:
+        """A call on these arrays, for who owns them for life: they are looked at here, once, and not in every call. Raises TypeError as a call does."""
+        views = self._viewed(given)
+        tables = [np.array([entry for array in work for entry in (array.ctypes.data, *array.shape)], np.int64) for work in views]
+        entry = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * len(tables))(self.address)
+        run = partial(entry, *[table.ctypes.data for table in tables])
+        run.kept = self, views, tables  # type: ignore[attr-defined]  # which live as long as the call
+        return run
 
     def _viewed(self, given: Sequence[Any]) -> list[tuple[Any, ...]]:
         """Plain arrays of the kinds that were said on the memory of others, such as those of a file; raises TypeError where they cannot be that."""

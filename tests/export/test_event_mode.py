@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from controllers import StiffPI
-from models import BitRock, BlockOnBelt, wells
+from models import AxialChain, BitRock, BlockOnBelt, ElasticRock, wells
 from toolbox import Sampled, Scene, closed_loop, compose, export_fmu, simulate
 
 pytest.importorskip("fmpy", reason="FMUs are loaded with fmpy, which is not here")
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(
     shutil.which("cc") is None or sys.platform != "linux", reason="an FMU is compiled with `cc`, which is not here"
 )
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
-STICK, BACKWARD = 0, -1
+STICK, BACKWARD, OPEN = 0, -1, 1
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +95,28 @@ def test_an_input_that_changes_where_a_contact_lets_go_acts_at_that_instant(tmp_
     assert [mode for _, mode in found] == [mode for _, mode in wanted]
     assert max(abs(mine[0] - theirs[0]) for mine, theirs in zip(found, wanted, strict=True)) < 1e-5
     assert speed == pytest.approx(run.at(20.0)["bit.speed"], abs=1e-4)
+
+
+def test_a_contact_that_has_just_opened_stays_open_however_small_its_gap(tmp_path):
+    string = AxialChain(mass=(34e3,), stiffness=(), damping=(), hook_load=100e3)
+    loop = closed_loop(compose(string, ElasticRock()), start={"bit.position": -0.01})
+    with exchanged(export_fmu(loop, tmp_path / "drop.fmu", part="loop", duration=1.0), 1e-9) as master:
+        master.events(0.0)
+        stop = 0.0
+        while "open" not in [mode for _, mode in master.watch.switches["bit.bottom"]]:
+            stop = master.smooth(stop, 1.0)
+            master.unit.enterEventMode()
+            master.events(stop)
+        x, slope = master.state(), master.slope(stop, master.state())
+        rate = master.indicator(stop, x)[2]  # of its gap
+        assert rate > 0.1
+        for gap in 10.0 ** np.arange(-18.0, -6.0):
+            master.go(stop + gap / rate, x + gap / rate * slope)
+            master.unit.completedIntegratorStep()
+            master.unit.enterEventMode()
+            assert not master.unit.newDiscreteStates()[0]
+            master.unit.enterContinuousTimeMode()
+            assert master.unit.getInteger([master.references["bit.bottom.mode"]]) == [OPEN]
 
 
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-8])

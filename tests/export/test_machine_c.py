@@ -242,3 +242,13 @@ def test_every_scene_of_equations_switches_as_it_does_in_simulate(tmp_path, name
 def test_the_scenes_that_are_left_out_are_chaotic(name):
     scene = Scene.load(f"studies/scenes/{name}.toml")
     assert simulate(scene[scene.cases[0].label], method="explicit").error > 1.0
+
+
+def test_only_the_steps_that_go_to_c_are_compiled():
+    class Fresh(Hyperbolic):
+        """A law that no other test has compiled anything for."""
+
+    plant = compose(BlockOnBelt(friction=Fresh(static=1.0, decay=3.0)))
+    made = machine(closed_loop(plant), "belt", 10.0)
+    assert [key[-1] for key in made.run.system.cache if key[0] == "program"] == [made.program.formulas.name]
+    assert simulate(plant, 10.0).program.formulas.series  # which are others

@@ -40,13 +40,16 @@ def come_to(w: Any) -> bool:
 
 
 def first_to_fire(w: Any, near: float) -> int:
-    """The guard that fires here, -1 for none: armed, and at zero or below, or there within the time `near`; the first that came there."""
+    """The guard that fires here, -1 for none: armed, and at zero or below, or there within the time `near`; the first that came there.
+
+    One that rises from above zero does not fire, however near: a contact that has just opened would close and open again without end.
+    """
     ng, found, earliest = w.ints[layout.NG], -1, near
     for j in range(ng):
         value, rate = w.side[j] * w.g[j], w.side[j] * w.g[ng + j]
         if not w.armed[j]:
             continue
-        if value <= close_to_zero(w, j):
+        if value <= close_to_zero(w, j) and (value < 0.0 or rate <= 0.0):
             time = -value / rate if rate < 0.0 else -1e300 if value < 0.0 else 0.0
             time = min(time, 0.0)
         elif rate < 0.0 and value < -near * rate:

@@ -7,13 +7,14 @@ copying it. What stands beside it in C, `machine.c`, only sets numbers, steps, a
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -208,6 +209,13 @@ def why(status: int, work: Any, program: Program) -> str:
 
 
 # ---------------------------------------------------------------------------------------------------------------------------------------- refusals
+@dataclass(frozen=True)
+class _Watched(Explicit):
+    """The steps that go to C, in a run that begins anew with implicit ones where these pay."""
+
+    watches_stiffness: ClassVar[bool] = True
+
+
 def machine(loop: ClosedLoop, name: str, duration: Any = None, accuracy: float | None = None) -> Machine:
     """A loop made ready for C, after a run that shows how it steps; raises SceneError for what does not go."""
     for given in loop.laws:
@@ -226,11 +234,11 @@ def machine(loop: ClosedLoop, name: str, duration: Any = None, accuracy: float |
     if span is None:
         raise SceneError("Argument `duration` must be given, over which the accuracy holds: only a loop out of a scene has one of its own.")
     span = number("duration", span, "s", above=0)
-    tried = Request(_with_all_inputs(loop), span, None, "event", accuracy_of(loop, accuracy)).checked()
+    tried = Request(_with_all_inputs(loop), span, None, _Watched(), accuracy_of(loop, accuracy)).checked()
     done = tried.again()
     if done.program.formulas.implicit:
         raise SceneError("The loop must be one for explicit steps to go to C, but it is stiff: its run takes implicit ones.")
-    run = Request(tried.loop, span, None, Explicit(), tried.accuracy).checked()
+    run = dataclasses.replace(tried, method=Explicit())
     return Machine(name, tried.loop, run, program_of(run.system, run.kinds, formulas_of(run)), np.abs(done.states).max(axis=0))
 
 

@@ -122,3 +122,20 @@ def test_what_a_law_with_memory_needs_is_told():
             fit(block(true), bad, "belt.friction.kinetic", contact="belt")
     with pytest.raises(SceneError, match="must hold parameters and the memory of `belt`"):
         fit(block(true), data, "block.position", contact="belt")
+
+
+@pytest.mark.slow
+def test_intervals_along_a_way_that_is_measured_seldom_hold_the_truth_with_what_is_said_of_the_samples():
+    true, _, fields = LAWS["LuGre"]
+    free = [f"belt.friction.{field}" for field in fields]
+    truth = np.array([block(true).parameter(each) for each in free])
+    time = np.linspace(0.0, 20.0, 1001)
+    run = simulate(closed_loop(block(true), inputs=PUSH), 20.0, output_times=time, accuracy=1e-9)
+    force, off = run["belt.force"], []
+    for seed in range(20):
+        noise = 0.002 * force.std() * np.random.default_rng(seed).standard_normal(force.size)
+        data = {"time": time, "belt.force": force + noise, "block.position": run["block.position"]}
+        found = fit(block(true), data, free, contact="belt", starts=1)
+        off.append(np.abs(found.values - truth) / (found.factor * found.errors + np.abs(found.sampling)))
+    assert np.mean(np.array(off) <= 1.0) >= 0.95 and np.max(off) < 2.0
+    assert np.abs(found.values[:2] / truth[:2] - 1.0).max() < 0.005  # of stiffness and damping

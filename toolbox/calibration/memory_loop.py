@@ -1,14 +1,14 @@
 """A law of friction with memory against measured force over measured slip: its memory is integrated along the slip that was measured, without the machine.
 
-Between samples the slip follows the smooth curve through them (H. Akima, J. ACM 17 (1970) 589-602), and where only its way was measured, the slope of that
-curve: straight lines would cut off the peaks of the speed, which moves the stiffness of bristles by more than its interval. Steps are those of a linearly
+Between samples the slip follows the cubic spline through them (C. de Boor, A Practical Guide to Splines, Springer 1978), and where only its way was measured,
+the slope of that curve: straight lines would cut off the peaks of the speed, and curves of lower order, such as that of Akima, still move the stiffness and the
+damping of bristles by more than their intervals. Steps are those of a linearly
 implicit method of second order, ROS2 (J. G. Verwer and others, SIAM J. Sci. Comput. 20 (1999) 1456-1480), because a bristle yields within a small part of the
 time between samples. Slopes are those of these very steps.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -76,7 +76,7 @@ class MemoryLoop(ContactMisfit):
         self._kept = self._compared()
         self.time = {self.output: self.recording.time[self._kept]}
         self.measured = {self.output: self.recording.signals[self.output][self._kept]}
-        self.steps = 1
+        self.steps = self.every = 1
         self._made: dict[tuple[int, bool], ca.Function] = {}
 
     def _driven(self, law: ca.SX, given: Mapping[str, Any], measured: Sequence[str]) -> ca.SX:
@@ -152,15 +152,16 @@ class MemoryLoop(ContactMisfit):
 
     def _columns(self, values: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """What drives the law: at the ends of the steps of every interval between samples, shape (sources x (steps + 1), nt - 1), and at the samples."""
-        from scipy.interpolate import Akima1DInterpolator  # here, because scipy.interpolate is slow to import
+        from scipy.interpolate import CubicSpline  # here, because scipy.interpolate is slow to import
 
         time = self.recording.time
+        through = np.unique(np.append(np.arange(0, time.size, self.every), time.size - 1))
         parts = np.linspace(0.0, 1.0, steps + 1)[:, None]
         nodes = time[:-1] + parts * np.diff(time)
         signals = moved(self.recording, self.shifts, values, self.output)
         between, at = [], []
         for _, name, is_way in self._sources:
-            curve = Akima1DInterpolator(time, signals[name])
+            curve = CubicSpline(time[through], signals[name][through])
             curve = curve.derivative() if is_way else curve
             between.append(curve(nodes))
             at.append(curve(time))
@@ -286,16 +287,9 @@ class MemoryLoop(ContactMisfit):
         return [self]
 
     def thinned(self) -> MemoryLoop:
-        """The misfit with every other sample of what drives the law replaced by the curve through its neighbours."""
-        from scipy.interpolate import Akima1DInterpolator
-
-        time, signals = self.recording.time, dict(self.recording.signals)
-        keep = np.unique(np.append(np.arange(0, time.size, 2), time.size - 1))
-        for name, values in signals.items():
-            if name != self.output:
-                signals[name] = Akima1DInterpolator(time[keep], values[keep])(time)
-        made = MemoryLoop(self.loop, dataclasses.replace(self.recording, signals=signals), self.numbers, self.contact, self.shifts)
-        made.steps = self.steps
+        """The misfit along the curve through every other sample of what drives the law."""
+        made = MemoryLoop(self.loop, self.recording, self.numbers, self.contact, self.shifts)
+        made.steps, made.every = self.steps, 2 * self.every
         return made
 
     def trial(self) -> MemoryLoop:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -48,6 +48,7 @@ class DrillString(TorsionalChain):
         internal_damping: Annotated[NumberOrText, "s"] = 0.0,
         top_drag: Annotated[NumberOrText, "N m s/rad"] = 0.0,
         bit_drag: Annotated[NumberOrText, "N m s/rad"] = 0.0,
+        end_depth: Annotated[NumberOrText | None, "m"] = None,
         name: str | None = None,
     ) -> DrillString:
         """Make the chain of a string from its sections (top first) and, for friction along it, the survey of its hole.
@@ -82,14 +83,16 @@ class DrillString(TorsionalChain):
             Damping of the springs per stiffness [s].
         top_drag, bit_drag
             Drag at the ends [N m s/rad].
+        end_depth
+            Measured depth at which the string ends [m]: its first section, the drill pipe, is longer or shorter than the table says, and what is below stays.
         name
             Name of the part, where a plant has two chains.
 
         Raises
         ------
         SceneError
-            If a table is bad (the message names file, row and column), an argument is out of range, friction is given without a survey, or the survey ends
-            above the bit.
+            If a table is bad (the message names file, row and column), an argument is out of range, friction is given without a survey, the survey ends
+            above the bit, or the sections below the first one are longer than the depth.
         """
         top_inertia, bit_inertia = (
             number(word, value, "kg m2", at_least=0) for word, value in (("top_inertia", top_inertia), ("bit_inertia", bit_inertia))
@@ -108,7 +111,7 @@ class DrillString(TorsionalChain):
             whole("elements", elements, 1, MOST)
         if weight_on_bit and not doglegs:
             raise SceneError("Argument `weight_on_bit` must come with `doglegs`, because without them no tension enters.")
-        pipes = sections_of(sections)
+        pipes = sections_of(sections) if end_depth is None else _ending_at(sections_of(sections), end_depth)
         if mud_density >= min(section.density for section in pipes):
             raise SceneError(f"Argument `mud_density` must be smaller than the density of every section, but it is {mud_density:g} kg/m3.")
         hole = hole_of(survey, sum(section.length for section in pipes)) if survey is not None else None
@@ -155,6 +158,12 @@ def sections_of(given: Path | str | Sequence[Section]) -> tuple[Section, ...]:
     if not sections or len(sections) < len(given):
         raise SceneError(f"Argument `sections` must be the path of a table or Sections, top first, but it is {given!r}.")
     return sections
+
+
+def _ending_at(pipes: Sequence[Section], depth: NumberOrText) -> tuple[Section, ...]:
+    """Sections of which the first is so long that the last ends at a depth [m]."""
+    below = sum(section.length for section in pipes[1:])
+    return (replace(pipes[0], length=number("end_depth", depth, "m", above=below) - below), *pipes[1:])
 
 
 def hole_of(given: Path | str | Survey, bottom: float) -> Survey:

@@ -10,7 +10,8 @@ some run has to fail here too, within 0.3 rad/s. Not to the digit, since the noi
 for half an hour, these runs for 80 s, or 600 s under a weight that varies; predictive laws are left out.
 
 A law that moves the weight asks a hoist to follow. That of the table does so 30 ms late and without a limit; `--hoist LATE RATE` gives it another delay and a
-highest rate. Printed beside its cells are the swing of the weight in the judged window and its highest rate from the takeover on, both in parts of the weight.
+highest rate, and then the border is looked for up to 14 rad/s, in steps of 0.5. Printed beside the cells are the swing of the weight in the judged window and
+its highest rate from the takeover on, both in parts of the weight.
 
     python -m studies confirmation [--only LABEL ...] [--groups NAME ...] [--ways WAY ...] [--hoist LATE RATE] [--step SECONDS]
         (needs a C compiler, `cc`; a minute for a law on all groups)
@@ -33,7 +34,7 @@ from typing import Any
 import numpy as np
 
 from models import GaussianStribeck, wells
-from studies.protocol import DELAY, GROUPS, LIMITS, PLANT, ROCK, ROCKS, STIFF
+from studies.protocol import DELAY, GROUPS, HIGHEST, LIMITS, PLANT, ROCK, ROCKS, STIFF
 from studies.questions import drives
 from toolbox import closed_loop, export_c
 from toolbox.robustness.groups import Group, Machine, Varying
@@ -54,6 +55,8 @@ ABOVE = 0.1
 """How far above it [rad/s] no run may fail, where one does at it: a step of the table."""
 FREE = (0.0, math.inf)
 """A hoist that is as late as the torque [s more], at any rate [1/s]."""
+COARSE = 0.5
+"""Step [rad/s] in which the border is looked for with another hoist."""
 TONES = 100
 
 
@@ -172,7 +175,8 @@ def runs(
 class Confirmed:
     """What becomes of a set-point of the table.
 
-    failed: the runs that fail at it;  border: lowest set-point, at it or a step above, at which none does [rad/s], nan for none;  below: how far below the
+    failed: the runs that fail at it;  border: lowest set-point, from it on to a step above, or with another hoist as far as there are set-points, at which none
+    does [rad/s], nan for none;  below: how far below the
     set-point a run fails first [rad/s], nan for none within `BELOW`;  why: that run;  swing, rate: of the weight, of the worst run at the set-point [1], [1/s].
     """
 
@@ -196,8 +200,9 @@ def row(label: str, group: str, way: str, step: float = STEP, hoist: tuple[float
         every = list(runs(machine(law, speed, _room(folder, speed)), GROUPS[group], way, step, hoist))
         failed = [why for why, _ in every if why]
         swing, rate = (max(numbers[name] for _, numbers in every) for name in ("swing", "rate"))
-        above = round(speed + ABOVE, 6)
-        border = speed if not failed else float("nan") if next(fails(above), "") else above
+        steps = [ABOVE] if hoist == FREE else np.arange(COARSE, HIGHEST - speed, COARSE)
+        higher = (round(speed + step, 6) for step in steps)
+        border = speed if not failed else next((each for each in higher if not next(fails(each), "")), math.nan)
         for below in BELOW:
             why = next(fails(round(speed - below, 6)), "")
             if why:

@@ -1,6 +1,7 @@
 """The command `stickslip`: study a scene from file to verdict, figures and data; simulate it once; find where its stick-slip begins and ends; sweep it
 over a grid, map its severity; find its chance of stick-slip, which disturbances tip it, its margins, and the lowest set-point of every drive; tune its
-laws; fit it to data, or find what its numbers may be; measure what its accuracy costs; write it as C; put results on one page; list the parts.
+laws, over the depth of a well too, and find where they keep it smooth; fit it to data, or find what its numbers may be; measure what its accuracy costs;
+write it as C; put results on one page; list the parts.
 
 Exit codes: 0 done; 1 nothing could be simulated, tuned or fitted, or a file could not be written while it ran; 2 the scene or an argument is wrong, or
 the folder cannot be written; 130 interrupted; 143 ended by SIGTERM.
@@ -35,11 +36,13 @@ from toolbox.commands import (
     onset,
     posterior,
     report,
+    schedule,
     simulate,
     study,
     sweep,
     tradeoff,
     tune,
+    windows,
 )
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.commands.terminal import complaint
@@ -60,6 +63,8 @@ COMMANDS = (
     margins,
     drives,
     tune,
+    schedule,
+    windows,
     fit,
     posterior,
     estimate,

@@ -186,6 +186,14 @@ def _rows(path: Path, scene: Any, label: str) -> Variations:
     return designs.listed(read(path, [Column(number.name, number.unit, required=False) for number in known]))
 
 
+def shape_of(text: str) -> tuple[int, int]:
+    """The points along both axes of `--shape`, written as 50x50. Raises SceneError for another form."""
+    words = text.split("x")
+    if len(words) != 2 or not all(word.isdigit() and int(word) >= 2 for word in words):
+        raise SceneError(f"Argument `--shape` must be two numbers >= 2 such as 50x50, but it is `{text}`.")
+    return int(words[0]), int(words[1])
+
+
 def run_map(given: argparse.Namespace) -> int:
     """Map the severity of stick-slip over two numbers. Returns the exit code."""
     from toolbox.onsets.severity_map import severity_map
@@ -193,9 +201,7 @@ def run_map(given: argparse.Namespace) -> int:
 
     scene = held(with_law(Scene.load(given.scene), given.law), given.hold)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
-    shape = given.shape.split("x")
-    if len(shape) != 2 or not all(word.isdigit() and int(word) >= 2 for word in shape):
-        raise SceneError(f"Argument `--shape` must be two numbers >= 2 such as 50x50, but it is `{given.shape}`.")
+    shape = shape_of(given.shape)
     over = ranges("--x", [given.x]) | ranges("--y", [given.y])
     failures: dict[str, Exception] = {}
     given.found = {}
@@ -205,7 +211,7 @@ def run_map(given: argparse.Namespace) -> int:
             for words, loop in _machines(scene[label], given.off).items():
                 folder = given.out / (stem if not words else f"{stem}_{words.split()[-2].replace('-', 'less').replace('+', 'more')}")
                 name = f"{label}, {words}" if words else label
-                found = severity_map(loop, over, shape=(int(shape[0]), int(shape[1])), out=folder)
+                found = severity_map(loop, over, shape=shape, out=folder)
                 machines[words] = given.found[name] = found
                 names = drawn_as(MAP_FILES, given.format)
                 with results(given, names, earlier("map.txt", "^Severity map of ", MAP_FILES), folder, last=False) as made:

@@ -132,6 +132,8 @@ ALL: Sequence[Kind] = (
     Kind("map.txt", "Severity map", "map"),
     Kind("chance.txt", "Chance of stick-slip", "chance"),
     Kind("basin.txt", "Basin of a working point", "basin"),
+    Kind("schedule.txt", "Gains over depth", "schedule"),
+    Kind("windows.txt", "Windows over depth", "windows"),
     Kind("posterior.txt", "Posterior", "posterior"),
     Kind("estimate.txt", "Estimates beside the rig", "estimate"),
     Kind("margins.txt", "Margins", "margins"),

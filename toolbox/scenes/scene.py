@@ -149,11 +149,19 @@ class Scene(Labelled):
         return scene
 
     @staticmethod
-    def load(path: str | Path) -> Scene:
-        """The checked scene of a TOML file. Raises one SceneError naming the file and what is wrong in it."""
+    def load(path: str | Path, *, depth: float | str | None = None) -> Scene:
+        """The checked scene of a TOML file. Raises one SceneError naming the file and what is wrong in it.
+
+        Parameters
+        ----------
+        path
+            The file.
+        depth
+            Depth [m], or text with a unit, at which a part ends that is made from tables, such as a `DrillString`, in place of what the file says.
+        """
         path = Path(path)
         try:
-            scene = Scene(**scene_file.read(path))
+            scene = Scene(**scene_file.read(path, depth))
             scene.check()
         except SceneError as error:
             raise SceneError(f"Scene `{path}`: {error}") from None

@@ -41,9 +41,11 @@ _SAMPLED = ("delay", "noise", "resolution", "seed")
 HEADER = b"# Every parameter in SI units, angles in rad.\n"
 
 
-def read(path: Path) -> dict[str, Any]:
-    """The fields of a Scene in a TOML file; raises SceneError. Whether it can be simulated is left to `Scene.check`."""
-    return _scene(_data(path), path.parent)
+def read(path: Path, depth: float | str | None = None) -> dict[str, Any]:
+    """The fields of a Scene in a TOML file, with its part from tables made for that depth; raises SceneError. Whether it can be simulated is left to
+    `Scene.check`."""
+    data = _data(path)
+    return _scene(data if depth is None else _ending_at(data, depth), path.parent)
 
 
 def write(scene: Mapping[str, Any], path: Path) -> None:
@@ -145,16 +147,35 @@ def _component(data: Any, where: str, folder: Path, kind: str = "part") -> Any:
     _keys(data, where, None, keys.required("[[plant]]"))
     item = catalogue.part(data["part"], kind)
     values, title = {key: value for key, value in data.items() if key != "part"}, _text(data["part"], where)
-    if isinstance(item, type) and hasattr(item, "from_tables"):
-        made = inspect.signature(item.from_tables).parameters
-        own = {spec.name for spec in dataclasses.fields(item)}
-        if any(key in made and key not in own for key in values):
-            return _tabulated(item, values, title, folder)
+    if _from_tables(item, values):
+        return _tabulated(item, values, title, folder)
     hints = typing.get_type_hints(item if isinstance(item, type) else type(item))
     values |= {
         key: _loaded(hints[key], value, f"{title}.{key}", folder) for key, value in values.items() if hasattr(hints.get(key), "load")
     }
     return _filled(item, values, title)
+
+
+def _from_tables(item: Any, keys: Mapping[str, Any]) -> bool:
+    """Whether a part with these keys is made by its `from_tables`."""
+    if not (isinstance(item, type) and hasattr(item, "from_tables")):
+        return False
+    made, own = inspect.signature(item.from_tables).parameters, {spec.name for spec in dataclasses.fields(item)}
+    return any(key in made and key not in own for key in keys)
+
+
+def _ending_at(data: Mapping[str, Any], depth: float | str) -> dict[str, Any]:
+    """A scene whose part from tables ends at a depth. Raises SceneError where it has none."""
+    entries = [entry if isinstance(entry, dict) else {} for entry in _tables(data, "plant")]
+    named = [entry["part"] for entry in entries if isinstance(entry.get("part"), str)]
+    for i, entry in enumerate(entries):
+        item: Any = catalogue.part(entry["part"], "part") if entry.get("part") in named else None
+        if _from_tables(item, entry) and "end_depth" in inspect.signature(item.from_tables).parameters:
+            return {**data, "plant": [*entries[:i], {**entry, "end_depth": depth}, *entries[i + 1 :]]}
+    raise SceneError(
+        f"its machine is known at one depth only, because none of its parts ({', '.join(named)}) is made from a table of sections, of which the first could "
+        'be longer or shorter: `part = "DrillString"` with `sections` is.'
+    )
 
 
 def _loaded(kind: Any, value: Any, name: str, folder: Path) -> Any:

@@ -1,0 +1,109 @@
+"""stickslip schedule: the gains of a law over the depth of a well, checked at every depth and halfway between."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
+
+from toolbox.arguments import number
+from toolbox.commands.recording import results, write_found
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, plain, show
+from toolbox.errors import SceneError, SimulationError
+
+FILES = ("schedule.txt", "schedule.csv", "schedule.npz", "schedule.png", "scene.toml")
+DRIVE = ("drive.c", "drive.h", "drive_depth.c")
+"""The law in C, and its table."""
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip schedule`."""
+    verb = commands.add_parser(
+        "schedule",
+        parents=[
+            common("folder for report, table, figure, and C for a drive", controller="the law; the first one of the scene without"),
+        ],
+        help="gains of a law over the depth of a well, checked there and halfway between",
+        description="Design a law at depths of a well, where the first section of the string is longer or shorter, interpolate its gains between them, and "
+        "check it at every depth and halfway between: disk margin, growth of smooth running, and runs. A law that designs itself, such as SoftTorque, changes "
+        "with depth; numbers that the scene gives stay.",
+        epilog="example: stickslip schedule studies/scenes/deepening_well.toml --depths 1000m 2000m 3000m --before 'stiff PI' --out gains",
+    )
+    depths_of_well(verb)
+    verb.add_argument(
+        "--before", metavar="LABEL", help="the controller whose stick-slip runs begin in; without, they begin near smooth running"
+    )
+    verb.add_argument("--duration", metavar="T", help="of a run; that of the scene without")
+    verb.set_defaults(action=run, spelled={"depths": "--depths"})
+
+
+def depths_of_well(verb: argparse.ArgumentParser) -> None:
+    """Declare the argument `--depths`."""
+    verb.add_argument("--depths", nargs="+", required=True, metavar="DEPTH", help="depths of the bit: metres, or such as '2 km' or 9000ft")
+
+
+def run(given: argparse.Namespace) -> int:
+    """Make the schedule. Returns the exit code."""
+    from toolbox.export.scheduled_c import export_schedule
+    from toolbox.modelling.laws import Sampled
+    from toolbox.tuning.gain_schedule import schedule
+
+    scene, law, well = law_and_well(given)
+    before = None if given.before is None else law_of(scene, given.before)
+    duration = scene.duration if given.duration is None else number("--duration", plain(given.duration), "s", above=0)
+    try:
+        found = schedule(well, given.depths, law, duration, before=before)
+    except SimulationError as error:
+        return complaint(str(error), 1)
+    given.found = found
+    written = DRIVE if isinstance(law, Sampled) else ()
+    with results(
+        given, drawn_as([*FILES, *written], given.format), earlier("schedule.txt", "^Gains over depth", [*FILES, *DRIVE])
+    ) as folder:
+        if folder is not None:
+            write_found(folder, "schedule", found, scene, given.format)
+            if written:
+                export_schedule(found, well(found.depths[0]), folder / "drive")
+    show(str(found))
+    if given.out:
+        told = (
+            "Report, table, figure and C for the drive are"
+            if written
+            else "There is no C of a continuous law. Report, table and figure are"
+        )
+        print(f"\n{told} in {given.out}")
+    return 0
+
+
+def law_of(scene: Any, label: str) -> Any:
+    """The one law of a controller of a scene."""
+    laws = scene[label].laws
+    if len(laws) != 1:
+        raise SceneError(f"Controller `{label}` must be one law to be looked at over depth, but it has {len(laws)}.")
+    return laws[0]
+
+
+def law_and_well(given: argparse.Namespace) -> tuple[Any, Any, Callable[[float], Any]]:
+    """(scene at the first depth, law, function depth -> machine without laws) of the arguments. Raises SceneError where the scene knows one depth only."""
+    from toolbox.scenes.scene import Scene
+
+    given.depths = _plain_depths(given.depths)
+    scene = Scene.load(given.scene, depth=given.depths[0])
+    label = scene.case(given.controller or next((each for each in scene.labels if scene[each].laws), scene.labels[0])).label
+    law = law_of(scene, label)
+    moved = sorted(name for name in scene[label].inputs if name not in scene[label].bare.inputs)
+    if moved:
+        raise SceneError(
+            f"Argument `{moved[0]}` must be a number of the law itself to be looked at over depth, but it is an input of the scene."
+        )
+
+    @cache
+    def well(depth: float) -> Any:
+        return Scene.load(given.scene, depth=depth)[label].bare
+
+    return scene, law, well
+
+
+def _plain_depths(texts: Sequence[Any]) -> list[Any]:
+    return [plain(text) for text in texts]

@@ -1,0 +1,59 @@
+"""stickslip windows: at which speed and weight a law keeps a well smooth, over the depth of the well."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from toolbox.commands.recording import results, write_found
+from toolbox.commands.schedule import depths_of_well, law_and_well
+from toolbox.commands.sweep import shape_of
+from toolbox.commands.terminal import common, complaint, drawn_as, earlier, plain, ranges, show
+from toolbox.errors import SimulationError
+
+FILES = ("windows.txt", "windows.csv", "windows.npz", "windows.png", "scene.toml")
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip windows`."""
+    verb = commands.add_parser(
+        "windows",
+        parents=[common("folder for report, table, data and figure", controller="the law; the first one of the scene without")],
+        help="at which speed and weight a law keeps a well smooth, over its depth",
+        description="Map both branches of a machine at depths of a well, where the first section of the string is longer or shorter, and print from which "
+        "value of the first number on the machine is smooth, from which on stick-slip ends as well, and how far the working point is from both.",
+        epilog="example: stickslip windows studies/scenes/deepening_well.toml --controller 'soft torque' --depths 1000m 2000m "
+        "--x 'top.reference=40 rpm:140 rpm' --y 'bit.weight=60 kN:100 kN' --out windows",
+    )
+    depths_of_well(verb)
+    verb.add_argument(
+        "--x", required=True, metavar="NAME=LOW:HIGH", help="the number whose lowest value is asked for, such as the set-point"
+    )
+    verb.add_argument("--y", required=True, metavar="NAME=LOW:HIGH", help="the other one, such as the weight")
+    verb.add_argument(
+        "--along", nargs="+", metavar="VALUE", help="values of the second number at which windows are read; five over its range"
+    )
+    verb.add_argument("--shape", default="25x13", metavar="NxM", help="points of the map of a depth along both (25x13)")
+    verb.set_defaults(action=run, spelled={"depths": "--depths", "along": "--along"})
+
+
+def run(given: argparse.Namespace) -> int:
+    """Find the windows. Returns the exit code."""
+    from toolbox.robustness.depth_windows import windows
+
+    over = ranges("--x", [given.x]) | ranges("--y", [given.y])
+    shape = shape_of(given.shape)
+    scene, law, well = law_and_well(given)
+    along = None if given.along is None else [plain(value) for value in given.along]
+    try:
+        found = windows(well, given.depths, law, over, along=along, shape=shape)
+    except SimulationError as error:
+        return complaint(str(error), 1)
+    given.found = found
+    with results(given, drawn_as(FILES, given.format), earlier("windows.txt", "^Windows over depth", FILES)) as folder:
+        if folder is not None:
+            write_found(folder, "windows", found, scene, given.format)
+    show(str(found))
+    if given.out:
+        print(f"\nReport, table, data and figure are in {given.out}")
+    return 0

@@ -45,17 +45,20 @@ def check_gain(system: HybridSystem) -> None:
     if not system.elements or ca.depends_on(gain, ca.vertcat(system.t, system.x, system.u)):
         _check_cones(system)
         return
-    matrix = np.array(system.function("gain", gain, "A")(0.0, 0.0, 0.0, system.values, 0.0))
+    found = system.cache.get("gain")
+    if found is None:  # with its zeros it would grow as the square of a chain
+        found = system.cache["gain"] = ca.Function("gain", [system.t, system.x, system.u, system.p, system.m], [gain])
+    matrix = found(0.0, 0.0, 0.0, system.values, 0.0)
     held = [i for i, element in enumerate(system.elements) if element.holds]
-    matrix = matrix[np.ix_(held, held)]
     holding = [system.elements[i] for i in held]
-    for element, entry in zip(holding, np.diag(matrix), strict=True):
+    for element, entry in zip(holding, np.array(ca.diag(matrix)).ravel()[held], strict=True):
         if not entry > 0:
             raise SceneError(
                 f"Element {element.title} must oppose its slip (d slip_rate/d force > 0, relative degree one), but the gain is {entry:g}."
             )
     if gain.sparsity().is_diag() or not held:
         return
+    matrix = matrix.full()[np.ix_(held, held)]
     size = np.sqrt(np.diag(matrix))
     matrix = matrix / np.outer(size, size)
     # two stops of one body are never closed together: only one of them counts

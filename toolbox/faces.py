@@ -18,7 +18,7 @@ from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from types import CodeType, ModuleType
+from types import CodeType, FrameType, ModuleType
 from typing import Any
 
 
@@ -26,7 +26,8 @@ def face(*unlisted: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]
     """Return the `__getattr__` and `__dir__` of the package or module that calls it; `__all__` is given by the former.
 
     The public names are those that the caller imports below `if TYPE_CHECKING`. What a package takes from a package, not from a file, is a public module.
-    A name that is public in a room of the package, or in one of its public modules, raises ImportError with the line that imports it from there.
+    A name that is public in a room of the package, or in one of its public modules, is refused with the line that imports it from there: an import statement
+    by ImportError, what asks for an attribute, as `hasattr` does, by AttributeError.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ def face(*unlisted: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]
             home = import_module(file)
             found = import_module(f"{file}.{own}") if hasattr(home, "__path__") else getattr(home, own)
         elif "__path__" in package and not name.startswith("_"):
-            return _below(package, homes(), name)
+            return _below(package, homes(), name, sys._getframe(1))
         else:
             raise _unknown(package, name)
         package[name] = found
@@ -105,8 +106,8 @@ def public_names(module: ModuleType) -> list[str]:
     return [name for name in defined if not name.startswith("_")] if listed is None else list(listed)
 
 
-def _below(package: dict[str, Any], homes: dict[str, tuple[str, str]], name: str) -> Any:
-    """The file or room of that name; raises ImportError for a name that is public in a room or a public module of the package."""
+def _below(package: dict[str, Any], homes: dict[str, tuple[str, str]], name: str, asking: FrameType) -> Any:
+    """The file or room of that name; raises ImportError or AttributeError, as the frame asks for it, for what is in a room or public module of the package."""
     from importlib.util import find_spec  # here, because few programs need it
     from pkgutil import iter_modules
 
@@ -118,9 +119,22 @@ def _below(package: dict[str, Any], homes: dict[str, tuple[str, str]], name: str
     having = [place for place, module in modules.items() if name in public_names(module)]
     having = having or [place for place, module in modules.items() if hasattr(module, "__path__") and find_spec(f"{place}.{name}")]
     if having:
-        raise ImportError(f"`{name}` is in `{having[0]}`: write `from {having[0]} import {name}`.")
+        told = f"`{name}` is in `{having[0]}`: write `from {having[0]} import {name}`."
+        if _imports(asking):
+            raise ImportError(told)
+        raise _unknown(package, name, f": {told}")
     raise _unknown(package, name)
 
 
-def _unknown(package: dict[str, Any], name: str) -> AttributeError:
-    return AttributeError(f"module {package['__name__']!r} has no attribute {name!r}")
+def _imports(frame: FrameType) -> bool:
+    """Whether a frame is at the part of an import statement that takes a name from a module.
+
+    Python itself would turn an AttributeError into an ImportError there, whose text does not tell where the name is.
+    """
+    from dis import opmap
+
+    return frame.f_lasti >= 0 and frame.f_code.co_code[frame.f_lasti] == opmap["IMPORT_FROM"]
+
+
+def _unknown(package: dict[str, Any], name: str, where: str = "") -> AttributeError:
+    return AttributeError(f"module {package['__name__']!r} has no attribute {name!r}{where}")

@@ -47,7 +47,9 @@ def test_two_scenes_become_a_report_a_figure_the_points_and_scenes_with_the_tune
         "tune.txt",
         "origin.json",
         "tune.png",
+        "tune.npz",
         "trials.csv",
+        "scene.toml",
         "tuned_rig_90.toml",
         "tuned_rig_100.toml",
     }
@@ -63,10 +65,13 @@ def test_two_scenes_become_a_report_a_figure_the_points_and_scenes_with_the_tune
         assert (law.proportional, law.integral) == (float(best["pi.proportional [N m s/rad]"]), float(best["pi.integral [N m/rad]"]))
         assert tuned.run("stiff PI").time_in("bit", "stick", after=30.0) > 1.0  # as given
         assert tuned.run("stiff PI, tuned").time_in("bit", "stick", after=30.0) == 0.0
+    assert (out / "scene.toml").read_bytes() == (out / "tuned_rig_90.toml").read_bytes()  # of the first scene
     (out / "mine.txt").write_text("keep")
     assert main(["tune", rigs[0], *FREE, "--objective", "settling", "--runs", "20", "--out", str(out)]) == 0
     assert "Front of" in capsys.readouterr().out
-    assert {path.name for path in out.iterdir()} == {"tune.txt", "origin.json", "tune.png", "trials.csv", "tuned_rig_90.toml", "mine.txt"}
+    assert {path.name for path in out.iterdir()} == {
+        "tune.txt", "origin.json", "tune.png", "tune.npz", "trials.csv", "scene.toml", "tuned_rig_90.toml", "mine.txt",
+    }  # fmt: skip
 
 
 def test_an_interrupted_tuning_says_how_to_go_on_and_does(rigs, tmp_path, capsys, monkeypatch):
@@ -127,7 +132,7 @@ def test_where_no_point_has_an_objective_the_exit_code_is_1(rigs, tmp_path, caps
     assert main(["tune", rigs[0], *arguments]) == 1  # no gain there lets it settle
     printed = capsys.readouterr()
     assert "Nothing was found" in printed.out and "found nothing" in printed.err
-    assert {path.name for path in out.iterdir()} == {"tune.txt", "origin.json", "trials.csv"}
+    assert {path.name for path in out.iterdir()} == {"tune.txt", "origin.json", "tune.npz", "trials.csv", "scene.toml"}
 
 
 def test_the_help_shows_an_example(capsys):

@@ -3,14 +3,18 @@
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
+from datetime import datetime, timedelta
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from toolbox.commands import command_line, terminal
 from toolbox.commands.command_line import main
+from toolbox.files.origin import Origin, hashes
 from toolbox.files.printing import columns
 from toolbox.files.results import as_data
 
@@ -165,6 +169,8 @@ EVERY = {
     "map": ["RIG", "--x", "top.reference=60rpm:130rpm", "--y", "bit.weight=60kN:110kN", "--shape", "3x3"],
     "sweep": ["RIG", "--vary", "bit.weight=80kN:90kN:2"],
     "margins": ["RIG"],
+    "basin": ["RIG", "--controller", "PI", "--box", "bit.speed=0 rpm:290 rpm", "--runs", "16"],
+    "compare": ["RIG", "OTHER"],
     "chance": ["RIG", "--over", "top.reference=80rpm:130rpm:2", "--uncertain", "bit.weight=97 kN +- 8 kN", "--draws", "8"],
     "tune": ["RIG", "--law", "PI", "--free", "pi.proportional=500:10e3", "--objective", "severity", "--runs", "10"],
     "posterior": ["RIG", "--controller", "PI", "--prior", "bit.weight=50kN:110kN", "--measured", "severity=1.9 +- 0.1", "--draws", "32"],
@@ -172,7 +178,23 @@ EVERY = {
     "estimate": ["RIG", "LOG", "--controller", "PI"],
     "drives": ["RIG", "--before", "PI", "--group", "declared", "--from", "120 rpm", "--to", "140 rpm", "--step", "10 rpm"],
     "tradeoff": ["RIG", "--duration", "2"],
-}
+    "schedule": ["WELL", "--controller", "stiff PI", "--depths", "2000", "2500", "--duration", "5 s"],
+    "windows": [
+        "WELL", "--controller", "stiff PI", "--depths", "2km", "--x", "top.reference=60 rpm:140 rpm", "--y", "bit.weight=60 kN:100 kN", "--along", "80 kN",
+        "--shape", "3x3",
+    ],
+}  # fmt: skip
+
+SCENES = {"compare": {"first.toml", "second.toml"}}
+"""{command: its scenes, where they are more than one}."""
+
+
+def test_every_command_that_writes_a_folder_is_tried_below():
+    [commands] = (each.choices for each in command_line._parser()._actions if isinstance(each.choices, dict))
+    writing = {name for name, verb in commands.items() if any("--out" in each.option_strings for each in verb._actions)}
+    assert writing - {"export"} == set(EVERY)  # what is exported is a program, not a result
+    for name, verb in commands.items():
+        assert {"--json", "--quiet", "--units"} <= {word for each in verb._actions for word in each.option_strings}, name
 
 
 @pytest.fixture(scope="module")
@@ -180,6 +202,7 @@ def inputs(tmp_path_factory):
     """A scene and a log of its machine."""
     folder = tmp_path_factory.mktemp("inputs")
     (folder / "rig.toml").write_text(RIG)
+    (folder / "other.toml").write_text(RIG.replace("95 rpm", "96 rpm"))
     (folder / "sampled.toml").write_text(RIG + 'sample_time = "10 ms"\n[[controllers]]\nlabel = "soft torque"\nlaw = "SoftTorque"\n')
     assert main(["simulate", str(folder / "rig.toml"), "--quiet", "--out", str(folder / "run")]) == 0
     with np.load(next((folder / "run").glob("*.npz"))) as data:
@@ -193,10 +216,15 @@ def inputs(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", EVERY)
-def test_every_command_that_writes_a_folder_has_its_report_and_writes_the_same_again(command, inputs, tmp_path, capsys):
+def test_every_command_that_writes_a_folder_has_its_report_and_writes_the_same_again(command, inputs, root, tmp_path, capsys):
     """Of the same call all bytes but those of `origin.json` are the same, `--json` is JSON, `--quiet` is nothing, and `report` makes a page of the folder."""
     scene = str(inputs / ("sampled.toml" if command in ("drives", "estimate") else "rig.toml"))
-    places = {"RIG": scene, "LOG": str(inputs / "log.csv")}
+    places = {
+        "RIG": scene,
+        "LOG": str(inputs / "log.csv"),
+        "OTHER": str(inputs / "other.toml"),
+        "WELL": str(root / "studies/scenes/deepening_well.toml"),
+    }
     line = [command, *(places.get(word, word) for word in EVERY[command])]
     (tmp_path / "first").mkdir()
     (tmp_path / "second").mkdir()
@@ -204,14 +232,25 @@ def test_every_command_that_writes_a_folder_has_its_report_and_writes_the_same_a
     assert json.loads(capsys.readouterr().out) is not None
     assert main([*line, "--quiet", "--out", str(tmp_path / "second" / "out")]) == 0
     assert capsys.readouterr().out == ""
+    for folder in {path.parent for path in (tmp_path / "first").rglob("origin.json")}:
+        held = {path.name for path in folder.iterdir()}
+        assert held >= SCENES.get(command, {"scene.toml"}) | {f"{command}.txt"}, held
+        origin = Origin.read(folder)
+        assert origin.command == f"stickslip {shlex.join([*line, '--json', '--out', str(tmp_path / 'first' / 'out')])}"
+        assert datetime.fromisoformat(origin.began).utcoffset() == timedelta(0) and {"Python", "casadi", "numpy"} <= origin.versions.keys()
+        assert origin.inputs == hashes(Path(places[word]) for word in EVERY[command] if word in places)
+        others = {name for name in held - origin.files.keys() if not name.endswith(".jsonl")}  # journals of what was interrupted
+        assert origin.files.keys() <= held and others <= {"origin.json", "sweep.zarr"} and origin.changed(folder) == []
     first, second = (
         {str(path.relative_to(tmp_path / side)): path.read_bytes() for path in (tmp_path / side).rglob("*") if path.is_file()}
         for side in ("first", "second")
     )
     origins = [name for name in first if name.endswith("origin.json")]
     assert origins and first.keys() == second.keys()
-    timed = {"tradeoff": ("tradeoff.csv", "tradeoff.png"), "sweep": "sweep.zarr/zarr.json"}.get(command, ())
+    timed = {"tradeoff": ("tradeoff.csv", "tradeoff.png", "tradeoff.npz", "tradeoff.txt"), "sweep": "sweep.zarr/zarr.json"}.get(command, ())
     assert [name for name in first if first[name] != second[name] and name not in origins and not name.endswith(timed or "\0")] == []
     assert main(["report", str(tmp_path / "first" / "out"), "--page", str(tmp_path / "page.html")]) == 0
     page = (tmp_path / "page.html").read_text()
     assert f"stickslip {command}" in page and "<h2>" in page
+    answer = page.partition("Appendix</h2>")[0]
+    assert command == "compare" or ("<table>" in answer and "<pre>" not in answer)

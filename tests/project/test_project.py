@@ -122,6 +122,13 @@ def test_a_name_that_stands_in_a_room_is_refused_with_the_line_that_imports_it(n
     assert found[name] is not None
 
 
+@pytest.mark.parametrize("name", [FORMER.split()[0], "posterior", "no_such_name"])
+def test_who_asks_whether_the_toolbox_has_a_name_of_a_room_is_told_that_it_has_not(name):
+    assert not hasattr(toolbox, name) and getattr(toolbox, name, None) is None
+    with pytest.raises(AttributeError, match=f"has no attribute '{name}'"):
+        getattr(toolbox, name)
+
+
 def test_modules_under_short_names_have_stubs_that_lead_to_them():
     for path in Path(toolbox.__file__).parent.glob("*.pyi"):
         assert path.read_text() == f"from {getattr(toolbox, path.stem).__name__} import *\n"

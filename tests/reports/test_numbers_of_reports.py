@@ -263,6 +263,7 @@ def of_fit(results):
     deviations = np.sqrt(np.diag(covariance))
     rules = [
         (r"Fit of \d+ number", [len(rows), samples, span]),
+        ("name  estimate  interval of", [told["confidence"]]),
         (r"\d of \d start", [told["agreeing"], told["starts"], told["confidence"]]),
         ("condition ", [told["condition"], covariance[0, 1] / deviations.prod()]),
         (r"Recording of log\.csv", [log.size, span, 0.1, 10.0]),

@@ -153,7 +153,7 @@ def test_results_of_python_have_their_answer_figure_and_machine(tmp_path):
 
 
 def test_a_folder_of_folders_stands_for_all_in_it(folders, tmp_path):
-    for name in ("one", "two"):
+    for name in ("one", "map/two"):  # a map has a folder for each controller
         shutil.copytree(folders / "study", tmp_path / "all" / name)
     assert report(tmp_path / "all", path=tmp_path / "r.html").read_text().count("<h2>Study</h2>") == 2
 

@@ -608,7 +608,7 @@ def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys, c
     command += ["--controller", "stiff PI", "--measure", "severity", "--measure", "sticks", "--out", str(tmp_path / "out")]
     assert main(command) == 0
     printed = capsys.readouterr().out
-    assert re.search(r"bit.weight +60 +\.\. 97\.347 +kN", printed)
+    assert re.search(r"bit.weight +60 +97\.347 +kN", printed)
     folder = tmp_path / "out" / "01_stiff_pi"
     found = Sweep.load(folder / "sweep.zarr")
     run = Scene.load(SCENES / "jansen_2.toml").run("stiff PI")

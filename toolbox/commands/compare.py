@@ -13,6 +13,7 @@ from toolbox.errors import SceneError
 from toolbox.files.units import parse
 
 COMPARE_FILES = ("compare.txt", "compare.png")
+SCENES = ("first.toml", "second.toml")
 BEGINNING = "Comparison of "
 
 
@@ -22,8 +23,8 @@ def add(commands: Any) -> None:
         "compare",
         help="two saved runs by their measures, or two scenes by their keys",
         description="Compare two runs that were saved (.npz, as simulate and study write them): how long and how often they stick, and the extrema, mean and "
-        "severity of their signals. Or compare two scenes (.toml): the keys whose values differ. With --out, the folder gets the report and, for runs, "
-        "a figure with both over one another.",
+        "severity of their signals. Or compare two scenes (.toml): the keys whose values differ. With --out, the folder gets the report and both scenes, "
+        "or, for runs, a figure with both over one another.",
         epilog="example: stickslip compare out/01_stiff_pi.npz out/02_soft_torque.npz --after '40 s'",
     )
     comparison.add_argument("first", type=Path, metavar="FIRST", help="a saved run or a scene")
@@ -66,15 +67,17 @@ def run(given: argparse.Namespace) -> int:
     first, second = (Scene.load(path) if scenes else SavedRun.read(path) for path in paths)
     found = compare(first, second, signals=given.signal, measures=given.measure, after=after, until=until, labels=labels)  # type: ignore[arg-type]
     given.found = found
-    files = COMPARE_FILES[:1] if scenes else drawn_as(COMPARE_FILES, given.format)
-    with results(given, files, earlier("compare.txt", f"^{BEGINNING}", COMPARE_FILES)) as folder:
+    files = [*COMPARE_FILES[:1], *SCENES] if scenes else drawn_as(COMPARE_FILES, given.format)
+    with results(given, files, earlier("compare.txt", f"^{BEGINNING}", [*COMPARE_FILES, *SCENES])) as folder:
         if folder is not None:
             (folder / "compare.txt").write_text(f"{BEGINNING}{paths[0]} and {paths[1]}\n\n{found}\n", encoding="utf-8")
+            for name, scene in zip(SCENES, (first, second), strict=True) if scenes else ():
+                scene.save(folder / name)  # type: ignore[union-attr]
             if not scenes:
                 figures.draw_overlay(
                     dict(zip(labels, (first, second), strict=True)), given.signal or (), after, until, folder / f"compare.{given.format}"
                 )
     show(str(found))
     if given.out:
-        print(f"\n{'The report is' if scenes else 'Report and figure are'} in {given.out}")
+        print(f"\n{'Report and scenes are' if scenes else 'Report and figure are'} in {given.out}")
     return 0

@@ -23,12 +23,17 @@ WRITTEN = ("out", "journal")
 
 @contextmanager
 def results(
-    given: argparse.Namespace, names: Sequence[str], left_by: Callable[[Path], set[str]], out: Path | None = None, last: bool = True
+    given: argparse.Namespace,
+    names: Sequence[str],
+    left_by: Callable[[Path], set[str]],
+    out: Path | None = None,
+    last: bool = True,
+    beside: Sequence[str] = (),
 ) -> Iterator[Any]:
     """The folder of `--out` for the results of a command, with their origin, as `toolbox.files.atomic.whole_folder`; None where there is no `--out`.
 
     names: files that will be written;  left_by: function of a folder that names those of an earlier call;  out: another folder than that of `--out`;
-    last: whether the command has nothing to do after it.
+    last: whether the command has nothing to do after it;  beside: names of results that stand in the folder already.
     """
     place = given.out if out is None else out
     if place is None:
@@ -43,7 +48,8 @@ def results(
     read = hashes(path for name, value in sorted(vars(given).items()) if name not in WRITTEN for path in _paths(value))
     with whole_folder(place, [*names, ORIGIN], left, last) as folder:
         yield folder
-        files = {Path(path).name: told for path, told in hashes(sorted(folder.iterdir())).items()}
+        written = sorted([*folder.iterdir(), *(place / name for name in beside)], key=lambda path: path.name)
+        files = {Path(path).name: told for path, told in hashes(written).items()}
         seconds = round(time.perf_counter() - clock, 3)
         Origin(given.line, began.isoformat(timespec="seconds"), seconds, versions(), read, files).write(folder)
 

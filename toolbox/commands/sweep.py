@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 SAMPLINGS = ("grid", "random", "latin-hypercube", "sobol")
 
-SWEEP_FILES = ("sweep.csv", "scene.toml")
+SWEEP_FILES = ("sweep.txt", "sweep.csv", "scene.toml")
 MAP_FILES = ("map.txt", "map.png", "map.csv", "borders.csv", "scene.toml")
 
 GOES_ON = "interrupted; the same call goes on from here."
@@ -119,6 +119,7 @@ def run(given: argparse.Namespace) -> int:
             if store is None:
                 found.save(made / "sweep.npz")
             found.save(made / "sweep.csv")
+            (made / "sweep.txt").write_text(f"{dataclasses.replace(found, seconds=0.0)}\n", encoding="utf-8")
             scene.save(made / "scene.toml")
         given.found[label] = found
         failed += len(found.errors) == found.runs
@@ -214,7 +215,8 @@ def run_map(given: argparse.Namespace) -> int:
                 found = severity_map(loop, over, shape=shape, out=folder)
                 machines[words] = given.found[name] = found
                 names = drawn_as(MAP_FILES, given.format)
-                with results(given, names, earlier("map.txt", "^Severity map of ", MAP_FILES), folder, last=False) as made:
+                left = earlier("map.txt", "^Severity map of ", MAP_FILES)
+                with results(given, names, left, folder, last=False, beside=("map.npz",)) as made:
                     (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
                     found.to_csv(made / "map.csv")
                     found.save_borders(made / "borders.csv")

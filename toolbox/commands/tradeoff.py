@@ -11,7 +11,7 @@ from toolbox.commands.recording import results
 from toolbox.commands.terminal import common, complaint, drawn_as, earlier, heading, plain, show
 from toolbox.files.units import parse
 
-TRADE_FILES = ("tradeoff.png", "tradeoff.csv")
+TRADE_FILES = ("tradeoff.txt", "tradeoff.png", "tradeoff.csv", "tradeoff.npz", "scene.toml")
 
 
 def add(commands: Any) -> None:
@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
         ],
         help="error against time for every method and setting on a scene",
         description="Run one case of a scene with every method and setting, against a truth computed twice, and print error and time of each. With --out, the "
-        "folder gets the figure and the table (csv): both, or nothing.",
+        "folder gets the report, the figure, table (csv), data (npz) and scene: all of it, or nothing.",
         epilog="example: stickslip tradeoff studies/scenes/jansen_2.toml --out trade",
     )
     trade.add_argument(
@@ -49,9 +49,12 @@ def run(given: argparse.Namespace) -> int:
             return complaint(str(error), 1)
         given.found = found
         if folder is not None:
+            (folder / "tradeoff.txt").write_text(f"{found}\n", encoding="utf-8")
             found.save(folder / "tradeoff.csv")
+            found.save(folder / "tradeoff.npz")
             figures.draw_found(found, None, folder / f"tradeoff.{given.format}")
+            scene.save(folder / "scene.toml")
     show(str(found))
     if given.out:
-        print(f"\nFigure and table are in {given.out}")
+        print(f"\nReport, figure and table are in {given.out}")
     return 0

@@ -15,7 +15,7 @@ from toolbox.commands.recording import results
 from toolbox.commands.terminal import complaint, drawn_as, earlier, figure_format, ranges, show
 from toolbox.errors import SceneError
 
-TUNE_FILES = ("tune.txt", "tune.png", "trials.csv")
+TUNE_FILES = ("tune.txt", "tune.png", "tune.npz", "trials.csv", "scene.toml")
 
 
 def add(commands: Any) -> None:
@@ -24,8 +24,8 @@ def add(commands: Any) -> None:
         "tune",
         help="find the numbers of a control law that do best on one scene, or on the worst of several",
         description="Search the free numbers of one control law for the smallest objective on all scenes, or for the front of several objectives, and print "
-        "the numbers with the law as given beside them. The folder gets the report, a figure, every point tried (csv), and each scene with the "
-        "law as given and the tuned one, ready for `stickslip study`: all of it, or nothing.",
+        "the numbers with the law as given beside them. The folder gets the report, a figure, every point tried (csv, npz), and each scene with "
+        "the law as given and the tuned one, ready for `stickslip study`; that of the first is scene.toml, too: all of it, or nothing.",
         epilog="example: stickslip tune studies/scenes/jansen_2.toml --law 'stiff PI' --free pi.proportional=500:50e3 --free pi.integral=50:20e3 "
         "--objective settling --out tuned",
     )
@@ -93,10 +93,13 @@ def run(given: argparse.Namespace) -> int:
         given.found = found
         (folder / "tune.txt").write_text(f"{found}\n", encoding="utf-8")
         found.save(folder / "trials.csv")
+        found.save(folder / "tune.npz")
         if found.front:
             figures.draw_found(found, found.title, folder / f"tune.{given.format}")
             for path, scene in scenes.items():
                 found.applied(scene, given.law).save(folder / names[path])
+        first = next(iter(scenes.values()))
+        (found.applied(first, given.law) if found.front else first).save(folder / "scene.toml")
     show(str(found))
     if not found.front:
         return complaint(f"the tuning found nothing; the points it tried are in {given.out}.", 1)

@@ -6,6 +6,7 @@ import dataclasses
 import html
 import re
 from collections.abc import Container, Iterable, Sequence
+from dataclasses import dataclass
 
 
 def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[object]], notes: Iterable[str] = ()) -> str:
@@ -25,13 +26,16 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[object]],
     """
     lines = ["<div>", f"<p><b>{marked(title)}</b></p>"]
     if headings:
-        lines += [
-            "<table>",
-            "<thead><tr>" + "".join(f'<th style="text-align:left">{html.escape(word)}</th>' for word in headings) + "</tr></thead>",
-        ]
-        lines += ["<tbody>", *("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows), "</tbody>", "</table>"]
+        lines += _grid(headings, rows)
     lines += [f"<p>{marked(note)}</p>" for note in notes]
     return "\n".join([*lines, "</div>"])
+
+
+def _grid(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
+    """The lines of a table in HTML without a title."""
+    head = "".join(f'<th style="text-align:left">{html.escape(word)}</th>' for word in headings)
+    body = ("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows)
+    return ["<table>", f"<thead><tr>{head}</tr></thead>", "<tbody>", *body, "</tbody>", "</table>"]
 
 
 def marked(text: str) -> str:
@@ -64,6 +68,35 @@ class Printed:
     def _repr_html_(self) -> str:
         title, _, rest = str(self).partition("\n")
         return f"<div><p><b>{html.escape(title)}</b></p>" + (f"<pre>{html.escape(rest)}</pre>" if rest else "") + "</div>"
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A table among the parts of what a value says: its rows, the first of which has the headings, and how it is printed (`columns`)."""
+
+    rows: Sequence[Sequence[str]]
+    left: Container[int] = (0,)
+    indent: str = "  "
+
+
+class Told(Printed):
+    """A value that says what it is in sentences and tables, which are the same when it is printed and when a notebook or a report shows it."""
+
+    def _told(self) -> Iterable[str | Rows]:
+        """Its title, then sentences and tables."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return "\n".join(
+            line for part in self._told() for line in ([part] if isinstance(part, str) else columns(part.rows, part.left, part.indent))
+        )
+
+    def _repr_html_(self) -> str:
+        title, *parts = self._told()
+        lines = ["<div>", f"<p><b>{marked(str(title))}</b></p>"]
+        for part in parts:
+            lines += [f"<p>{marked(part.strip())}</p>"] if isinstance(part, str) else _grid(part.rows[0], part.rows[1:])
+        return "\n".join([*lines, "</div>"])
 
 
 class Declared:

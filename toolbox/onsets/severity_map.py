@@ -28,7 +28,7 @@ from toolbox.files import tables
 from toolbox.files.archives import Shape, arrays, check_notes, check_shapes, understood
 from toolbox.files.atomic import replaced
 from toolbox.files.journal import Journal
-from toolbox.files.printing import table
+from toolbox.files.printing import Rows, Told
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import Reading, asked_in, reading
 from toolbox.files.units import NumberOrText
@@ -74,7 +74,7 @@ class MapSide:
 
 
 @dataclass(frozen=True)
-class SeverityMap:
+class SeverityMap(Told):
     """A map of stick-slip over two numbers, as `severity_map` returns it: `print(found)`, `found.plot()`, `found.smooth.severity`.
 
     Attributes
@@ -144,44 +144,30 @@ class SeverityMap:
         """How numbers along both axes are read."""
         return [reading(unit, self.asked) for unit in self.units]
 
-    def __str__(self) -> str:
+    def _told(self) -> list[str | Rows]:
         read = self._read
-        lines = [
+        failed = [f"  {len(self.errors)} runs failed"] if self.errors else []
+        for (branch, i, j), text in list(self.errors.items())[:3]:
+            failed.append(f"    {branch}, {self.axes[0][i] * read[0].factor:.5g}, {self.axes[1][j] * read[1].factor:.5g}: {text}")
+        return [
             f"Severity map of {self.title}: `{self.signal}`, contact `{self.element}`",
             *(
                 f"  {name} from {axis[0] * each.factor:.6g} to {axis[-1] * each.factor:.6g}{each.tail}, {axis.size} values"
                 for name, each, axis in zip(self.names, read, self.axes, strict=True)
             ),
             f"  {self.runs} runs, each until it is decided, of {self.duration:.4g} s at most, at accuracy {self.accuracy:g}",
-            "",
-            "  share of the map",
+            Rows([("region", "share of the map", "what the machine does"), *self._share_rows()], (0, 2)),
+            Rows([("border", *self.names), *self._border_rows()]),
+            *(f"  note: {note}" for note in self.notes),
+            *failed,
         ]
-        lines += [f"    {name:<16}{share:>5} %   {meaning}" for name, share, meaning in self._share_rows()]
-        lines += ["", f"  border                         {self.names[0]:>30}   {self.names[1]:>30}"]
-        lines += [f"    {name:<28} {first:>29}   {second:>30}".rstrip() for name, first, second in self._border_rows()]
-        lines += [f"  note: {note}" for note in self.notes]
-        if self.errors:
-            lines.append(f"  {len(self.errors)} runs failed")
-            for (branch, i, j), text in list(self.errors.items())[:3]:
-                lines.append(f"    {branch}, {self.axes[0][i] * read[0].factor:.5g}, {self.axes[1][j] * read[1].factor:.5g}: {text}")
-        return "\n".join(lines)
 
-    __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        shares = table(f"Severity map of {self.title}", ("region", "share of the map [%]", "what the machine does"), self._share_rows())
-        read = self._read
-        ranges = [
-            f"{name} from {axis[0] * each.factor:.6g} to {axis[-1] * each.factor:.6g}{each.tail}"
-            for name, each, axis in zip(self.names, read, self.axes, strict=True)
-        ]
-        notes = [f"{', '.join(ranges)}; {self.runs} runs, {len(self.errors)} points failed", *self.notes]
-        return shares + table("Borders", ("border", *self.names), self._border_rows(), notes)
+    __repr__ = Told.__str__
 
     def _share_rows(self) -> list[tuple[str, str, str]]:
-        """(region, part of the map [%], meaning) of the regions that there are, and of the free one."""
+        """(region, part of the map, meaning) of the regions that there are, and of the free one."""
         found = self.regions.items()
-        return [(name, f"{100 * where.mean():.1f}", MEANINGS[name]) for name, where in found if where.any() or name == "free"]
+        return [(name, f"{100 * where.mean():.1f} %", MEANINGS[name]) for name, where in found if where.any() or name == "free"]
 
     def _border_rows(self) -> list[tuple[str, str, str]]:
         """(border, range of the first number, range of the second)."""

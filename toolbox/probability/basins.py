@@ -17,7 +17,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray, number, short, whole
 from toolbox.errors import SceneError
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import asked_in, reading
@@ -38,7 +38,7 @@ SIDE_BY_SIDE = 32
 
 
 @dataclass(frozen=True)
-class Basin(Result):
+class Basin(Told, Result):
     """How a working point takes disturbances, as `basin` returns it: `print(found)`, `found.share`, `found.bounds`, `found.smallest`, `found.plot()`.
 
     Attributes
@@ -95,7 +95,7 @@ class Basin(Result):
         low, high = clopper_pearson(back, back + unknown, self.outcomes.size, self.confidence)
         return float(low), float(high)
 
-    def __str__(self) -> str:
+    def _told(self) -> list[str | Rows]:
         low, high = self.bounds
         lines = [
             f"Basin of {self.title}: {self.outcomes.size} disturbances, runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
@@ -106,9 +106,9 @@ class Basin(Result):
             factor, shown = reading(unit, self.asked)[:2]
             at, begin, end, tip = (float(each) * factor for each in (self.point[k], *self.box[k], self.smallest[k]))
             rows.append((name, shown, f"{at:.5g}", f"{begin:.5g} .. {end:.5g}", "none" if math.isnan(tip) else f"{tip:.5g}"))
-        return "\n".join(lines + columns(rows, left=(0, 1)))
+        return [*lines, Rows(rows, left=(0, 1))]
 
-    __repr__ = __str__
+    __repr__ = Told.__str__
 
     def _table(self) -> HeadedRows:
         """One row per disturbance, and what it came to."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray, number, short, whole
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import asked_in, reading
@@ -41,7 +41,7 @@ BEGINS = 0.02
 
 
 @dataclass(frozen=True)
-class UncertainOnset(Result):
+class UncertainOnset(Told, Result):
     """Borders of stick-slip of machines that are drawn, as `uncertain_onset` returns them: `print(found)`, `found.lowest(0.95)`, `found.plot()`.
 
     Attributes
@@ -126,10 +126,10 @@ class UncertainOnset(Result):
             found[name] = float(np.corrcoef(ranks, values)[0, 1]) if np.ptp(values) and np.ptp(ranks) else math.nan
         return dict(sorted(found.items(), key=lambda pair: -abs(np.nan_to_num(pair[1]))))
 
-    def __str__(self) -> str:
+    def _told(self) -> list[str | Rows]:
         read = reading(self.unit, self.asked)
         low, high = (each * read.factor for each in self.between)
-        lines = [
+        lines: list[str | Rows] = [
             f"Onset of stick-slip over {self.name} from {low:.4g} to {high:.4g}{read.tail}: {self.title}, {len(self.points)} draws, "
             f"runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
             *(f"  {name} known as {words}" for name, words in self.uncertain.items()),
@@ -144,19 +144,19 @@ class UncertainOnset(Result):
             smooth = self.smooth[label][np.isfinite(self.smooth[label])] * read.factor
             lost = f"{np.quantile(smooth, 0.05):.4g} .. {np.quantile(smooth, 0.95):.4g}" if smooth.size > len(borders) / 2 else "-"
             moved = ", ".join(f"{name} {each:+.2f}" for name, each in list(self.moved_by(label).items())[:2] if math.isfinite(each)) or "-"
-            first = "-" if not shows else self._told(lowest[label] * read.factor)
-            middle = self._told(float(np.quantile(borders, 0.5, method="inverted_cdf")) * read.factor)
-            rows.append((label, first, middle, " .. ".join(map(self._told, ends.tolist())), lost, moved))
-        lines += columns(rows, left=(0, 5))
+            first = "-" if not shows else self._border(lowest[label] * read.factor)
+            middle = self._border(float(np.quantile(borders, 0.5, method="inverted_cdf")) * read.factor)
+            rows.append((label, first, middle, " .. ".join(map(self._border, ends.tolist())), lost, moved))
+        lines.append(Rows(rows, left=(0, 5)))
         if not shows:
             lines.append(f"  no set-point can be shown to be free with 95 % by fewer than {least_draws(0.95, self.confidence)} draws")
         lines += [f"  {label}: {count} runs of which nobody knows count as stick-slip" for label, count in self.unknown.items() if count]
-        return "\n".join(lines)
+        return lines
 
-    __repr__ = __str__
+    __repr__ = Told.__str__
 
     @staticmethod
-    def _told(value: float) -> str:
+    def _border(value: float) -> str:
         return "below" if value == -math.inf else "none" if value == math.inf else f"{value:.4g}"
 
     def _table(self) -> HeadedRows:

@@ -11,7 +11,7 @@ import numpy as np
 
 from toolbox.calibration.recording import Recording
 from toolbox.errors import SceneError
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import reading
@@ -50,7 +50,7 @@ class Detector:
 
 
 @dataclass(frozen=True)
-class Estimates(Result):
+class Estimates(Told, Result):
     """Estimates over a log, as `estimate` returns them: `print(found)`, `found.plot()`, `found.mean["bit_speed"]`.
 
     Attributes
@@ -95,8 +95,8 @@ class Estimates(Result):
         first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
         return [(float(self.time[a]), float(self.time[b])) for a, b in zip(first, last, strict=True)]
 
-    def __str__(self) -> str:
-        lines = [
+    def _told(self) -> list[str | Rows]:
+        lines: list[str | Rows] = [
             f"Estimates of {self.title}: {self.time.size} samples over {self.time[-1] - self.time[0]:.4g} s ({self.source}), {self.measured} with a top speed, "
             f"{self.members} members"
         ]
@@ -107,14 +107,14 @@ class Estimates(Result):
             known = values[np.isfinite(values)]
             told = [f"{each:.4g}" for each in (known.mean(), known.min(), known.max())] if known.size else ["-"] * 3
             rows.append((name.replace("_", " "), shown, f"{values[-1]:.4g}", f"{self.deviation[name][-1] * factor:.3g}", *told))
-        lines += columns(rows, left=(0, 1))
+        lines.append(Rows(rows, left=(0, 1)))
         spells = self.spells
         lines += [f"  stick-slip from {begin:.4g} s to {end:.4g} s" for begin, end in spells]
         if not spells:
             lines.append("  no stick-slip")
-        return "\n".join(lines)
+        return lines
 
-    __repr__ = __str__
+    __repr__ = Told.__str__
 
     def _table(self) -> HeadedRows:
         """One row per sample."""

@@ -23,7 +23,7 @@ from toolbox.arguments import FloatArray, mapping, number, short, whole
 from toolbox.calibration.recording import Recording
 from toolbox.errors import SceneError
 from toolbox.files.journal import Journal
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import reading
@@ -46,7 +46,7 @@ SHOWN = 8
 
 
 @dataclass(frozen=True)
-class Posterior(Result):
+class Posterior(Told, Result):
     """What is known of numbers after a measurement: `print(found)`, `found["bit.weight"]`, `found.plot()`.
 
     Attributes
@@ -96,8 +96,8 @@ class Posterior(Result):
         """The draws as what is known of these numbers together, for `chance`, `drawn` and `sweep`."""
         return Draws({name: self[name].tolist() for name in self.names})
 
-    def __str__(self) -> str:
-        lines = [f"Posterior of {self.title}: {len(self.points)} draws by {self.runs} runs in {self.stages} stages"]
+    def _told(self) -> list[str | Rows]:
+        lines: list[str | Rows] = [f"Posterior of {self.title}: {len(self.points)} draws by {self.runs} runs in {self.stages} stages"]
         told = [f"  measured {name}: {words}" for name, words in self.data.items()]
         lines += told if len(told) <= SHOWN else [*told[: SHOWN - 2], f"  ... {len(told) - SHOWN + 1} more", told[-1]]
         rows: list[tuple[str, ...]] = [("unknown", "unit", "mean", "deviation", "5 %", "95 %", "before")]
@@ -106,11 +106,9 @@ class Posterior(Result):
             values = self[name] * factor
             told_values = (f"{each:.5g}" for each in (values.mean(), values.std(), *np.quantile(values, (0.05, 0.95))))
             rows.append((name, shown, *told_values, self.priors[name]))
-        lines += columns(rows, left=(0, 1, 6))
-        lines.append(f"  evidence: exp({self.evidence:.2f} +- {self.error:.2f})")
-        return "\n".join(lines)
+        return [*lines, Rows(rows, left=(0, 1, 6)), f"  evidence: exp({self.evidence:.2f} +- {self.error:.2f})"]
 
-    __repr__ = __str__
+    __repr__ = Told.__str__
 
     def _table(self) -> HeadedRows:
         """One row per draw."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray, number
 from toolbox.errors import SceneError, suggest
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import reading
 from toolbox.onsets.map_loop import NONE, STICK_SLIP, STUCK
@@ -19,7 +19,7 @@ from toolbox.probability.bounds import clopper_pearson, least_draws
 
 
 @dataclass(frozen=True)
-class Chance(Result):
+class Chance(Told, Result):
     """Chances of stick-slip, as `chance` returns them: `print(found)`, `found.plot()`, `found.chances["soft torque"]`.
 
     Attributes
@@ -157,20 +157,20 @@ class Chance(Result):
         p = np.minimum(2.0 * binom.cdf(np.minimum(first, second), first + second, 0.5), 1.0)
         return first / self.draws, second / self.draws, p
 
-    def __str__(self) -> str:
+    def _told(self) -> list[str | Rows]:
         read = [reading(unit, self.asked) for unit in self.units]
         size = " x ".join(str(axis.size) for axis in self.axes)
-        lines = [
+        lines: list[str | Rows] = [
             f"Chance of stick-slip: {self.title}, {size} points with {self.draws} draws each, runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
             *(f"  {name} known as {words}" for name, words in self.uncertain.items()),
         ]
         if len(self.names) == 1:
             head = ("law", f"{self.names[0]} [{read[0].unit}]", "chance", f"{100 * self.confidence:g} % bounds", "severity", "unknown")
-            lines += columns([head, *self._rows()], left=(0,))
+            lines.append(Rows([head, *self._rows()]))
         else:
             for label in self.labels:
                 lines += [f"  {label}: chance in %, over {self.names[0]} [{read[0].unit}] by {self.names[1]} [{read[1].unit}]"]
-                lines += columns(self._grid(label), left=(), indent="    ")
+                lines.append(Rows(self._grid(label), left=(), indent="    "))
         least = least_draws(0.95, self.confidence)
         if self.draws >= least:
             for label, found in self.lowest().items():
@@ -180,9 +180,9 @@ class Chance(Result):
                 lines.append(f"  lowest {self.names[0]} that is free with 95 %, {label}: {told}{beside}")
         else:
             lines.append(f"  no set-point can be shown to be free with 95 % by fewer than {least} draws")
-        return "\n".join(lines)
+        return lines
 
-    __repr__ = __str__
+    __repr__ = Told.__str__
 
     def _rows(self) -> list[tuple[str, ...]]:
         read = [reading(unit, self.asked) for unit in self.units]

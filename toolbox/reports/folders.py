@@ -5,8 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
+from typing import Any
 
+from toolbox.calibration.results import Fit
 from toolbox.errors import SceneError
 from toolbox.files.origin import ORIGIN, Origin
 from toolbox.files.printing import table
@@ -14,9 +17,23 @@ from toolbox.files.reading import text_of
 from toolbox.onsets import study
 from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.results import Onset
+from toolbox.onsets.severity_map import SeverityMap
+from toolbox.probability.basins import Basin
+from toolbox.probability.drawn_borders import UncertainOnset
+from toolbox.probability.estimates import Estimates
+from toolbox.probability.posteriors import Posterior
+from toolbox.probability.results import Chance
 from toolbox.reports.sections import KINDS, Section, picture, preformatted
+from toolbox.robustness.depth_windows import Windows
+from toolbox.robustness.joint_errors import SmallestError
+from toolbox.robustness.margins import Margins
 from toolbox.scenes.contact_scene import load_scene
 from toolbox.scenes.scene import Scene
+from toolbox.scenes.work_precision import WorkPrecision
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.sweeps.results import Sweep
+from toolbox.tuning.gain_schedule import Schedule
+from toolbox.tuning.results import Tuned
 
 
 @dataclass(frozen=True)
@@ -39,7 +56,8 @@ def of_folder(folder: Path) -> list[Section]:
     kind = next((each for each in ALL if (folder / each.mark).is_file()), None)
     if kind is not None:
         return [_section(folder, kind)]
-    found = [section for inner in sorted(folder.iterdir()) if inner.is_dir() and (inner / ORIGIN).is_file() for section in of_folder(inner)]
+    places = sorted(path.parent for pattern in (f"*/{ORIGIN}", f"*/*/{ORIGIN}") for path in folder.glob(pattern))
+    found = [section for inner in places for section in of_folder(inner)]  # a map or a sweep has a folder in its folder for each controller
     if not found:
         raise SceneError(f"Argument `results` must be folders that a command of `stickslip` wrote, but `{folder}` is none.")
     return found
@@ -106,6 +124,28 @@ def _onset(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
     return "\n".join(parts), failed
 
 
+def _loaded(report: str, *kinds: tuple[Any, str]) -> Callable[[Path, Scene | None], tuple[str, tuple[str, ...]]]:
+    """How the answer of a folder is read whose results say themselves; report: the file with what was printed;  kinds: (kind, pattern of files) of results."""
+
+    def answer(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
+        text, labels = text_of(folder / report), () if scene is None else scene.labels
+        failed = tuple(line for line in text.splitlines() if line.startswith(tuple(f"{label}: " for label in labels)))
+        found = {path: kind.load(path)._repr_html_() for kind, pattern in kinds for path in sorted(folder.glob(pattern))}
+        if not found:  # of an earlier version
+            return preformatted(text), ()
+        parts = found.values() if len(found) == 1 else [f"<h3>{escape(_caption(path, scene))}</h3>{told}" for path, told in found.items()]
+        return "\n".join(parts), failed
+
+    return answer
+
+
+def _simulation(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
+    """The runs of a machine of equations, each with its measures; what was printed of a body with many contacts."""
+    if scene is None:
+        return preformatted(text_of(folder / "simulate.txt")), ()
+    return _loaded("simulate.txt", (Trajectory, "[0-9][0-9]_*.npz"))(folder, scene)
+
+
 def _short(onset: Onset, label: str) -> str:
     """The borders of one controller and what they mean; the values that were simulated stand in the appendix."""
     return table(label, (), (), [onset.advice, *onset.notes])
@@ -128,21 +168,33 @@ DRIVES = ("law", "group", "way", "lowest", "disk margin", "recovery", "disturban
 ALL: Sequence[Kind] = (
     Kind("study.txt", "Study", "comparison", _study),
     Kind("onset.txt", "Onset of stick-slip", "onset", _onset),
-    Kind("drawn_onset.txt", "Onset of stick-slip of machines that are drawn", "drawn_onset"),
-    Kind("map.txt", "Severity map", "map"),
-    Kind("chance.txt", "Chance of stick-slip", "chance"),
-    Kind("basin.txt", "Basin of a working point", "basin"),
-    Kind("schedule.txt", "Gains over depth", "schedule"),
-    Kind("windows.txt", "Windows over depth", "windows"),
-    Kind("posterior.txt", "Posterior", "posterior"),
-    Kind("estimate.txt", "Estimates beside the rig", "estimate"),
-    Kind("margins.txt", "Margins", "margins"),
+    Kind(
+        "drawn_onset.txt",
+        "Onset of stick-slip of machines that are drawn",
+        "drawn_onset",
+        _loaded("drawn_onset.txt", (UncertainOnset, "drawn_onset.npz")),
+    ),
+    Kind("map.txt", "Severity map", "map", _loaded("map.txt", (SeverityMap, "map.npz"))),
+    Kind("chance.txt", "Chance of stick-slip", "chance", _loaded("chance.txt", (Chance, "chance.npz"))),
+    Kind("basin.txt", "Basin of a working point", "basin", _loaded("basin.txt", (Basin, "basin.npz"))),
+    Kind("schedule.txt", "Gains over depth", "schedule", _loaded("schedule.txt", (Schedule, "schedule.npz"))),
+    Kind("windows.txt", "Windows over depth", "windows", _loaded("windows.txt", (Windows, "windows.npz"))),
+    Kind("posterior.txt", "Posterior", "posterior", _loaded("posterior.txt", (Posterior, "posterior.npz"))),
+    Kind("estimate.txt", "Estimates beside the rig", "estimate", _loaded("estimate.txt", (Estimates, "estimate.npz"))),
+    Kind(
+        "margins.txt",
+        "Margins",
+        "margins",
+        _loaded("margins.txt", (Margins, "[0-9][0-9]_*_margins.npz"), (SmallestError, "[0-9][0-9]_*_error.npz")),
+    ),
     Kind("drives.txt", "Lowest set-points", "drives", _drives),
-    Kind("tune.txt", "Tuning", "tune"),
-    Kind("fit.txt", "Calibration", "fit"),
-    Kind("simulate.txt", "Simulation", "01"),
+    Kind("tune.txt", "Tuning", "tune", _loaded("tune.txt", (Tuned, "tune.npz"))),
+    Kind("fit.txt", "Calibration", "fit", _loaded("fit.txt", (Fit, "fit.npz"))),
+    Kind("simulate.txt", "Simulation", "01", _simulation),
     Kind("compare.txt", "Comparison", "compare"),
+    Kind("tradeoff.txt", "Error against time", "tradeoff", _loaded("tradeoff.txt", (WorkPrecision, "tradeoff.npz"))),
+    Kind("sweep.txt", "Sweep", "sweep", _loaded("sweep.txt", (Sweep, "sweep.npz"), (Sweep, "sweep.zarr"))),
     Kind("tradeoff.csv", "Error against time", "tradeoff"),
     Kind("sweep.csv", "Sweep", "sweep"),
 )
-"""What the commands write."""
+"""What the commands write; the last two are of earlier versions, which kept no text."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from toolbox.arguments import numbers
 from toolbox.errors import SceneError
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
@@ -31,7 +31,7 @@ from toolbox.robustness.margins import margins
 
 
 @dataclass(frozen=True)
-class Windows(Result):
+class Windows(Told, Result):
     """Windows over depth: `print(found)` shows one line per depth and weight, `found.plot()` draws one picture per depth.
 
     Attributes
@@ -95,7 +95,7 @@ class Windows(Result):
                 lines.append((head, f"{value * second.factor:.4g}", *borders, *(shown if j == 0 else ("", "", ""))))
         return lines
 
-    def __str__(self) -> str:
+    def _told(self) -> list[str | Rows]:
         first, second = (reading(unit, self.asked) for unit in self.units)
         points = np.unique(self.at, axis=0)
         point = ""
@@ -106,7 +106,7 @@ class Windows(Result):
             f"  between {self.lowest * first.factor:.4g} and {self.highest * first.factor:.4g}{first.tail}{point}",
             "  smooth: as long as nothing disturbs it; free: from stick-slip, too; all: in the whole range; none: nowhere up to its end",
         ]
-        return "\n".join([f"Windows over depth of {self.title}", *notes, *columns(self.rows, ())])
+        return [f"Windows over depth of {self.title}", *notes, Rows(self.rows, ())]
 
     def _table(self) -> HeadedRows:
         """One row per depth and value of the second number."""

@@ -30,7 +30,7 @@ import numpy as np
 
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
@@ -91,7 +91,7 @@ class WrongNumber:
 
 
 @dataclass(frozen=True)
-class SmallestError(Result):
+class SmallestError(Told, Result):
     """The smallest joint error that breaks a loop: `print(found)` shows it beside the linear ones, `found.plot()` draws it in the ranges.
 
     Attributes
@@ -152,16 +152,16 @@ class SmallestError(Result):
             lines.append((number.name + (f" [{read.tail.strip()}]" if read.tail else ""), *shown))
         return lines
 
-    def __str__(self) -> str:
+    def _told(self) -> list[str | Rows]:
         broken = f"{self.size:.3g} of the ranges, all at once: {self.why}" if self.error else "nothing within the ranges"
-        lines = [f"Smallest error that breaks {self.title}: {broken}", f"  {self.way}", *columns(self.rows)]
+        lines: list[str | Rows] = [f"Smallest error that breaks {self.title}: {broken}", f"  {self.way}", Rows(self.rows)]
         lines.append(f"  every error that was tried up to {self.held:.3g} of the ranges is a success ({self.runs} runs)")
         if not math.isnan(self.linear_size):
             grows = "stays stable within them" if math.isinf(self.linear_size) else f"grows from {self.linear_size:.3g} on"
             lines.append(f"  smooth running {grows}")
         if not math.isnan(self.guaranteed):
             lines.append(f"  no error below {self.guaranteed:.3g} makes it grow, to first order (mu)")
-        return "\n".join(lines)
+        return lines
 
     def _table(self) -> HeadedRows:
         """One row per number."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from toolbox.arguments import mapping, number
 from toolbox.errors import SceneError
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
@@ -25,7 +25,7 @@ from toolbox.steady_states.linear import input_values
 
 
 @dataclass(frozen=True)
-class Margins(Result):
+class Margins(Told, Result):
     """Margins of a closed loop at steady running: `print(found)` shows all, `found.plot()` draws the Nyquist curve and the sensitivity.
 
     Attributes
@@ -109,10 +109,10 @@ class Margins(Result):
             lines.append(("measured", "-", "-", "-", _range(found.lowest_gain, found.highest_gain), "-", _time(found.delay)))
         return lines
 
-    def __str__(self) -> str:
+    def _told(self) -> list[str | Rows]:
         read = {name: reading(unit, self.asked) for name, unit in self.units.items()}
         at = ", ".join(f"{name} = {self.signals[name] * each.factor:.4g}{each.tail}" for name, each in read.items())
-        lines = [f"Margins of {self.title}" + (f" at {at}" if at else ""), *columns(self.rows)]
+        lines: list[str | Rows] = [f"Margins of {self.title}" + (f" at {at}" if at else ""), Rows(self.rows)]
         if self.measured is not None and not math.isnan(self.measured.highest_inertia):
             lines.append(
                 f"  measured: the inertia may be {_range(self.measured.lowest_inertia, self.measured.highest_inertia)} times what it is"
@@ -121,7 +121,7 @@ class Margins(Result):
             lines.append(f"  There is no linear loop: {self.reason}.")
         elif not self.stable:
             lines.append("  The linear loop is unstable.")
-        return "\n".join(lines)
+        return lines
 
     def plot(self, axes: Any = None) -> Any:
         """The Nyquist curve with the disk that it must not enter, and the sensitivities; returns both axes.

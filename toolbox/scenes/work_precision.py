@@ -18,7 +18,7 @@ import numpy as np
 
 from toolbox.arguments import number, numbers, whole
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
 from toolbox.messages import progress_bar
@@ -53,7 +53,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class WorkPrecision(Result):
+class WorkPrecision(Told, Result):
     """Error against time for one scene. `print` it for the table, `plot` and `save` it.
 
     Attributes
@@ -86,7 +86,7 @@ class WorkPrecision(Result):
         found = [point for point in self.points if not point.failed and point.error <= error]
         return min(found, key=lambda point: point.seconds, default=None)
 
-    def __str__(self) -> str:
+    def _told(self) -> list[str | Rows]:
         rows = [("method", "setting", "error", "time", "steps")]
         several = len({point.plant for point in self.points}) > 1
         for point in self.points:
@@ -95,7 +95,7 @@ class WorkPrecision(Result):
             done = (error, f"{1e3 * point.seconds:.3f} ms", str(point.steps))
             rows.append((name, setting, *((point.failed.split(".")[0], "", "") if point.failed else done)))
         truth = f"{self.duration:g} s; truth: {self.truths[0]} and {self.truths[1]} differ by {self.disagreement:.1e}"
-        return "\n".join([self.title, truth, *columns(rows, indent="")])
+        return [self.title, truth, Rows(rows, indent="")]
 
     def plot(self, ax: Any = None) -> Any:
         """Draw time against error on logarithmic axes, one line per method and plant; errors in the grey band are below what is known."""

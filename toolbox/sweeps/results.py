@@ -16,16 +16,16 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files import tables
 from toolbox.files.archives import Shape, arrays, check_notes, check_shapes, understood
 from toolbox.files.atomic import replaced
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.unit_systems import reading
 from toolbox.sweeps import store
 
-_LEFT = (0, 2, 3, 4)
+_LEFT = (0, 3, 5)
 """Columns of the printed ranges that stand at the left."""
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(Told):
     """Result of a sweep: `found["severity"]` is an array of its shape, nan where a run failed.
 
     Attributes
@@ -76,40 +76,38 @@ class Sweep:
         """Number of runs."""
         return len(self.points)
 
-    def __str__(self) -> str:
+    def _told(self) -> list[str | Rows]:
         rate = f" in {self.seconds:.3g} s" if self.seconds else ""
-        lines = [f"Sweep of {self.title}: {self.runs} runs of {self.duration:g} s at accuracy {self.accuracy:g}{rate}"]
+        lines: list[str | Rows] = [f"Sweep of {self.title}: {self.runs} runs of {self.duration:g} s at accuracy {self.accuracy:g}{rate}"]
         kind = " x ".join(str(length) for length in self.shape) + " grid" if self.axes else "list"
-        lines.append(f"  over ({kind})")
-        rows: list[tuple[str, ...]] = []
+        rows: list[tuple[str, ...]] = [(f"over ({kind})", "lowest", "highest", "unit")]
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             each = reading(unit, self.asked)
             column = self.points[:, k] * each.factor
-            rows.append((name, f"{column.min():.5g}", f".. {column.max():.5g}", each.tail.strip()))
-        lines += [*columns(rows, _LEFT, "    "), "  found"]
-        rows = []
+            rows.append((name, f"{column.min():.5g}", f"{column.max():.5g}", each.tail.strip()))
+        lines.append(Rows(rows, _LEFT))
+        rows = [("found", "smallest", "largest", "unit", "median", "largest at")]
         for name, values in self.measures.items():
             factor, unit = reading(self.measure_units[name], self.asked)
             flat = values.ravel() * factor
             known = np.flatnonzero(np.isfinite(flat))
             if not known.size:
-                rows.append((name, "", "", "no finite value"))
+                rows.append((name, "-", "-", "", "-", "no finite value"))
                 continue
             low, high = known[np.argmin(flat[known])], known[np.argmax(flat[known])]
-            rest = f", {flat.size - known.size} not finite" if known.size < flat.size else ""
-            shown = "" if unit == "1" else unit
-            told = f"median {np.median(flat[known]):.5g}; largest at {self._place(int(high))}{rest}"
-            rows.append((name, f"{flat[low]:.5g}", f".. {flat[high]:.5g}", shown, told))
-        lines += columns(rows, _LEFT, "    ")
+            rest = f"; {flat.size - known.size} not finite" if known.size < flat.size else ""
+            median, shown = f"{np.median(flat[known]):.5g}", "" if unit == "1" else unit
+            rows.append((name, f"{flat[low]:.5g}", f"{flat[high]:.5g}", shown, median, self._place(int(high)) + rest))
+        lines.append(Rows(rows, _LEFT))
         if self.errors:
             lines.append(f"  {len(self.errors)} of {self.runs} runs failed")
             for index, text in list(self.errors.items())[:5]:
                 lines.append(f"    {self._place(index)}: {text}")
             if len(self.errors) > 5:
                 lines.append(f"    ... and {len(self.errors) - 5} more in `errors`")
-        return "\n".join(lines)
+        return lines
 
-    __repr__ = __str__
+    __repr__ = Told.__str__
 
     def _place(self, index: int) -> str:
         rows = zip(self.names, self.units, self.points[index], strict=True)

@@ -19,7 +19,7 @@ import numpy as np
 
 from toolbox.arguments import number, numbers
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
@@ -69,7 +69,7 @@ class CheckedDepth:
 
 
 @dataclass(frozen=True)
-class Schedule(Result):
+class Schedule(Told, Result):
     """Gains over depth, and what they do: `print(found)` shows the table, `found.to_csv(path)` writes that for the drive, `found.plot()` draws both.
 
     Attributes
@@ -142,10 +142,10 @@ class Schedule(Result):
             )  # fmt: skip
         return lines
 
-    def __str__(self) -> str:
+    def _told(self) -> list[str | Rows]:
         bad = [f"{each.depth * reading('m', self.asked).factor:.5g}" for each in self.checked if each.failed]
         verdict = "every run succeeds at every depth" if self.holds else f"runs fail at {', '.join(bad)}{reading('m', self.asked).tail}"
-        return "\n".join([f"Gains over depth of {self.title}: {verdict}", f"  {self.way}", *columns(self.rows, (1,))])
+        return [f"Gains over depth of {self.title}: {verdict}", f"  {self.way}", Rows(self.rows, (1,))]
 
     def _table(self) -> HeadedRows:
         """The table for the drive, one row per depth."""

@@ -12,7 +12,7 @@ from controllers import PI, SoftTorque
 from models import BitRock, BlockOnBelt, wells
 from tests.relapsing import Relapsing
 from toolbox import Sampled, closed_loop, compose, equilibrium, measure, simulate
-from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judge
+from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judge, Judged, Record
 from toolbox.simulation.request import Request
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
@@ -75,6 +75,54 @@ def test_a_run_that_has_drawn_near_to_a_known_round_comes_to_it():
     assert (again.interval, again.longest) == pytest.approx((judged.interval, judged.longest), rel=0.01)
     other = replace(judged, interval=1.05 * judged.interval)
     assert carried(RIG, law, replace(at(6.0, -0.3), known=[other]), start, inputs=inputs) == (judged, time)
+
+
+def seen(away, judge):
+    """A record of windows without a stick in which the signal went so far from its target, in parts of it."""
+    record = Record("bit", "bit.speed", 1e-6, 2 * judge.swing, first=0.0, now=2 * judge.swing * len(away))
+    low, high = judge.target * (1 - away), judge.target * (1 + away)
+    edges = 2 * judge.swing * np.arange(len(away) + 1)
+    record.windows = np.column_stack([low, high])
+    record.steps = [np.stack([edges[:-1], edges[1:], low, high, judge.target * np.diff(edges)])]
+    return record
+
+
+def test_swings_that_beat_fall_to_smooth_running_that_is_known_as_a_small_deviation_does():
+    """The windows of two swings that die alike show their sum and their difference by turns: no three rates in a row are that of a small deviation."""
+    judge = at(12.0, -0.03)
+    count, beat = np.arange(12), np.tile([1.0, 0.85, 1.05], 4)
+    away = 0.3 * np.exp(judge.rate * 2 * SWING * count) * beat
+    known = replace(judge, known=[Judged(SMOOTH)])
+    assert judge.decided(seen(away, judge)) is None
+    assert known.decided(seen(away, judge)).regime == SMOOTH
+    assert known.decided(seen(away[:8], judge)) is None  # too few windows
+    for other in (0.7, 1.3):  # what falls otherwise, as on the way to a swing or past one, is carried on
+        assert known.decided(seen(0.3 * np.exp(other * judge.rate * 2 * SWING * count) * beat, judge)) is None
+    slower = 0.1 + 0.2 * np.exp(judge.rate * 2 * SWING * count) * beat
+    assert known.decided(seen(slower, judge)) is None
+    grows = replace(known, rate=0.03)
+    assert grows.decided(seen(0.003 * np.exp(0.03 * 2 * SWING * count) * beat, judge)) is None
+
+
+def test_smooth_running_that_is_known_hides_no_stick_slip():
+    law, start, inputs = SoftTorque(reference=6.0), {"chain.speed": (6.0, 0.0)}, {"top.reference": 6.0}
+    judged, time = carried(RIG, law, at(6.0, -0.3), start, inputs=inputs)
+    assert carried(RIG, law, replace(at(6.0, -0.3), known=[Judged(SMOOTH)]), start, inputs=inputs) == (judged, time)
+
+
+def test_a_run_that_takes_long_is_looked_at_in_longer_pieces_and_ends_with_its_budget():
+    looked = []
+
+    def run_on(state, duration):
+        looked.append(duration)
+        return run.again(start=state, duration=duration)
+
+    loop = closed_loop(RIG, Sampled(PI(), 0.01), start=beside(9.0, 1e-2), inputs={"top.reference": 9.0})
+    run = Request(loop, 1.0).checked()
+    judge = replace(at(9.0, 1e-9), budget=400)  # a rate with which nothing falls
+    judged, last = judge.carried(run_on, run.start)
+    assert judged.regime == NOT_DECIDED and last.time == pytest.approx(400 * SWING)
+    assert len(looked) < 30 and looked[0] == 8 * SWING and max(looked) <= sum(looked) / 8
 
 
 def test_stick_slip_beyond_its_end_is_smooth_and_before_it_lasts():

@@ -14,7 +14,6 @@ looks calm for one. So a verdict rests on what comes back, and on how a small di
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -36,7 +35,10 @@ NONE, FAILED = "none", "failed"
 """What stands in place of a regime where there is no smooth running to begin from, and where a run fails."""
 
 SWINGS_OF_A_PIECE = 8
-"""Swings that the judge looks at together."""
+"""Swings that the judge looks at together, at least."""
+
+LONGER = 8
+"""Pieces after which they grow: each is no longer than this part of what was seen before, because it is looked at as a whole."""
 
 WINDOW = 2
 """Swings of a window in which the largest deviation from smooth running counts."""
@@ -52,6 +54,12 @@ MOST_STICKS = 12
 
 LULL = 4
 """Swings without a stick that part one group of sticks from the next."""
+
+COMPARED = 6
+"""Rounds of which each is compared with the one before."""
+
+FALLING = 4
+"""Windows over which the mean fall of a deviation is told, twice in a row."""
 
 ROUNDS = 30
 """Rounds that never repeat exactly, by noise, by the clock of a law or by chaos, after which their means tell."""
@@ -110,17 +118,18 @@ class Judged:
 class Record:
     """What the judge has seen: the sticks of a contact, and what a signal did.
 
-    steps: (begin, end, lowest value, highest value, integral) of the steps in each window of a length, which divides that of a piece, and which cuts them;
-    windows: lowest and highest value in each;  recent: the last three pieces, whose force is looked at where the contact stays.
+    sticks: (begin, end) of each, shape (sticks, 2);  steps: (begin, end, lowest value, highest value, integral) of the steps of each piece, cut where windows
+    of a length end, which divides that of a piece;  windows: lowest and highest value in each, shape (windows, 2);  recent: the last three pieces, whose force
+    is looked at where the contact stays.
     """
 
     element: str
     signal: str
     shortest: float
     length: float
-    sticks: list[tuple[float, float]] = field(default_factory=list)
+    sticks: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     steps: list[FloatArray] = field(default_factory=list)
-    windows: list[tuple[float, float]] = field(default_factory=list)
+    windows: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     first: float = math.nan
     now: float = math.nan
     recent: list[Trajectory] = field(default_factory=list)
@@ -129,16 +138,19 @@ class Record:
         """Add a run that begins where the one before ended."""
         if math.isnan(self.first):
             self.first = run.begin
+        sticks = self.sticks[-1:].tolist()  # the last one may go on
         for a, b in stick_intervals(run, self.element):
-            if self.sticks and self.sticks[-1][1] >= a:
-                self.sticks[-1] = (self.sticks[-1][0], b)
+            if sticks and sticks[-1][1] >= a:
+                sticks[-1][1] = b
             else:
-                self.sticks.append((a, b))
+                sticks.append([a, b])
+        self.sticks = np.concatenate([self.sticks[:-1], np.array(sticks).reshape(-1, 2)])
         edges = np.linspace(run.begin, run.end, max(round((run.end - run.begin) / self.length), 1) + 1)
-        for begin, end in itertools.pairwise(edges.tolist()):
-            found = steps_of(run.nodes, self.signal, begin, end)
-            self.steps.append(np.stack([found.begin, found.end, found.lowest, found.highest, found.integral]))
-            self.windows.append((float(found.lowest.min()), float(found.highest.max())))
+        found = steps_of(run.nodes, self.signal, run.begin, run.end, tuple(edges[1:-1].tolist()))
+        self.steps.append(np.stack([found.begin, found.end, found.lowest, found.highest, found.integral]))
+        first = np.searchsorted(found.begin, edges[:-1])
+        window = np.minimum.reduceat(found.lowest, first), np.maximum.reduceat(found.highest, first)
+        self.windows = np.concatenate([self.windows, np.column_stack(window)])
         self.now = run.end
         self.recent = [*self.recent[-2:], run]
 
@@ -160,9 +172,9 @@ class Record:
         return last[-1] < SAME or (len(last) == 3 and max(last) - min(last) < 1e-3 * max(last))
 
     @property
-    def resolved(self) -> list[tuple[float, float]]:
-        """The sticks that last, in order."""
-        return [(a, b) for a, b in self.sticks if b - a > self.shortest]
+    def resolved(self) -> FloatArray:
+        """(begin, end) of the sticks that last, in order, shape (sticks, 2)."""
+        return self.sticks[self.sticks[:, 1] - self.sticks[:, 0] > self.shortest]
 
     def table(self, begin: float) -> FloatArray:
         """(begin, end, lowest, highest, integral) of the steps whose middle lies behind a time, shape (5, steps)."""
@@ -187,7 +199,7 @@ class Record:
     def deviations(self, target: float, begin: float) -> FloatArray:
         """Largest deviation of the signal from a value in each window that begins after a time, the last one last."""
         count = min(int((self.now - begin) / self.length * (1.0 + 1e-9)), len(self.windows))
-        low, high = np.array(self.windows[len(self.windows) - count :]).reshape(-1, 2).T
+        low, high = self.windows[len(self.windows) - count :].T
         return np.maximum(high - target, target - low)
 
 
@@ -210,7 +222,8 @@ class Judge:
     budget
         Swings after which a run that nothing decides is given up.
     known
-        Rounds to which other runs with the same numbers came: one of a single stick is what a run comes to that has drawn near to it.
+        What other runs with the same numbers came to: a round of a single stick is what a run comes to that has drawn near to it, and smooth running is what
+        one comes to that falls towards it, in the mean over many swings, as a small deviation does.
     """
 
     element: str
@@ -230,7 +243,7 @@ class Judge:
         record, state = None, begin
         piece = SWINGS_OF_A_PIECE * self.swing
         while True:
-            run = run_on(state, piece)
+            run = run_on(state, self._ahead(record) * piece)
             state = run.last
             if record is None:
                 record = Record(self.element, self.signal, max(10 * run.accuracy, 1e-6) * self.swing, WINDOW * self.swing)
@@ -239,45 +252,51 @@ class Judge:
             if judged is not None or record.now - record.first >= self.budget * self.swing:
                 late = max(record.first, record.now - 2 * piece)
                 regime = SWINGS if self._wanders(record) else NOT_DECIDED
-                return judged or self._verdict(regime, record, late, [each for each in record.resolved if each[0] > late]), state
+                return judged or self._verdict(regime, record, late, record.resolved[record.resolved[:, 0] > late]), state
+
+    def _ahead(self, record: Record | None) -> int:
+        """How many pieces of the least length are looked at next: more, the longer nothing has decided, but none behind the budget."""
+        if record is None:
+            return 1
+        seen, left = record.now - record.first, self.budget * self.swing - (record.now - record.first)
+        piece = SWINGS_OF_A_PIECE * self.swing
+        return max(min(int(seen / piece + 0.5) // LONGER, math.ceil(left / piece - 1e-9)), 1)
 
     def of_run(self, run: Trajectory, after: float) -> Judged:
         """The verdict on a run as it is, from a time on [s]; not decided where it is too short to tell."""
         record = Record(self.element, self.signal, max(10 * run.accuracy, 1e-6) * self.swing, WINDOW * self.swing)
         record.add(run)
-        record.sticks = [(max(a, after), b) for a, b in record.sticks if b > after]
+        record.sticks = np.maximum(record.sticks[record.sticks[:, 1] > after], after)
         record.first = max(record.first, after)
         return self.decided(record) or self._verdict(NOT_DECIDED, record, record.first)
 
     def decided(self, record: Record) -> Judged | None:
         """What has been seen so far, where it tells."""
         sticks = record.resolved
-        if sticks and sticks[-1][1] >= record.now:  # it sticks now
+        if len(sticks) and sticks[-1][1] >= record.now:  # it sticks now
             lasting = record.now - max(sticks[-1][0], record.first)
             if lasting > (1 if record.spans[-1] < SAME else 3) * SWINGS_OF_A_PIECE * self.swing and record.at_rest:
                 return self._verdict(STANDS, record, sticks[-1][0], sticks[-1:])
             sticks = sticks[:-1]
             if lasting > LULL * self.swing:  # how it goes on is not told by what was before
                 return None
-        if sticks and record.now - sticks[-1][1] < 2.0 * LULL * self.swing:
+        if len(sticks) and record.now - sticks[-1][1] < 2.0 * LULL * self.swing:
             return self._stick_slip(record, sticks)
         return self._after_lulls(record, sticks) or self._without_stick(record, sticks)
 
-    def _verdict(
-        self, regime: str, record: Record, begin: float, sticks: list[tuple[float, float]] | None = None, interval: float = math.nan
-    ) -> Judged:
+    def _verdict(self, regime: str, record: Record, begin: float, sticks: FloatArray | None = None, interval: float = math.nan) -> Judged:
         """A verdict, with its severity from a time on."""
-        own = sticks or []
+        own = np.empty((0, 2)) if sticks is None else sticks
         end = begin + interval if math.isfinite(interval) else record.now
-        longest = max((b - a for a, b in own), default=0.0)
+        longest = float((own[:, 1] - own[:, 0]).max(initial=0.0))
         severity, low, high = record.swing(begin, end)
         return Judged(regime, severity, len(own), longest, interval, self.rate, low, high)
 
     # ------------------------------------------------------------------------------------------------------------------------------ sticks come back
-    def _stick_slip(self, record: Record, sticks: list[tuple[float, float]]) -> Judged | None:
+    def _stick_slip(self, record: Record, sticks: FloatArray) -> Judged | None:
         """Whether the same stick comes back, from round to round."""
         found = self._after_lulls(record, sticks)
-        begins, ends = np.array(sticks).T
+        begins, ends = sticks.T
         lull = np.flatnonzero(begins[1:] - ends[:-1] > LULL * self.swing)
         first = int(lull[-1]) + 1 if lull.size else 0  # what was before the last lull is another story
         rows = np.column_stack([np.diff(begins[first:]), (ends - begins)[first:-1]])
@@ -292,9 +311,9 @@ class Judge:
                 return self._round(record, sticks, p)
         return None
 
-    def _round(self, record: Record, sticks: list[tuple[float, float]], p: int) -> Judged:
+    def _round(self, record: Record, sticks: FloatArray, p: int) -> Judged:
         """The verdict over the last round of p sticks."""
-        begin, interval = sticks[-1 - p][0], sticks[-1][0] - sticks[-1 - p][0]
+        begin, interval = float(sticks[-1 - p, 0]), float(sticks[-1, 0] - sticks[-1 - p, 0])
         return self._verdict(STICKS, record, begin, sticks[-1 - p : -1], interval)
 
     def _comes_back(self, rows: FloatArray, p: int, parted: Sequence[float]) -> bool:
@@ -308,12 +327,12 @@ class Judge:
         if parted[p] / size > 1e-3 * within:
             return False
         count = len(rows) // p
-        rounds = rows[len(rows) - count * p :].reshape(count, p, 2)
+        rounds = rows[len(rows) - min(count, COMPARED) * p :].reshape(-1, p, 2)
         apart = np.abs(np.diff(rounds, axis=0)).max(axis=(1, 2)) / size
         if apart[-1] < SAME and apart[-2] < 10 * SAME and apart[-1] <= max(apart[-2], 0.01 * SAME):
             return True  # what grows, if slowly, is on its way out
         margin = rounds[-1, :, 1].min() / size
-        if len(apart) >= 5 and self._settles(rounds[:, :, 1] / size, margin):
+        if len(rounds) == COMPARED and self._settles(rounds[:, :, 1] / size, margin):
             return True
         return count >= ROUNDS and p == 1 and _steady(rows[:, 1] / size, margin)
 
@@ -334,11 +353,11 @@ class Judge:
         left = np.abs(limits[-1] - last[-1])
         return bool((settled | (calm & (left < 0.5 * margin))).all())
 
-    def _after_lulls(self, record: Record, sticks: list[tuple[float, float]]) -> Judged | None:
+    def _after_lulls(self, record: Record, sticks: FloatArray) -> Judged | None:
         """Whether sticks have come back after two lulls: what was before is forgotten then, so that it goes on so."""
         if len(sticks) < 3:
             return None
-        begins, ends = np.array(sticks).T
+        begins, ends = sticks.T
         groups = np.flatnonzero(np.append(True, begins[1:] - ends[:-1] > LULL * self.swing))
         if groups.size < 4:
             return None
@@ -350,9 +369,9 @@ class Judge:
         return self._verdict(STICKS, record, float(heads[-2]), own, float(intervals[1]))
 
     # ------------------------------------------------------------------------------------------------------------------------------- without sticks
-    def _without_stick(self, record: Record, sticks: list[tuple[float, float]]) -> Judged | None:
+    def _without_stick(self, record: Record, sticks: FloatArray) -> Judged | None:
         """Whether the deviation from smooth running falls as a small one does, or the same extremum comes back."""
-        begin = max(record.first, sticks[-1][1] + LULL * self.swing if sticks else record.first)
+        begin = max(record.first, sticks[-1][1] + LULL * self.swing if len(sticks) else record.first)
         length, late = record.length, record.now - record.length
         target = self.target
         if math.isnan(target):
@@ -366,6 +385,9 @@ class Judge:
             as_small = (
                 np.abs(rates / self.rate - 1.0).max() < 0.25 if math.isfinite(self.rate) else np.ptp(rates) < 0.25 * abs(rates.mean())
             )
+        if not as_small and away.size > 2 * FALLING and any(each.regime == SMOOTH for each in self.known):
+            means = -np.diff(np.log(away[[-1, -1 - FALLING, -1 - 2 * FALLING]])) / (FALLING * length)  # two swings that beat fall by turns
+            as_small = np.abs(means / self.rate - 1.0).max() < 0.25
         dies = self.rate < 0 or (math.isnan(self.rate) and bool((rates < 0).all()))
         small = away[-3:].max() <= max(self.noise, CALM * size) and (away[-1] < away[-3] or away[-1] <= max(self.noise, FLOOR * size))
         if dies and (small or as_small):
@@ -382,7 +404,7 @@ class Judge:
         _, middle, last = np.array_split(record.deviations(self.target, record.first), 3)
         away = np.concatenate([middle, last])
         calm_since = record.now - away.size * record.length
-        sticks = record.resolved and record.resolved[-1][1] > calm_since
+        sticks = len(record.resolved) and record.resolved[-1][1] > calm_since
         falls = bool((np.diff(away) < -0.1 * away[:-1]).any() and (np.diff(away) > 0.1 * away[:-1]).any())
         return falls and not sticks and away.min() > CALM * abs(self.target) and last.max() < 2.0 * middle.max()
 

@@ -290,17 +290,20 @@ def _read_nodes(w):
 
 
 def _read_steps(w):
-    """Extrema, their times and the integral of one signal in every step between recorded nodes, cut to the only window.
+    """Extrema, their times and the integral of one signal in every window, each of which lies inside one step between recorded nodes, in order.
 
-    The arrays have shape (steps, 1) and hold inf, -inf, nan, nan and 0 at first, which a step without length keeps.
+    The arrays have shape (windows, 1) and hold inf, -inf, nan, nan and 0 at first.
     """
-    for r in range(w.time.size - 1):
-        first, last = max(w.time[r], w.windows[0, 0]), min(w.time[r + 1], w.windows[0, 1])
-        if first >= last:
-            continue
-        _begin_step(w, r)
-        _slope(w, w.time[r], w.time[r + 1] - w.time[r])
-        _read_piece(w, w.time[r], first, last, r + 1 if last == w.time[r + 1] else -1, r)
+    r, begun = 0, -1
+    for q in range(w.windows.shape[0]):
+        begin, end = w.windows[q, 0], w.windows[q, 1]
+        while r + 2 < w.time.size and w.time[r + 1] <= begin:
+            r += 1
+        if r != begun:
+            _begin_step(w, r)
+            _slope(w, w.time[r], w.time[r + 1] - w.time[r])
+            begun = r
+        _read_piece(w, w.time[r], begin, end, r + 1 if end == w.time[r + 1] else -1, q)
 
 
 read_nodes = Compiled(_read_nodes, KINDS)

@@ -53,51 +53,53 @@ class Steps:
     integral: np.ndarray
 
 
-def steps_of(nodes: Trajectory | SavedSteps, signal: str, begin: float, end: float) -> Steps:
+def steps_of(nodes: Trajectory | SavedSteps, signal: str, begin: float, end: float, cuts: tuple[float, ...] = ()) -> Steps:
     """The steps of a run with every step recorded, read as those of a `RunningMeasures` are; those of time stepping are straight from node to node, and
-    those of a saved run the polynomials of its file."""
+    those of a saved run the polynomials of its file. cuts: times at which a step is cut in two, as at the ends of windows."""
     if isinstance(nodes, SavedSteps):
-        return _saved(nodes, signal, begin, end)
-    first = max(int(np.searchsorted(nodes.time, begin, side="right")) - 1, 0)
-    last = int(np.searchsorted(nodes.time, end, side="left")) + 1
-    time, rows = nodes.time[first:last], slice(first, last)
-    lowest, highest, when_lowest, when_highest, integral = (
-        np.full((time.size - 1, 1), fill) for fill in (np.inf, -np.inf, np.nan, np.nan, 0.0)
-    )
+        return _saved(nodes, signal, begin, end, cuts)
+    row, left_t, right_t = _pieces(nodes.time, begin, end, cuts)
+    lowest, highest, when_lowest, when_highest, integral = (np.full((row.size, 1), fill) for fill in (np.inf, -np.inf, np.nan, np.nan, 0.0))
     if isinstance(nodes, Stepped):
-        edges = np.clip(time, begin, end)
-        left = np.asarray(nodes.at(edges[:-1])[signal])
-        right = np.asarray(nodes.inside(np.arange(first, first + time.size - 1), edges[1:])[signal])
-        for values, when in ((left, edges[:-1]), (right, edges[1:])):
+        left, right = np.asarray(nodes.at(left_t)[signal]), np.asarray(nodes.inside(row, right_t)[signal])
+        for values, when in ((left, left_t), (right, right_t)):
             lower, higher = values < lowest[:, 0], values > highest[:, 0]
             lowest[lower, 0], when_lowest[lower, 0] = values[lower], when[lower]
             highest[higher, 0], when_highest[higher, 0] = values[higher], when[higher]
-        integral[:, 0] = 0.5 * (left + right) * np.diff(edges)
-    else:
+        integral[:, 0] = 0.5 * (left + right) * (right_t - left_t)
+    elif row.size:
         from toolbox.measuring import measuring_loop
 
         announced("reader of measures", measuring_loop.read_steps)
-        recorded = {"time": time, "state": nodes.states[rows], "mode": nodes.mode[rows], "held": nodes.held[rows]}
+        rows = slice(int(row[0]), int(row[-1]) + 2)
+        recorded = {"time": nodes.time[rows], "state": nodes.states[rows], "mode": nodes.mode[rows], "held": nodes.held[rows]}
         work = measuring_loop.reading(
-            nodes.program, _compiled(nodes.program, (signal,)), 1, _tolerance(nodes.accuracy), nodes.parameters.copy(), windows=np.array([[begin, end]]),
-            lowest=lowest, highest=highest, when_lowest=when_lowest, when_highest=when_highest, integral=integral,
+            nodes.program, _compiled(nodes.program, (signal,)), 1, _tolerance(nodes.accuracy), nodes.parameters.copy(),
+            windows=np.column_stack([left_t, right_t]), lowest=lowest, highest=highest, when_lowest=when_lowest, when_highest=when_highest, integral=integral,
             **{name: np.ascontiguousarray(each) for name, each in recorded.items()},
         )  # fmt: skip
         measuring_loop.read_steps(work)
-    long = np.flatnonzero(np.isfinite(when_highest[:, 0]))
-    return Steps(
-        np.maximum(time[long], begin), np.minimum(time[long + 1], end), first + long,
-        *(array.ravel()[long] for array in (lowest, highest, when_lowest, when_highest, integral)),
-    )  # fmt: skip
+    known = np.isfinite(when_highest[:, 0])
+    arrays = (left_t, right_t, row, *(each[:, 0] for each in (lowest, highest, when_lowest, when_highest, integral)))
+    return Steps(*(array[known] for array in arrays))
+
+
+def _pieces(time: np.ndarray, begin: float, end: float, cuts: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(row of the node at which its step begins, begin, end) of the steps from node to node inside a window, cut at some times."""
+    begin, end = max(begin, time[0]), min(end, time[-1])
+    if not begin < end:
+        return np.empty(0, np.int64), np.empty(0), np.empty(0)
+    first, last = np.searchsorted(time, begin, side="right"), np.searchsorted(time, end, side="left")
+    edges = np.unique(np.concatenate([[begin], time[first:last], [each for each in cuts if begin < each < end], [end]]))
+    return np.searchsorted(time, edges[:-1], side="right") - 1, edges[:-1], edges[1:]
 
 
 @functools.lru_cache(
     maxsize=4
 )  # a comparison asks two runs for several measures of one signal, and reading a long file again takes seconds
-def _saved(nodes: SavedSteps, signal: str, begin: float, end: float) -> Steps:
+def _saved(nodes: SavedSteps, signal: str, begin: float, end: float, cuts: tuple[float, ...]) -> Steps:
     """The steps of a saved run: extrema are looked for among 33 points, three times closer each time; integrals by Gauss's formula of order 18."""
-    row = np.flatnonzero((np.diff(nodes.time) > 0) & (nodes.time[1:] > begin) & (nodes.time[:-1] < end))
-    left, right = np.maximum(nodes.time[row], begin), np.minimum(nodes.time[row + 1], end)
+    row, left, right = _pieces(nodes.time, begin, end, cuts)
 
     def values(low: np.ndarray, high: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(times, values), shape (steps, places)."""

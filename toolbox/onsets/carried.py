@@ -61,7 +61,7 @@ class Job:
         """What the run comes to, and where it ended."""
 
         def on(state: RunState, duration: float) -> Trajectory:
-            return self.run.again(start=state, duration=duration, longest_step=duration / 256)
+            return self.run.again(start=state, duration=duration, longest_step=self.judge.swing / 32)
 
         try:
             return self.judge.carried(on, self.begin)
@@ -99,7 +99,7 @@ class JudgedRuns(Generic[Place]):
 
     # ------------------------------------------------------------------------------------------------------------------------------------- one run
     def job(self, value: Place, begin: RunState, /, finer: float = 1.0, silent: bool = False, known: Sequence[Judged] = ()) -> Job:
-        """What a run at a place is to be judged by; silent: without measurement noise;  known: rounds to which runs there came."""
+        """What a run at a place is to be judged by; silent: without measurement noise;  known: what runs there came to."""
         begin = self.still_stuck(value, begin)
         run = dataclasses.replace(self.branch.at(value) if silent else self.at(value), accuracy=self.base.accuracy * finer)
         return Job(run, dataclasses.replace(self.judge(value), known=known), begin)
@@ -107,7 +107,7 @@ class JudgedRuns(Generic[Place]):
     def run(
         self, value: Place, begin: RunState, /, finer: float = 1.0, silent: bool = False, known: Sequence[Judged] = ()
     ) -> tuple[Judged, RunState | None]:
-        """What a run at a place comes to, and where it ended; silent: without measurement noise;  known: rounds to which runs there came."""
+        """What a run at a place comes to, and where it ended; silent: without measurement noise;  known: what runs there came to."""
         self.runs += 1
         if self.bar is not None:
             self.bar.update()
@@ -251,6 +251,8 @@ class Carried(Generic[Place]):
         Places outside of what is looked at with stick-slip.
     rounds
         {place: (what it began from, verdict, where the run ended)} of all runs that came to stick-slip.
+    calm
+        {place: the first verdict on a run there that came to smooth running}.
     begun
         (place, beginning) of all that were tried.
     """
@@ -261,6 +263,7 @@ class Carried(Generic[Place]):
     found: dict[Place, Judged] = field(default_factory=dict)
     outer: list[Place] = field(default_factory=list)
     rounds: dict[Place, list[tuple[str, Judged, RunState]]] = field(default_factory=dict)
+    calm: dict[Place, Judged] = field(default_factory=dict)
     begun: set[tuple[Place, str]] = field(default_factory=set)
 
     def starts(self, value: Place) -> Iterator[tuple[str, RunState]]:
@@ -285,7 +288,7 @@ class Carried(Generic[Place]):
     def tried(
         self, value: Place, begin: RunState, finer: float = 1.0, begun: str = "stick-slip carried on", known: Sequence[Judged] = ()
     ) -> Judged:
-        """A run from a beginning, with where it ends kept by what it ends in; begun: what it begins from;  known: rounds to which runs there came."""
+        """A run from a beginning, with where it ends kept by what it ends in; begun: what it begins from;  known: what runs there came to."""
         judged, end = self.search.run(value, begin, finer=finer, known=known)
         self.keep(value, judged, end, begun)
         return judged
@@ -297,13 +300,15 @@ class Carried(Generic[Place]):
             self.rounds.setdefault(value, []).append((begun, judged, end))
         elif end is not None and judged.regime == STANDS:
             self.standing.setdefault(value, end)
+        elif judged.regime == SMOOTH:
+            self.calm.setdefault(value, judged)
         if value not in self.found or worse(judged, self.found[value]):
             self.found[value] = judged
 
     def seek(self, value: Place) -> RunState | None:
         """Stick-slip at a value from all beginnings, until one leads into it."""
         for begun, begin in () if value in self.cycling else self._untried(value):
-            if self.tried(value, begin, begun=begun).regime == STICKS:
+            if self.tried(value, begin, begun=begun, known=self._known(value)).regime == STICKS:
                 break
         return self.cycling.get(value)
 
@@ -311,9 +316,14 @@ class Carried(Generic[Place]):
         """Begin stick-slip at a value from all beginnings; the cycle that is carried on stays the one that was known."""
         known = self.cycling.get(value)
         for begun, begin in self._untried(value):
-            self.tried(value, begin, begun=begun, known=[judged for _, judged, _ in self.rounds.get(value, ())])
+            self.tried(value, begin, begun=begun, known=self._known(value))
         if known is not None:
             self.cycling[value] = known
+
+    def _known(self, value: Place) -> list[Judged]:
+        """What runs at a value have come to that tells of others there: all rounds, and smooth running."""
+        known: list[Judged] = [judged for _, judged, _ in self.rounds.get(value, ())]
+        return [self.calm[value], *known] if value in self.calm else known
 
     def _untried(self, value: Place) -> Iterator[tuple[str, RunState]]:
         """The beginnings at a value that were not tried yet."""

@@ -20,7 +20,6 @@ its highest rate from the takeover on, both in parts of the weight.
 from __future__ import annotations
 
 import argparse
-import csv
 import ctypes
 import math
 import shutil
@@ -48,7 +47,6 @@ STEP = 2e-3
 """Step of the method [s]."""
 SHIFTED = 1000
 """What is added to the seeds of the protocol: noise that the table has not seen."""
-TABLE = Path(__file__).parents[2] / "docs" / "drives.csv"
 BELOW = (0.1, 0.2, 0.3)
 """How far below a set-point of the table [rad/s] a failure is looked for."""
 ABOVE = 0.1
@@ -62,10 +60,9 @@ TONES = 100
 
 def confirmed() -> dict[str, dict[tuple[str, str], float]]:
     """{label: {(group, way): set-point [rad/s]}} of the cells of the drive table that hold a set-point and can be repeated here."""
-    with TABLE.open(encoding="utf-8", newline="") as file:
-        rows = {row["label"]: row for row in csv.DictReader(file)}
+    rows = drives.published()
     cells = {
-        label: {(group, way): float(text) for group in GROUPS for way in WAYS if (text := rows[label][f"{group} {way}"]) not in ("", "nan")}
+        label: {cell: speed for cell, speed in rows[label].items() if not math.isnan(speed)}
         for label in drives.laws()
         if label in rows and not drives.predictive(label)
     }

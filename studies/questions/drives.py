@@ -16,12 +16,14 @@ of the bit over it;  99th percentile of the processor time of a sample.
 
     python -m studies drives [--out FOLDER] [--only LABEL ...] [--groups NAME ...] [--margin M] [--jobs N]
         (the table, drives.csv and drives.png; goes on where it was stopped)
+    python -m studies drives --draw --out FOLDER                       (drives.png alone, of the rows that stand in the docs)
     python -m studies drives --tune FAMILY ... [--runs N] [--jobs N] [--out FOLDER] [--keep]      (the gains, see `studies.gains`)
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import ctypes
 import math
 import os
@@ -70,7 +72,7 @@ COMMON = 8.0
 """Set-point [rad/s] of settling, overshoot, ripple and time per sample."""
 EXAMPLE = 4.2
 """Set-point of the picture [rad/s]."""
-SHOWN = ("soft torque", "LQG, tuned", "Z-torque, tuned, lifting")
+SHOWN = ("soft torque", "LQG, tuned", "LQG, between, lifting")
 """Laws of the picture."""
 LATE = round(DELAY / 0.01)
 PREDICTIVE = ("linear MPC", "nonlinear MPC")
@@ -82,6 +84,8 @@ KINDS = (
 BETWEEN, PLACES = 0.25, 5
 """Where the row "LQG, between, lifting" stands between the gains that are tuned without a lift and with it: of so many places that were tried, the one that
 leaves the largest least of `gains.margins_at`."""
+TABLE = Path(__file__).parents[2] / "docs" / "drives.csv"
+"""The rows that stand in the docs."""
 FULL, PLANNED = "all phases and seeds, half an hour", "2 phases, 1 seed, 80 s, steps of 0.5 rad/s"
 """What a row is judged by."""
 
@@ -258,8 +262,19 @@ def write_rows(rows: Sequence[Any], path: Path) -> None:
     tables.write(path, list(made[0]), [list(each.values()) for each in made])
 
 
-def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> None:
-    """Lowest set-points of a direct takeover as marks, and the bit under some of the laws on the heavy, stiff corner of the rigs at 4.2 rad/s."""
+def published() -> dict[str, dict[tuple[str, str], float]]:
+    """{label: {(group, way): set-point [rad/s], nan for none}} of the cells of the table in the docs that were judged."""
+    with TABLE.open(encoding="utf-8", newline="") as file:
+        rows = {row["label"]: row for row in csv.DictReader(file)}
+    return {
+        label: {(name, way): float(text) for name in GROUPS for way in WAYS if (text := row[f"{name} {way}"])}
+        for label, row in rows.items()
+    }
+
+
+def picture(rows: Mapping[str, Mapping[str, float]], path: Path, shown: Sequence[str] = SHOWN) -> None:
+    """Lowest set-points of a direct takeover, {label: {group: [rad/s]}}, as marks, and the bit under some of the laws on the heavy, stiff corner of the rigs at
+    4.2 rad/s."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -274,14 +289,14 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
         figure, (left, right) = pyplot.subplots(
             1, 2, figsize=(10.0, max(0.19 * len(rows) + 1.1, 3.4)), layout="constrained", width_ratios=(1.25, 1.0)
         )
-        for k, each in enumerate(rows):
-            speeds = {name: each.lowest[name][0] for name in marks if name in each.lowest}
+        for k, lowest in enumerate(rows.values()):
+            speeds = {name: lowest[name] for name in marks if name in lowest}
             known = [value for value in speeds.values() if value == value]
             left.plot([min(known, default=HIGHEST), max(known, default=HIGHEST)], [k, k], color="0.75", linewidth=1.0, zorder=1)
             for place, (name, value) in enumerate(speeds.items()):
                 at = value if value == value else HIGHEST + 1.0 + 0.8 * place
                 left.plot(at, k, linestyle="", zorder=2, **marks[name])
-        some = any(value != value for each in rows for value, _ in each.lowest.values())
+        some = any(lowest[name] != lowest[name] for lowest in rows.values() for name in marks if name in lowest)
         if some:
             left.axvspan(HIGHEST + 0.5, HIGHEST + 3.1, facecolor=plot.BAND, linewidth=0, zorder=0)
             left.text(HIGHEST + 1.8, -1.3, f"none up to\n{HIGHEST * 30 / math.pi:.0f} rpm", ha="center", va="bottom", fontsize=8.0)
@@ -293,7 +308,7 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
             xlabel="lowest set-point of a direct takeover [rpm]",
         )  # what drillers read
         left.set_xticks([rpm * math.pi / 30 for rpm in range(20, 121, 20)], range(20, 121, 20))
-        left.set_yticks(range(len(rows)), [each.label for each in rows])
+        left.set_yticks(range(len(rows)), list(rows))
         left.legend(loc="lower right", bbox_to_anchor=(0.83 if some else 1.0, 0.0), frameon=False, fontsize=8.0)
         for label, style in zip(shown, plot.LINES, strict=False):
             run = laws()[label].run(CORNERS[1], EXAMPLE, seed=101)
@@ -305,7 +320,9 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
         right.set(xlabel="time since the law took over [s]")
         with units("metric"):
             name_axis(right.yaxis, "bit speed", "rad/s")
-        right.set_title(f"parts of the declared: {CORNERS[1].name}; set-point {EXAMPLE * 30 / math.pi:.0f} rpm", fontsize=9.0, loc="left")
+        right.set_title(
+            f"set-point {EXAMPLE * 30 / math.pi:.0f} rpm; parts of the declared rig:\n{CORNERS[1].name}", fontsize=9.0, loc="left"
+        )
         right.set_ylim(top=1.4 * right.get_ylim()[1])
         right.legend(frameon=False, fontsize=8.0, loc="upper right")
         figure.savefig(path, dpi=180)
@@ -347,6 +364,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--tune", nargs="+", choices=list(gains.FAMILIES), metavar="FAMILY", help=f"search gains of: {', '.join(gains.FAMILIES)}"
     )
     parser.add_argument("--keep", action="store_true", help='put the gains found in the place of those that laws called "tuned" have')
+    parser.add_argument("--draw", action="store_true", help="draw the picture of the rows that stand in the docs, and judge nothing")
     parser.add_argument("--runs", type=int, default=60, help="points that a search tries (60)")
     parser.add_argument("--margin", type=float, default=0.0, help="disk margin that a set-point has to leave on every rig of its group (0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes that judge laws side by side (one a core)")
@@ -357,7 +375,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if given.out or given.keep:
             gains.store(label, found, gains.STORE if given.keep else given.out / "gains.json")
         print(f"{label}: {found.numbers}, {found.score}, {len(found.points)} points in {found.seconds:.0f} s of the processor")
-    if given.tune:
+    if given.draw:
+        kept = {label: {name: value for (name, way), value in cells.items() if way == "direct"} for label, cells in published().items()}
+        picture(kept, (given.out or Path()) / "drives.png")
+    if given.tune or given.draw:
         return
     began = time.monotonic()
     rows = judged_rows(given.only, given.groups, given.out / "drives.jsonl" if given.out else None, given.jobs, given.margin)
@@ -365,7 +386,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"\n{rocks()}")
     if given.out:
         write_rows([flat(each) for each in rows], given.out / "drives.csv")
-        picture(rows, given.out / "drives.png")
+        picture({each.label: {name: pair[0] for name, pair in each.lowest.items()} for each in rows}, given.out / "drives.png")
         print(f"\nThe table and its picture are in {given.out}")
 
 

@@ -8,13 +8,14 @@ down      seconds of stick after it is halved again
 top       highest top speed after the takeover from a stiff drive inside stick-slip, at eight phases of its cycle, in parts of what is asked
 calm      until the bit sticks for the last time [s]
 back      until the top is at most 10 % above what is asked, for good [s]
-flag      until the law gives up, at set-points of 2 and 3 rad/s [s]: the first flag; '-' where smooth running is held
+flag      until the law gives up, at set-points of 2 and 3 rad/s, or those of `--below` [s]: the first flag; '-' where smooth running is held
 lifted    share of half an hour there with the set-point more than 10 % above what is asked
 x 1.3, x 1.5   seconds of stick in the last 100 of the 350 that follow a step of the weight by so much at 6 rad/s, and seconds until the last stick
 weight off   mean share of the weight that is given up in the three minutes after a takeover, of laws that take weight off
 stall     highest top speed from 15 s after the end of a minute in which the weight is four times as high and the bit stands, in parts of what is asked
 
-    python -m studies recovery [--out FOLDER] [--only LABEL ...] [--jobs N]       (a minute of processor time; the table, recovery.csv, recovery.png)
+    python -m studies recovery [--out FOLDER] [--only LABEL ...] [--below SPEED ...] [--jobs N]
+        (a minute of processor time; the table, recovery.csv, recovery.png)
 """
 
 from __future__ import annotations
@@ -87,8 +88,8 @@ class Recovery:
     top: tuple[float, float]
     calm: tuple[float, float]
     back: tuple[float, float]
-    flag: tuple[float, float]
-    lifted: tuple[float, float]
+    flag: tuple[float, ...]
+    lifted: tuple[float, ...]
     weight: tuple[float, float]
     held: tuple[float, float]
     stall: float
@@ -154,13 +155,13 @@ def stalled(law: Trial, reference: float) -> tuple[Trajectory, float]:
     return run, highest(run, end + AGAIN) / reference
 
 
-def recovery(label: str, **numbers: Any) -> Recovery:
-    """The line of a law; numbers: of `Lifting`."""
+def recovery(label: str, below: Sequence[float] = BELOW, **numbers: Any) -> Recovery:
+    """The line of a law; below: set-points that it may not hold [rad/s];  numbers: of `Lifting`."""
     law = lifted(label, **numbers)
     up, down = np.max([stepped(law, reference) for reference in ASKED], axis=0)
     found = [np.max([recovered(law, reference, phase) for phase in PHASES], axis=0) for reference in ASKED]
     top, calm, back, off = zip(*np.array(found).tolist(), strict=True)
-    flag, above = zip(*[given_up(law, reference) for reference in BELOW], strict=True)
+    flag, above = zip(*[given_up(law, reference) for reference in below], strict=True)
     stuck, held = zip(*[weighed(law, factor) for factor in (1.3, 1.5)], strict=True)
     stall = max(stalled(law, reference)[1] for reference in ASKED)
     return Recovery(label, float(up), float(down), top, calm, back, flag, above, stuck, held, stall, max(off))
@@ -231,10 +232,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--out", type=Path)
     parser.add_argument("--only", nargs="+", choices=labels(), default=labels(), metavar="LABEL")
+    parser.add_argument(
+        "--below", nargs="+", type=float, default=BELOW, metavar="SPEED", help="set-points that laws may not hold [rad/s] (2 3)"
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
     with Workers(given.jobs) as workers:
-        rows = list(workers.map(recovery, given.only))
+        rows = list(workers.map(recovery, given.only, [tuple(given.below)] * len(given.only)))
     print(table(rows))
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)

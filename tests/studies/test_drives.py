@@ -11,7 +11,7 @@ import pytest
 from controllers import PI, LinearMPC
 from studies import gains
 from studies.protocol import CORNERS, GROUPS, LIMITS, PLANT, SINGLES, rock_torques, trial
-from studies.questions.drives import BETWEEN, Row, flat, judged_rows, laws, picture, row, step_time, table
+from studies.questions.drives import BETWEEN, Row, flat, judged_rows, laws, picture, published, row, step_time, table
 from toolbox.modelling.laws import designed
 from toolbox.robustness.groups import Group, Machine
 from toolbox.robustness.lowest_set_point import Cells, lowest
@@ -167,8 +167,16 @@ def test_the_picture_shows_every_law_and_where_none_of_its_set_points_holds(tmp_
         Row("PI", dict.fromkeys(pairs, (float("nan"),) * 2), 1.0, 1.0, 0.1, 1e-6, (0.0, 0.0)),
     ]
     assert flat(rows[0])["points tuned"] == 240 and flat(rows[1])["points tuned"] == 0
-    picture(rows, tmp_path / "drives.svg", shown=("LQG, tuned",))
+    picture(
+        {each.label: {name: pair[0] for name, pair in each.lowest.items()} for each in rows}, tmp_path / "drives.svg", shown=("LQG, tuned",)
+    )
     assert (tmp_path / "drives.svg").read_text(encoding="utf-8").startswith("<?xml")
+
+
+def test_the_cells_of_the_docs_are_read_with_none_for_what_was_not_found_and_without_what_was_not_judged():
+    cells = published()
+    assert np.isnan(cells["sliding mode"]["robust", "direct"]) and cells["soft torque"]["declared", "direct"] > 7.0
+    assert ("weight", "direct") not in cells["nonlinear MPC"]
 
 
 @pytest.mark.slow

@@ -162,6 +162,8 @@ def test_what_a_file_does_not_hold_is_refused_by_name(tmp_path):
     back = Trajectory.load(run.save(tmp_path / "run.npz"))
     with pytest.raises(SceneError, match=r"does not say its error: `error` needs the plant; ask it before `save`, or `pickle` the run"):
         back.error  # noqa: B018
+    with pytest.raises(SceneError, match=r"cannot be carried on: `last` needs the plant"):
+        back.last  # noqa: B018
     with pytest.raises(SceneError, match=r"Argument `run` must be a trajectory with its plant"):
         energy_audit(back)
     with pytest.raises(SceneError, match=r"Argument `time` must be a number or a row of numbers between 0 and 5 s, but it is 6.0"):

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, suggest
 from toolbox.modelling.components import Component, checked, numbers_of, structure_of
-from toolbox.modelling.composition import assembled
+from toolbox.modelling.composition import NEEDED, assembled
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.law_in_python import LawInPython, holds_python
-from toolbox.modelling.laws import Controller, Sampled, as_held_part, callable_law, designed
+from toolbox.modelling.laws import Controller, Sampled, as_held_part, callable_law, designed, names
 
 
 class Closed(NamedTuple):
@@ -79,7 +79,16 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
             callables.append(law)
     if not parts:
         return Closed(plant, plant, [], [], [])
-    return Closed(_assembled(plant, parts), plant, clocks, callables, seeds)
+    closed = _assembled(plant, parts)
+    words = {
+        name.partition(".")[0] for name in (*plant.signals, *plant.inputs)
+    }  # under another first word, a law writes down what is its own
+    for law in made:
+        for name in names(law.drives) if isinstance(law, Controller) else ():
+            driven = declared.routes.get(name, name)
+            if driven not in closed.cache[NEEDED] and driven.partition(".")[0] in words:
+                raise SceneError(f"{kind_of(law)} drives `{driven}`, which no part of the machine needs: {suggest(driven, plant.inputs)}")
+    return Closed(closed, plant, clocks, callables, seeds)
 
 
 def _part(law: Any, sampled: Sampled | None, declared: HybridSystem) -> Component:

@@ -89,7 +89,9 @@ class Component(Declared):
 
     def equations(self, signal: Signal) -> Equations:
         """The equations of the part; numeric fields of `self` are casadi symbols here."""
-        raise NotImplementedError
+        raise SceneError(
+            f"The part {type(self).__name__} must have a method `equations(self, signal)` that returns Equations, but it has none."
+        )
 
     def check(self) -> None:
         """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
@@ -337,6 +339,9 @@ def equations_of(symbolic: Component, signal: Callable[..., ca.SX], title: str) 
     for variable in equations.flow:
         if not isinstance(variable, State):
             raise SceneError(f"The flow of {title} must map states made with `state(...)` to derivatives, but a key is {variable!r}.")
+    for name, given in equations.gives.items():
+        if not (isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], str)):
+            raise SceneError(f"The signal `{name}` that {title} gives must be (expression, unit), but it is {given!r}.")
     return equations
 
 

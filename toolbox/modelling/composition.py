@@ -115,6 +115,9 @@ def assembled(components: tuple[Component, ...]) -> HybridSystem:
 
 _COMPOSED: dict[Any, HybridSystem] = {}
 
+NEEDED = "needed"
+"""Where a system keeps the names of all signals that its parts need, in `HybridSystem.cache`."""
+
 
 class _Composer:
     """Collects the equations of all parts, renames, connects and checks them."""
@@ -334,7 +337,7 @@ class _Composer:
         )  # fmt: skip
         system.inputs, system.parameters, system.routes, system.owners = inputs, self.parameters, self.routes, self.owners
         system.elements, system.modeless = tuple(self.elements), self.modeless
-        system.values, system.cache, system.parts = np.array(self.values, float), {}, ()
+        system.values, system.cache, system.parts = np.array(self.values, float), {NEEDED: frozenset(self.placeholders)}, ()
         self._check(system, bundle)
         return system
 

@@ -176,6 +176,21 @@ TURNED = {"s/rad": "s/m", "s/m": "s/rad", "m/s": "rad/s", "rad/s": "m/s", "m": "
 """Friction laws serve turning and straight contacts alike: the slip unit of a law's parameters may be either."""
 
 
+def _without(law: Any, method: str, what: str) -> SceneError:
+    return SceneError(f"The friction law {type(law).__name__} must have a method `{method}` that returns {what}, but it has none.")
+
+
+def _expression(law: Any, method: str, given: Any) -> ca.SX:
+    """What a law returns as an expression; raises SceneError for anything else."""
+    try:
+        found = ca.SX(given)
+    except NotImplementedError:
+        found = ca.SX(0, 0)
+    if not found.is_scalar():
+        raise SceneError(f"The friction law {type(law).__name__} must return one expression from `{method}`, but it returned {given!r}.")
+    return found
+
+
 @dataclass(frozen=True)
 class FrictionLaw(Declared):
     """A friction law: the coefficient of dry friction per unit of load, as a function of the slip speed.
@@ -196,7 +211,7 @@ class FrictionLaw(Declared):
 
     def evolution(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[ca.SX, Mapping[str, Any]]:
         """Friction against the slip, per unit of load, and {internal state: its rate}; `slip` and friction are columns of directions, `speed` is |slip|."""
-        raise NotImplementedError
+        raise _without(self, "evolution", "friction per unit of load and the rates of its states")
 
     def energies(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[Any, Mapping[str, Any]]:
         """Stored energy and {name: dissipated power} of a law with memory, per unit of load; by default nothing is stored."""
@@ -207,7 +222,7 @@ class FrictionLaw(Declared):
 
         `beyond` holds one number per break, 0 below it and 1 beyond it; a law without breaks takes none.
         """
-        raise NotImplementedError
+        raise _without(self, "sliding", "kinetic friction per unit of load")
 
     def breaks(self) -> tuple[Any, ...]:
         """Slip speeds > 0 at which the law jumps down: each becomes a switch `contact.break`, located as an event."""
@@ -215,7 +230,7 @@ class FrictionLaw(Declared):
 
     def breakaway(self) -> ca.SX:
         """Static bound per unit of load."""
-        raise NotImplementedError
+        raise _without(self, "breakaway", "the static bound per unit of load")
 
     def check(self) -> None:
         """Raise SceneError where fields contradict each other."""
@@ -363,8 +378,8 @@ class DryFriction(Element):
         breaks = law.breaks()
         jumps = [_Break(f"{name}.break" + (f".{i}" if len(breaks) > 1 else ""), speed, place) for i, place in enumerate(breaks)]
         self.companions = [*second, *jumps]
-        self.sliding = ca.SX(law.sliding(speed, *[jump.mode for jump in jumps]))
-        self.static = self.load * law.breakaway()
+        self.sliding = _expression(law, "sliding", law.sliding(speed, *[jump.mode for jump in jumps]))
+        self.static = self.load * _expression(law, "breakaway", law.breakaway())
 
     def slip_speed(self, slips: ca.SX) -> ca.SX:
         """How fast it slips while it does, given its slips."""

@@ -44,6 +44,8 @@ def input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[
             value = in_si(value, entry.unit, name)
         elif isinstance(value, Typed):
             value = value.made(name, entry.unit)
+        elif isinstance(value, np.ndarray) and value.ndim == 0:
+            value = value.item()
         elif isinstance(value, (tuple, list, np.ndarray)) and len(value) == 2:
             times, numbers = (
                 in_si(row, unit, f"{name}.{word}") for row, unit, word in zip(value, ("s", entry.unit), ("times", "values"), strict=True)

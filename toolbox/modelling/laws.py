@@ -25,7 +25,7 @@ from toolbox.arguments import finite_array, number, refuse, whole
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
-from toolbox.modelling.elements import OptionalQuantities, Quantity, quantity, time
+from toolbox.modelling.elements import OptionalQuantities, Quantity, State, quantity, time
 from toolbox.modelling.hybrid_system import HybridSystem
 
 
@@ -62,7 +62,18 @@ class Controller(Component):
         return remedy
 
     def equations(self, signal: Signal) -> Equations:
-        return self.continuous(signal)
+        equations = self.continuous(signal)
+        if isinstance(equations, Equations):
+            _check_driven(self, "continuous", equations.gives)
+        return equations
+
+
+def _check_driven(law: Controller, form: str, gives: Mapping[str, Any]) -> None:
+    """Raise SceneError where a law does not give what it declares to drive."""
+    lacking = next((name for name in names(law.drives) if name not in gives), None)
+    if lacking is not None:
+        given = f"gives only {', '.join(f'`{name}`' for name in gives)}" if gives else "gives nothing"
+        raise SceneError(f"{type(law).__name__} must give `{lacking}`, which it declares in `drives`, but `{form}` {given}.")
 
 
 def designed(law: Any, plant: HybridSystem) -> Any:
@@ -77,11 +88,14 @@ def designed(law: Any, plant: HybridSystem) -> Any:
     check_fields(law)
     try:
         with np.errstate(all="ignore"):  # what is not finite is an error here or, as a gain, in the table of parameters
-            return law.design(plant)
+            made = law.design(plant)
     except (SceneError, NotImplementedError):
         raise
     except (ArithmeticError, ValueError) as error:  # of numpy and scipy
         raise SceneError(f"{type(law).__name__} cannot be designed on this plant with these numbers: {error}") from error
+    if not callable(made) and not isinstance(made, Controller):
+        raise SceneError(f"`{type(law).__name__}.design` must return a control law, but it returned {made!r}.")
+    return made
 
 
 @dataclass(frozen=True)
@@ -216,7 +230,15 @@ class Held(Component):
                 noise.setdefault(name, ca.SX.sym(f"noise of {name}"))
             return self.sensors.reading(name, signal(name, unit, default), noise.get(name))
 
-        update = self.law.sampled(sensed, self.period)
+        update, title = self.law.sampled(sensed, self.period), type(self.law).__name__
+        if not isinstance(update, Update):
+            raise SceneError(f"`{title}.sampled` must return Update, but it returned {type(update).__name__}.")
+        for variable in update.memory:
+            if not isinstance(variable, State):
+                raise SceneError(
+                    f"The memory of {title} must map states made with `state(...)` to their next values, but a key is {variable!r}."
+                )
+        _check_driven(self.law, "sampled", update.outputs)
         return Equations(update=dataclasses.replace(update, noise=noise))
 
 

@@ -438,6 +438,13 @@ class SavedRun(Recorded):
         return self._error
 
     @property
+    def last(self) -> Any:
+        """Raises SceneError: a file does not hold the state from which a run goes on, which `pickle.dumps(run.last)` keeps."""
+        raise SceneError(
+            f"The run read from `{self.path}` cannot be carried on: `last` needs the plant; `pickle` the `run.last` of the run itself."
+        )
+
+    @property
     def _headlines(self) -> list[str]:
         return [*self._report, f"read from {self.path}"]
 

@@ -30,6 +30,29 @@ def pytest_configure(config):
         config.stickslip_metadata = _registered()
     if not config.pluginmanager.has_plugin("stickslip_pytest"):  # an installation registers it
         config.pluginmanager.import_plugin("stickslip_pytest")
+    if config.option.markexpr == "not slow" and not config.getoption("numprocesses", None):  # here tests run, and not in other processes
+        _compile_quickly()
+
+
+def _compile_quickly():
+    """The code of every model is generated in the hurry in which users have that of large ones: the same arithmetic, to the last bit, which runs half as fast.
+
+    Nearly half of the time of most rooms was compiling models, and two thirds of that the search for registers and for the order of instructions. The slow
+    tests, and those that are run without `-m "not slow"`, have the code of users; this code is kept apart.
+    """
+    import llvmlite.binding as llvm
+
+    from toolbox.compilation import emitter
+    from toolbox.compilation.kept_code import cache_directory
+
+    os.environ["STICKSLIP_CACHE_DIR"] = str(cache_directory() / "quick")
+    llvm.set_option("tests", "-fast-isel=false")  # else products and sums are not fused, which changes their last bits
+    object_code = emitter.object_code
+
+    def hurried(text, processor, large=False, side_by_side=False):
+        return object_code(text, processor, True, side_by_side)
+
+    emitter.object_code = hurried
 
 
 def pytest_unconfigure(config):

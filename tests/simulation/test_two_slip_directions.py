@@ -34,7 +34,7 @@ from toolbox import (
 from toolbox.inputs import ramp, sine
 from toolbox.measuring.measure import extent
 from toolbox.measuring.measures import maximum, mean, severity, time_in
-from toolbox.modelling import smoothed
+from toolbox.modelling import Quantities, smoothed
 from toolbox.prediction.rollout import Rollout
 from toolbox.steady_states.running import running
 
@@ -254,38 +254,48 @@ def test_a_contact_creeps_as_slowly_as_it_is_told_with_the_lag_of_balanced_force
 class Stack(Component):
     """Two blocks on each other, with forces that jump at the start: on a table in two directions, or the upper one on a rail in one."""
 
-    seed: int = 0
+    loads: Quantities = quantity((5.0, 10.0, 5.0), "N", "normal forces between the blocks, on the table, on the rail")
+    sizes: Quantities = quantity((5.0,) * 4, "N", "size of the forces on the lower and on the upper block")
+    rates: Quantities = quantity((3.0,) * 4, "rad/s", "rates of these forces")
+    phases: Quantities = quantity((3.0,) * 4, "rad", "phases of these forces at the start")
+    friction: FrictionLaw = Coulomb(0.4, 0.4)
+    railed: bool = False
 
     def equations(self, signal):
-        random = np.random.default_rng(self.seed)
-        law = Coulomb(0.4, 0.4) if self.seed % 2 else Coulomb(0.5, 0.3)
         low, high = state("low.at", "m", 2), state("high.at", "m", 2)
         v, w = state("low.speed", "m/s", 2), state("high.speed", "m/s", 2)
-        between = DryFriction("between", w - v, law, random.uniform(2, 8))
-        table, rail = DryFriction("table", v, law, random.uniform(5, 20)), DryFriction("rail", w[0], law, random.uniform(2, 8))
-        railed = self.seed % 3 == 0
-        on_low, on_high = (
-            [random.uniform(3, 10) * ca.sin(random.uniform(1, 6) * time + random.uniform(0, 6)) for _ in range(2)] for _ in range(2)
-        )
-        down = ca.vertcat(*on_low) - between.force - 10 * low + (0 if railed else table.force)
-        up = ca.vertcat(*on_high) + between.force - 5 * high + (ca.vertcat(rail.force, 0) if railed else 0)
+        between = DryFriction("between", w - v, self.friction, self.loads[0])
+        table, rail = DryFriction("table", v, self.friction, self.loads[1]), DryFriction("rail", w[0], self.friction, self.loads[2])
+        pushes = [self.sizes[i] * ca.sin(self.rates[i] * time + self.phases[i]) for i in range(4)]
+        down = ca.vertcat(*pushes[:2]) - between.force - 10 * low + (0 if self.railed else table.force)
+        up = ca.vertcat(*pushes[2:]) + between.force - 5 * high + (ca.vertcat(rail.force, 0) if self.railed else 0)
         flow = {low: v, high: w, v: np.linalg.inv([[1.5, 0.4], [0.4, 1.0]]) @ down, w: up / 0.7}
-        elements = [between, rail if railed else table]
+        elements = [between, rail if self.railed else table]
         gives = {f"{element.name}.t{i}": (ca.SX(element.force)[i], "N") for element in elements for i in range(element.directions)}
         return Equations(flow, elements=elements, gives=gives)
+
+
+def stack(seed):
+    """A stack whose numbers are drawn."""
+    random = np.random.default_rng(seed)
+    loads = tuple(random.uniform(*span) for span in ((2, 8), (5, 20), (2, 8)))
+    sizes, rates, phases = zip(*[(random.uniform(3, 10), random.uniform(1, 6), random.uniform(0, 6)) for _ in range(4)], strict=True)
+    return Stack(loads, sizes, rates, phases, Coulomb(0.4, 0.4) if seed % 2 else Coulomb(0.5, 0.3), railed=seed % 3 == 0)
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_contacts_that_hold_each_other_keep_coulombs_law_at_every_instant(seed):
     """In stick no slip and a force inside its cone, in slip one of kinetic size against the slip, also where several break away at one instant."""
-    plant = compose(Stack(seed=seed))
+    plant = compose(stack(seed))
     run = simulate(plant, 5.0, accuracy=1e-8)
     slips = {"between": run["high.speed"] - run["low.speed"], "table": run["low.speed"]}
     for element in plant.elements:
         if (name := element.name) not in slips:
             continue
         v, force = slips[name], np.stack([run[f"{name}.t{i}"] for i in range(2)], 1)
-        static, kinetic = (float(element.load) * bound for bound in ((0.4, 0.4) if seed % 2 else (0.5, 0.3)))
+        static, kinetic = (
+            plant.parameter("low.loads")[["between", "table"].index(name)] * bound for bound in ((0.4, 0.4) if seed % 2 else (0.5, 0.3))
+        )
         stuck, speed = run.modes[name] == "stick", np.linalg.norm(v, axis=1)
         assert np.abs(v[stuck]).max(initial=0.0) < 1e-14
         size = np.linalg.norm(force, axis=1)
@@ -297,7 +307,7 @@ def test_contacts_that_hold_each_other_keep_coulombs_law_at_every_instant(seed):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_methods_agree_on_contacts_that_hold_each_other(seed):
-    plant, grid = compose(Stack(seed=seed)), np.linspace(0.0, 5.0, 101)
+    plant, grid = compose(stack(seed)), np.linspace(0.0, 5.0, 101)
     fine = simulate(plant, 5.0, accuracy=1e-10, method="explicit").at(grid)
     for method in ("taylor", "stiff"):
         run = simulate(plant, 5.0, accuracy=1e-7, method=method).at(grid)

@@ -275,9 +275,9 @@ def check_rates(t: ca.SX, x: ca.SX, others: ca.SX, flow: ca.SX, elements: Sequen
 
 def _held_exactly(field: ca.SX, slip: ca.SX, slip_of_state: ca.SX, x: ca.SX, t: ca.SX, sticks: ca.SX) -> ca.SX:
     """The field with the rate of a sticking slip that holds one state masked, not left to cancellation."""
-    field = ca.densify(field)
+    field, pace = ca.densify(field), ca.jacobian(slip, t)
     for i, j in _single(slip_of_state, x):
-        field[j] = (1 - sticks[i]) * field[j] - sticks[i] * ca.jacobian(slip[i], t) / slip_of_state[i, j]
+        field[j] = (1 - sticks[i]) * field[j] - sticks[i] * pace[i] / slip_of_state[i, j]
     return field
 
 
@@ -308,9 +308,12 @@ def _project(x: ca.SX, slip: ca.SX, slip_of_state: ca.SX, gain_of_force: ca.SX, 
     impulse = masked_solve(matrix, -sticks * slip)
     projected = x + gain_of_force @ impulse
     alone = dict(_single(slip_of_state, x))
-    for i, j in alone.items():
-        rest = ca.substitute(slip[i], x[j], 0)
-        projected[j] = (1 - sticks[i]) * projected[j] - sticks[i] * rest / slip_of_state[i, j]
+    states = x[list(set(alone.values()))]
+    rests = (
+        ca.substitute(slip[list(alone)], states, ca.SX.zeros(states.numel())) if alone else slip
+    )  # at once: each has one of these states alone
+    for k, (i, j) in enumerate(alone.items()):
+        projected[j] = (1 - sticks[i]) * projected[j] - sticks[i] * rests[k] / slip_of_state[i, j]
     supports: list[dict[int, float]] = [{} for _ in range(slip.numel())]
     for k, (i, j) in enumerate(zip(*slip_of_state.sparsity().get_triplet(), strict=True)):
         entry = slip_of_state.nz[k]

@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
         description="Map both branches of a machine at depths of a well, where the first section of the string is longer or shorter, and print from which "
         "value of the first number on the machine is smooth, from which on stick-slip ends as well, and how far the working point is from both.",
         epilog="example: stickslip windows studies/scenes/deepening_well.toml --controller 'soft torque' --depths 1000m 2000m "
-        "--x 'top.reference=40 rpm:140 rpm' --y 'bit.weight=60 kN:100 kN' --out windows",
+        "--x 'top.reference=40 rpm:200 rpm' --y 'bit.weight=60 kN:100 kN' --out windows",
     )
     depths_of_well(verb)
     verb.add_argument(

@@ -155,7 +155,7 @@ def window_diagram(
             ax.set(title=title, xlabel=labels[0].replace(" [", "\n["), xlim=ends)
         axes[0].set_ylabel(labels[1])
         handles, words = axes[0].get_legend_handles_labels()
-        axes[0].figure.legend(handles, words, frameon=False, fontsize=8.0, ncols=3, loc="outside upper center")
+        axes[0].figure.legend(handles, words, frameon=False, fontsize=8.0, ncols=3, loc="outside lower center")
     return axes
 
 

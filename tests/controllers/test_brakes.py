@@ -237,6 +237,18 @@ def test_the_predicted_stop_is_the_simulated_one():
     assert law.speeds[-1] == pytest.approx(6.0 - 2.0 * 1.8, abs=0.1)
 
 
+def test_no_force_of_a_plan_changes_faster_than_the_actuator_bears():
+    # a first sample at speed, where the plan wants to rise at once, and one far below the wanted speed, where it wants to fall
+    law = BrakeMPC(deceleration=2.0, force_rate=5000.0).design(compose(DiscBrake()))
+    most, before = 5000.0 * law.law.period, 0.0
+    for t, speed, way in ((0.0, 6.0, 1.0), (0.03, 6.0, 1.0), (0.06, 2.0, -1.0)):
+        force = law(t, (speed, 0.0))
+        moves = way * np.diff(np.append(before, law.plan))
+        assert moves[0] == pytest.approx(most, rel=1e-6)
+        assert np.abs(moves).max() <= most * (1.0 + 1e-6)
+        before = force
+
+
 def test_without_a_sound_answer_the_last_plan_goes_on(monkeypatch):
     law = BrakeMPC(deceleration=2.0).design(compose(DiscBrake()))
     first = law(0.0, (6.0, 0.0))

@@ -133,6 +133,22 @@ def test_a_table_that_is_wider_than_the_terminal_comes_in_parts_with_the_first_c
 def test_list_finds_by_name_first_and_else_by_what_is_said(capsys):
     assert main(["list", "BitRock"]) == 0
     assert capsys.readouterr().out.splitlines()[1].startswith("  BitRock: ")
+    for typed, name in (
+        ("soft torque", "SoftTorque"),
+        ("z-torque", "ZTorque"),
+        ("friction", "FrictionDamper"),
+        ("observer", "observers.DisturbanceObserver"),
+    ):
+        assert main(["list", typed]) == 0
+        assert capsys.readouterr().out.splitlines()[1].startswith(f"  {name}: "), typed
+    assert main(["list", "impedance"]) == 0  # one bears it in its name, and the one that is sought speaks of it
+    assert re.search("^Others that speak of it: .*SoftTorque", capsys.readouterr().out, re.MULTILINE)
+    assert main(["list", "friction law"]) == 0
+    assert "GaussianStribeck" in capsys.readouterr().out
+    assert main(["list", "sample_time"]) == 0
+    assert "sample_time" in capsys.readouterr().out
+    assert main(["list", "no such thing"]) == 2
+    capsys.readouterr()
     assert main(["list", "hyperbola"]) == 0
     assert "RationalStribeck" in capsys.readouterr().out
 

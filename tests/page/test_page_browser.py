@@ -184,6 +184,8 @@ def test_a_driller_finds_how_fast_to_turn_at_his_weight_and_what_the_drive_needs
     tab.until("map !== null && Boolean(map.last)")
     words = tab.page.inner_text("#where")
     assert words.startswith("Here stick-slip dies out: it lasts below top.reference ") and " rpm" in words
+    heaviest = float(words.split(" At this top.reference it lasts above bit.weight ")[1].split(" kN")[0])
+    assert 80.0 < heaviest == pytest.approx(tab("met('sticking', [valueOf('top.reference') * 30 / Math.PI, 80], 1)[0]"), rel=0.01)
     tab.page.click("#drive summary")
     loop = scene["soft torque"].at("bit.weight", 80e3)
     assert tab.page.locator("#drive-words li").all_inner_texts() == loop.law_words
@@ -214,6 +216,7 @@ def test_a_student_finds_the_natural_frequency_and_why_it_sticks_at_one_speed_an
     tab.type("top.reference", "30 rpm")
     tab.followed()
     assert tab.page.inner_text("#word") == "stick-slip" and "A small disturbance of smooth running grows" in tab.page.inner_text("#reason")
+    assert f"; loudest at {tab('short(live.spectrum.tone)')} Hz" in tab.page.inner_text("#spectrum-name")
     assert " Hz (" in tab.page.inner_text("#poles-words") and "is unstable" in tab.page.inner_text("#poles-words")
     assert "bit.speed\n0 to " in tab.page.inner_text("#measures")
     tab.page.click("#pin")

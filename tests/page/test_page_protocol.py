@@ -396,7 +396,14 @@ def test_a_stop_tells_its_way_and_what_its_contact_sounds_like_until_it_stands()
     stopped = scene.run("constant force")
     times = np.linspace(0.0, measure.standstill(stopped, "disc.speed", scene.standstill, after=scene.after), 20_001)
     way = np.trapezoid(stopped.at(times)["disc.speed"], times)
-    assert told["stands at"] == f"{times[-1]:.3g} s" and told["way of the stop"] == f"{way:.4g} rad ({way / (2 * math.pi):.3g} turns)"
+    assert told["stands at"] == f"{times[-1]:.3g} s" and told["way of the stop"].startswith(
+        f"{way:.4g} rad ({way / (2 * math.pi):.3g} turns), "
+    )
+    slowed = stopped.at(0.0)["disc.speed"] / times[-1]
+    assert told["way of the stop"].endswith(f", {slowed:.3g} rad/s2 in the mean")
+    high, peak = stopped.limits["brake.force"][1], np.abs(stopped["brake.force"]).max()
+    assert told["peak of brake.force"] == f"{peak:.4g} N, {100 * peak / high:.3g} % of its limit"
+    assert 30.0 < found["spectrum"]["tone"] < 60.0
     frequency, amplitude = (floats(found["spectrum"][each]) for each in ("frequency", "amplitude"))
     assert found["spectrum"]["signal"] == "pad.slip" and 30.0 < frequency[np.argmax(np.where(frequency > 10.0, amplitude, 0.0))] < 60.0
     assert more["poles"] == [] and "standstill" in more["poles_words"]
@@ -408,7 +415,9 @@ def test_natural_frequencies_and_damping_ratios_are_those_of_the_poles(page, sce
     assert len(swinging) == 1
     size, damping = abs(swinging[0]), -100.0 * swinging[0].real / abs(swinging[0])
     assert f"{size / (2 * math.pi):.3g} Hz ({size:.3g} rad/s), damping {damping:.2g} %" in told["poles_words"]
-    found = dict(run(page, "stiff PI")["measures"])
+    answered = run(page, "stiff PI")
+    assert answered["spectrum"]["tone"] == pytest.approx(1.0 / answered["period"], rel=0.01)
+    found = dict(answered["measures"])
     seen = measure.extent(scene.run("stiff PI"), "bit.speed", scene.after)
     assert found["bit.speed"] == " to ".join(f"{value * 30 / math.pi:.3g}" for value in (seen.minimum, seen.maximum)) + " rpm"
 

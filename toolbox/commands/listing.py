@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import inspect
+import re
 import types
 import typing
 from collections.abc import Callable, Iterable, Sequence
@@ -30,7 +31,8 @@ def add(commands: Any) -> None:
         "name",
         nargs="?",
         metavar="NAME",
-        help="show only the entries whose name contains this, else those that speak of it; `scene`: the keys of a scene file; `measures`: what is measured",
+        help="show the entries whose name or kind contains this, and name those that speak of it, else show these, and keys and measures; `scene`: the keys of "
+        "a scene file; `measures`: what is measured",
     )
     listing.set_defaults(action=run)
 
@@ -45,14 +47,29 @@ def run(given: argparse.Namespace) -> int:
     entries = catalogue.parts()
     if not entries:
         raise SceneError("No package offers parts: pip install -e . in the folder of the toolbox registers its own.")
+    speaking: list[Any] = []
     if given.name is not None:
-        entries = _sought(given.name.lower(), entries)
+        entries, speaking = _sought(given.name.lower(), entries)
+        if not entries and (other := {title: rows for title, rows in _others(given.name.lower()).items() if rows}):
+            given.found = {title: [row[0] for row in rows] for title, rows in other.items()}
+            for title, rows in other.items():
+                print(title)
+                _print(rows, "  ")
+            return 0
     if not entries:
         catalogue.part(given.name)  # raises the error that says why
     given.found = [
         {"name": entry.name, "kind": entry.kind, "summary": entry.summary, "parameters": [_described(*each) for each in entry.parameters]}
         for entry in entries
     ]
+    _print_parts(entries)
+    if speaking:
+        show(f"Others that speak of it: {', '.join(entry.name for entry in speaking)}")
+    return 0
+
+
+def _print_parts(entries: Sequence[Any]) -> None:
+    """Print entries with their parameters under the headings of their kinds."""
     groups: dict[str, list[Any]] = {}
     for entry in entries:
         groups.setdefault(_heading(entry), []).append(entry)
@@ -66,16 +83,36 @@ def run(given: argparse.Namespace) -> int:
                 print("    or made from tables, with")
                 made = _made_of(entry.item)
                 _print(_row(name, value, unit, "path of a table" if unit is None else "") for name, (unit, value) in made.items())
-    return 0
+
+
+def _key_rows() -> dict[str, list[tuple[str, str, str]]]:
+    """{table of a scene file: (key with its unit, default, meaning) of its keys}."""
+    from toolbox.scenes import keys
+
+    return {
+        "At its head" if table == "scene" else table: [
+            (f"{key.name} [{key.unit}]" if key.unit else key.name, key.default, key.meaning) for key in entries_of
+        ]
+        for table, entries_of in keys.KEYS.items()
+    }
+
+
+def _measure_rows() -> list[tuple[str, str, str]]:
+    """(name, what it looks at, what it is) of all measures."""
+    from toolbox.measuring.measures import MEASURES
+
+    return [
+        (name, each.looks_at, each.heading + (f" [{each.unit}]" if each.unit not in ("", "1") else "")) for name, each in MEASURES.items()
+    ]
 
 
 def _print_keys() -> Any:
     from toolbox.scenes import keys
 
     print("Keys of a scene file; numbers are SI or text with a unit")
-    for table, entries_of in keys.KEYS.items():
-        print("At its head" if table == "scene" else table)
-        _print([(f"{key.name} [{key.unit}]" if key.unit else key.name, key.default, key.meaning) for key in entries_of], "  ")
+    for table, rows in _key_rows().items():
+        print(table)
+        _print(rows, "  ")
     return keys.KEYS
 
 
@@ -83,13 +120,7 @@ def _print_measures() -> Any:
     from toolbox.measuring.measures import MEASURES
 
     print("Measures, of what a scene judges")
-    _print(
-        [
-            (name, each.looks_at, each.heading + (f" [{each.unit}]" if each.unit not in ("", "1") else ""))
-            for name, each in MEASURES.items()
-        ],
-        "  ",
-    )
+    _print(_measure_rows(), "  ")
     return {name: {"looks at": each.looks_at, "heading": each.heading, "unit": each.unit} for name, each in MEASURES.items()}
 
 
@@ -97,12 +128,28 @@ OTHERS: dict[str, Callable[[], Any]] = {"scene": _print_keys, "measures": _print
 """What is listed besides parts, by its name: it prints it and returns it."""
 
 
-def _sought(word: str, entries: Sequence[Any]) -> list[Any]:
-    """The entries with a word in their names, that of the very name first; where there are none, those that speak of it."""
-    named = [entry for entry in entries if word in entry.name.lower()]
-    if named:
-        return sorted(named, key=lambda entry: (entry.name.lower() != word, not entry.name.lower().startswith(word)))
-    return [entry for entry in entries if word in entry.summary.lower() or any(word in each[3].lower() for each in entry.parameters)]
+def _sought(words: str, entries: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+    """The entries with the words in their names, that of the very name first, then those of such a kind, and the others that speak of them.
+
+    The latter come first where there are no such names and kinds. Names are the same with blanks and hyphens, as in "soft torque".
+    """
+    whole = re.sub(r"[\s_-]", "", words)
+
+    def speaks(entry: Any) -> bool:
+        text = " ".join([entry.summary, *(each[3] for each in entry.parameters)]).lower()
+        return all(word in text for word in words.split())
+
+    named = [entry for entry in entries if whole in entry.name.lower()]
+    named.sort(key=lambda entry: (entry.name.lower() != whole, not entry.name.lower().startswith(whole)))
+    named += [entry for entry in entries if entry not in named and words in _heading(entry).lower()]
+    speaking = [entry for entry in entries if entry not in named and speaks(entry)]
+    return (named, speaking) if named else (speaking, [])
+
+
+def _others(words: str) -> dict[str, list[tuple[str, str, str]]]:
+    """{what it is: rows} of keys of a scene file and of measures that speak of the words."""
+    listed = {f"Keys of a scene file, {table}": rows for table, rows in _key_rows().items()} | {"Measures": _measure_rows()}
+    return {title: [row for row in rows if words in " ".join(map(str, row)).lower()] for title, rows in listed.items()}
 
 
 def _described(name: str, unit: str, value: Any, meaning: str) -> dict[str, Any]:

@@ -32,6 +32,9 @@ MANY = 20_000
 FREQUENCIES = 2048
 """Samples of a spectrum."""
 
+ROUNDS = 4
+"""How often a tone must come within what is listened to: slower is how the run goes on, not its sound."""
+
 TONES = {
     "free": "good",
     "no stick": "good",
@@ -173,11 +176,29 @@ def spectrum(run: Trajectory, signal: str | None, begin: float, end: float, aske
     read = reading_of(run.unit(signal), float(np.abs(run[signal]).max()), asked)
     return {
         "when": f"after {begin:g} s" if end == run.end else f"from {begin:g} s until it stands",
+        "tone": tone_of(frequency, amplitude),
         "frequency": packed(frequency[1:last]),
         "amplitude": packed(amplitude[1:last] * read.factor),
         "unit": read.unit,
         "signal": signal,
     }
+
+
+def tone_of(frequency: FloatArray, amplitude: FloatArray) -> float | None:
+    """The frequency of the highest peak of a spectrum [Hz] among those that come at least so many times; None where there is no peak.
+
+    frequency, amplitude: of even steps from zero on, seen through a Hann window.
+    """
+    inner = amplitude[1:-1]
+    peaks = 1 + np.flatnonzero((inner > amplitude[:-2]) & (inner >= amplitude[2:]))
+    peaks = peaks[peaks >= ROUNDS]
+    if not peaks.size:
+        return None
+    k = int(peaks[np.argmax(amplitude[peaks])])
+    left, here, right = np.log(amplitude[k - 1 : k + 2] + 1e-300)
+    return float(
+        frequency[k] + 0.5 * (left - right) / (left - 2.0 * here + right) * frequency[1]
+    )  # the top of a parabola through three points
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------ in words
@@ -224,7 +245,7 @@ def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Traject
         if name == "peak":
             assert loop.effort is not None
             factor, unit = reading_of(run.unit(loop.effort), abs(value), asked)
-            rows.append([f"peak of {loop.effort}", f"{value * factor:.4g} {unit}"])
+            rows.append([f"peak of {loop.effort}", f"{value * factor:.4g} {unit}{_of_limit(run, loop.effort, value)}"])
         elif name in ("stuck", "settling"):
             settles = "settling" if loop.standstill is None else "stands at"
             rows.append([{"stuck": "time stuck", "settling": settles}[name], "never" if value == math.inf else f"{value:.3g} s"])
@@ -235,14 +256,21 @@ def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Traject
     return rows + [row for row in (_way(loop, found, run) if loop.standstill is not None else _swing(loop, run, asked),) if row]
 
 
+def _of_limit(run: Trajectory, effort: str, peak: float) -> str:
+    """The largest effort in parts of the limit of the drive or the law, as words behind a number; empty where there is none."""
+    ends = [abs(end) for end in run.limits.get(effort, ()) if end]
+    return f", {100.0 * abs(peak) / max(ends):.3g} % of its limit" if ends else ""
+
+
 def _way(loop: ClosedLoop, found: Mapping[str, float], run: Trajectory) -> list[str]:
-    """The way of a stop: what its speed comes to until it stands; empty where it never does, or what is judged is no speed."""
+    """The way of a stop, what its speed comes to until it stands, and its mean deceleration; empty where it never does, or what is judged is no speed."""
     unit, stands = run.unit(loop.signal or ""), found.get("settling", math.inf)
     if unit not in ("rad/s", "m/s") or not math.isfinite(stands):
         return []
     way = extent(run, loop.signal or "", until=stands).mean * (stands - run.begin)
     turns = f" ({way / (2.0 * math.pi):.3g} turns)" if unit == "rad/s" else ""
-    return ["way of the stop", f"{way:.4g} {unit.removesuffix('/s')}{turns}"]
+    slowed = abs(float(run.at(run.begin)[loop.signal or ""])) / (stands - run.begin)
+    return ["way of the stop", f"{way:.4g} {unit.removesuffix('/s')}{turns}, {slowed:.3g} {unit}2 in the mean"]
 
 
 def _swing(loop: ClosedLoop, run: Trajectory, asked: Mapping[str, str]) -> list[str]:

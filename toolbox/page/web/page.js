@@ -402,7 +402,7 @@ function closer() {
 function drawSpectrum() {
   if (!live.spectrum) return;
   const box = find("spectrum"), data = [floats(live.spectrum.frequency), floats(live.spectrum.amplitude)];
-  find("spectrum-name").textContent = "of " + live.spectrum.signal.replaceAll(".", " ") + " " + live.spectrum.when + ", amplitude [" + live.spectrum.unit + "]";
+  find("spectrum-name").textContent = "of " + live.spectrum.signal.replaceAll(".", " ") + " " + live.spectrum.when + ", amplitude [" + live.spectrum.unit + "]" + (live.spectrum.tone === null ? "" : "; loudest at " + short(live.spectrum.tone) + " Hz");
   if (!spectrum || spectrum.unit !== live.spectrum.unit) {
     if (spectrum) spectrum.destroy();
     box.replaceChildren();
@@ -471,7 +471,7 @@ function drawMapNow() {
       return what + (found.length ? " at " + found.map(short).join(", ") + " " + map.units[0] : ": no border here");
     });
     find("map-words").textContent = "With " + names[1] + " at " + short(here[1]) + " " + map.units[1] + ": " + words.join("; ") + ". " + map.notes.join(" ");
-    find("where").textContent = advice(here, names, 0) || advice(here, names, 1);
+    find("where").textContent = [advice(here, names, 0), advice(here, names, 1)].filter(Boolean).join(" ");
   } else { find("where").textContent = ""; if (!map || !map.error) find("map-words").textContent = "The map is being computed."; }
 }
 
@@ -489,7 +489,7 @@ function advice(here, names, along) {
   while (under > 0 && over < column.length - 1 && free(under) === free(over)) { under -= 1; over += 1; }  // the row of points is beside this value
   if (free(under) === free(over)) return "";
   const above = free(over), inside = above ? here[along] > end : here[along] < end, away = short(Math.abs(here[along] - end)) + unit;
-  if (inside) return "Here stick-slip dies out: it lasts " + (above ? "below " : "above ") + names[along] + " " + about + short(end) + unit + ", " + away + " from here.";
+  if (inside) return (along && met("sticking", here, 0).length ? "At this " + names[0] + " it lasts " : "Here stick-slip dies out: it lasts ") + (above ? "below " : "above ") + names[along] + " " + about + short(end) + unit + ", " + away + " from here.";
   return (above ? "Raise " : "Lower ") + names[along] + (above ? " above " : " below ") + about + short(end) + unit + " and stick-slip ends, at this " + names[1 - along] + ".";
 }
 

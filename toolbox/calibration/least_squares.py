@@ -159,8 +159,12 @@ class LeastSquares:
         for _ in range(ROUNDS):
             left, kept = self._left(values), {}
             for name, each in left.items():
-                deviation = max(1.4826 * float(np.median(np.abs(each))), 1e-6 * sizes[name])
-                near = np.abs(each) <= self.robust * deviation
+                most, near = self.misfit.alike(name), np.ones(each.size, bool)
+                deviation = 1e-6 * sizes[name]
+                for own in (most, ~most):
+                    if own.any():
+                        deviation = max(1.4826 * float(np.median(np.abs(each[own]))), deviation)
+                        near[own] = np.abs(each[own]) <= self.robust * deviation
                 kept[name] = near if 1.0 - near.mean() <= FEW else np.ones(each.size, bool)
             if all(np.array_equal(kept[name], mask) for name, mask in self._all_kept().items()):
                 break

@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -29,6 +30,13 @@ TRIAL = 500
 
 BREAKAWAY_SAMPLES = 10
 """Last samples of a stick phase through which a line is laid, whose end is the force at break-away; a shorter phase tells nothing."""
+
+
+BENT = 6.0
+"""F ratio from which a rise with a level behind it is told from one line; ten samples of a line, rising by twice their noise each, have it in one of fifty."""
+
+BEHIND = 3
+"""Samples behind the peak that tell whether the force drops there."""
 
 
 class MeasuredLoop(ContactMisfit):
@@ -91,7 +99,7 @@ class MeasuredLoop(ContactMisfit):
             first = 1 + int(np.max(np.flatnonzero((moving | ~known)[: k + 1]), initial=-1))
             first = max(first, int(np.max(np.flatnonzero(cut[: k + 1] & known[: k + 1]), initial=0)))
             if k + 1 - first >= BREAKAWAY_SAMPLES:  # a shorter one is noise where slip begins or ends
-                top, value = _peak(recording.time[first : k + 1], values[first : k + 1], toward[k])
+                top, value = _peak(recording.time[first : k + 2], values[first : k + 2], toward[k])
                 values[first + top] = value
                 self._side[first + top] = self._side[k]
                 release.append(first + top)
@@ -118,6 +126,10 @@ class MeasuredLoop(ContactMisfit):
     def how(self) -> str:
         """What was fitted, in words."""
         return f"law of `{self.plant.elements[self.place].name}` against the measured loop"
+
+    def alike(self, output: str) -> np.ndarray:
+        """Samples in slip: the force at break-away is known less well, as far as it changes from a sample to the next."""
+        return ~self.released
 
     def panels(self, left: Mapping[str, np.ndarray], _: np.ndarray) -> tuple[Panel, ...]:
         """What was measured beside the law; left: law less measured."""
@@ -240,15 +252,37 @@ class MeasuredLoop(ContactMisfit):
 
 
 def _peak(time: np.ndarray, values: np.ndarray, toward: float) -> tuple[int, float]:
-    """(sample, force) at break-away in a stick phase: where the force is largest in one direction, by the line through the samples up to it.
+    """(sample, force) at break-away in a stick phase and the first sample that slips after it: where the force is largest in one direction.
 
-    Slip is slow at first, so that a force that drops may end the samples at rest: the peak is where they rise no more. Release comes, on average, half a
-    sample after the last one before it.
+    Slip is slow at first, so that the samples at rest may end with some that slip: the peak is where they rise no more. Before it the force rises along a line,
+    behind it the force is level, lower where it drops at release. Where these two pieces are told from one line, break-away is halfway between their samples,
+    or at the level where that is no lower than the end of the rise. Else the line goes on for half a sample, which is where release comes on average.
     """
     smooth = np.convolve(np.pad(values, 1, mode="edge"), np.ones(3) / 3, mode="valid")
     top = int(np.argmax(toward * smooth[:-1]))
-    before = slice(max(0, top + 1 - BREAKAWAY_SAMPLES), top + 1)
-    if before.stop - before.start < 3:
+    first = max(0, top + 1 - BREAKAWAY_SAMPLES)
+    t, force, count = time[first:] - time[top], toward * values[first:], top + 1 - first
+    if count < 3:
         return top, float(values[top])
-    line = np.polynomial.polynomial.polyfit(time[before] - time[top], values[before], 1)
-    return top, float(line[0] + line[1] * (time[top + 1] - time[top]) / 2)
+    (level, slope), _ = _line(t[:count], force[:count])
+    end = level + slope * t[count] / 2
+    around = min(count + BEHIND, t.size)
+    if around > 5:
+        whole = _line(t[:around], force[:around])[1]
+        pieces = [(_line(t[:k], force[:k]), force[k:around]) for k in range(3, around)]
+        off = [rise[1] + float(((flat - flat.mean()) ** 2).sum()) for rise, flat in pieces]
+        best = int(np.argmin(off))
+        ((start, slope), _), flat = pieces[best]
+        spread, k = off[best] / (around - 4), best + 3
+        if slope > 0 and whole - off[best] > 2 * BENT * spread:
+            known = 2 * math.sqrt(spread * (1 / flat.size + 3 / k))  # of the level and of the end of the rise
+            drops = flat.mean() < start + slope * t[k - 1] - known
+            end = start + slope * (t[k - 1] + t[k]) / 2 if drops else flat.mean()
+            top = first + k - 1
+    return top, float(toward * end)
+
+
+def _line(t: np.ndarray, force: np.ndarray) -> tuple[tuple[float, float], float]:
+    """((value at 0, slope), sum of squares that is left) of the line through samples."""
+    line = np.polynomial.polynomial.polyfit(t, force, 1)
+    return (float(line[0]), float(line[1])), float(((force - line[0] - line[1] * t) ** 2).sum())

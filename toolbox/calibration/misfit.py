@@ -22,6 +22,7 @@ class Misfit:
     """A misfit to one window of a recording."""
 
     recording: Recording
+    measured: dict[str, np.ndarray]
 
     @property
     def span(self) -> float:
@@ -32,6 +33,10 @@ class Misfit:
     def source(self) -> str:
         """Where the data come from."""
         return self.recording.source
+
+    def alike(self, output: str) -> np.ndarray:
+        """True for the samples of an output that scatter as most do; strays among the others are told by their own scatter."""
+        return np.ones(self.measured[output].size, bool)
 
     def apart(self, values: np.ndarray) -> dict[str, float]:
         """{output: how far from the model its first samples are}, of those that begin elsewhere; none where nothing is simulated from a start."""

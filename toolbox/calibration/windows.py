@@ -147,6 +147,10 @@ class Together:
         """What the windows have of each signal, one after another."""
         return {name: np.concatenate([part[name] for part in parts if name in part]) for name in self.outputs}
 
+    def alike(self, output: str) -> np.ndarray:
+        """True for the samples of an output that scatter as most do, window by window."""
+        return np.concatenate([misfit.alike(output) for misfit in self.each if output in misfit.outputs])
+
     @property
     def numbers(self) -> list[Number]:
         """The free numbers, as the windows have them at the start."""

@@ -315,7 +315,9 @@ def written_unit(loop: ClosedLoop, target: Path, duration: Any, accuracy: float 
     guid = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, ''.join(texts.values()) + unit.source('') + re.sub('guid', '', description(unit, '').decode()))}}}"
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
-        for file, text in (texts | {f"{name}_fmi.c": unit.source(guid)}).items():
+        # one source: an importer that compiles all that it finds must not meet the machine twice
+        whole = unit.source(guid).replace(f'#include "{name}.c"', texts.pop(f"{name}.c"))
+        for file, text in (texts | {f"{name}_fmi.c": whole}).items():
             (folder / file).write_text(text, encoding="utf-8")
         extra = dict(further) | ({"sources/buildDescription.xml": build_description(name)} if version == "3.0" else {})
         flags = ["-std=c99", "-ffp-contract=fast"]

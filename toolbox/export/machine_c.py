@@ -211,7 +211,7 @@ def why(status: int, work: Any, program: Program) -> str:
 # ---------------------------------------------------------------------------------------------------------------------------------------- refusals
 @dataclass(frozen=True)
 class _Watched(Explicit):
-    """The steps that go to C, in a run that begins anew with implicit ones where these pay."""
+    """The steps that go to C, in a run that changes to implicit ones where these pay."""
 
     watches_stiffness: ClassVar[bool] = True
 

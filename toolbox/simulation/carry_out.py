@@ -95,7 +95,6 @@ class Course:
         self.advance = compiled_loop(run, self.program)
         self.work = work_arrays(run, self.program)
         self.records = ThinRecords()
-        self.began = clock.perf_counter()
         self.laws = run.start.continued(run.laws)
         self.answers: list[list[np.ndarray]] = [[] for _ in self.laws]
         asked = [c for c, update in enumerate(run.system.updates) if update.external]
@@ -108,6 +107,7 @@ class Course:
         self.step = step_here()
         self.hurried = run.budget.seconds < np.inf or self.step is not None
         self.chunk = 100 if self.hurried else 200_000
+        self.began = clock.perf_counter()
 
     @property
     def seconds(self) -> float:

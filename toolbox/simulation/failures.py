@@ -23,6 +23,7 @@ from toolbox.simulation.work_arrays import first_rows, state_of
 
 def trajectory_so_far(run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
     """The result of a run as far as it came."""
+    wall_time = clock.perf_counter() - began  # what follows copies what the loop has written
     r, e = int(work.ints[work_layout.RECORDS]), int(work.ints[work_layout.EVENTS])
     kind = Smoothed if run.method.smooths else Trajectory if run.method.locates else Stepped
     records = Records(
@@ -38,7 +39,7 @@ def trajectory_so_far(run: Run, program: Program, work: Any, began: float, answe
         last=state_of(run, program, work),
         steps=(int(work.ints[work_layout.ACCEPTED]), int(work.ints[work_layout.REJECTED])),
         merged=int(work.ints[work_layout.MERGED]),
-        wall_time=clock.perf_counter() - began,
+        wall_time=wall_time,
     )
     return kind(run=run, program=program, records=records)
 

@@ -39,7 +39,7 @@ class Method:
 
     text: ClassVar[str]  # the short form
     locates: ClassVar[bool] = True  # steps end on switches
-    watches_stiffness: ClassVar[bool] = False  # a run that stability holds up begins anew with implicit steps
+    watches_stiffness: ClassVar[bool] = False  # a run that stability holds up changes to implicit steps
     in_lanes: ClassVar[bool] = False  # many runs may step side by side
     chooses: ClassVar[bool] = False  # the kind of steps follows from the run, which says why
     smooths: ClassVar[bool] = False  # friction is regularised

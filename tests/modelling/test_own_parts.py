@@ -64,6 +64,12 @@ class MemoryByName(Drive):
 
 
 @dataclass(frozen=True)
+class Deciding(Drive):
+    def sampled(self, signal, period):
+        return Update({}, {"top.torque": (self.gain if signal("top.speed", "rad/s") < 8.0 else 0.0, "N m")})
+
+
+@dataclass(frozen=True)
 class Forgetful(Drive):
     def design(self, plant):
         pass
@@ -91,6 +97,7 @@ def test_a_law_without_effect_is_refused(law, words, period):
     ("law", "words"),
     [
         (NoUpdate(), "`NoUpdate.sampled` must return Update, but it returned Equations"),
+        (Deciding(), "The equations of Deciding decide in Python"),
         (MemoryByName(), "The memory of MemoryByName must map states made with .* but a key is 'twist'"),
     ],
 )

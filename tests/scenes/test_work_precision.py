@@ -143,6 +143,8 @@ def test_methods_are_named_or_refused():
         work_precision(BELT, 1.0, methods=("magic",))
     with pytest.raises(SceneError, match="Argument `duration` must be a finite number > 0 s, but it is None"):
         work_precision(BELT)
+    with pytest.raises(SceneError, match="Argument `accuracies` must be >= 1e-13"):
+        work_precision(BELT, 1.0, accuracies=(0.0, 1e-3))
 
 
 def test_the_figure_of_the_command_says_its_title_once_and_within_the_figure(trade, tmp_path, monkeypatch):

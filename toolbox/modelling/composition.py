@@ -159,7 +159,8 @@ class _Composer:
         return self._connected()
 
     def _add(self, component: Component) -> None:
-        title = type(component).__name__
+        law = law_of(component)
+        title = type(law).__name__
         slots: list[Slot] = []
         symbolic = symbolic_copy(component, "", slots)
         needs: dict[tuple[str, str], tuple[Any, ca.SX]] = {}
@@ -168,7 +169,6 @@ class _Composer:
             return needs.setdefault((name, unit), (default, ca.SX.sym(name)))[1]
 
         equations = equations_of(symbolic, signal, title)
-        law = law_of(component)
         memory = equations.update.memory if equations.update is not None else equations.flow
         first = next(iter(memory), None)
         label = first.label if first is not None else next(iter(equations.gives), "")

@@ -168,7 +168,7 @@ def work_precision(
         if method not in METHODS:
             raise SceneError(f"Argument `methods` must be among {', '.join(map(repr, METHODS))}, but one is {method!r}.")
     whole("repeats", repeats, 1)
-    given = numbers("accuracies", accuracies)
+    given = numbers("accuracies", accuracies, at_least=1e-13, at_most=0.1)
     lengths = numbers("steps", steps) if steps is not None else [duration / count for count in COUNTS]
     shares = numbers("widths", widths)
     signals = names(signals)

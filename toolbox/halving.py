@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 ROUND_OFF = 4 * 2.0**-52
 """Relative width below which an interval is not made smaller."""
@@ -25,9 +25,33 @@ def halved(holds: Callable[[float], bool], low: float, high: float, relative: fl
     tuple
         (low, high) of the last interval.
     """
+    return divided(lambda values: [holds(value) for value in values], low, high, 2, relative, absolute)
+
+
+def divided(
+    hold: Callable[[list[float]], Iterable[bool]], low: float, high: float, parts: int, relative: float, absolute: float = 0.0
+) -> tuple[float, float]:
+    """Divide an interval as `halved` halves it, into parts between which it is asked at once: what is asked side by side may cost no more than one value.
+
+    Parameters
+    ----------
+    hold
+        Whether it holds at each of some values; where it holds at several, the border below the lowest of them is found.
+    low, high, relative, absolute
+        As of `halved`.
+    parts
+        Number of parts of each interval, 2 or more.
+
+    Returns
+    -------
+    tuple
+        (low, high) of the last interval.
+    """
     while high - low > relative * high + absolute:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if holds(middle) else (middle, high)
+        inner = [low + (high - low) * k / parts for k in range(1, parts)]
+        first = next((k for k, holds in enumerate(hold(inner)) if holds), parts - 1)
+        ends = [low, *inner, high]
+        low, high = ends[first], ends[first + 1]
     return low, high
 
 

@@ -56,6 +56,18 @@ def test_chances_are_those_of_the_function_in_the_units_that_were_typed(rig, tmp
     assert main(["chance", str(rig), *ASKED, "--seed", "1", "--out", str(out)]) == 2
 
 
+def test_a_controller_without_the_number_is_left_out_by_name(rig, capsys):
+    asked = ["--over", "top.reference=60 rpm:140 rpm:2", "--uncertain", "bit.weight=90 kN +- 9 %", "--draws", "4"]
+    assert main(["chance", str(rig), *asked]) == 0
+    printed = capsys.readouterr()
+    assert "warning: `constant torque` is left out: There is no number `top.reference`" in printed.err
+    assert "stiff PI" in printed.out and "constant torque" not in printed.out
+    assert main(["chance", str(rig), *asked, "--controller", "constant torque"]) == 2
+    assert "There is no number `top.reference`" in capsys.readouterr().err
+    assert main(["chance", str(rig), "--over", "top.refrence=1:2:2", *asked[2:]]) == 2  # known under no controller
+    assert "did you mean `top.reference`" in capsys.readouterr().err
+
+
 def test_a_recording_becomes_a_posterior_and_that_becomes_chances(rig, tmp_path, capsys):
     scene = Scene.load(rig)
     run = simulate(scene["constant torque"].at("bit.weight", 80e3), "30 s", output_times=np.linspace(0.0, 30.0, 601))

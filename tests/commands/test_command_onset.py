@@ -8,6 +8,8 @@ import pytest
 
 from models import oscillators
 from toolbox.commands.command_line import main
+from toolbox.errors import UnusualValue
+from toolbox.files.units import _WARNED as GIVEN  # only to begin anew
 from toolbox.onsets.results import Onset
 
 RIG = """
@@ -124,6 +126,14 @@ def test_an_unknown_name_is_looked_for_under_every_controller(rig, capsys):
     # the law that comes first in the scene has no reference
     assert main(["onset", rig, "--parameter", "top.refrence", "--from", "3", "--to", "14"]) == 2
     assert "did you mean `top.reference`" in capsys.readouterr().err
+
+
+def test_a_range_of_bare_numbers_that_was_meant_in_rpm_is_told(rig, capsys):
+    GIVEN.clear()
+    range_of_a_driller = ["--parameter", "top.reference", "--from", "30", "--to", "130", "--values", "3", "--controller", "stiff PI"]
+    with pytest.warns(UnusualValue, match=r"`top.reference` is 130 rad/s, which is 1.24e\+03 rpm; .*Did you mean `130 rpm` = 13.6 rad/s"):
+        assert main(["onset", rig, *range_of_a_driller]) == 0
+    assert "top.reference from 30 to 130 rad/s" in capsys.readouterr().out
 
 
 def test_where_no_controller_has_a_steady_state_the_exit_code_is_1(rig, capsys):

@@ -12,7 +12,7 @@ import pytest
 
 from controllers import PI, SoftTorque
 from models import BitRock, DragBit, TorsionalChain, wells
-from toolbox import Component, Equations, compose, quantity, simulate, state
+from toolbox import Component, Equations, closed_loop, compose, quantity, simulate, state
 from toolbox.errors import UnusualValue
 from toolbox.files.units import _WARNED as GIVEN  # only to begin anew
 from toolbox.files.units import MISTAKEN, parse
@@ -99,3 +99,24 @@ def test_a_command_says_it_in_one_line(tmp_path):
         done.stderr.startswith("stickslip: warning: Argument `PI.reference` is 95 rad/s, which is 907 rpm;")
         and done.stderr.count("\n") == 1
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "span", "words"),
+    [
+        ("top.reference", (30, 130), "`top.reference` is 130 rad/s.*`130 rpm` = 13.6 rad/s"),
+        ("bit.weight", (40.0, 140.0), "`bit.weight` is 140 N.*`140 kN`"),
+        ("pi.reference", (-100.0, 20.0), "`pi.reference` is -100 rad/s.*`-100 rpm`"),
+    ],
+)
+def test_a_range_of_bare_numbers_far_from_what_is_usual_is_told(name, span, words):
+    loop = closed_loop(compose(wells.JANSEN_2, BitRock()), PI(), element="bit")
+    with pytest.warns(UnusualValue, match=words):
+        assert loop.number(name).span(span) == span
+
+
+@pytest.mark.parametrize(
+    "span", [("30 rad/s", "130 rad/s"), ("30 rpm", "130 rpm"), (0.001, 30.0), (-2.0, 2.0), (parse("1 rad/s", "rad/s"), 130.0)]
+)
+def test_a_range_with_a_unit_or_within_what_is_usual_is_not(span):
+    closed_loop(compose(wells.JANSEN_2, BitRock()), PI(), element="bit").number("top.reference").span(span)  # warnings are errors here

@@ -1,10 +1,10 @@
-"""Zeros of functions inside an interval: as exact as asked, with jumps, roots of several orders and what makes no sense."""
+"""Borders and zeros inside an interval: as exact as asked, with jumps, roots of several orders and what makes no sense."""
 
 import math
 
 import pytest
 
-from toolbox.halving import zero
+from toolbox.halving import divided, halved, zero
 
 
 def counted(function):
@@ -60,3 +60,22 @@ def test_equal_signs_and_nan_are_refused():
         zero(lambda x: x + 1.0, 0.0, 1.0, 1e-9)
     with pytest.raises(ValueError, match="nan"):
         zero(lambda x: math.nan if 0.1 < x < 0.9 else x - 0.5, 0.0, 1.0, 1e-9)
+
+
+@pytest.mark.parametrize("parts", [2, 3, 32])
+def test_an_interval_that_is_divided_ends_at_the_border_and_asks_for_all_parts_at_once(parts):
+    asked = []
+
+    def hold(values):
+        asked.append(len(values))
+        return [value > 0.37 for value in values]
+
+    low, high = divided(hold, 0.0, 1.0, parts, 0.0, 1e-6)
+    assert low <= 0.37 < high and high - low <= 1e-6
+    assert len(asked) == math.ceil(6 / math.log10(parts)) and set(asked) == {parts - 1}
+
+
+def test_of_several_borders_the_lowest_that_is_seen_is_found():
+    low, high = divided(lambda values: [0.2 < value < 0.4 or value > 0.9 for value in values], 0.0, 1.0, 32, 0.0, 1e-9)
+    assert low <= 0.2 < high
+    assert halved(lambda value: value > 0.9, 0.0, 1.0, 1e-9)[1] == pytest.approx(0.9, rel=2e-9)

@@ -5,18 +5,20 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import numbers
 from toolbox.commands.recording import results, write_found
 from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, plain, ranges, show
-from toolbox.errors import SceneError, SimulationError
+from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.unit_systems import asked_in
 
 if TYPE_CHECKING:
+    from toolbox.modelling.closed_loop import ClosedLoop
     from toolbox.probability.distributions import Draws
+    from toolbox.scenes.scene import Scene
 
 FILES = ("chance.txt", "chance.csv", "chance.npz", "chance.png", "scene.toml")
 
@@ -92,11 +94,13 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.scenes.scene import Scene
 
     scene = Scene.load(given.scene)
-    loops = {label: scene[label] for label in (scene.case(each).label for each in given.controller or scene.labels)}
+    varied = ranges("--over", given.over, counted=True)
+    loops, failures = with_numbers(scene, [scene.case(each).label for each in given.controller or scene.labels], [*varied])
+    left_out(failures)
     first = next(iter(loops.values()))
     over: dict[str, Any] = {}
     asked: dict[str, str] = {}
-    for name, (low, high, count) in ranges("--over", given.over, counted=True).items():
+    for name, (low, high, count) in varied.items():
         ends = numbers(name, (low, high), first.number(name).unit)
         if not ends[0] < ends[1] and count > 1:
             raise SceneError(f"Argument `{name}` must be a range LOW:HIGH with LOW < HIGH, but it is {low}:{high}.")
@@ -126,6 +130,42 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\nTable, figure and data are in {given.out}")
     return 0
+
+
+def with_numbers(
+    scene: Scene, labels: Sequence[str], names: Sequence[str], verb: str | None = None
+) -> tuple[dict[str, ClosedLoop], dict[str, Exception]]:
+    """The loops of a scene that have numbers, and why the other labels do not; raises SceneError where none has them.
+
+    verb: for which the numbers must act; None where they need not.
+    """
+    loops: dict[str, ClosedLoop] = {}
+    failures: dict[str, Exception] = {}
+    known: set[str] = set()
+    for label in labels:
+        try:
+            loop = scene[label]
+            known |= loop.numbers().keys()
+            for name in names:
+                if verb is None:
+                    loop.number(name)
+                else:
+                    loop.acting(name, verb)
+            loops[label] = loop
+        except SceneError as error:
+            failures[label] = error
+    if not loops:
+        unknown = next((name for name in names if known and name not in known), None)
+        if unknown is not None:  # the law that has the nearest name need not be the first
+            raise SceneError(f"There is no number `{unknown}`: {suggest(unknown, known)}")
+        raise failures[labels[0]]
+    return loops, failures
+
+
+def left_out(failures: Mapping[str, Exception]) -> None:
+    """Say which controllers of a scene have no part in an answer, and why."""
+    for label, error in failures.items():
+        complaint(f"warning: `{label}` is left out: {error}", 0)
 
 
 def uncertain_of(given: argparse.Namespace) -> dict[str, Any] | Draws:

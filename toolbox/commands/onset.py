@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import number, whole
 from toolbox.commands import figures
-from toolbox.commands.chance import add_uncertain, uncertain_of
+from toolbox.commands.chance import add_uncertain, left_out, uncertain_of, with_numbers
 from toolbox.commands.recording import results, write_found
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, plain, progress, show
-from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import asked_in
 
 if TYPE_CHECKING:
@@ -57,8 +57,8 @@ def run(given: argparse.Namespace) -> int:
 
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
-    units, failures = _units(scene, labels, given.parameter)
-    unit = next(iter(units.values()))
+    loops, failures = with_numbers(scene, labels, [given.parameter], "onset")
+    unit = next(iter(loops.values())).number(given.parameter).unit
     low, high = number("--from", plain(given.low), unit), number("--to", plain(given.high), unit)
     at = None if given.at is None else number("--at", plain(given.at), unit)
     tolerance = None if given.tolerance is None else number("--tolerance", plain(given.tolerance), unit, above=0.0)
@@ -66,7 +66,8 @@ def run(given: argparse.Namespace) -> int:
         raise SceneError(f"Argument `--from` must be below `--to`, but they are `{given.low}` and `{given.high}`.")
     whole("--values", given.values, 3)
     if given.uncertain or given.posterior:
-        return _uncertain(given, scene, {label: scene[label] for label in units}, (low, high), tolerance)
+        left_out(failures)
+        return _uncertain(given, scene, loops, (low, high), tolerance)
     onsets = {}
     stems = file_stems(labels)
     names = [*drawn_as(ONSET_FILES, given.format), *(f"{stem}_{table}" for stem in stems for table in TABLES)]
@@ -75,10 +76,10 @@ def run(given: argparse.Namespace) -> int:
         with progress(len(labels)) as reached:
             for i, label in enumerate(labels):
                 reached(i, label)
-                if label not in units:
+                if label not in loops:
                     continue
                 try:
-                    loop = scene[label] if at is None else scene[label].at(given.parameter, at)
+                    loop = loops[label] if at is None else loops[label].at(given.parameter, at)
                     onsets[label] = onset(loop, given.parameter, (low, high), values=given.values, tolerance=tolerance)
                 except (SceneError, SimulationError) as error:
                     failures[label] = error
@@ -116,25 +117,6 @@ def _uncertain(
     if given.out:
         print(f"\nReport, figure and tables are in {given.out}")
     return 0
-
-
-def _units(scene: Scene, labels: Sequence[str], parameter: str) -> tuple[dict[str, str], dict[str, Exception]]:
-    """Unit of the parameter by label, and why the other labels do not have it; raises SceneError where none has it."""
-    units: dict[str, str] = {}
-    failures: dict[str, Exception] = {}
-    known: set[str] = set()
-    for label in labels:
-        try:
-            loop = scene[label]
-            known |= loop.numbers().keys()
-            units[label] = loop.acting(parameter, "onset").unit
-        except SceneError as error:
-            failures[label] = error
-    if not units:
-        if known and parameter not in known:  # the law that has the nearest name need not be the first
-            raise SceneError(f"There is no number `{parameter}`: {suggest(parameter, known)}")
-        raise failures[labels[0]]
-    return units, failures
 
 
 def _save(scene: Scene, onsets: Mapping[str, Onset], stems: Mapping[str, str], folder: Path, picture: str) -> None:

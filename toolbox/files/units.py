@@ -153,9 +153,10 @@ def in_si(value: Any, unit: str, name: str, instead: str | None = None) -> Any:
     return value
 
 
-def warn_unusual(given: Any, value: Any, unit: str, usual: tuple[float, float], part: str, field: str) -> None:
-    """Warn once of every number among those of a field, typed as `given`, whose size is neither 0 nor within what is usual; symbols are left alone."""
+def warn_unusual(given: Any, value: Any, unit: str, usual: tuple[float, float], name: str) -> None:
+    """Warn once of every number among those of that name, typed as `given`, whose size is neither 0 nor within what is usual; symbols are left alone."""
     low, high = usual
+    field = name.rpartition(".")[2]
     for typed, number in zip(given, value, strict=True) if isinstance(value, tuple) else ((given, value),):
         if (
             not isinstance(number, (int, float))
@@ -168,7 +169,7 @@ def warn_unusual(given: Any, value: Any, unit: str, usual: tuple[float, float], 
         if (field, float(number)) in _WARNED:
             continue
         _WARNED.add((field, float(number)))
-        warnings.warn(_unusual(typed, number, unit, usual, f"{part}.{field}"), UnusualValue, stacklevel=_outside())
+        warnings.warn(_unusual(typed, number, unit, usual, name), UnusualValue, stacklevel=_outside())
 
 
 _WARNED: set[tuple[str, float]] = set()

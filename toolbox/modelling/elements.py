@@ -160,7 +160,7 @@ def fields_in_si(part: Any, instead: Mapping[str, str] | None = None) -> None:
         if unit is not None:
             value = in_si(value, unit, f"{type(part).__name__}.{field.name}", (instead or {}).get(unit))
             if field.metadata.get("usual") is not None and not _below(value, field.metadata):
-                warn_unusual(given, value, unit, field.metadata["usual"], type(part).__name__, field.name)
+                warn_unusual(given, value, unit, field.metadata["usual"], f"{type(part).__name__}.{field.name}")
         if value is not given:
             object.__setattr__(part, field.name, value)
 

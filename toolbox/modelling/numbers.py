@@ -26,7 +26,7 @@ import numpy as np
 
 from toolbox.arguments import checked_range, refuse
 from toolbox.errors import SceneError
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText, TypedNumber, in_si, warn_unusual
 from toolbox.modelling import inputs as shapes
 from toolbox.modelling.components import fields_of, is_nested, numbers_of, rebuilt
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -91,6 +91,15 @@ class Number:
     def between(self, given: Any, word: str = "between") -> tuple[float, float]:
         """A range of it, numbers in SI or text with units. Raises SceneError unless it is (low, high) in that order."""
         return checked_range(given, word, self.unit)
+
+    def span(self, given: Any, word: str = "between") -> tuple[float, float]:
+        """A range over which it is varied, as `between` gives it; warns (`UnusualValue`) where its far end, typed without a unit, is not usual, as where it was
+        meant in another unit."""
+        low, high = self.between(given, word)
+        far = high if abs(high) >= abs(low) else low
+        if self.usual is not None and not any(isinstance(end, (str, TypedNumber)) for end in given):
+            warn_unusual(far, float(far), self.unit, self.usual, self.name)
+        return low, high
 
     def check(self, value: Any) -> None:
         """Raise SceneError unless a value is finite and within the bounds."""
@@ -162,7 +171,7 @@ def number_of(loop: Loop, name: str) -> Number | None:
         return None
     if name in system.inputs:
         entry = system.parameters.get(name)
-        usual = _usual(system, name) if entry is not None else None
+        usual = _usual(system, name) if entry is not None else _usual_default(system, system.inputs[name].default)
         return Number(name, system.inputs[name].unit, "input", _input_value(loop, name), entry.meaning if entry is not None else "",
                       entry.bounds if entry is not None else {}, usual)  # fmt: skip
     design = designed_law(loop, name)
@@ -243,6 +252,14 @@ def _input_value(loop: Loop, name: str) -> float:
 def _usual(system: HybridSystem, name: str) -> tuple[float, float] | None:
     entry = system.parameters.get(name) or system.parameters.get(name.rpartition(".")[0])
     return entry.bounds.get("usual") if entry is not None else None  # type: ignore[return-value]
+
+
+def _usual_default(system: HybridSystem, default: ca.SX) -> tuple[float, float] | None:
+    """What is usual for the parameter that an input is where nobody gives it."""
+    if not ca.SX(default).is_symbolic():
+        return None
+    same = (name for name, entry in system.parameters.items() if ca.is_equal(default, system.p[entry.offset], 0))
+    return next((_usual(system, name) for name in same), None)
 
 
 def _bounds(spec: Mapping[str, Any]) -> dict[str, float | None]:

@@ -52,7 +52,7 @@ class Plane:
         if not isinstance(over, Mapping) or len(over) != 2:
             raise SceneError(f"Argument `over` must map two names to (low, high), but it is {over!r}.")
         first, second = (loop.acting(name, "severity_map") for name in over)
-        ranges = tuple(each.between(ends, each.name) for each, ends in zip((first, second), over.values(), strict=True))
+        ranges = tuple(each.span(ends, each.name) for each, ends in zip((first, second), over.values(), strict=True))
         for each, ends in zip((first, second), ranges, strict=True):
             for end in ends:
                 each.check(end)

@@ -111,7 +111,7 @@ def onset(
         parameter, "onset"
     )  # what it refuses of the loop as it runs, such as a sample time, the continuous form does not have
     free = free if continuous is None else continuous.acting(parameter, "onset")
-    low, high = free.between(between)
+    low, high = free.span(between)
     asked_unit = asked_in(tuple(free.in_si("between", tuple(between))), free.unit)
     duration, tolerance = in_si(duration, "s", "duration"), in_si(tolerance, free.unit, "tolerance")
     at = free.value

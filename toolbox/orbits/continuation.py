@@ -88,7 +88,7 @@ def follow(
         raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")
     free = cycle.run.run.loop.acting(parameter, "follow", ("shape",))
     asked = {free.unit: asked_in(free.in_si("span", span), free.unit)}
-    span = free.between(span, "span")
+    span = free.span(span, "span")
     step = number("step", step, above=0)
     walk = ArcWalk(dataclasses.replace(cycle, run=placed(cycle.run, [free])), free, span)
     if abs(min(max(walk.here.value, span[0]), span[1]) - walk.here.value) > 1e-14 * abs(walk.here.value):

@@ -15,13 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import FloatArray, number, short, whole
+from toolbox.arguments import BoolArray, FloatArray, number, short, whole
 from toolbox.errors import SceneError
 from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
+from toolbox.halving import divided
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, closed_loop, takes_loop
 from toolbox.onsets.map_loop import NONE, SMOOTH
@@ -219,12 +220,10 @@ def _smallest(search: Search, point: FloatArray, box: FloatArray, starts: FloatA
 
     # as many runs at once between both as stand side by side in lanes, or one after the other
     parts = SIDE_BY_SIDE if search.manner is not None and search.manner.lanes else 2
-    low, high = 0.0, 1.0
-    while high - low > HALVED * high:
-        inner = np.linspace(low, high, parts + 1)[1:-1]
-        came, _, _ = search.block(point + inner[:, None] * (nearest - point))
-        first = next(iter(np.flatnonzero((came != SMOOTH) & (came != NONE))), inner.size)
-        ends = [low, *inner, high]
-        low, high = float(ends[first]), float(ends[first + 1])
-    border: FloatArray = point + high * (nearest - point)
+
+    def tipped(shares: list[float]) -> BoolArray:
+        came, _, _ = search.block(point + np.array(shares)[:, None] * (nearest - point))
+        return (came != SMOOTH) & (came != NONE)
+
+    border: FloatArray = point + divided(tipped, 0.0, 1.0, parts, HALVED)[1] * (nearest - point)
     return border

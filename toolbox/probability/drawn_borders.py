@@ -241,7 +241,7 @@ def uncertain_onset(
     loops = labelled(loop)
     first = next(iter(loops.values()))
     varied = first.number(parameter)
-    low, high = varied.between(between, "between")
+    low, high = varied.span(between)
     whole("draws", draws, 1)
     whole("values", values, 3)
     width = BEGINS * (high - low) if tolerance is None else number("tolerance", tolerance, varied.unit, above=0)

@@ -134,7 +134,7 @@ def hopf_points(
     loop = loop.unsampled()
     free = loop.acting(parameter, "hopf_points")
     found = hopf_points_of(
-        loop.system, free, free.between(between), loop.constant_inputs("steady running"), mode, guess, whole("values", values, 2)
+        loop.system, free, free.span(between), loop.constant_inputs("steady running"), mode, guess, whole("values", values, 2)
     )
     asked = {free.unit: asked_in(free.in_si("between", between), free.unit)}
     return [replace(point, asked=asked) for point in found]
@@ -213,7 +213,7 @@ def hopf_curve(
     loop = loop.unsampled()
     closed, inputs = loop.system, loop.constant_inputs("steady running")
     other, free = loop.acting(over, "hopf_curve"), loop.acting(parameter, "hopf_curve")
-    within = free.between(between)
+    within = free.span(between)
     curve = []
     for value in numbers("values", other.in_si("values", values)):
         system, given = other.varied(closed, inputs, value)

@@ -409,6 +409,16 @@ def test_a_stop_tells_its_way_and_what_its_contact_sounds_like_until_it_stands()
     assert more["poles"] == [] and "standstill" in more["poles_words"]
 
 
+def test_the_peak_of_a_motor_before_its_gear_stands_beside_its_limit():
+    scene = Scene.load(SCENES / "top_drive.toml")
+    with explore(scene, port=0) as served:
+        told = dict(run(served, "soft torque")["measures"])
+    seen = measure.extent(scene.run("soft torque"), "drive.torque")
+    peak, (low, high) = max(-seen.minimum, seen.maximum), scene.run("soft torque").limits["drive.torque"]
+    assert told["peak of drive.torque"] == f"{1e-3 * peak:.4g} kN m, {100 * peak / high:.3g} % of its limit" and low == -high
+    assert "limit" not in told["peak of top.torque"]
+
+
 def test_natural_frequencies_and_damping_ratios_are_those_of_the_poles(page, scene):
     told = ask(page, "further", setting={"label": "stiff PI", "changes": {}, "disturbance": ""})
     swinging = [complex(*pole) for pole in told["poles"] if pole[1] > 1e-9]

@@ -253,6 +253,7 @@ def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Traject
             rows.append([name, f"{100 * value:.3g} % of the mean"])
         elif not (name == "overshoot" and found.get("settling") == math.inf):
             rows.append([name, f"{100 * value:.3g} %"])
+    rows += _held_within(loop, run, asked)
     return rows + [row for row in (_way(loop, found, run) if loop.standstill is not None else _swing(loop, run, asked),) if row]
 
 
@@ -260,6 +261,19 @@ def _of_limit(run: Trajectory, effort: str, peak: float) -> str:
     """The largest effort in parts of the limit of the drive or the law, as words behind a number; empty where there is none."""
     ends = [abs(end) for end in run.limits.get(effort, ()) if end]
     return f", {100.0 * abs(peak) / max(ends):.3g} % of its limit" if ends else ""
+
+
+def _held_within(loop: ClosedLoop, run: Trajectory, asked: Mapping[str, str]) -> list[list[str]]:
+    """The peaks of signals other than the effort that have a limit, such as the torque of a motor before its gear."""
+    rows = []
+    for name, ends in run.limits.items():
+        if name == loop.effort or name not in run or not any(ends) or np.ndim(run[name]) != 1:
+            continue
+        seen = extent(run, name)
+        peak = max(abs(seen.minimum), abs(seen.maximum))
+        factor, unit = reading_of(run.unit(name), peak, asked)
+        rows.append([f"peak of {name}", f"{peak * factor:.4g} {unit}{_of_limit(run, name, peak)}"])
+    return rows
 
 
 def _way(loop: ClosedLoop, found: Mapping[str, float], run: Trajectory) -> list[str]:

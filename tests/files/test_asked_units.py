@@ -174,12 +174,12 @@ def test_a_sweep_and_its_files_answer_in_the_units_of_its_values_and_of_the_run(
         5.0,
         measures={"peak": measures.maximum("top.torque")},
     )
-    assert re.search(r"50 +\.\. 60 +kN$", line(str(found), "bit.weight")) and " kN m " in line(str(found), "peak")
+    assert re.search(r"50 +60 +kN$", line(str(found), "bit.weight")) and " kN m " in line(str(found), "peak")
     assert found["bit.weight"].tolist() == [50e3, 60e3] and found["peak"].tolist() == [1e4, 1e4]
     for path in (tmp_path / "sweep.npz", tmp_path / "sweep.zarr"):
         assert str(Sweep.load(found.save(path))).split("\n")[1:] == str(found).split("\n")[1:]  # files hold no seconds
     plain = sweep(compose(wells.JANSEN_2, BitRock(weight="97 kN")), {"bit.weight": [50e3, 60e3]}, 5.0)
-    assert re.search(r"50000 +\.\. 60000 +N$", line(str(plain), "bit.weight"))  # plain numbers are asked in SI
+    assert re.search(r"50000 +60000 +N$", line(str(plain), "bit.weight"))  # plain numbers are asked in SI
 
 
 @pytest.mark.slow

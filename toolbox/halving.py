@@ -58,9 +58,9 @@ def divided(
 def zero(function: Callable[[float], float], low: float, high: float, absolute: float, relative: float = ROUND_OFF) -> float:
     """Find where a function is zero, between two values at which its signs differ.
 
-    Each step takes the inverse parabola through the last three points where that is sure to help, else the middle (T. R. Chandrupatla, Advances in Engineering
-    Software 28, 1997, 145-149, doi:10.1016/S0965-9978(96)00051-8). `scipy.optimize.brentq` finds the same in about as many steps, but its import takes longer
-    than most searches that need no more of scipy.
+    Each step takes the inverse parabola through the last three points where that is sure to help, else the middle, after T. R. Chandrupatla, Advances in
+    Engineering Software 28, 1997, 145-149. `scipy.optimize.brentq` finds the same in about as many steps, but its import
+    takes longer than most searches that need no more of scipy.
 
     Parameters
     ----------

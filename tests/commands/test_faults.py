@@ -199,6 +199,10 @@ def swept(folder):
 def tuned(folder):
     texts = content(folder / "out")
     texts["tune.txt"] = b"\n".join(line for line in texts["tune.txt"].splitlines() if b"simulated" not in line and b"journal" not in line)
+    with np.load(folder / "out" / "tune.npz") as data:
+        kept = json.loads(str(data["result"]))
+    del kept["fields"]["simulated"]  # how many runs were this call's, and not the journal's
+    texts["tune.npz"] = kept
     return texts
 
 

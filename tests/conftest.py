@@ -20,6 +20,7 @@ settings.load_profile("quiet")
 def pytest_addoption(parser):
     words = "campaigns of faults, kills and interrupts in full, which take hours; without it a sample of each"
     parser.addoption("--exhaustive", action="store_true", help=words)
+    parser.addoption("--users-code", action="store_true", help="quick tests of models in the code that users have, which takes longer to make")
 
 
 def pytest_configure(config):
@@ -30,7 +31,8 @@ def pytest_configure(config):
         config.stickslip_metadata = _registered()
     if not config.pluginmanager.has_plugin("stickslip_pytest"):  # an installation registers it
         config.pluginmanager.import_plugin("stickslip_pytest")
-    if config.option.markexpr == "not slow" and not config.getoption("numprocesses", None):  # here tests run, and not in other processes
+    here = not config.getoption("numprocesses", None)  # tests run in this process, not in others that it starts
+    if here and config.option.markexpr == "not slow" and not config.option.users_code:
         _compile_quickly()
 
 
@@ -38,7 +40,7 @@ def _compile_quickly():
     """The code of every model is generated in the hurry in which users have that of large ones: the same arithmetic, to the last bit, which runs half as fast.
 
     Nearly half of the time of most rooms was compiling models, and two thirds of that the search for registers and for the order of instructions. The slow
-    tests, and those that are run without `-m "not slow"`, have the code of users; this code is kept apart.
+    tests, those with `--users-code` and those that are run without `-m "not slow"` have the code of users; this code is kept apart.
     """
     import llvmlite.binding as llvm
 

@@ -41,7 +41,7 @@ def compiled_loop(run: Run, program: Program) -> Any:
     if program.formulas.locates:
         from toolbox.stepping.event_stepper import advance_plain, advance_series, run_on  # here, because LLVM is slow to import
 
-        name, loop = "event loop", advance_series if program.formulas.series else advance_plain
+        name, loop = ("event loop of Taylor series", advance_series) if program.formulas.series else ("event loop", advance_plain)
     else:
         from toolbox.stepping.time_stepper import advance
 

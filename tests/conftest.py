@@ -20,7 +20,9 @@ settings.load_profile("quiet")
 def pytest_addoption(parser):
     words = "campaigns of faults, kills and interrupts in full, which take hours; without it a sample of each"
     parser.addoption("--exhaustive", action="store_true", help=words)
-    parser.addoption("--users-code", action="store_true", help="quick tests of models in the code that users have, which takes longer to make")
+    parser.addoption(
+        "--users-code", action="store_true", help="quick tests of models in the code that users have, which takes longer to make"
+    )
 
 
 def pytest_configure(config):

@@ -71,7 +71,10 @@ def test_deviation_and_corner_of_a_noise_are_swept_like_any_number_and_its_seed_
 
 
 @pytest.mark.parametrize(
-    ("given", "named"), [((1.0, 1.0, 0.0), "corner"), ((1.0, np.nan, 1.0), "of a noise"), ((1.0, 1.0, 1.0, 0.5), "seed"), ((1.0, 1.0, 1.0, -1), "seed")]
+    ("given", "named"),
+    [
+        ((1.0, 1.0, 0.0), "corner"),
+        ((1.0, np.nan, 1.0), "of a noise"), ((1.0, -0.5, 1.0), "deviation"), ((1.0, 1.0, 1.0, 0.5), "seed"), ((1.0, 1.0, 1.0, -1), "seed")],
 )  # fmt: skip
 def test_a_noise_refuses_what_it_cannot_be(given, named):
     with pytest.raises(SceneError, match=named):

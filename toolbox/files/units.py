@@ -48,6 +48,12 @@ HABITS = {
     "tonne": "t_force",
     "tonnes": "t_force",
     "ft-lb": "lbf ft",
+    "ft-lbs": "lbf ft",
+    "ftlb": "lbf ft",
+    "ftlbs": "lbf ft",
+    "kft-lb": "klbf ft",
+    "kft-lbs": "klbf ft",
+    "lbf/ft": "lb/ft",
     "ppf": "lb/ft",
     "ppg": "lb/gal",
 }

@@ -190,7 +190,7 @@ def noise(mean: float, deviation: float, corner: float, seed: float = 0) -> Shap
     Parameters
     ----------
     mean, deviation
-        Mean and standard deviation, in the unit of the input. No value is further from the mean than 7 deviations.
+        Mean and standard deviation (at least 0), in the unit of the input. No value is further from the mean than 7 deviations.
     corner
         Frequency [Hz], > 0, from which on the spectrum falls; 57 % of the power lies below it, and none above five times of it.
     seed
@@ -200,7 +200,9 @@ def noise(mean: float, deviation: float, corner: float, seed: float = 0) -> Shap
     whole("seed", int(seed) if seed == round(seed) else seed, 0, 10**6)
     drawn = np.random.default_rng(int(seed)).random((2, WAVES))
     frequencies = np.tan(math.atan(HIGHEST) * (np.arange(WAVES) + 0.25 + 0.5 * drawn[0]) / WAVES)
-    return Shape("noise", (*_checked("noise", mean, deviation, corner, seed), *frequencies.tolist(), *drawn[1].tolist()))
+    given = _checked("noise", mean, deviation, corner, seed)
+    number("deviation", deviation, at_least=0)
+    return Shape("noise", (*given, *frequencies.tolist(), *drawn[1].tolist()))
 
 
 @_typed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 
 import control
 import numpy as np
@@ -12,7 +13,9 @@ import pytest
 from controllers import PI, IdealSlidingMode, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, TopDrive, TwoDisks, closed_forms, oscillators, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, linearise, measure, simulate
+from toolbox.errors import NoSteadyState
 from toolbox.inputs import sine
+from toolbox.scenes.scene import Scene
 from toolbox.steady_states.equilibria import equilibria, flow_slopes
 from toolbox.steady_states.hopf import hopf_curve, hopf_points
 from toolbox.steady_states.poles import pole_locus
@@ -282,3 +285,10 @@ def test_a_sampled_law_is_not_taken_for_its_continuous_form_without_a_word(verb)
         verb(closed_loop(compose(*RIG), Sampled(StiffPI(), 0.05, delay=0.3)), "top.reference", given)
     with pytest.raises(SceneError, match="sample time and delay would be left out"):
         linearise(closed_loop(compose(*RIG), [Sampled(StiffPI(), 0.05)]))
+
+
+def test_a_collar_that_whirls_for_ever_has_no_steady_running():
+    # relaxed for long enough its angle is so large that round-off would hide its rate, and a state that never rests would be taken for one
+    loop = Scene.load(Path(__file__).parents[2] / "studies" / "scenes" / "whirl.toml")["stiff PI"]
+    with pytest.raises(NoSteadyState, match="`collar.angle` still changes"):
+        hopf_points(loop, "top.reference", ("60 rpm", "160 rpm"))

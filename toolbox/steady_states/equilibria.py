@@ -29,6 +29,9 @@ from toolbox.steady_states.zeros import contradictory
 MANY_MODES = 81
 """Combinations of modes above which `equilibria` tries only those in which all contacts do the same."""
 
+ENDLESS = 1e12
+"""Size of a state, in SI units, that no machine reaches at rest."""
+
 
 @takes_loop
 def equilibria(loop: ClosedLoop) -> list[Equilibrium]:
@@ -189,7 +192,10 @@ class EquilibriumBranch:
             except np.linalg.LinAlgError:
                 x = x + np.linalg.lstsq(np.eye(x.size) / step - a, flow, rcond=None)[0]
             step *= 1.08
-        return np.nan_to_num(x)
+        settled = (
+            np.abs(x).max(initial=0.0) < ENDLESS
+        )  # not where a motion goes on for ever, as an angle does: there round-off would hide any flow
+        return x if settled else plant.begin
 
     def edge(self, there: float, gone: float) -> float:
         """The last value on the way from one with a steady state to one without at which a steady state is found, to a part in 1e7 of the way."""

@@ -81,7 +81,7 @@ def test_a_map_and_an_onset_show_verdicts_and_borders():
     over = {"top.torque": (8e3, 20e3), "bit.weight": (60e3, 90e3)}
     found = severity_map(RIG, over, shape=(3, 3))
     rows = cells(found._repr_html_())
-    shares = {row[0]: float(row[1]) for row in rows[1:] if row[0] in found.regions}
+    shares = {row[0]: float(row[1].removesuffix(" %")) for row in rows[1:] if row[0] in found.regions}
     assert sum(shares.values()) == pytest.approx(100.0, abs=0.2)
     assert all(shares[name] == pytest.approx(100 * where.mean(), abs=0.05) for name, where in found.regions.items() if name in shares)
     assert ["border", "top.torque", "bit.weight"] in rows

@@ -113,7 +113,8 @@ def test_a_setting_that_fails_is_a_line_of_the_table():
 def test_the_command_writes_table_and_figure_of_a_scene(root, tmp_path, capsys):
     scene = root / "studies/scenes/block_on_belt.toml"
     assert main(["tradeoff", str(scene), "--duration", "5", "--out", str(tmp_path / "out")]) == 0
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["origin.json", "tradeoff.csv", "tradeoff.png"]
+    made = ["origin.json", "scene.toml", "tradeoff.csv", "tradeoff.npz", "tradeoff.png", "tradeoff.txt"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == made
     printed = capsys.readouterr().out
     assert "time-stepping" in printed
     assert Scene.load(scene).title in printed

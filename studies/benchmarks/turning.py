@@ -60,9 +60,9 @@ def painted(tab: Any, label: str, presses: int) -> tuple[list[float], list[float
     tab.keyboard.press("ArrowRight")  # the first may compile
     settle(tab)
     tab.evaluate("() => { waited = []; followed = []; }")
-    for _ in range(presses):
+    for k in range(presses):  # up and down again, so that no law finds the slider at its end
         time.sleep(PAUSE)
-        tab.keyboard.press("ArrowRight")
+        tab.keyboard.press("ArrowRight" if 2 * k < presses else "ArrowLeft")
         settle(tab)
     return tab.evaluate("waited"), tab.evaluate("followed")
 

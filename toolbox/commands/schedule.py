@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -88,7 +88,7 @@ def law_and_well(given: argparse.Namespace) -> tuple[Any, Any, Callable[[float],
     """(scene at the first depth, law, function depth -> machine without laws) of the arguments. Raises SceneError where the scene knows one depth only."""
     from toolbox.scenes.scene import Scene
 
-    given.depths = _plain_depths(given.depths)
+    given.depths = [plain(text) for text in given.depths]
     scene = Scene.load(given.scene, depth=given.depths[0])
     label = scene.case(given.controller or next((each for each in scene.labels if scene[each].laws), scene.labels[0])).label
     law = law_of(scene, label)
@@ -103,7 +103,3 @@ def law_and_well(given: argparse.Namespace) -> tuple[Any, Any, Callable[[float],
         return Scene.load(given.scene, depth=depth)[label].bare
 
     return scene, law, well
-
-
-def _plain_depths(texts: Sequence[Any]) -> list[Any]:
-    return [plain(text) for text in texts]

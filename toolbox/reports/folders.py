@@ -139,6 +139,11 @@ def _loaded(report: str, *kinds: tuple[Any, str]) -> Callable[[Path, Scene | Non
     return answer
 
 
+def _one(title: str, name: str, kind: Any) -> Kind:
+    """A folder with one result: its file, what was printed and the figure bear one name."""
+    return Kind(f"{name}.txt", title, name, _loaded(f"{name}.txt", (kind, f"{name}.npz")))
+
+
 def _simulation(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
     """The runs of a machine of equations, each with its measures; what was printed of a body with many contacts."""
     if scene is None:
@@ -168,19 +173,14 @@ DRIVES = ("law", "group", "way", "lowest", "disk margin", "recovery", "disturban
 ALL: Sequence[Kind] = (
     Kind("study.txt", "Study", "comparison", _study),
     Kind("onset.txt", "Onset of stick-slip", "onset", _onset),
-    Kind(
-        "drawn_onset.txt",
-        "Onset of stick-slip of machines that are drawn",
-        "drawn_onset",
-        _loaded("drawn_onset.txt", (UncertainOnset, "drawn_onset.npz")),
-    ),
-    Kind("map.txt", "Severity map", "map", _loaded("map.txt", (SeverityMap, "map.npz"))),
-    Kind("chance.txt", "Chance of stick-slip", "chance", _loaded("chance.txt", (Chance, "chance.npz"))),
-    Kind("basin.txt", "Basin of a working point", "basin", _loaded("basin.txt", (Basin, "basin.npz"))),
-    Kind("schedule.txt", "Gains over depth", "schedule", _loaded("schedule.txt", (Schedule, "schedule.npz"))),
-    Kind("windows.txt", "Windows over depth", "windows", _loaded("windows.txt", (Windows, "windows.npz"))),
-    Kind("posterior.txt", "Posterior", "posterior", _loaded("posterior.txt", (Posterior, "posterior.npz"))),
-    Kind("estimate.txt", "Estimates beside the rig", "estimate", _loaded("estimate.txt", (Estimates, "estimate.npz"))),
+    _one("Onset of stick-slip of machines that are drawn", "drawn_onset", UncertainOnset),
+    _one("Severity map", "map", SeverityMap),
+    _one("Chance of stick-slip", "chance", Chance),
+    _one("Basin of a working point", "basin", Basin),
+    _one("Gains over depth", "schedule", Schedule),
+    _one("Windows over depth", "windows", Windows),
+    _one("Posterior", "posterior", Posterior),
+    _one("Estimates beside the rig", "estimate", Estimates),
     Kind(
         "margins.txt",
         "Margins",
@@ -188,11 +188,11 @@ ALL: Sequence[Kind] = (
         _loaded("margins.txt", (Margins, "[0-9][0-9]_*_margins.npz"), (SmallestError, "[0-9][0-9]_*_error.npz")),
     ),
     Kind("drives.txt", "Lowest set-points", "drives", _drives),
-    Kind("tune.txt", "Tuning", "tune", _loaded("tune.txt", (Tuned, "tune.npz"))),
-    Kind("fit.txt", "Calibration", "fit", _loaded("fit.txt", (Fit, "fit.npz"))),
+    _one("Tuning", "tune", Tuned),
+    _one("Calibration", "fit", Fit),
     Kind("simulate.txt", "Simulation", "01", _simulation),
     Kind("compare.txt", "Comparison", "compare"),
-    Kind("tradeoff.txt", "Error against time", "tradeoff", _loaded("tradeoff.txt", (WorkPrecision, "tradeoff.npz"))),
+    _one("Error against time", "tradeoff", WorkPrecision),
     Kind("sweep.txt", "Sweep", "sweep", _loaded("sweep.txt", (Sweep, "sweep.npz"), (Sweep, "sweep.zarr"))),
     Kind("tradeoff.csv", "Error against time", "tradeoff"),
     Kind("sweep.csv", "Sweep", "sweep"),

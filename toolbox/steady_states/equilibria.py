@@ -192,10 +192,8 @@ class EquilibriumBranch:
             except np.linalg.LinAlgError:
                 x = x + np.linalg.lstsq(np.eye(x.size) / step - a, flow, rcond=None)[0]
             step *= 1.08
-        settled = (
-            np.abs(x).max(initial=0.0) < ENDLESS
-        )  # not where a motion goes on for ever, as an angle does: there round-off would hide any flow
-        return x if settled else plant.begin
+        # a motion that goes on for ever, as an angle does, leads so far that round-off would hide any flow
+        return x if np.abs(x).max(initial=0.0) < ENDLESS else plant.begin
 
     def edge(self, there: float, gone: float) -> float:
         """The last value on the way from one with a steady state to one without at which a steady state is found, to a part in 1e7 of the way."""

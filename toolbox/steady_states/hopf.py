@@ -286,7 +286,10 @@ def _solved(followed: EquilibriumBranch, guess: float, stable: str) -> HopfPoint
 
 
 def _stepped(equations: Any, slopes: Any, y: np.ndarray) -> np.ndarray:
-    """Where Newton's steps lead from a guess of as many digits as `_crossing` gives, as long as they come nearer to a zero that stands alone."""
+    """Where Newton's steps lead from a guess of as many digits as `_crossing` gives, as long as they come nearer to a zero that stands alone.
+
+    `newton` serves equations that repeat or depend on each other, by least squares: of the 101 of 16 inertias these take ten times as long.
+    """
     residual = equations(y)
     for _ in range(8):
         try:

@@ -11,10 +11,14 @@ from toolbox.arguments import number
 from toolbox.commands import figures
 from toolbox.commands.chance import add_uncertain, uncertain_of
 from toolbox.commands.recording import results
+from toolbox.commands.schedule import law_of
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain, show
 from toolbox.errors import SceneError, SimulationError
 
 FILES = ("drives.txt", "drives.csv", "drives.png", "scene.toml")
+
+TAKES_PART = "be one law of `top.torque` to take part"
+"""What a controller must."""
 
 GOES_ON = "interrupted; the same call goes on from here."
 
@@ -79,13 +83,7 @@ def run(given: argparse.Namespace) -> int:
         raise SceneError(f"The scene must have a controller beside `{first}`, whose stick-slip is taken over, but it has no other.")
     period, delay = number("--sample-time", plain(given.sample_time), "s", above=0), number("--delay", plain(given.delay), "s", at_least=0)
 
-    def law_of(label: str) -> Any:
-        laws = scene[label].laws
-        if len(laws) != 1:
-            raise SceneError(f"Controller `{label}` must be one law of `top.torque` to take part, but it has {len(laws)}.")
-        return laws[0]
-
-    drive = law_of(first)
+    drive = law_of(scene, first, TAKES_PART)
     before: Any = drive.law if isinstance(drive, Sampled) else drive
     groups = _groups(given, scene[first])
     found: LowestSetPoints | None = None
@@ -94,7 +92,7 @@ def run(given: argparse.Namespace) -> int:
         folder_of(given.out)
     for label in labels:
         try:
-            law = law_of(label)
+            law = law_of(scene, label, TAKES_PART)
             loop = scene[label].with_laws([law if isinstance(law, Sampled) else Sampled(law, period, delay)])
             loop = replace(loop, label=label)
             one = lowest_set_point(

@@ -76,11 +76,11 @@ def run(given: argparse.Namespace) -> int:
     return 0
 
 
-def law_of(scene: Any, label: str) -> Any:
-    """The one law of a controller of a scene."""
+def law_of(scene: Any, label: str, must: str = "be one law to be looked at over depth") -> Any:
+    """The one law of a controller of a scene. Raises SceneError, which says what it must be, for any other number of laws."""
     laws = scene[label].laws
     if len(laws) != 1:
-        raise SceneError(f"Controller `{label}` must be one law to be looked at over depth, but it has {len(laws)}.")
+        raise SceneError(f"Controller `{label}` must {must}, but it has {len(laws)}.")
     return laws[0]
 
 

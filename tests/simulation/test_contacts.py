@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from models import BlockOnBelt, Coulomb, Drop
+from models import BlockOnBelt, Coulomb, Drop, Exponential
 from toolbox import (
     Component,
     DryFriction,
@@ -251,6 +251,39 @@ def test_an_impact_with_friction_gives_the_coulomb_impulse(u0):
     assert after["disc.v"] == pytest.approx(0.6 * v, rel=1e-9)
     assert after["disc.u"] == pytest.approx(u0 - tangential, rel=1e-9)
     assert after["disc.spin"] == pytest.approx(-tangential / 0.5, rel=1e-9)
+
+
+@pytest.mark.parametrize("law", [Coulomb(static=0.1, kinetic=0.1), Exponential(static=0.12, kinetic=0.08, decay=50.0)])
+def test_the_impulses_of_an_impact_stay_in_the_friction_cone_also_where_the_normal_one_turns_the_slip_or_holding_would_pull(law):
+    plant = compose(Disc(restitution=0.6, eccentricity=0.5, friction=law))
+    random = np.random.default_rng(7)
+    seen = {"stick": 0, "slip on": 0, "turned": 0, "holding would pull": 0}
+    for k in range(90):
+        angle, e, inertia = random.uniform(-3, 3), random.uniform(0.2, 0.9), 10 ** random.uniform(-1.5, 0)
+        slip, restitution = random.normal() * (0.3, 1.0, 10.0)[k % 3], 0.3 * random.random()
+        arms = np.array(
+            [e * np.cos(angle), 1.0 - e * np.sin(angle)]
+        )  # of the normal and of the tangential impulse about the centre of mass
+        gain = np.eye(2) + np.outer(arms, arms) / inertia
+        static, kinetic = (0.1, 0.1) if isinstance(law, Coulomb) else (0.12, 0.08 + 0.04 * np.exp(-50.0 * abs(slip)))
+        # Newton's restitution with stick, slip+ or slip-: the one that agrees with the slip that it leaves
+        held = np.linalg.solve(gain, [1 + restitution, -slip])
+        found = {"stick": held} if abs(held[1]) <= static * held[0] else {}
+        for way in (1.0, -1.0) if not found else ():
+            normal = (1 + restitution) / (gain[0] @ [1.0, -way * kinetic])
+            impulse = normal * np.array([1.0, -way * kinetic])
+            if normal > 0 and way * (slip + gain[1] @ impulse) > 0:
+                found["turned" if way * slip < 0 else "holding would pull" if held[0] < 0 else "slip on"] = impulse
+        [(way, impulse)] = found.items()
+        if impulse @ (np.array([-2.0, 2 * slip]) + gain @ impulse) > 0.0:
+            continue  # it would add energy: the impact is plastic
+        start = {"disc.height": 1.0 - e * np.sin(angle) + 1e-9, "disc.angle": angle, "disc.u": slip, "disc.v": -1.0}
+        numbers = {"disc.restitution": restitution, "disc.eccentricity": e, "disc.inertia": inertia}
+        run = simulate(plant, 1e-7, start=start, parameters=numbers, accuracy=1e-9)
+        expected = [slip + impulse[1], -1.0 + impulse[0], arms @ impulse / inertia]
+        assert [run["disc.u"][-1], run["disc.v"][-1], run["disc.spin"][-1]] == pytest.approx(expected, rel=1e-5, abs=1e-5), way
+        seen[way] += 1
+    assert min(seen.values()) >= 5
 
 
 def test_a_thrown_disc_ends_rolling_without_slip():

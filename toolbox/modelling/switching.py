@@ -248,6 +248,9 @@ def _impact(
     """State, impulses, slips before and after, and bounds of impulses at an impact in which the elements marked as sticking take part."""
     sticking, elastic = ca.SX.sym("sticking", len(elements)), ca.SX.sym("elastic")
     restitution = ca.vertcat(*[e.restitution for e in elements])
+    rubbing = [i for i, element in enumerate(elements) if element.slides]
+    # an impact may turn a slip, and then the mode is no longer the way it went before: a law knows no speed below zero
+    coupling = ca.substitute(coupling, mode[rubbing], ca.sign(slip[rubbing])) if rubbing else coupling
     matrix = ca.sparsify(ca.diag(sticking) @ gain + ca.diag(1 - sticking) + ca.diag((1 - sticking) * mode) @ coupling)
     impulses = masked_solve(matrix, -sticking * (1 + elastic * restitution) * slip)
     results = (x + gain_of_force @ impulses, impulses, slip, slip + gain @ impulses, strength @ impulses)

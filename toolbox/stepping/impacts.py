@@ -12,22 +12,23 @@ from toolbox.translation.words import call
 def balanced(w, t):
     """Impulses in `y` of an impact of the held elements: unilateral ones that push, friction within its bound. Returns the energy they add.
 
-    Friction holds at first; where its impulse exceeds the bound it slides the way it did, or against the impulse, and holds again where that turned it.
+    Friction holds at first. Where its impulse exceeds the bound it slides against that impulse, which a strong normal impulse can make another way than before;
+    where no way of sliding lasts it holds again. A unilateral contact is let go only after the friction that it presses, which by holding can pull at it.
     """
     n, ne = w.ints[layout.N], w.ints[layout.NE]
     for _ in range(4 * ne + 8):
         call(w.ints[layout.IMPULSE], t, 0.0, w.x, w.m_other, w.p, w.m, w.y)
         settled = True
         for i in range(ne):
-            impulse, before, after, bound = w.y[n + i], w.y[n + ne + i], w.y[n + 2 * ne + i], w.y[n + 3 * ne + i]
+            impulse, after, bound = w.y[n + i], w.y[n + 2 * ne + i], w.y[n + 3 * ne + i]
             if w.kind[i] == layout.RIGID:
-                if w.m_other[i] == 1.0 and impulse > 0.0:
+                if w.m_other[i] == 1.0 and impulse > 0.0 and not _holds_friction(w, i):
                     w.m_other[i] = 0.0
                     settled = False
             elif w.m_other[i] == 1.0:
                 if abs(impulse) > bound * (1.0 + 1e-9) and not w.forced[i]:
                     w.m_other[i] = 0.0
-                    w.m[i] = math.copysign(1.0, before) if before != 0.0 else -math.copysign(1.0, impulse)
+                    w.m[i] = -math.copysign(1.0, impulse)
                     settled = False
             elif w.attached[i] >= 0 and w.m_other[w.attached[i]] == 1.0 and w.m[i] * after < 0.0:
                 w.m_other[i], w.m[i], w.forced[i] = 1.0, 0.0, True
@@ -39,6 +40,14 @@ def balanced(w, t):
         energy += 0.5 * w.y[n + i] * (w.y[n + ne + i] + w.y[n + 2 * ne + i])
         size += abs(w.y[n + i] * w.y[n + ne + i])
     return energy if energy > 1e-12 * size else 0.0
+
+
+def _holds_friction(w, contact):
+    """Whether a friction that the contact presses still holds, without being bound to."""
+    found = False
+    for i in range(w.ints[layout.NE]):
+        found = found or (w.attached[i] == contact and w.kind[i] == layout.FRICTION and w.m_other[i] == 1.0 and not w.forced[i])
+    return found
 
 
 def _end_low_flights(w, t):

@@ -133,18 +133,17 @@ class JudgedRuns(Generic[Place]):
         smooth = self.branch(value)
         if smooth is None:
             return Judge(self.element, self.signal, self.period, budget=self.budget)
-        target = self.steady(value, smooth)[0]
+        target = self.steady(value)[0]
         return Judge(self.element, self.signal, self.period, target, smooth.growth.rate, self._noise(value, smooth), self.budget)
 
-    def steady(self, value: Place, smooth: Smooth) -> tuple[float, RunState | None]:
-        """The judged signal in smooth running, and a state of it a moment later, which knows the modes; nan and None where no run goes on from it."""
+    def steady(self, value: Place) -> tuple[float, RunState | None]:
+        """The judged signal in smooth running, stable or not, and a state of it a moment later, which knows the modes; nan and None where there is none."""
         if value not in self.resting:
-            run = self.branch.at(value)
-            try:
-                short = run.again(start=smooth.state, duration=self.period / 8, longest_step=self.period / 256)
-                self.resting[value] = measure.extent(short, self.signal).mean, short.last
-            except SimulationError:
-                self.resting[value] = math.nan, None
+            smooth, self.resting[value] = self.branch(value), (math.nan, None)
+            if smooth is not None:
+                with contextlib.suppress(SimulationError):
+                    short = self.branch.at(value).again(start=smooth.state, duration=self.period / 8, longest_step=self.period / 256)
+                    self.resting[value] = measure.extent(short, self.signal).mean, short.last
         return self.resting[value]
 
     def _noise(self, value: Place, smooth: Smooth) -> float:
@@ -153,7 +152,7 @@ class JudgedRuns(Generic[Place]):
             return 0.0
         if value not in self.noises:
             run = self.at(value).again(start=smooth.state, duration=NOISY * self.period, longest_step=self.period / 32)
-            found, target = measure.extent(run, self.signal, run.begin), self.steady(value, smooth)[0]
+            found, target = measure.extent(run, self.signal, run.begin), self.steady(value)[0]
             self.noises[value] = 1.5 * max(found.maximum - target, target - found.minimum)
         return self.noises[value]
 
@@ -198,7 +197,7 @@ class JudgedRuns(Generic[Place]):
         slope = slip_rows(self.base.system, found.state.states, self.at(value).system.values)[names.index(self.element)]
         moved, sizes = abs(float(slope @ found.direction[:n])), np.abs(slope) @ np.abs(found.direction[:n])
         if moved > 1e-9 * sizes:
-            size = abs(self.steady(value, found)[0] or 1.0) / moved
+            size = abs(self.steady(value)[0] or 1.0) / moved
         else:  # this motion does not move the contact
             size = np.abs(found.state.states).max(initial=1.0) / np.abs(found.direction).max(initial=1e-300)
         return found.state.at_values(found.state.values + self.perturbation * size * found.direction)
@@ -208,8 +207,7 @@ class JudgedRuns(Generic[Place]):
         smooth = self.branch(value)
         if smooth is None:
             return None
-        last = self.steady(value, smooth)[1]
-        return self._projected(value, smooth.state, {**self._modes(last), self.element: 0.0})
+        return self._projected(value, smooth.state, {**self._modes(self.steady(value)[1]), self.element: 0.0})
 
     def _modes(self, state: RunState | None) -> dict[str, float]:
         """{element: its mode in a state}; empty where it does not know them."""
@@ -282,7 +280,7 @@ class Carried(Generic[Place]):
             for exponent, motion in swings(point, row):
                 if -exponent.real > DAMPED * abs(exponent):
                     continue
-                size = BEYOND * abs(search.steady(value, smooth)[0])
+                size = BEYOND * abs(search.steady(value)[0])
                 yield f"the swing of {2 * math.pi / exponent.imag:.3g} s", moved(smooth.state, point.plant, -size * motion)
 
     def tried(

@@ -123,14 +123,15 @@ class Front(Carried[complex]):
 
         prepared: called with the places that are looked at next.
         """
-        dead, alive = edges.low.copy(), edges.high.copy()
-        here = [self.plane.place(point) for point in alive]
-        for _ in range(times):
-            middle = (dead + alive) / 2
-            places = [self.plane.place(point) for point in middle]
+        here = [self.plane.place(point) for point in edges.high]
+
+        def lasts(points: np.ndarray) -> np.ndarray:
+            places = [self.plane.place(point) for point in points]
             prepared(places)
+            regimes = []
             for k, there in enumerate(places):
-                regime = self.tried(there, self.search.walked(self.cycling[here[k]], here[k], there)).regime
-                here[k] = there if regime == STICKS else here[k]
-                (alive if regime in (STICKS, NOT_DECIDED) else dead)[k] = middle[k]
-        return (dead + alive) / 2
+                regimes.append(self.tried(there, self.search.walked(self.cycling[here[k]], here[k], there)).regime)
+                here[k] = there if regimes[-1] == STICKS else here[k]
+            return np.isin(regimes, (STICKS, NOT_DECIDED))
+
+        return edges.halved(lasts, times)

@@ -16,7 +16,6 @@ cycles that are followed make them exact in `cycles`.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -26,7 +25,7 @@ import numpy as np
 from toolbox.arguments import number, whole
 from toolbox.errors import NoSteadyState, SceneError
 from toolbox.files.unit_systems import asked_in
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import BUDGET, NOT_DECIDED, STANDS, STICKS
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
@@ -113,9 +112,10 @@ def onset(
     free = free if continuous is None else continuous.acting(parameter, "onset")
     low, high = free.span(between)
     asked_unit = asked_in(tuple(free.in_si("between", tuple(between))), free.unit)
-    duration, tolerance = in_si(duration, "s", "duration"), in_si(tolerance, free.unit, "tolerance")
-    at = free.value
-    _check_numbers(values, tolerance=tolerance, duration=duration, perturbation=perturbation, at=at)
+    whole("values", values, 3)
+    tolerance = (high - low) / 5000 if tolerance is None else number("tolerance", tolerance, free.unit, above=0)
+    longest = None if duration is None else number("duration", duration, "s", above=0)
+    perturbation, at = number("perturbation", perturbation, above=0), free.value
     contact = judged_contact(loop)
     speed = judged_speed(loop, contact)
     grid = np.linspace(low, high, values)
@@ -134,19 +134,12 @@ def onset(
         raise NoSteadyState(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {free.unit}{reason}")
     period = max(point.period for point in hopf) if hopf else float(np.nanmedian([branch.swing(value) for value in steady]))
     search = OnsetSearch(
-        base=base, branch=branch, element=contact, signal=speed, perturbation=float(perturbation), period=period,
-        budget=BUDGET if duration is None else duration / period, notes=notes, free=free, followed=followed,
+        base=base, branch=branch, element=contact, signal=speed, perturbation=perturbation, period=period,
+        budget=BUDGET if longest is None else longest / period, notes=notes, free=free, followed=followed,
     )  # fmt: skip
-    tolerance = (high - low) / 5000 if tolerance is None else float(tolerance)
     with progress_bar(None, "onset") as search.bar:
         found = _both_branches(search, loop, [float(value) for value in grid], at, hopf, tolerance)
     return replace(found, asked={**loop.asked, free.unit: asked_unit})
-
-
-def _level(search: OnsetSearch, value: float) -> float:
-    """The judged speed in smooth running at a value, stable or not; nan where there is none."""
-    smooth = search.branch(value)
-    return math.nan if smooth is None else search.steady(value, smooth)[0]
 
 
 def _continuous_form(loop: ClosedLoop) -> ClosedLoop | None:
@@ -173,14 +166,6 @@ def _hopf_points(continuous: ClosedLoop | None, followed: EquilibriumBranch | No
     except SceneError as error:
         notes.append(f"no Hopf point: {error}")
         return []
-
-
-def _check_numbers(values: Any, **numbers: Any) -> None:
-    """Raise SceneError unless the numbers of `onset` can be used."""
-    whole("values", values, 3)
-    for word, given in numbers.items():
-        if given is not None or word == "perturbation":
-            number(word, given, above=None if word == "at" else 0)
 
 
 def _between(numbers: Sequence[float], hopf: Sequence[HopfPoint]) -> list[float]:
@@ -242,7 +227,7 @@ def _both_branches(
         breakaways=tuple(breakaways),
         coexisting=several,
         between=tuple(sorted(others.items())),
-        steady=np.array([_level(search, value) for value in numbers]),
+        steady=np.array([search.steady(value)[0] for value in numbers]),
         signal_unit=loop.system.signal_unit(search.signal),
         cycling=np.array([value in inside.cycling for value in numbers]),
         standing=np.array([value in inside.standing for value in numbers]),

@@ -381,10 +381,6 @@ class DryFriction(Element):
         self.sliding = _expression(law, "sliding", law.sliding(speed, *[jump.mode for jump in jumps]))
         self.static = self.load * _expression(law, "breakaway", law.breakaway())
 
-    def slip_speed(self, slips: ca.SX) -> ca.SX:
-        """How fast it slips while it does, given its slips."""
-        return self.mode * slips if self.directions == 1 else length(slips)
-
     def _remember(self, slips: ca.SX, law: FrictionLaw) -> None:
         """Take force, states and powers from a law; what is stored is booked as a power, as a load that changes makes it worth more or less."""
         states = {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -170,10 +170,7 @@ class HybridSystem:
     @property
     def switching(self) -> Switching:
         """Fields, forces and guards with modes as numeric input, in the symbols t, x, u, p, m."""
-        made = self.cache.get("switching")
-        if made is None:
-            made = self.cache["switching"] = switching(self.t, self.x, self.flow, self.elements)
-        return made
+        return self.once("switching", lambda: switching(self.t, self.x, self.flow, self.elements))
 
     @property
     def rhs(self) -> ca.Function:
@@ -193,20 +190,23 @@ class HybridSystem:
     @property
     def input_defaults(self) -> ca.Function:
         """casadi Function p -> defaults of the inputs."""
-        made = self.cache.get("input_defaults")
-        if made is None:
-            defaults = ca.vertcat(*[i.default for i in self.inputs.values()]) if self.inputs else ca.SX(0, 1)
-            made = self.cache["input_defaults"] = ca.Function("input_defaults", [self.p], [ca.densify(defaults)], ["p"], ["u"])
-        return made
+
+        def made() -> ca.Function:
+            defaults = ca.vertcat(ca.SX(0, 1), *[entry.default for entry in self.inputs.values()])
+            return ca.Function("input_defaults", [self.p], [ca.densify(defaults)], ["p"], ["u"])
+
+        return self.once("input_defaults", made)
 
     def function(self, name: str, expression: ca.SX, output: str) -> ca.Function:
         """casadi Function (t, x, u, p, m) -> expression, made once per name and structure."""
-        names = ["t", "x", "u", "p", "m"]
-        made = self.cache.get(name)  # shared by all plants of this structure
-        if made is None:
-            made = ca.Function(name, [self.t, self.x, self.u, self.p, self.m], [ca.densify(expression)], names, [output])
-            self.cache[name] = made
-        return made
+        symbols, names = [self.t, self.x, self.u, self.p, self.m], ["t", "x", "u", "p", "m"]
+        return self.once(name, lambda: ca.Function(name, symbols, [ca.densify(expression)], names, [output]))
+
+    def once(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What `make` returns, made once for all plants of this structure."""
+        if key not in self.cache:
+            self.cache[key] = make()
+        return self.cache[key]
 
     def to_casadi(self) -> dict[str, ca.SX]:
         """The plant as a casadi semi-explicit description: x, u, p (with m appended), t and ode, for other casadi tools."""
@@ -323,11 +323,7 @@ class HybridSystem:
         """
         if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
             raise SceneError(f"Argument `names` must be names of parameters, but it is {names!r}.")
-        key = ("varying", *names)
-        found = self.cache.get(key)
-        if found is None:
-            found = self.cache[key] = self._released([self._parameter(name) for name in names])
-        released = copy.copy(found)
+        released = copy.copy(self.once(("varying", *names), lambda: self._released([self._parameter(name) for name in names])))
         released.parts, released.values = self.parts, self.values
         return released
 
@@ -347,19 +343,21 @@ class HybridSystem:
         def of_time(expression: ca.SX) -> ca.SX:
             return ca.substitute(expression, ca.vertcat(*constants), ca.vertcat(*symbols))
 
-        twin = copy.copy(self)
-        twin.flow = of_time(self.flow)
-        twin.elements = tuple(element.mapped(of_time) for element in self.elements)
-        twin.signals = {name: (of_time(expression), unit) for name, (expression, unit) in self.signals.items()}
-        twin.losses = {name: of_time(power) for name, power in self.losses.items()}
-        twin.supplies = {name: of_time(power) for name, power in self.supplies.items()}
-        twin.updates = tuple(
-            update._replace(following=of_time(update.following), outputs=of_time(update.outputs)) for update in self.updates
-        )
+        twin = self.mapped(of_time)
         inputs = {entry.name: Input(entry.name, s, entry.unit, c) for entry, s, c in zip(entries, symbols, constants, strict=True)}
         twin.inputs = {**self.inputs, **inputs}
         twin.u = ca.vertcat(self.u, *symbols)
         twin.parameters = self.parameters | {entry.name: entry for entry in entries}
+        return twin
+
+    def mapped(self, change: Callable[[ca.SX], ca.SX]) -> HybridSystem:
+        """A copy with all its expressions changed, of which nothing is made yet."""
+        twin = copy.copy(self)
+        twin.flow, twin.elements = change(self.flow), tuple(element.mapped(change) for element in self.elements)
+        twin.signals = {name: (change(expression), unit) for name, (expression, unit) in self.signals.items()}
+        for kind in ("stored", "losses", "supplies"):
+            setattr(twin, kind, {name: change(expression) for name, expression in getattr(self, kind).items()})
+        twin.updates = tuple(each._replace(following=change(each.following), outputs=change(each.outputs)) for each in self.updates)
         twin.cache = {}
         return twin
 

@@ -31,7 +31,7 @@ from toolbox.modelling import inputs as shapes
 from toolbox.modelling.components import fields_of, is_nested, numbers_of, rebuilt
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Held, Sampled
-from toolbox.modelling.start import place_starts, started
+from toolbox.modelling.start import place_starts, places_of, row_of, started
 
 Loop = Any
 """A `ClosedLoop`, which is made of numbers and therefore stands above this file."""
@@ -125,8 +125,8 @@ class Number:
             kept = {name: given for name, given in loop.inputs.items() if name != self.name}
             return loop.but(parameters={**loop.parameters, self.name: value}, inputs=kept)
         if self.kind == "start":
-            row = _row(loop.system, self.name)  # other names of the same state give way
-            kept = {name: given for name, given in loop.start.items() if row is None or _row(loop.system, name) != row}
+            row = row_of(loop.system, self.name)  # other names of the same state give way
+            kept = {name: given for name, given in loop.start.items() if row is None or row_of(loop.system, name) != row}
             return loop.but(start={**kept, self.name: value})
         if self.kind == "design":
             return _redesigned(loop, self.name, value)
@@ -190,14 +190,10 @@ def number_of(loop: Loop, name: str) -> Number | None:
             unit = shapes.UNITS.get(value.shape, {}).get(key, "s" if key.startswith("times.") else "")
             kind = "node" if isinstance(value, shapes.Table) else "shape"
             return Number(name, unit or system.inputs[given].unit, kind, float(_shape_numbers(value)[key]))
-    if _row(system, name) is not None:
+    if row_of(system, name) is not None:
         x = system.begin.copy()
-        place_starts(
-            system,
-            x,
-            {each: given for each, given in loop.start.items() if system.rows(each) is not None or _row(system, each) is not None},
-        )
-        return Number(name, system.signal_unit(name), "start", float(x[_row(system, name)]))
+        place_starts(system, x, {each: given for each, given in loop.start.items() if places_of(system, each) is not None})
+        return Number(name, system.signal_unit(name), "start", float(x[row_of(system, name)]))
     sizes, (head, _, place) = remembered(system), name.rpartition(".")
     if is_remembered(system, name) and sizes.get(name) is None:
         owner = name if name in sizes else head
@@ -233,12 +229,13 @@ def acts(loop: Loop, name: str) -> bool:
     system = loop.system
     entry, more = system._parameter(name), [each.default for name, each in system.inputs.items() if name not in loop.values]
     symbol = system.p[entry.offset : entry.offset + (entry.size or 1)]
-    used = system.cache.get("motion")
-    if used is None:
+
+    def motion() -> ca.SX:
         of_elements = [getattr(element, kind) for element in system.elements for kind in element.expressions]
         of_laws = [each for update in system.updates for each in (update.following, update.outputs)]
-        used = system.cache["motion"] = ca.vertcat(system.flow, *(ca.vec(ca.SX(each)) for each in (*of_elements, *of_laws)))
-    return bool(ca.depends_on(used, symbol) or (more and ca.depends_on(ca.vertcat(*more), symbol)))
+        return ca.vertcat(system.flow, *(ca.vec(ca.SX(each)) for each in (*of_elements, *of_laws)))
+
+    return bool(ca.depends_on(system.once("motion", motion), symbol) or (more and ca.depends_on(ca.vertcat(*more), symbol)))
 
 
 def _input_value(loop: Loop, name: str) -> float:
@@ -264,16 +261,6 @@ def _usual_default(system: HybridSystem, default: ca.SX) -> tuple[float, float] 
 
 def _bounds(spec: Mapping[str, Any]) -> dict[str, float | None]:
     return {word: spec.get(word) for word in ("at_least", "above", "at_most")}
-
-
-def _row(system: HybridSystem, name: str) -> int | None:
-    """The row of a scalar state, or of a signal that is one; None for any other name."""
-    rows = system.rows(name)
-    if rows is not None:
-        return rows[0] if rows[1] is None else None
-    if name not in system.signals or name not in started(system):
-        return None
-    return int(np.flatnonzero(np.array(ca.DM(ca.jacobian(system.x, system.signals[name][0]))))[0])
 
 
 # ------------------------------------------------------------------------------------------------------------------------------- shapes of inputs

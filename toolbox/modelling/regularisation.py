@@ -24,7 +24,7 @@ import numpy as np
 
 from toolbox.arguments import number
 from toolbox.errors import SceneError, suggest
-from toolbox.modelling.elements import Element, Hysteresis, check_one_direction
+from toolbox.modelling.elements import Element, FrictionLaw, Hysteresis, check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem, Parameter, checked_plant
 
 STICKING = 3.0
@@ -83,11 +83,8 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched
     if not isinstance(matched, bool):
         raise SceneError(f"Argument `matched` must be True or False, but it is {matched!r}.")
     widths = checked_widths(plant, width)
-    key = ("smoothed", tuple(widths))
-    template = plant.cache.get(key)
-    if template is None:
-        template = plant.cache[key] = _smooth_structure(plant, list(widths))
-    made = copy.copy(template)
+    template = plant.once(("smoothed", tuple(widths)), lambda: _smooth_structure(plant, list(widths)))
+    made: SmoothSystem = copy.copy(template)
     made.parts, made.sharp, made.widths, made.matched = plant.parts, plant, widths, matched
     peaks = [_peak(plant, template, name, w) if matched else 0.0 for name, w in widths.items()]
     made.values = np.concatenate([plant.values, list(widths.values()), peaks])
@@ -128,21 +125,10 @@ def _smooth_structure(plant: HybridSystem, names: list[str]) -> SmoothSystem:
         new.append(force)
 
     made = object.__new__(SmoothSystem)
-    made.__dict__.update(plant.__dict__)
-    elements: list[Element] = []
-    for element in plant.elements:
-        if element.name in names:
-            elements.append(Creep(element.name, element.slip, widths[names.index(element.name)]))
-            continue
-        elements.append(element.mapped(smooth))
-    made.elements = tuple(elements)
-    made.F = ca.vertcat(*[e.multiplier for e in elements]) if elements else ca.SX(0, 1)
-    made.m = ca.vertcat(*[e.mode for e in elements]) if elements else ca.SX(0, 1)
-    made.flow = smooth(plant.flow)
-    made.signals = {name: (smooth(expression), unit) for name, (expression, unit) in plant.signals.items()}
-    for kind in ("stored", "losses", "supplies"):
-        setattr(made, kind, {name: smooth(expression) for name, expression in getattr(plant, kind).items()})
-    made.updates = tuple(update._replace(following=smooth(update.following), outputs=smooth(update.outputs)) for update in plant.updates)
+    made.__dict__.update(plant.mapped(smooth).__dict__)
+    creeping = {e.name: Creep(e.name, e.slip, w) for e, w in zip(chosen, widths, strict=True)}
+    made.elements = tuple(creeping.get(element.name, element) for element in made.elements)
+    made.F, made.m = (ca.vertcat(ca.SX(0, 1), *[getattr(e, word) for e in made.elements]) for word in ("multiplier", "mode"))
     made.p = ca.vertcat(plant.p, *widths, *peaks)
     made.parameters = dict(plant.parameters)
     first = plant.p.numel()
@@ -152,23 +138,24 @@ def _smooth_structure(plant: HybridSystem, names: list[str]) -> SmoothSystem:
             ("smoothing_peak", first + len(chosen) + i, "1", "what the plain form lacks to its peak"),
         ):
             made.parameters[f"{element.name}.{tail}"] = Parameter(f"{element.name}.{tail}", unit, meaning, None, offset, {})
-    made.cache = {}
     return made
 
 
 def _peak(plant: HybridSystem, template: SmoothSystem, name: str, width: float) -> float:
     """b of the matched form for the numbers of a plant."""
-    element = next(e for e in plant.elements if e.name == name)
-    if element.law is None:
+    law = next(e for e in plant.elements if e.name == name).law
+    if law is None:
         return 0.0
-    function = template.cache.get(("peak", name))
-    if function is None:
-        v, w = ca.SX.sym("v"), ca.SX.sym("w")
-        side = ca.tanh(v / w)
-        law = element.law.sliding(v * side, *[ca.SX(0)] * len(element.law.breaks()))
-        results = [side * law, side * ca.exp(-v * side / (2 * w)), ca.SX(element.law.breakaway())]
-        function = template.cache[("peak", name)] = ca.Function("peak", [v, w, plant.p], results)
+    v, w = ca.SX.sym("v"), ca.SX.sym("w")
+    function = template.once(("peak", name), lambda: ca.Function("peak", [v, w, plant.p], _pieces(law, v, w)))
     return missing_peak(lambda grid: function(grid[None, :], width, plant.values), width)
+
+
+def _pieces(law: FrictionLaw, v: ca.SX, width: Any) -> list[ca.SX]:
+    """The plain form of a law at a slip, what lifts its peak, and the bound at which the peak is to be."""
+    smooth = ca.tanh(v / width)
+    plain = smooth * law.sliding(v * smooth, *[ca.SX(0)] * len(law.breaks()))
+    return [plain, smooth * ca.exp(-v * smooth / (2 * width)), ca.SX(law.breakaway())]
 
 
 Regularisation = Callable[[Element], ca.SX]
@@ -203,11 +190,8 @@ def regularised(width: float, matched: bool = True) -> Regularisation:
 def lacking(law: Any, width: float) -> Any:
     """b of the module's equation for a law whose fields are numbers; raises SceneError where they are symbols."""
     v = ca.SX.sym("v")
-    smooth = ca.tanh(v / width)
     try:
-        base = ca.Function(
-            "base", [v], [smooth * law.sliding(v * smooth), smooth * ca.exp(-v * smooth / (2 * width)), ca.SX(law.breakaway())]
-        )
+        base = ca.Function("base", [v], _pieces(law, v, width))
     except RuntimeError:
         raise SceneError("The peak of a law is matched for numbers: give the law of the declared plant.") from None
     return missing_peak(base, width)

@@ -20,10 +20,10 @@ def place_starts(system: HybridSystem, x: np.ndarray, start: Mapping[str, Any]) 
     Raises SceneError as `place_start` does, and where two names of one state, such as `bit.speed` and `chain.speed.1`, say different values.
     """
     named: dict[int, str] = {}
-    for name in sorted(start, key=lambda name: not _is_vector(system, name)):
+    for name in sorted(start, key=lambda name: not is_vector(system, name)):
         before = x.copy()
         place = place_start(system, x, name, start[name])
-        if _is_vector(system, name):
+        if is_vector(system, name):
             continue
         other = named.setdefault(place.start, name)
         if other != name and not np.array_equal(x[place], before[place]):
@@ -32,36 +32,38 @@ def place_starts(system: HybridSystem, x: np.ndarray, start: Mapping[str, Any]) 
             )
 
 
-def _is_vector(system: HybridSystem, name: str) -> bool:
+def is_vector(system: HybridSystem, name: str) -> bool:
+    """Whether a name is that of a vector state."""
     rows = system.rows(name)
     return rows is not None and rows[1] is not None
 
 
+def places_of(system: HybridSystem, name: str) -> slice | None:
+    """The rows of x of a state, of an entry of a vector state, or of a signal that is a state; None for any other name."""
+    rows = system.rows(name)
+    if rows is not None:
+        return slice(rows[0], rows[0] + (rows[1] or 1))
+    expression = system.signals[name][0] if name in system.signals else ca.SX(0, 1)
+    if expression.numel() != 1 or not expression.is_symbolic():
+        return None
+    places = np.flatnonzero(np.array(ca.DM(ca.jacobian(system.x, expression))))
+    return slice(int(places[0]), int(places[0]) + 1) if places.size == 1 else None
+
+
+def row_of(system: HybridSystem, name: str) -> int | None:
+    """The row of a scalar state, of an entry of a vector state, or of a signal that is a state; None for any other name."""
+    places = None if is_vector(system, name) else places_of(system, name)
+    return None if places is None else places.start
+
+
 def started(system: HybridSystem) -> list[str]:
     """Names that a start value can be given to: states, and signals that are states."""
-    known = list(system.states)
-    for name, (expression, _) in system.signals.items():
-        if (
-            expression.numel() == 1
-            and expression.is_symbolic()
-            and np.count_nonzero(np.array(ca.DM(ca.jacobian(system.x, expression)))) == 1
-        ):
-            known.append(name)
-    return known
+    return [*system.states, *(name for name in system.signals if name not in system.states and places_of(system, name) is not None)]
 
 
 def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> slice:
     """Write a start value: of a state, of one entry of a vector state (`chain.speed.0`), or of a signal that is a state (`bit.speed`); returns its places."""
-    target: Any = None
-    rows = system.rows(name)
-    if rows is not None:
-        target = slice(rows[0], rows[0] + (rows[1] or 1))
-    elif name in system.signals:
-        expression = system.signals[name][0]
-        if expression.numel() == 1 and expression.is_symbolic():
-            place = np.flatnonzero(np.array(ca.DM(ca.jacobian(system.x, expression))))
-            if place.size == 1:
-                target = slice(place[0], place[0] + 1)
+    target = places_of(system, name)
     if target is None:
         if name in system.signals:
             raise SceneError(f"Argument `{name}` must be a state to be given a start value, but it is computed from states.")

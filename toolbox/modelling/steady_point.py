@@ -78,12 +78,10 @@ class Equilibrium(Printed):
 
 def function_of(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], list[ca.SX]]) -> NumericFunction:
     """Function (t, x, u, p, m) -> the expressions that `make` gives, kept for all plants of this structure."""
-    found = plant.cache.get(("linear", *key))
-    if found is None:
-        symbols = [plant.t, plant.x, plant.u, plant.p, plant.m]
-        function = ca.Function(key[0], symbols, [ca.densify(expression) for expression in make()])
-        found = plant.cache["linear", *key] = NumericFunction(function)
-    return found
+    symbols = [plant.t, plant.x, plant.u, plant.p, plant.m]
+    return plant.once(
+        ("linear", *key), lambda: NumericFunction(ca.Function(key[0], symbols, [ca.densify(expression) for expression in make()]))
+    )
 
 
 def closed_signal(plant: HybridSystem, name: str) -> ca.SX:

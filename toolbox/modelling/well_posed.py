@@ -20,16 +20,17 @@ def check_push(system: HybridSystem) -> None:
     elastic: dict[int, Any] = {i: element for i, element in enumerate(system.elements) if element.has_gap and not element.rigid}
     if not elastic:
         return
-    found = system.cache.get("push")
-    if found is None:
+
+    def shares_of_rates() -> ca.Function:
         shares = []
         for i, element in elastic.items():
             grows = ca.jtimes(element.rate, system.x, system.flow)
             closed, opened = (ca.substitute(grows, system.m[i], mode) for mode in (0, 1))
             shares.append((closed - opened) / (element.closure + element.relaxation * element.rate))
         symbols = [system.t, system.x, system.u, system.p, system.F, system.m, system.held]
-        found = system.cache["push"] = ca.Function("push", symbols, [ca.densify(ca.vertcat(*shares))])
-    n = system.x.numel()
+        return ca.Function("push", symbols, [ca.densify(ca.vertcat(*shares))])
+
+    found, n = system.once("push", shares_of_rates), system.x.numel()
     tried = [np.cos(np.arange(1, n + 1) * k) * 1e-3 for k in (1.0, 2.3, 3.7)]
     seen = np.column_stack([np.array(found(0.0, x, 0.0, system.values, 0.0, 1.0, 0.0)).ravel() for x in tried])
     for element, row in zip(elastic.values(), seen, strict=True):
@@ -45,9 +46,8 @@ def check_gain(system: HybridSystem) -> None:
     if not system.elements or ca.depends_on(gain, ca.vertcat(system.t, system.x, system.u)):
         _check_cones(system)
         return
-    found = system.cache.get("gain")
-    if found is None:  # with its zeros it would grow as the square of a chain
-        found = system.cache["gain"] = ca.Function("gain", [system.t, system.x, system.u, system.p, system.m], [gain])
+    symbols = [system.t, system.x, system.u, system.p, system.m]
+    found = system.once("gain", lambda: ca.Function("gain", symbols, [gain]))  # with its zeros it would grow as the square of a chain
     matrix = found(0.0, 0.0, 0.0, system.values, 0.0)
     held = [i for i, element in enumerate(system.elements) if element.holds]
     holding = [system.elements[i] for i in held]

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from toolbox.errors import SceneError
 from toolbox.files.unit_systems import Reading, reading_of
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.numbers import Number
-from toolbox.modelling.start import place_start, started
+from toolbox.modelling.start import row_of, started
 
 FIRST = 8
 """Controls that are shown before anybody searches."""
@@ -155,14 +151,7 @@ def _weight(loop: ClosedLoop, number: Number, set_points: bool) -> tuple[int, st
 def _told_twice(loop: ClosedLoop) -> set[str]:
     """Entries of states that a signal names, too."""
     system = loop.system
-    rows: dict[int, str] = {}
-    for name in started(system):
-        if name in system.states and system.states[name][1] is not None:
-            continue
-        with contextlib.suppress(SceneError):
-            rows.setdefault(_row(system, name), name)
-            if name not in system.states:
-                rows[_row(system, name)] = name
+    rows = {row_of(system, name): name for name in started(system)}  # states first, then signals that name them, too
     hidden = set()
     for name, (first, size, _) in system.states.items():
         for i in range(size or 1):
@@ -170,9 +159,3 @@ def _told_twice(loop: ClosedLoop) -> set[str]:
             if rows.get(first + i, entry) != entry:
                 hidden.add(entry)
     return hidden
-
-
-def _row(system: Any, name: str) -> int:
-    x = np.zeros(system.x.numel())
-    place_start(system, x, name, 1.0)
-    return int(np.argmax(x))

@@ -33,7 +33,6 @@ from toolbox.files.printing import columns
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
-from toolbox.modelling.closing import described
 from toolbox.modelling.steady_point import Equilibrium, function_of, mode_numbers
 from toolbox.orbits.orbit import Cycle
 from toolbox.robustness.loop import LinearLoop
@@ -247,7 +246,7 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
             found.append(PredictedCycle(w, size, mean_at(size), not rising))
     exact = () if cycle is None else (cycle.period, *cycle.extremes(f"{contact}.slip"))
     return DescribingFunction(
-        title="; ".join(map(described, loop.laws)) or "without a law",
+        title=loop.laws_title,
         contact=contact,
         units=(element.slip_unit, element.force_unit),
         slip=slip,

@@ -38,14 +38,12 @@ from toolbox.halving import halved
 from toolbox.measuring.judge import told_growth
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
-from toolbox.modelling.closing import described
 from toolbox.modelling.laws import Sampled
 from toolbox.onsets.coming_to import Settled
 from toolbox.robustness.disk_margins import balancing, frequencies, peak
 from toolbox.robustness.loop import NoDerivative
 from toolbox.robustness.steady_loop import steady_loop
-from toolbox.robustness.worst_case import DELAY, Outcome, Trials, as_run, declared_value
-from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.robustness.worst_case import DELAY, Outcome, Trials, declared_value
 from toolbox.simulation.simulate import simulate
 
 SIZES = 8
@@ -246,7 +244,7 @@ def smallest_error(
     before = search.tried
     error, size, held = search(fail)
     return SmallestError(
-        title="; ".join(map(described, loop.laws)) or "the machine without a law",
+        title=loop.laws_title,
         way=trials.way,
         numbers=numbers,
         size=size,
@@ -256,7 +254,7 @@ def smallest_error(
         runs=(search.tried - before + 1) * len(trials.begins),
         linear_size=linear_size,
         linear_error=linear,
-        guaranteed=_guaranteed(loop, numbers),
+        guaranteed=_guaranteed(trials, numbers),
         asked={**loop.asked, **asked},
     )
 
@@ -301,43 +299,27 @@ def _factors(numbers: Sequence[WrongNumber], error: Error) -> dict[str, float]:
     return {number.name: number.value(part) / number.declared for number, part in zip(numbers, error, strict=True)}
 
 
-def _machine(loop: ClosedLoop, numbers: Sequence[WrongNumber], error: Error) -> ClosedLoop:
-    """The loop with an error."""
-    for number, part in zip(numbers, error, strict=True):
-        if number.name == DELAY:
-            loop = loop.with_laws(as_run(law, number.value(part) / number.declared, getattr(law, "seed", 0)) for law in loop.laws)
-    for number, part in zip(numbers, error, strict=True):
-        if number.name != DELAY:
-            loop = loop.at(number.name, number.value(part))
-    return loop
-
-
 def _rate(trials: Trials, numbers: Sequence[WrongNumber], error: Error) -> float:
     """Rate at which a small disturbance of smooth running grows on the machine with an error [1/s]; nan where it is not known."""
-    label, contact = str(error), judged_contact(trials.loop)
-    if label not in trials.known:
-        machine = _machine(trials.loop, numbers, error)
-        trials.known[label] = Settled.of(machine, contact, judged_speed(trials.loop, contact), trials.window)
-    settled = trials.known[label]
+    settled = trials.settled(str(error), trials.machine(_factors(numbers, error)))
     return math.nan if settled is None else settled.rate
 
 
 def _alone(trials: Trials, numbers: Sequence[WrongNumber], error: Error) -> str:
     """What the machine with an error does from the start that is the worst, in words: one run outside of the lanes, and the judge."""
     worst: Outcome = trials.of_cases({str(error): _factors(numbers, error)}).worst
-    loop = _machine(trials.loop, numbers, error)
+    loop = trials.machine(_factors(numbers, error), worst.seed)
     loop = loop.but(start=states_of(trials.begins[worst.start], loop.plant))
-    contact = judged_contact(loop)
     try:
         run = simulate(loop, trials.duration)
     except SimulationError as failure:
         return str(failure)
-    settled = Settled.of(loop, contact, judged_speed(loop, contact), trials.window)
+    settled = Settled.of(loop, trials.contact, trials.speed, trials.window)
     judged = settled and settled.judged(run)
     words = [judged.regime] if judged else []
     if settled is not None and settled.rate > 0.0:
         words.append(f"smooth running {told_growth(settled.rate)}")
-    stuck = run.time_in(contact, "stick", after=trials.window)
+    stuck = run.time_in(trials.contact, "stick", after=trials.window)
     if stuck > 0.0:
         words.append(f"{100.0 * stuck / (trials.duration - trials.window):.2g} % of the window stuck")
     if not math.isnan(worst.ripple):
@@ -414,10 +396,10 @@ STEP = 0.02
 """Part of the range over which the slope of the linear loop by an error is taken."""
 
 
-def _guaranteed(loop: ClosedLoop, numbers: Sequence[WrongNumber]) -> float:
+def _guaranteed(trials: Trials, numbers: Sequence[WrongNumber]) -> float:
     """The size below which no error makes smooth running grow, to first order; nan where there is no linear loop."""
     try:
-        linear = steady_loop(loop).loop(0.0)
+        linear = steady_loop(trials.loop).loop(0.0)
         if not linear.stable:
             return 0.0
         n, k = linear.B.shape
@@ -429,7 +411,7 @@ def _guaranteed(loop: ClosedLoop, numbers: Sequence[WrongNumber]) -> float:
             for part in (STEP, -STEP):
                 near = tuple(part if j == i else 0.0 for j in range(len(numbers)))
                 if number.value(part) != number.declared:
-                    there = steady_loop(_machine(loop, numbers, near)).loop(0.0)
+                    there = steady_loop(trials.machine(_factors(numbers, near))).loop(0.0)
                     slopes.append((np.block([[there.A, there.B], [there.C, there.D]]) - whole) / STEP)
             slope = max(slopes, key=lambda each: float(np.linalg.norm(each)))
             u, sizes, v = np.linalg.svd(slope)

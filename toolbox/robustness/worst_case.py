@@ -13,6 +13,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,6 @@ from toolbox.measuring.judge import CALM, STANDS, STICKS, told_growth
 from toolbox.measuring.measures import Measure, maximum, mean, minimum, stuck_ratio
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
-from toolbox.modelling.closing import described
 from toolbox.modelling.laws import Sampled
 from toolbox.modelling.numbers import put_all
 from toolbox.onsets.coming_to import Settled
@@ -285,40 +285,72 @@ class Trials:
         wanted = _target(loop, judged_speed(loop, judged_contact(loop)))
         return cls(loop, duration, window, begins, begun, seeds if noisy else (0,), wanted, allowed, measures)
 
+    @cached_property
+    def contact(self) -> str:
+        """The contact whose sticks count."""
+        return judged_contact(self.loop)
+
+    @cached_property
+    def speed(self) -> str:
+        """The signal whose mean is judged."""
+        return judged_speed(self.loop, self.contact)
+
     @property
     def way(self) -> str:
         """From where the runs begin, which contact is judged, and when, in words."""
-        return f"runs of {self.duration:g} s from {self.begun}; `{judged_contact(self.loop)}` judged from {self.window:g} s on"
+        return f"runs of {self.duration:g} s from {self.begun}; `{self.contact}` judged from {self.window:g} s on"
+
+    def machine(self, factors: Mapping[str, float], seed: int = 0) -> ClosedLoop:
+        """The loop with factors of its numbers, and with a seed of its noise."""
+        loop = self.loop.with_laws(as_run(law, factors.get(DELAY, 1.0), seed) for law in self.loop.laws)
+        return put_all(loop, {name: factor * declared_value(self.loop, name) for name, factor in factors.items() if name != DELAY})
+
+    def settled(self, error: str, machine: ClosedLoop) -> Settled | None:
+        """The judge of the machine of an error, which is made once, whatever the start and the seed; None where it can say nothing."""
+        if error not in self.known:
+            self.known[error] = Settled.of(machine, self.contact, self.speed, self.window)
+        return self.known[error]
 
     def of_cases(self, cases: Mapping[str, Mapping[str, float]]) -> WorstCase:
         """The outcome of every start and seed in every case {error in words: {number of the loop: factor}}."""
-        loop, plant = self.loop, self.loop.plant
-        contact = judged_contact(loop)
-        speed = judged_speed(loop, contact)
-        drives = [name for name in plant.inputs if name not in loop.system.inputs]
+        loop = self.loop
+        drives = [name for name in loop.plant.inputs if name not in loop.system.inputs]
         declared = _varied(loop, cases)
         more = judged_measures(self.measures, loop, 0.0, self.duration, after=self.window) if self.measures else {}
-        asked = _measures(contact, speed, drives, self.window) | {f"further {name}": each for name, each in more.items()}
+        asked = _measures(self.contact, self.speed, drives, self.window) | {f"further {name}": each for name, each in more.items()}
         found: list[Outcome] = []
-        seconds, machines = 0.0, _Machines(contact, speed, self.duration, self.window, self.known)
+        seconds = 0.0
         delays = sorted({case.get(DELAY, 1.0) for case in cases.values()})
         for late, seed, (k, begin) in itertools.product(delays, self.seeds, enumerate(self.begins)):
             own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late}
             rows = [{name: value * case.get(name, 1.0) for name, value in declared.items()} for case in own.values()]
-            varied = loop.with_laws(as_run(law, late, seed) for law in loop.laws).but(start=states_of(begin, plant))
+            varied = self.machine({DELAY: late}, seed).but(start=states_of(begin, loop.plant))
             done = sweep(varied, rows, self.duration, measures=asked)
             seconds += done.seconds
             for i, label in enumerate(own):
                 numbers = {name: float(done[name][i]) for name in asked}
                 outcome = _outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, self.target, self.allowed)
                 if outcome.excess <= 1.0:
-                    outcome = machines.lasting(
-                        outcome, varied, rows[i], (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"])
-                    )
+                    swing = (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"])
+                    outcome = self._lasting(outcome, put_all(varied, rows[i]), swing)
                 found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
         order = {label: i for i, label in enumerate(cases)}
         found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
-        return WorstCase("; ".join(map(described, loop.laws)) or "the machine without a law", self.way, tuple(found), seconds)
+        return WorstCase(loop.laws_title, self.way, tuple(found), seconds)
+
+    def _lasting(self, outcome: Outcome, machine: ClosedLoop, swing: float) -> Outcome:
+        """An outcome whose window is calm, with what it comes to; swing: of the speed in the window, in parts of its mean."""
+        settled = self.settled(outcome.error, machine)
+        if settled is None:
+            return outcome
+        rate = settled.rate
+        comes_to = told_growth(rate) if rate > 0.0 else ""
+        if not rate > 0.0 and not (rate < 0.0 and swing < CALM):
+            own = Settled.of(machine, self.contact, self.speed, self.window, known=settled.runs.branch)
+            with contextlib.suppress(SimulationError):
+                judged = own and own.judged(simulate(machine, self.duration))
+                comes_to = judged.regime if judged and judged.regime in (STICKS, STANDS) else ""
+        return dataclasses.replace(outcome, rate=rate, failure=comes_to, excess=math.inf if comes_to else outcome.excess)
 
 
 def _target(loop: ClosedLoop, speed: str) -> float:
@@ -401,34 +433,6 @@ def _outcome(
         ripple = max(ripple, swing / mean if mean > 0.0 else math.inf if swing > 0.0 else 0.0)
     excess = math.inf if numbers["stuck"] > 0.0 else max(0.0 if math.isnan(error) else abs(error) / allowed[0], ripple / allowed[1])
     return Outcome(label, start, seed, numbers["stuck"], error, ripple, math.nan, "", excess)
-
-
-@dataclass
-class _Machines:
-    """Judges of what calm windows come to: smooth running of each machine once, whatever the start and the seed."""
-
-    contact: str
-    speed: str
-    duration: float
-    window: float
-    known: dict[str, Settled | None] = field(default_factory=dict)
-
-    def lasting(self, outcome: Outcome, loop: ClosedLoop, numbers: Mapping[str, float], swing: float) -> Outcome:
-        """An outcome whose window is calm, with what it comes to; numbers: of its machine;  swing: of the speed in the window, in parts of its mean."""
-        loop = put_all(loop, numbers)
-        if outcome.error not in self.known:
-            self.known[outcome.error] = Settled.of(loop, self.contact, self.speed, self.window)
-        settled = self.known[outcome.error]
-        if settled is None:
-            return outcome
-        rate = settled.rate
-        comes_to = told_growth(rate) if rate > 0.0 else ""
-        if not rate > 0.0 and not (rate < 0.0 and swing < CALM):
-            own = Settled.of(loop, self.contact, self.speed, self.window, known=settled.runs.branch)
-            with contextlib.suppress(SimulationError):
-                judged = own and own.judged(simulate(loop, self.duration))
-                comes_to = judged.regime if judged and judged.regime in (STICKS, STANDS) else ""
-        return dataclasses.replace(outcome, rate=rate, failure=comes_to, excess=math.inf if comes_to else outcome.excess)
 
 
 def _badness(outcome: Outcome) -> tuple[bool, float, float, float]:

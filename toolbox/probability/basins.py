@@ -20,14 +20,14 @@ from toolbox.errors import SceneError
 from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
-from toolbox.files.unit_systems import asked_in, reading
+from toolbox.files.unit_systems import asked_units, reading
 from toolbox.files.units import NumberOrText
 from toolbox.halving import divided
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, closed_loop, takes_loop
 from toolbox.onsets.map_loop import NONE, SMOOTH
 from toolbox.probability.bounds import clopper_pearson
-from toolbox.probability.chances import BLOCK, Search
+from toolbox.probability.chances import Search
 from toolbox.steady_states.linear import equilibrium
 from toolbox.sweeps.designs import Variations, uniform
 
@@ -189,22 +189,12 @@ def basin(
     design = uniform(dict(zip(names, ends, strict=True)), runs, seed)
     point = np.array([loop.number(name).value for name in names])
     search = Search(loop, Variations((), np.zeros((1, 0)), (1,)), design, duration, None, accuracy)
-    outcomes = []
     with progress_bar(runs, "basin") as bar:
-        for begin in range(0, runs, BLOCK):
-            rows = design.points[begin : begin + BLOCK]
-            found, _, judged = search.block(rows)
-            search.judged += judged
-            outcomes.append(found)
-            bar.update(len(rows))
-    came = np.concatenate(outcomes)
-    asked = {
-        each.unit: unit for each, given in zip(states, box.values(), strict=True) if (unit := asked_in(each.in_si("box", list(given)), ""))
-    }
+        came, _ = search.found(bar)
     return Basin(
         title=loop.title, names=names, units=tuple(each.unit for each in states), box=np.array(ends), point=point, starts=design.points, outcomes=came,
         smallest=_smallest(search, point, np.array(ends), design.points, came), duration=search.duration, accuracy=accuracy, confidence=confidence,
-        judged=search.judged, asked=asked,
+        judged=search.judged, asked=asked_units(ends),
     )  # fmt: skip
 
 

@@ -36,9 +36,9 @@ from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.simulate import simulate
 from toolbox.sweeps.designs import Variations, grid
 from toolbox.sweeps.executors import Manner, evaluated, probed
-from toolbox.sweeps.store import folder_of
+from toolbox.sweeps.store import journal_in
 from toolbox.sweeps.sweep import task_of
-from toolbox.sweeps.variants import fingerprints, shared_run, start_memories, start_states
+from toolbox.sweeps.variants import start_memories, start_states
 
 BLOCK = 16_384
 """Runs of a block, about: what an interruption may lose."""
@@ -210,18 +210,16 @@ class Search:
 
     def journal(self, folder: Path, k: int) -> Journal:
         """What is known of this loop in a folder; k: place of the loop among all."""
-        folder_of(folder)
         design = Variations(self.names, self._rows(0, 1), (len(self.known),))
-        run = shared_run(self.loop, design, self.duration, accuracy=self.accuracy)
-        more = {"points": [self.points.tolist()], "uncertain": [self.names, self.known.tolist()], "duration": [self.duration]}
-        return Journal(folder / f"chance_{k + 1:02d}.jsonl", fingerprints(run, self.names, **more), word="out")
+        more = {"points": [self.points.tolist()], "uncertain": [self.names, self.known.tolist()]}
+        return journal_in(folder, f"chance_{k + 1:02d}.jsonl", self.loop, design, self.duration, self.accuracy, **more)
 
     def _rows(self, begin: int, end: int) -> FloatArray:
         """All draws at the points from one to another."""
         at = self.points[begin:end]
         return np.hstack([np.repeat(at, len(self.known), axis=0), np.tile(self.known, (len(at), 1))])
 
-    def found(self, bar: Any, journal: Journal | None) -> tuple[np.ndarray, np.ndarray]:
+    def found(self, bar: Any, journal: Journal | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(outcomes, severities) of all runs, block by block."""
         size = max(1, BLOCK // len(self.known))
         outcomes, severities = [], []
@@ -234,7 +232,7 @@ class Search:
                 if journal is not None:
                     journal.add((begin,), kept)
             outcomes.append(np.array(kept[0], np.int8))
-            severities.append(np.array([math.nan if each is None else each for each in kept[1]]))
+            severities.append(np.array(kept[1], float))  # None is nan
             self.judged += kept[2]
             bar.update(len(rows))
         return np.concatenate(outcomes), np.concatenate(severities)

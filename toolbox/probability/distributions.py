@@ -38,9 +38,10 @@ class Distribution(ABC):
     def frozen(self, name: str, unit: str) -> Any:
         """The distribution of scipy.stats in SI; name: of the number, for messages;  unit: of the number."""
 
-    @abstractmethod
     def asked(self, unit: str) -> str:
-        """The unit in which it was typed; empty where it was given in SI."""
+        """The unit in which the first of its numbers was typed; empty where it was given in SI."""
+        first = getattr(self, dataclasses.fields(self)[0].name)  # type: ignore[arg-type]
+        return asked_in(number("unit", first, unit), "") if isinstance(first, str) else ""
 
 
 @dataclass(frozen=True)
@@ -64,9 +65,6 @@ class Normal(Distribution):
         mean = number(f"mean` of `{name}", self.mean, unit)
         return stats.norm(mean, number(f"deviation` of `{name}", self.deviation, unit, above=0))
 
-    def asked(self, unit: str) -> str:
-        return _typed(self.mean, unit)
-
 
 @dataclass(frozen=True)
 class Uniform(Distribution):
@@ -86,9 +84,6 @@ class Uniform(Distribution):
 
         low, high = checked_range((self.low, self.high), name, unit)
         return stats.uniform(low, high - low)
-
-    def asked(self, unit: str) -> str:
-        return _typed(self.low, unit)
 
 
 @dataclass(frozen=True)
@@ -111,9 +106,6 @@ class LogNormal(Distribution):
 
         median = number(f"median` of `{name}", self.median, unit, above=0)
         return stats.lognorm(number(f"deviation` of `{name}", self.deviation, above=0), scale=median)
-
-    def asked(self, unit: str) -> str:
-        return _typed(self.median, unit)
 
 
 @dataclass(frozen=True)
@@ -304,10 +296,6 @@ def known_as(uncertain: Mapping[str, Any] | Draws, names: Sequence[str], draws: 
 def _short(given: NumberOrText) -> str:
     """A number in six digits, and text as it is."""
     return given if isinstance(given, str) else f"{given:.6g}"
-
-
-def _typed(given: Any, unit: str) -> str:
-    return asked_in(number("unit", given, unit), "") if isinstance(given, str) else ""
 
 
 def _plain(text: str) -> NumberOrText:

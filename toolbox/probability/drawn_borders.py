@@ -23,7 +23,7 @@ from toolbox.errors import SceneError, SimulationError
 from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
-from toolbox.files.unit_systems import asked_in, reading
+from toolbox.files.unit_systems import asked_units, reading
 from toolbox.files.units import NumberOrText
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop
@@ -117,13 +117,12 @@ class UncertainOnset(Told, Result):
 
     def moved_by(self, label: str) -> dict[str, float]:
         """{what was drawn: its rank correlation with the border of a law}, the strongest first; nan where the border does not vary."""
-        from scipy.stats import rankdata
+        from scipy.stats import spearmanr
 
-        values = rankdata(self.borders[label])
-        found = {}
+        borders, found = self.borders[label], {}
         for name, column in zip(self.names, self.points.T, strict=True):
-            ranks = rankdata(column)
-            found[name] = float(np.corrcoef(ranks, values)[0, 1]) if np.ptp(values) and np.ptp(ranks) else math.nan
+            vary = np.unique(borders).size > 1 and np.unique(column).size > 1
+            found[name] = float(spearmanr(column, borders).statistic) if vary else math.nan
         return dict(sorted(found.items(), key=lambda pair: -abs(np.nan_to_num(pair[1]))))
 
     def _told(self) -> list[str | Rows]:
@@ -263,7 +262,7 @@ def uncertain_onset(
     return UncertainOnset(
         title=first.title, name=varied.name, unit=varied.unit, between=(low, high), uncertain=known_as(uncertain, known.names, draws),
         names=known.names, points=known.points, borders=borders, smooth=smooth, tolerance=width, unknown=unknown, duration=longest, accuracy=accuracy,
-        confidence=confidence, asked={varied.unit: unit} if (unit := asked_in(varied.in_si("between", list(between)), "")) else {},
+        confidence=confidence, asked=asked_units((low, high)),
     )  # fmt: skip
 
 

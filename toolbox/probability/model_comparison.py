@@ -17,16 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import FloatArray, number, short
+from toolbox.arguments import FloatArray, short
 from toolbox.errors import SceneError
 from toolbox.files.printing import columns
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
-from toolbox.probability.posteriors import Posterior, log_likelihoods, measured_values, posterior
-from toolbox.scenes.judged import judged_measures
-from toolbox.sweeps.designs import Variations
-from toolbox.sweeps.sweep import sweep
+from toolbox.probability.posteriors import Measured, Posterior, posterior
 
 
 @dataclass(frozen=True)
@@ -155,23 +152,16 @@ def compare_models(
         folder = None if out is None else Path(out) / f"model_{k + 1:02d}"
         known = posterior(loop, data, priors[label], duration, measures=measures, draws=draws, accuracy=accuracy, seed=seed, out=folder)
         found[label] = known
-        scores[label] = _scores(loop, known, left_out, duration, measures, accuracy)
+        scores[label] = (
+            _scores(loop, known, Measured.of(loop, left_out, duration, measures, "left_out"), accuracy) if left_out else np.empty(0)
+        )
     return ModelComparison(found, scores, tuple(left_out))
 
 
-def _scores(
-    loop: ClosedLoop, known: Posterior, left_out: Mapping[str, Any], duration: Any, measures: Mapping[str, Any] | None, accuracy: float
-) -> FloatArray:
+def _scores(loop: ClosedLoop, known: Posterior, left_out: Measured, accuracy: float) -> FloatArray:
     """Logarithm of the mean density of each datum that was left out over the draws of a posterior; -inf where no draw gives it."""
     from scipy.special import logsumexp
 
-    if not left_out:
-        return np.empty(0)
-    asked = {name: (measures or {}).get(name, name) for name in left_out}
-    length = number("duration", loop.duration if duration is None else duration, "s", above=0)
-    chosen = judged_measures(asked, loop, 0.0, length, argument="left_out")
-    values, deviations = measured_values(left_out, {name: each.unit_in(loop.system) for name, each in chosen.items()})
-    told = sweep(loop, Variations(known.names, known.points, (len(known.points),)), length, measures=asked, accuracy=accuracy)
-    logs = log_likelihoods(np.stack([told[name] for name in left_out], axis=1), values, deviations)
+    logs = left_out.log_likelihoods(loop, known.names, known.points, accuracy)
     found: FloatArray = logsumexp(logs, axis=0) - math.log(len(logs))
     return found

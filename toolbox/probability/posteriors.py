@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,6 @@ import numpy as np
 from toolbox.arguments import FloatArray, mapping, number, short, whole
 from toolbox.calibration.recording import Recording
 from toolbox.errors import SceneError
-from toolbox.files.journal import Journal
 from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
@@ -35,9 +34,8 @@ from toolbox.probability.distributions import Draws, Normal, distribution, quant
 from toolbox.probability.tempering import tempered
 from toolbox.scenes.judged import judged_measures
 from toolbox.sweeps.designs import Variations
-from toolbox.sweeps.store import folder_of
+from toolbox.sweeps.store import journal_in
 from toolbox.sweeps.sweep import sweep
-from toolbox.sweeps.variants import fingerprints, shared_run
 
 STANDARD = math.log(2.0 * math.pi) / 2.0
 
@@ -198,11 +196,8 @@ def posterior(
             raise SceneError(f"Argument `{word}` must map at least one name to a distribution, but it is {short(given)}.")
     whole("draws", draws, 32)
     whole("seed", seed, 0)
-    length = number("duration", loop.duration if duration is None else duration, "s", above=0)
-    asked = {name: (measures or {}).get(name, name) for name in data}
-    chosen = judged_measures(asked, loop, 0.0, length, argument="data")
-    measured_in = {name: each.unit_in(loop.system) for name, each in chosen.items()}
-    values, deviations = measured_values(data, measured_in)
+    measured = Measured.of(loop, data, duration, measures)
+    length = measured.length
     unknowns = [loop.number(name) for name in priors]
     names = tuple(each.name for each in unknowns)
     known = [distribution(each.name, given) for each, given in zip(unknowns, priors.values(), strict=True)]
@@ -213,18 +208,17 @@ def posterior(
         cumulative = ndtr(points)
         return np.stack([quantiles(each, k, cumulative[:, i]) for i, (each, k) in enumerate(zip(unknowns, known, strict=True))], axis=1)
 
-    journal = None if out is None else _journal(Path(out), loop, (names, numbers_at(np.zeros((1, len(names))))), length, accuracy,
-                                                measured=[values.tolist(), deviations.tolist(), str(list(chosen.items()))],
-                                                priors=[str(known)], draws=[draws], seed=[seed])  # fmt: skip
+    journal = None if out is None else journal_in(
+        Path(out), "posterior.jsonl", loop, Variations(names, numbers_at(np.zeros((1, len(names)))), (1,)), length, accuracy,
+        measured=[measured.values.tolist(), measured.deviations.tolist(), str(list(measured.chosen.items()))], priors=[str(known)], draws=[draws], seed=[seed],
+    )  # fmt: skip
     calls = itertools.count()
 
     def likelihood(points: FloatArray) -> FloatArray:
         call = next(calls)  # the sampler asks the same each time, so that the place among its questions tells which one it is
         if journal is not None and (call,) in journal.known:
             return np.array([-math.inf if each is None else each for each in journal.known[call,]])
-        rows = numbers_at(points)
-        found = sweep(loop, Variations(names, rows, (len(rows),)), length, measures=asked, accuracy=accuracy)
-        logs = log_likelihoods(np.stack([found[name] for name in data], axis=1), values, deviations).sum(axis=1)
+        logs = measured.log_likelihoods(loop, names, numbers_at(points), accuracy).sum(axis=1)
         if journal is not None:
             journal.add((call,), [each if math.isfinite(each) else None for each in logs.tolist()])
         return logs
@@ -234,40 +228,48 @@ def posterior(
     return Posterior(
         title=loop.title, names=names, units=tuple(each.unit for each in unknowns), points=numbers_at(sampled.points),
         likelihoods=sampled.likelihoods, evidence=sampled.evidence, error=sampled.error,
-        data={name: told(name, data[name], measured_in[name]) for name in data},
+        data={name: told(name, data[name], measured.units[name]) for name in data},
         priors={each.name: told(each.name, given) for each, given in zip(unknowns, priors.values(), strict=True)}, runs=sampled.runs,
         stages=sampled.stages, asked={each.unit: unit for each, k in zip(unknowns, known, strict=True) if (unit := k.asked(each.unit))},
     )  # fmt: skip
 
 
-def _journal(
-    folder: Path, loop: ClosedLoop, at: tuple[tuple[str, ...], FloatArray], length: float, accuracy: float, **more: Any
-) -> Journal:
-    """The likelihoods that are known in a folder; at: names of the unknowns and a row of values;  more: what else makes the search."""
-    folder_of(folder)
-    names, row = at
-    run = shared_run(loop, Variations(names, row, (1,)), length, accuracy=accuracy)
-    return Journal(folder / "posterior.jsonl", fingerprints(run, names, duration=[length], **more), word="out")
+@dataclass(frozen=True)
+class Measured:
+    """What was measured of runs of a length [s]: measures, and values and standard deviations in SI; asked: the measures as `sweep` takes them."""
 
+    asked: dict[str, Any]
+    chosen: dict[str, Measure]
+    units: dict[str, str]
+    values: FloatArray
+    deviations: FloatArray
+    length: float
 
-def log_likelihoods(found: FloatArray, values: FloatArray, deviations: FloatArray) -> FloatArray:
-    """Logarithms of the likelihoods of data, shape (runs, data), given what the runs tell of them; -inf where a run tells nothing."""
-    apart = (found - values) / deviations
-    logs = -(0.5 * apart**2 + np.log(deviations) + STANDARD)
-    return np.where(np.isfinite(logs), logs, -np.inf)
+    @classmethod
+    def of(
+        cls, loop: ClosedLoop, data: Mapping[str, Any], duration: Any, measures: Mapping[str, Any] | None, word: str = "data"
+    ) -> Measured:
+        """What `posterior` is given; raises SceneError for what is no normal distribution of a measure. word: the argument with the data."""
+        length = number("duration", loop.duration if duration is None else duration, "s", above=0)
+        asked = {name: (measures or {}).get(name, name) for name in data}
+        chosen = judged_measures(asked, loop, 0.0, length, argument=word)
+        units = {name: each.unit_in(loop.system) for name, each in chosen.items()}
+        pairs = []
+        for name, given in data.items():
+            known = distribution(name, given)
+            if not isinstance(known, Normal):
+                raise SceneError(f"Argument `{name}` of `{word}` must be normal, as in `0.31 +- 0.02`, but it is {short(given)}.")
+            frozen = known.frozen(name, units[name])
+            pairs.append((float(frozen.mean()), float(frozen.std())))
+        values, deviations = np.array(pairs).T
+        return cls(asked, chosen, units, values, deviations, length)
 
-
-def measured_values(data: Mapping[str, Any], units: Mapping[str, str]) -> tuple[FloatArray, FloatArray]:
-    """Values and standard deviations of what was measured, in SI."""
-    pairs = []
-    for name, given in data.items():
-        known = distribution(name, given)
-        if not isinstance(known, Normal):
-            raise SceneError(f"Argument `{name}` of `data` must be normal, as in `0.31 +- 0.02`, but it is {short(given)}.")
-        frozen = known.frozen(name, units[name])
-        pairs.append((float(frozen.mean()), float(frozen.std())))
-    values, deviations = np.array(pairs).T
-    return values, deviations
+    def log_likelihoods(self, loop: ClosedLoop, names: Sequence[str], points: FloatArray, accuracy: float) -> FloatArray:
+        """Logarithms of the likelihoods of each datum, shape (points, data), by runs with these numbers; -inf where a run tells nothing."""
+        runs = sweep(loop, Variations(tuple(names), points, (len(points),)), self.length, measures=self.asked, accuracy=accuracy)
+        apart = (np.stack([runs[name] for name in self.asked], axis=1) - self.values) / self.deviations
+        logs = -(0.5 * apart**2 + np.log(self.deviations) + STANDARD)
+        return np.where(np.isfinite(logs), logs, -np.inf)
 
 
 def windowed(signal: str, times: Any, values: Any, deviation: float, length: NumberOrText) -> tuple[dict[str, Normal], dict[str, Measure]]:

@@ -26,10 +26,13 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.files.atomic import clear_left, replaced, replaced_folder
+from toolbox.files.journal import Journal
 from toolbox.files.reading import LARGEST, most_unpacked, opened
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.sweeps import metadata
 from toolbox.sweeps.chunks import DONE, FAILED, WAITING, Columns, chunk_ranges, chunk_shape
-from toolbox.sweeps.designs import grid
+from toolbox.sweeps.designs import Variations, grid
+from toolbox.sweeps.variants import fingerprints, shared_run
 
 STATUS = {"flag_values": [WAITING, DONE, FAILED], "flag_meanings": "waiting done failed"}
 """What the numbers of `status` mean, in the words of the CF conventions."""
@@ -173,6 +176,13 @@ def folder_of(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SceneError(f"Argument `out` must be a folder that can be written, but `{path}` cannot: {error.strerror}.") from None
+
+
+def journal_in(folder: Path, name: str, loop: ClosedLoop, variations: Variations, duration: float, accuracy: float, **more: Any) -> Journal:
+    """What is known in a file of a folder of a search over runs of a loop; more: what else makes the search. Raises SceneError for that of another one."""
+    folder_of(folder)
+    run = shared_run(loop, variations, duration, accuracy=accuracy)
+    return Journal(folder / name, fingerprints(run, variations.names, duration=[duration], **more), word="out")
 
 
 # ---------------------------------------------------------------------------------------------------------------------------------------- zarr

@@ -207,11 +207,6 @@ class ClosedLoop(Printed):
         kinds = [type(law_of(part)).__name__ for part in self.plant.parts]
         return self.label or ", ".join([*kinds, *(described(law).partition(",")[0] for law in self.laws)])
 
-    @property
-    def laws_title(self) -> str:
-        """Its laws and how they run, in words."""
-        return "; ".join(map(described, self.laws)) or "the machine without a law"
-
     # -------------------------------------------------------------------------------------------------------------------------------------- numbers
     def numbers(self) -> dict[str, Number]:
         """{name: every number of the loop that can be varied}, with unit, bounds, value, and the input that overrides it if one does."""

@@ -155,5 +155,10 @@ def described(given: Any) -> str:
     return f"{name}, sampled every {_time(given.period)}" + (f" with a delay of {_time(given.delay)}" if given.delay else "")
 
 
+def all_described(laws: Sequence[Any]) -> str:
+    """The laws of a loop and how they run, in words."""
+    return "; ".join(map(described, laws)) or "the machine without a law"
+
+
 def _time(value: float) -> str:
     return f"{value:.3g} s" if value >= 1.0 else f"{1e3 * value:.3g} ms"

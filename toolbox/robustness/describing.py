@@ -33,6 +33,7 @@ from toolbox.files.printing import columns
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.closing import all_described
 from toolbox.modelling.steady_point import Equilibrium, function_of, mode_numbers
 from toolbox.orbits.orbit import Cycle
 from toolbox.robustness.loop import LinearLoop
@@ -246,7 +247,7 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
             found.append(PredictedCycle(w, size, mean_at(size), not rising))
     exact = () if cycle is None else (cycle.period, *cycle.extremes(f"{contact}.slip"))
     return DescribingFunction(
-        title=loop.laws_title,
+        title=all_described(loop.laws),
         contact=contact,
         units=(element.slip_unit, element.force_unit),
         slip=slip,

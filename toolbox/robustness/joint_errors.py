@@ -38,6 +38,7 @@ from toolbox.halving import halved
 from toolbox.measuring.judge import told_growth
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
+from toolbox.modelling.closing import all_described
 from toolbox.modelling.laws import Sampled
 from toolbox.onsets.coming_to import Settled
 from toolbox.robustness.disk_margins import balancing, frequencies, peak
@@ -244,7 +245,7 @@ def smallest_error(
     before = search.tried
     error, size, held = search(fail)
     return SmallestError(
-        title=loop.laws_title,
+        title=all_described(loop.laws),
         way=trials.way,
         numbers=numbers,
         size=size,

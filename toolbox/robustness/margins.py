@@ -16,6 +16,7 @@ from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.closing import all_described
 from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
 from toolbox.robustness.loop import LinearLoop, NoDerivative
 from toolbox.robustness.measured import MeasuredMargins, measured_margins
@@ -175,7 +176,7 @@ def margins(
         If an argument is wrong as in `simulate`, laws have different periods, or measured margins are needed but no steady running is known: give `guess`.
     """
     duration = number("duration", duration, "s", above=0)
-    plant, system, title = loop.plant, loop.system, loop.laws_title
+    plant, system, title = loop.plant, loop.system, all_described(loop.laws)
     reason, found = "", None
     try:
         found = steady_loop(loop, guess)

@@ -27,6 +27,7 @@ from toolbox.measuring.judge import CALM, STANDS, STICKS, told_growth
 from toolbox.measuring.measures import Measure, maximum, mean, minimum, stuck_ratio
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
+from toolbox.modelling.closing import all_described
 from toolbox.modelling.laws import Sampled
 from toolbox.modelling.numbers import put_all
 from toolbox.onsets.coming_to import Settled
@@ -336,7 +337,7 @@ class Trials:
                 found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
         order = {label: i for i, label in enumerate(cases)}
         found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
-        return WorstCase(loop.laws_title, self.way, tuple(found), seconds)
+        return WorstCase(all_described(loop.laws), self.way, tuple(found), seconds)
 
     def _lasting(self, outcome: Outcome, machine: ClosedLoop, swing: float) -> Outcome:
         """An outcome whose window is calm, with what it comes to; swing: of the speed in the window, in parts of its mean."""

@@ -77,7 +77,6 @@ class LeastSquares:
         size = self._size(values)
         jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
         rest = resting(misfit, values, size, jacobian, self._weighed(left, scales), self.low, self.high)
-        ways = rest.directions
         equal = (
             self._rising_by_chance(rest, values, jacobian, self._weighed(left, scales))
             if rest.why
@@ -85,13 +84,10 @@ class LeastSquares:
         )
         if equal:
             values, rest = self._as_one(values, equal, scales)
-            size = self._size(values)
-            jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
-            ways = rest.directions
         elif rest.why:
-            values = self._along(rest.values, ways, scales) if rest.together else rest.values
-            size = self._size(values)
-            jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
+            values = self._along(rest.values, rest.directions, scales) if rest.together else rest.values
+        if equal or rest.why:
+            jacobian, left = self._weighed(misfit.slopes(values, self._size(values)), scales), self._left(values)
         agreement = int(sum(each.cost <= best.cost * (1 + 1e-3) + 1e-12 for each in found)), len(found)
         return self._result(values, scales, rest, equal, (jacobian, left), agreement)
 

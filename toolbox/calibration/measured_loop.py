@@ -46,8 +46,6 @@ class MeasuredLoop(ContactMisfit):
     the samples that count;  released: True for those of them at break-away.
     """
 
-    exact, by_samples = True, True
-
     def __init__(
         self,
         loop: ClosedLoop,
@@ -142,18 +140,10 @@ class MeasuredLoop(ContactMisfit):
         over = f"slip of {element.name} [{element.slip_unit}]"
         return (Panel(name, self.plant.unit(name), over, self.slip[self.rows], measured, measured + left[name], self.released, resting),)
 
-    def at(self, values: np.ndarray) -> ClosedLoop:
-        """The loop with the free numbers at given values."""
-        return self.loop.but(parameters={**self.loop.parameters, **self._of_plant(values)})
-
     def begun(self, values: np.ndarray) -> MeasuredLoop:
         """The misfit with the samples that slip at these numbers, where its search begins."""
         numbers = [dataclasses.replace(number, value=float(value)) for number, value in zip(self.numbers, values, strict=True)]
         return MeasuredLoop(self.loop, self._measured, numbers, self.contact, self.given_still, self.shifts, values)
-
-    def horizons(self) -> list[MeasuredLoop]:
-        """The misfit itself: samples of a loop do not know of each other."""
-        return [self]
 
     def thinned(self) -> None:
         """None: a loop asks for its inputs at the samples only."""
@@ -214,18 +204,11 @@ class MeasuredLoop(ContactMisfit):
             found[self.released] = release if np.ndim(release) == 0 else release[self.rows[self.released]]
         return found
 
-    def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
+    def _force_at(self, values: np.ndarray) -> np.ndarray:
         """The force of the law at the measured slip, and with the static bound at break-away."""
-        return self._once("model", values, self._model)
-
-    def _model(self, values: np.ndarray) -> np.ndarray:
         self._place(values)
         found = self._of(self._forces, self._numbers(values))
         return self._counted(*(each for (each,) in found))
-
-    def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
-        """Derivatives of `model` with respect to the free numbers, shape (nt, k): exact, those of a shift by central differences."""
-        return self._once("slopes", values, self._slopes_at)
 
     def _slopes_at(self, values: np.ndarray) -> np.ndarray:
         self._place(values)
@@ -234,11 +217,6 @@ class MeasuredLoop(ContactMisfit):
         places = [i for i, number in enumerate(self.numbers) if number.kind == "parameter"]
         for i, each in zip(places, zip(*both, strict=True), strict=True):
             found[:, i] = self._counted(*each)
-        for shift in self.shifts:
-            step = np.zeros(values.size)
-            step[shift.place] = 0.1 * self.recording.interval
-            ahead, back = (self._model(values + sign * step) for sign in (1.0, -1.0))
-            found[:, shift.place] = (ahead - back) / (2.0 * step[shift.place])
         return found
 
     def _place(self, values: np.ndarray) -> None:

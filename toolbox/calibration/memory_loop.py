@@ -41,8 +41,6 @@ class MemoryLoop(ContactMisfit):
     output: the measured signal that holds the force;  memory: rows of the states that the law remembers by.
     """
 
-    exact, by_samples = True, True
-
     def __init__(self, loop: ClosedLoop, recording: Recording, numbers: Sequence[Number], contact: str, shifts: Sequence[Shift] = ()):
         plant = loop.closed.plant
         self.loop, self.plant, self.numbers, self.contact = loop, plant, list(numbers), contact
@@ -217,13 +215,6 @@ class MemoryLoop(ContactMisfit):
         turned = np.array(found[1]).reshape(n, h.size, k + n).transpose(1, 0, 2)
         return at, memory, np.concatenate([tangent[None], turned]), p
 
-    def at(self, values: np.ndarray) -> ClosedLoop:
-        """The loop with the free numbers at given values."""
-        loop = self.loop
-        for number, value in zip(self.numbers, values.tolist(), strict=True):
-            loop = loop if number.kind == "shift" else number.put(loop, value)
-        return loop
-
     def resolved(self, values: np.ndarray) -> MemoryLoop:
         """Itself, with as many steps between samples as the force at these numbers asks for."""
         size = float(np.std(self.measured[self.output])) or 1.0
@@ -236,19 +227,11 @@ class MemoryLoop(ContactMisfit):
             coarse = fine
         return self
 
-    def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
-        """The force of the law along the measured slip."""
-        return self._once("model", values, self._model)
-
-    def _model(self, values: np.ndarray) -> np.ndarray:
+    def _force_at(self, values: np.ndarray) -> np.ndarray:
         at, memory, _, p = self._along(values, False, self.steps)
         ((force,),) = self._force(list(memory), list(at), p.tolist(), count=memory.shape[1])
         found: np.ndarray = np.broadcast_to(force, memory.shape[1])[self._kept]
         return found
-
-    def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
-        """Derivatives of `model` with respect to the free numbers, shape (nt, k): exact, those of a shift by central differences."""
-        return self._once("slopes", values, self._slopes_at)
 
     def _slopes_at(self, values: np.ndarray) -> np.ndarray:
         at, memory, turned, p = self._along(values, True, self.steps)
@@ -264,14 +247,7 @@ class MemoryLoop(ContactMisfit):
                 found[:, i] = through[:, j] + of_free[j]
             elif number.kind == "start":
                 found[:, i] = through[:, k + self.memory.index(self._row(number.name)[0])]
-        found = found[self._kept]
-        for shift in self.shifts:
-            ahead, back = values.copy(), values.copy()
-            h = 0.1 * self.recording.interval
-            ahead[shift.place] += h
-            back[shift.place] -= h
-            found[:, shift.place] = (self._model(ahead) - self._model(back)) / (2.0 * h)
-        return found
+        return found[self._kept]
 
     def panels(self, left: Mapping[str, np.ndarray], _: np.ndarray) -> tuple[Panel, ...]:
         """What was measured beside the law, over what drives it; left: law less measured."""
@@ -281,10 +257,6 @@ class MemoryLoop(ContactMisfit):
         over = self.recording.signals[source][self._kept]
         nowhere = np.zeros(measured.size, bool)
         return (Panel(name, self.plant.unit(name), f"{source} [{unit}]", over, measured, measured + left[name], nowhere, np.empty((2, 0))),)
-
-    def horizons(self) -> list[MemoryLoop]:
-        """The misfit itself: what a law remembers fades."""
-        return [self]
 
     def thinned(self) -> MemoryLoop:
         """The misfit along the curve through every other sample of what drives the law."""
@@ -306,13 +278,7 @@ def _continuous(recording: Recording, names: Sequence[str]) -> Recording:
     """The samples at which all of these were measured. Raises SceneError where they lie farther apart than a gap, over which a memory is lost."""
     if not names:  # the law will say what it lacks
         return recording
-    stretches = recording.windows(names)
-    if len(stretches) != 1:
-        found = ", ".join(f"{begin:.6g} .. {end:.6g} s" for begin, end in stretches[:8])
-        raise SceneError(
-            f"The data must hold what a law with memory is driven by without gaps, but it is there in {len(stretches)} stretches: choose among the windows "
-            f"{found}."
-        )
+    recording.unbroken(names, "what a law with memory is driven by")
     good = np.all([np.isfinite(recording.signals[name]) for name in names], axis=0)
     time = recording.time[good]
     signals = {name: values[good] for name, values in recording.signals.items()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import casadi as ca
@@ -11,7 +11,9 @@ import numpy as np
 
 from toolbox.arguments import within
 from toolbox.calibration.recording import Recording
+from toolbox.calibration.shifts import Shift
 from toolbox.errors import SceneError
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import numbers_of
 from toolbox.modelling.hybrid_system import HybridSystem, Parameter
 from toolbox.modelling.numbers import Number
@@ -21,8 +23,15 @@ from toolbox.sweeps.variants import passing
 class Misfit:
     """A misfit to one window of a recording."""
 
+    loop: ClosedLoop
     recording: Recording
+    numbers: Sequence[Number]
     measured: dict[str, np.ndarray]
+
+    def at(self, values: np.ndarray) -> ClosedLoop:
+        """The loop with the free numbers at given values; raises SceneError where numbers contradict each other."""
+        free = zip(self.numbers, values.tolist(), strict=True)
+        return reduce(lambda loop, pair: pair[0].put(loop, pair[1]), (pair for pair in free if pair[0].kind != "shift"), self.loop)
 
     @property
     def span(self) -> float:
@@ -50,11 +59,41 @@ class ContactMisfit(Misfit):
     """
 
     plant: HybridSystem
-    numbers: Sequence[Number]
     contact: str
     output: str
+    shifts: Sequence[Shift]
     _last: tuple[bytes, np.ndarray]
     steps = 1
+    exact, by_samples = True, True
+
+    def _force_at(self, values: np.ndarray) -> np.ndarray:
+        """The force of the law at the samples that count."""
+        raise NotImplementedError
+
+    def _slopes_at(self, values: np.ndarray) -> np.ndarray:
+        """Its derivatives with respect to the free numbers, shape (nt, k); those of shifts are left open."""
+        raise NotImplementedError
+
+    def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """The force of the law at the measured slip."""
+        return self._once("model", values, self._force_at)
+
+    def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of `model` with respect to the free numbers, shape (nt, k): exact, those of a shift by central differences."""
+        return self._once("slopes", values, self._all_slopes_at)
+
+    def _all_slopes_at(self, values: np.ndarray) -> np.ndarray:
+        found = self._slopes_at(values)
+        for shift in self.shifts:
+            step = np.zeros(values.size)
+            step[shift.place] = 0.1 * self.recording.interval
+            ahead, back = (self._force_at(values + sign * step) for sign in (1.0, -1.0))
+            found[:, shift.place] = (ahead - back) / (2.0 * step[shift.place])
+        return found
+
+    def horizons(self) -> list[Any]:
+        """The misfit itself: samples of a loop do not know of each other, and what a law remembers fades."""
+        return [self]
 
     def _once(self, what: str, values: np.ndarray, find: Callable[[np.ndarray], np.ndarray]) -> dict[str, np.ndarray]:
         """{output: what is found at some values}, kept until it is asked for at others: a search asks more than once where it begins."""

@@ -160,15 +160,19 @@ class Recording:
         measured = [name for name in self.signals if name in plant.inputs]
         if not measured:
             return {}
-        stretches = self.windows(measured, hole)
+        words = f"what drives the machine, {' and '.join(f'`{name}`' for name in measured)},"
+        self.unbroken(measured, words, hole, f", or say by `hole` that more than {hole} samples in a row may be missing")
+        good = {name: np.isfinite(self.signals[name]) for name in measured}
+        return {name: (self.time[good[name]], self.signals[name][good[name]]) for name in measured}
+
+    def unbroken(self, names: Sequence[str], what: str, hole: int = 2, remedy: str = "") -> None:
+        """Raise SceneError where the named signals have a gap. what: they are, in words;  remedy: beside a choice among the windows without one."""
+        stretches = self.windows(names, hole)
         if len(stretches) != 1:
             found = ", ".join(f"{begin:.6g} .. {end:.6g} s" for begin, end in stretches[:8])
             raise SceneError(
-                f"The data must hold what drives the machine, {' and '.join(f'`{name}`' for name in measured)}, without gaps, but it is there in "
-                f"{len(stretches)} stretches: choose among the windows {found}, or say by `hole` that more than {hole} samples in a row may be missing."
+                f"The data must hold {what} without gaps, but it is there in {len(stretches)} stretches: choose among the windows {found}{remedy}."
             )
-        good = {name: np.isfinite(self.signals[name]) for name in measured}
-        return {name: (self.time[good[name]], self.signals[name][good[name]]) for name in measured}
 
     @property
     def interval(self) -> float:

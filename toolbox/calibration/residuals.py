@@ -130,10 +130,7 @@ class Simulated(Misfit):
 
     def at(self, values: np.ndarray) -> ClosedLoop:
         """The loop with the free numbers at given values, driven on the clock of the machine; raises SceneError where numbers contradict each other."""
-        loop = self.loop
-        for number, value in zip(self.numbers, values.tolist(), strict=True):
-            loop = loop if number.kind == "shift" else number.put(loop, value)
-        late = self._late(values)
+        loop, late = super().at(values), self._late(values)
         moved = {name: Table(loop.values[name].times - late[name], loop.values[name].values) for name in late if name not in self.outputs}
         return loop.but(inputs={**loop.inputs, **moved}) if moved else loop
 

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.halving import halved
 
-HALVINGS = 40
-"""Steps to where a number rests: to its last digits."""
+REACHED = 2.0**-40
+"""Part of the way to its own optimum to which it is found where a number rests: to its last digits."""
 
 NEAR = 0.05
 """A number rests where it can go less than this part of the way to its own optimum."""
@@ -83,11 +84,4 @@ def _refused(misfit: Any, values: np.ndarray) -> str | None:
 
 def _reach(misfit: Any, values: np.ndarray, move: np.ndarray) -> float:
     """The largest part of a move that is allowed, where the whole is not."""
-    inside, outside = 0.0, 1.0
-    for _ in range(HALVINGS):
-        middle = 0.5 * (inside + outside)
-        if _refused(misfit, values + middle * move) is None:
-            inside = middle
-        else:
-            outside = middle
-    return inside
+    return halved(lambda part: _refused(misfit, values + part * move) is not None, 0.0, 1.0, 0.0, REACHED)[0]

@@ -85,12 +85,9 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     SceneError
         If the contact is unknown, v <= 0, or no B in that range is enough.
     """
-    names = [element.name for element in plant.elements]
-    if contact not in names:
-        raise plant.no_element(contact)
+    element = plant.element(contact)
     slip, frequency = number("slip", slip, above=0), number("frequency", frequency, "Hz", above=0)
-    place = names.index(contact)
-    element = plant.elements[place]
+    place = plant.elements.index(element)
     if element.law is None or element.law.breaks():
         raise SceneError(f"Argument `contact` must have a friction law without breaks, but `{contact}` has {element.law!r}.")
     speed = ca.SX.sym("speed")
@@ -99,7 +96,7 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     load, gain = (
         float(
             ca.Function("number", [*declared, plant.m, plant.F], [ca.densify(ca.SX(value))])(
-                *numbers, np.ones(len(names)), np.zeros(len(names))
+                *numbers, np.ones(len(plant.elements)), np.zeros(len(plant.elements))
             )
         )
         for value in (element.load, plant.switching.gain[place, place])

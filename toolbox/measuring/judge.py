@@ -160,9 +160,8 @@ class Record:
         return [self._span(run) for run in self.recent]
 
     def _span(self, run: Trajectory) -> float:
-        contact = next(each for each in run.program.system.elements if each.name == self.element)
         late = run.nodes.at(np.linspace(0.5 * (run.begin + run.end), run.end, 65))
-        force = np.atleast_1d(late.computed(ca.SX(contact.force)))
+        force = np.atleast_1d(late.computed(ca.SX(run.program.system.element(self.element).force)))
         return float(np.ptp(force) / np.maximum(np.abs(force).max(), 1e-300))
 
     @property

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -148,7 +148,10 @@ def extent(run: Recorded, signal: str, after: NumberOrText = 0.0, until: NumberO
     ends: list[tuple[float, float]] = []
     for values, times, sign in ((steps.lowest, steps.when_lowest, -1.0), (steps.highest, steps.when_highest, 1.0)):
         i = int(np.argmax(sign * values))
-        found = (_value_in(run, signal, steps, i, float(times[i])), float(times[i]))
+        value = scalar(
+            run.nodes.inside(steps.row[i : i + 1], times[i : i + 1]), signal
+        )  # at the end of a step that on the near side of a jump
+        found = (float(value[0]), float(times[i]))
         ends.append(max(found, (last, end), key=lambda pair: sign * pair[0]))
     (low, when_low), (high, when_high) = ends
     mean = math.fsum(steps.integral) / (end - begin)
@@ -223,7 +226,7 @@ def severity(
     SceneError
         If the definition or the signal is unknown, or the reference is missing or not needed.
     """
-    (reference,) = _in_unit(run, signal, reference=reference)
+    reference = in_si(reference, run.unit(signal), "reference") if isinstance(reference, str) else reference
     check_definition(definition, reference)
     return severity_of(extent(run, signal, after, until), definition, reference)
 
@@ -269,10 +272,7 @@ def settling(
         If the target is 0 and there is no size, the band is outside (0, 1), or the signal is unknown or a vector.
     """
     begin, end = window(run, after, until)
-    target, size = _in_unit(
-        run, signal, target=_value(run, target, end) if isinstance(target, str) and target in run else target, size=size
-    )
-    size = _size(target, size)
+    target, size = _aimed(run, signal, target, size, end)
     band = number("band", band, above=0, below=1)
     width = band * size
     steps = _steps(run, signal, begin, end)
@@ -377,10 +377,7 @@ def overshoot(
         If the target is 0 and there is no size, the signal is unknown or a vector, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
-    target, size = _in_unit(
-        run, signal, target=_value(run, target, end) if isinstance(target, str) and target in run else target, size=size
-    )
-    size = _size(target, size)
+    target, size = _aimed(run, signal, target, size, end)
     start = _value(run, signal, begin)
     found = extent(run, signal, begin, end)
     beyond = found.maximum - target if start < target else target - found.minimum
@@ -389,18 +386,15 @@ def overshoot(
     return max(0.0, beyond) / size
 
 
-def _in_unit(run: Recorded, signal: str, **given: Any) -> list[Any]:
-    """What is given as text, as numbers in the unit of a signal."""
-    return [in_si(value, run.unit(signal), word) if isinstance(value, str) else value for word, value in given.items()]
-
-
-def _size(target: NumberOrText, size: float | None) -> float:
-    target = number("target", target)
-    if size is None:
-        if target == 0:
-            raise SceneError("Argument `size` must be given where `target` is 0, because nothing else says how large a deviation is.")
-        return abs(target)
-    return number("size", size, above=0)
+def _aimed(run: Recorded, signal: str, target: NumberOrText, size: NumberOrText | None, end: float) -> tuple[float, float]:
+    """The target, where it names a signal its value at the end, and the change that counts as 1; raises SceneError where nothing says how large that is."""
+    given = _value(run, target, end) if isinstance(target, str) and target in run else target
+    aim = number("target", given, run.unit(signal))
+    if size is not None:
+        return aim, number("size", size, run.unit(signal), above=0)
+    if aim == 0:
+        raise SceneError("Argument `size` must be given where `target` is 0, because nothing else says how large a deviation is.")
+    return aim, abs(aim)
 
 
 # ------------------------------------------------------------------------------------------------------------------------- unilateral contacts
@@ -459,8 +453,3 @@ def _steps(run: Recorded, signal: str, begin: float, end: float) -> Steps:
 def _value(run: Recorded, signal: str, t: float) -> float:
     """Value of a scalar signal, on the far side of a jump."""
     return float(scalar(run.nodes.at(np.array([t])), signal)[0])
-
-
-def _value_in(run: Recorded, signal: str, steps: Steps, i: int, t: float) -> float:
-    """Value of a signal in step i; at its end that on the near side of a jump."""
-    return float(scalar(run.nodes.inside(steps.row[i : i + 1], np.array([t])), signal)[0])

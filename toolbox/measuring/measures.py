@@ -112,10 +112,7 @@ class Measure:
         if self.until is not None:
             number("until", self.until, "s", above=after, at_most=end)
         if self.looks_at == "contact":
-            elements = {element.name: element for element in system.elements}
-            if self.of not in elements:
-                raise system.no_element(self.of)
-            words = elements[self.of].legend.values()
+            words = system.element(self.of).legend.values()
             if "mode" in dict(self.settings) and self.mode not in words:
                 raise SceneError(f"There is no mode `{self.mode}` of `{self.of}`: {suggest(self.mode, words)}")
             return

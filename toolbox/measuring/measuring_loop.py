@@ -143,6 +143,12 @@ def _most(w, b):
     return 2.0**DEPTH
 
 
+def _quartic(s0, s1, s2, s3, s4, u):
+    """The polynomial of these control points at u."""
+    v = 1.0 - u
+    return v * v * v * v * s0 + 4.0 * v * v * v * u * s1 + 6.0 * v * v * u * u * s2 + 4.0 * v * u * u * u * s3 + u * u * u * u * s4
+
+
 def _highest(f0, d0, c0, f1, d1, c1, best):
     """Largest of `best` and the quintic on [0, 1] with these values, slopes and curvatures at its ends (Bernstein form), and where; -1 for `best`."""
     where = -1.0
@@ -158,17 +164,12 @@ def _highest(f0, d0, c0, f1, d1, c1, best):
     left, before = 0.0, s0
     for piece in range(8):
         right = (piece + 1) / 8.0
-        u, v = right, 1.0 - right
-        after = v * v * v * v * s0 + 4.0 * v * v * v * u * s1 + 6.0 * v * v * u * u * s2 + 4.0 * v * u * u * u * s3 + u * u * u * u * s4
+        after = _quartic(s0, s1, s2, s3, s4, right)
         if before > 0.0 and after <= 0.0:
             low, high = left, right
             for _ in range(40):
                 u = 0.5 * (low + high)
-                v = 1.0 - u
-                if (
-                    v * v * v * v * s0 + 4.0 * v * v * v * u * s1 + 6.0 * v * v * u * u * s2 + 4.0 * v * u * u * u * s3 + u * u * u * u * s4
-                    > 0.0
-                ):
+                if _quartic(s0, s1, s2, s3, s4, u) > 0.0:
                     low = u
                 else:
                     high = u

@@ -472,17 +472,17 @@ def refuse_former(verb: str, machine: Any, words: Iterable[str]) -> None:
     raise SceneError(f"`{verb}` takes a closed loop: write `{verb}({loop}, ...)`.")
 
 
-def states_of(start: Any, plant: HybridSystem) -> dict[str, Any]:
-    """Start values by state, of a mapping, of an equilibrium, or of one instant of a run, of which the states of the plant are taken."""
+def states_of(start: Any, plant: HybridSystem, word: str = "start") -> dict[str, Any]:
+    """Start values by state, of a mapping, of an equilibrium, or of one instant of a run, of which the states of the plant are taken; word: the argument."""
     if isinstance(start, Equilibrium):
         return {name: start[name] for name in start.plant.states}
     if not hasattr(start, "program"):
-        return mapping("start", start)
+        return mapping(word, start)
     if start.time.size != 1:
-        raise SceneError(f"Argument `start` must be one instant of a run, such as `run.at(12.5)`, but it holds {start.time.size} times.")
+        raise SceneError(f"Argument `{word}` must be one instant of a run, such as `run.at(12.5)`, but it holds {start.time.size} times.")
     lacking = next((name for name in plant.states if name not in start), None)
     if lacking is not None:
-        raise SceneError(f"Argument `start` must hold the state `{lacking}`, but the run it comes from has none.")
+        raise SceneError(f"Argument `{word}` must hold the state `{lacking}`, but the run it comes from has none.")
     return {name: value_at(start, name, size) for name, (_, size, _) in plant.states.items()}
 
 

@@ -247,6 +247,13 @@ class HybridSystem:
             )
         return self._parameter(name).unit
 
+    def element(self, name: str) -> Element:
+        """The element of that name; raises SceneError for any other."""
+        found = next((element for element in self.elements if element.name == name), None)
+        if found is None:
+            raise self.no_element(name)
+        return found
+
     def no_element(self, name: str) -> SceneError:
         """The error of a name that is no element: a contact without modes is none."""
         if name in self.modeless:
@@ -266,6 +273,14 @@ class HybridSystem:
     def expression(self, name: str) -> ca.SX:
         """A signal or input in the symbols t, x, u, p, F and m; raises SceneError for an unknown name."""
         return self.signals[name][0] if isinstance(name, str) and name in self.signals else self._input(name).symbol
+
+    def input(self, name: str) -> Input:
+        """The input of that name; raises SceneError for any other."""
+        if name in self.inputs:
+            return self.inputs[name]
+        if name in self.signals:
+            raise SceneError(f"Argument `{name}` must not be an input: a part of the plant gives this signal.")
+        raise SceneError(f"There is no input `{name}`: {suggest(name, self.inputs)}")
 
     def _input(self, name: str) -> Input:
         if not isinstance(name, str) or name not in self.inputs:

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import is_finite_number, short
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError
 from toolbox.files.units import TypedNumber, in_si
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape, Table, Typed
@@ -35,20 +35,16 @@ def input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[
     typed: dict[str, Any] = {}
     values: dict[str, Any] = {}
     for name, value in inputs.items():
-        entry = system.inputs.get(name)
-        if entry is None:
-            if name in system.signals:
-                raise SceneError(f"Argument `{name}` must not be an input: a part of the plant gives this signal.")
-            raise SceneError(f"There is no input `{name}`: {suggest(name, system.inputs)}")
+        unit = system.input(name).unit
         if isinstance(value, str):
-            value = in_si(value, entry.unit, name)
+            value = in_si(value, unit, name)
         elif isinstance(value, Typed):
-            value = value.made(name, entry.unit)
+            value = value.made(name, unit)
         elif isinstance(value, np.ndarray) and value.ndim == 0:
             value = value.item()
         elif isinstance(value, (tuple, list, np.ndarray)) and len(value) == 2:
             times, numbers = (
-                in_si(row, unit, f"{name}.{word}") for row, unit, word in zip(value, ("s", entry.unit), ("times", "values"), strict=True)
+                in_si(row, of, f"{name}.{word}") for row, of, word in zip(value, ("s", unit), ("times", "values"), strict=True)
             )
             value = Table.of(name, times, numbers)
             value = replace(value, typed=tuple(number for number in numbers if isinstance(number, TypedNumber)))

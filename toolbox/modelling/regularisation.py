@@ -143,7 +143,7 @@ def _smooth_structure(plant: HybridSystem, names: list[str]) -> SmoothSystem:
 
 def _peak(plant: HybridSystem, template: SmoothSystem, name: str, width: float) -> float:
     """b of the matched form for the numbers of a plant."""
-    law = next(e for e in plant.elements if e.name == name).law
+    law = plant.element(name).law
     if law is None:
         return 0.0
     v, w = ca.SX.sym("v"), ca.SX.sym("w")

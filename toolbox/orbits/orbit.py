@@ -259,46 +259,31 @@ class Orbit:
         """The point of a run at a time, which is an instant of all samples where there are any."""
         if not self.clocked:
             return run.at(t).states[0]
-        system = run.program.system
         if t == 0.0:
-            return np.concatenate([run.nodes.states[0], run.run.start.memory, run.run.start.held[self.read]])
+            return self.begins(run)
         at, before = run.at(t * (1 + 1e-15)), run.at(t * (1 - 1e-13))
         self.held = before.held[0, : self.held.size].copy()
-        places = [update.first_held + len(update.names) + np.arange(update.memory.numel()) for update in system.updates]
+        places = [update.first_held + len(update.names) + np.arange(update.memory.numel()) for update in run.program.system.updates]
         return np.concatenate([at.states[0], at.held[0, np.concatenate(places)], self.held[self.read]])
 
     def begins(self, run: Trajectory) -> np.ndarray:
         """The point at the start of a shot."""
-        return self.within(run, 0.0) if self.clocked else run.states[0]
+        return np.concatenate([run.nodes.states[0], run.run.start.memory, run.run.start.held[self.read]])
 
     def ends(self, run: Trajectory) -> np.ndarray:
         """The point at the end of a shot."""
-        if not self.clocked:
-            return run.states[-1]
         return np.concatenate([run.states[-1], run.last.memory, run.held[-1, self.read]])
 
     def shot(self, x: np.ndarray, period: float) -> tuple[Trajectory, np.ndarray]:
         """The run over a period from a point, and derivatives of its end, shape (point, point + parameters)."""
         if not np.isfinite(x).all() or not 0.0 < period < np.inf:
             raise CycleError("The search for a cycle diverges.")
-        n = self.variational.plant
-        start = dataclasses.replace(
-            RunState.begun(self.run.system, self.run.plant, self.run.clocks),
-            states=x[:n].copy(),
-            memory=x[n : x.size - self.read.size].copy(),
-            carried=True,
-        )
-        if not self.clocked:
-            run = self.run.again(start=start, duration=float(period), longest_step=period / 64)
-            tangent = self.variational.along(run, np.eye(x.size))
-            self.approach = tangent.approach
-            return run, tangent.end
-        laws, every = self.variational.laws, np.eye(x.size)
-        behind, held = n + laws.memory, self.held.copy()
-        held[self.read] = x[behind:]
-        run = self.run.again(start=dataclasses.replace(start, held=held), duration=float(period), longest_step=period / 64)
-        first = np.zeros((held.size, x.size))
-        first[self.read] = every[behind:]
+        n, behind, every = self.variational.plant, x.size - self.read.size, np.eye(x.size)
+        held, first = self.held.copy(), np.zeros((self.held.size, x.size))
+        held[self.read], first[self.read] = x[behind:], every[behind:]
+        begun = RunState.begun(self.run.system, self.run.plant, self.run.clocks)
+        start = dataclasses.replace(begun, states=x[:n].copy(), memory=x[n:behind].copy(), held=held, carried=True)
+        run = self.run.again(start=start, duration=float(period), longest_step=period / 64)
         tangent = self.variational.along(run, every[:n], memory=every[n:behind], held_first=first)
         self.approach, self.held = tangent.approach, run.held[-1, : held.size].copy()
         return run, np.vstack([tangent.end[:n], tangent.memory, tangent.end[n:][self.read]])

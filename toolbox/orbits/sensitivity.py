@@ -100,10 +100,13 @@ class Sensitivity:
         return slope.reshape(slope.shape[0], samples.time.size, -1).transpose(1, 0, 2)
 
     def _between(self, times: np.ndarray) -> np.ndarray:
+        return self._variational.between(self.run.nodes, self._tangent.nodes, self._own, times)
+
+    @property
+    def _variational(self) -> Any:
         from toolbox.orbits.variational import variational_equations
 
-        nodes = self.run.nodes
-        return variational_equations(nodes.program, self._columns).between(nodes, self._tangent.nodes, self._own, times)
+        return variational_equations(self.run.nodes.program, self._columns)
 
     def time_in(self, element: str, mode: str, after: float = 0.0) -> np.ndarray:
         """Derivatives of `run.time_in(element, mode, after)`, shape (k,)."""
@@ -176,11 +179,8 @@ class Sensitivity:
 
     def _rate(self, name: str, t: float) -> float:
         """Time derivative of a scalar signal at an instant between switches."""
-        from toolbox.orbits.variational import variational_equations
-
-        nodes = self.run.nodes
-        slope = self._slopes(name, nodes.at([t]))[0, 0]
-        flow = variational_equations(nodes.program, self._columns).flow(nodes, t)
+        slope = self._slopes(name, self.run.nodes.at([t]))[0, 0]
+        flow = self._variational.flow(self.run.nodes, t)
         return float(slope[0] + slope[1 : 1 + flow.size] @ flow)
 
     def __str__(self) -> str:

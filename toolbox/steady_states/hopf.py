@@ -36,7 +36,7 @@ from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
 from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes, state_values
 from toolbox.steady_states.linear import holding_elements, steady_state
-from toolbox.steady_states.zeros import searched
+from toolbox.steady_states.zeros import NEARER, newton, searched
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ def _solved(followed: EquilibriumBranch, guess: float, stable: str) -> HopfPoint
     rows = np.ones(1)
     rows = np.abs(slopes(z / scale)).max(axis=1)
     rows[rows == 0.0] = 1.0
-    y = z / scale if sticking.size else _stepped(equations, slopes, z / scale)
+    y = z / scale if sticking.size else newton(equations, slopes, z / scale, 8, NEARER, alone=True)
     if not np.abs(equations(y)).max() < 1e-10:
         y = searched(equations, slopes, z / scale, "hybr" if not sticking.size else "lm")
     left = float(np.abs(equations(y)).max())
@@ -283,24 +283,6 @@ def _solved(followed: EquilibriumBranch, guess: float, stable: str) -> HopfPoint
     vector = z[n + 2 : 2 * n + 2] + 1j * z[2 * n + 2 :]
     coefficient = _lyapunov_coefficient(point, m, float(z[n + 1]), vector) if not sticking.size else math.nan
     return HopfPoint(free.name, free.unit, value, float(z[n + 1]), point, stable, coefficient, left)
-
-
-def _stepped(equations: Any, slopes: Any, y: np.ndarray) -> np.ndarray:
-    """Where Newton's steps lead from a guess of as many digits as `_crossing` gives, as long as they come nearer to a zero that stands alone.
-
-    `newton` serves equations that repeat or depend on each other, by least squares: of the 101 of 16 inertias these take ten times as long.
-    """
-    residual = equations(y)
-    for _ in range(8):
-        try:
-            following = y - np.linalg.solve(slopes(y), residual)
-        except np.linalg.LinAlgError:
-            break
-        left = equations(following)
-        if not np.abs(left).sum() < np.abs(residual).sum():
-            break
-        y, residual = following, left
-    return y
 
 
 def _extended(plant: HybridSystem, free: Number, given: tuple[str, ...], sticking: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
@@ -342,13 +324,14 @@ def _lyapunov_coefficient(point: Equilibrium, m: np.ndarray, w: float, q: np.nda
     plant = point.plant
     n = plant.x.numel()
 
-    function = plant.cache.get("directional")
-    if function is None:
+    def directional() -> ca.Function:
         d1, d2, d3 = (ca.SX.sym(f"d{i}", n) for i in (1, 2, 3))
         second = ca.jtimes(ca.jtimes(plant.switching.field, plant.x, d1), plant.x, d2)
         symbols = [plant.x, plant.u, plant.p, plant.m, d1, d2, d3]
         forms = ca.substitute([ca.densify(second), ca.densify(ca.jtimes(second, plant.x, d3))], [plant.t], [ca.SX(0)])
-        function = plant.cache["directional"] = ca.Function("directional", symbols, forms)
+        return ca.Function("directional", symbols, forms)
+
+    function = plant.once("directional", directional)
 
     def form(*directions: np.ndarray) -> np.ndarray:
         """B or C at complex directions, by linearity from their real and imaginary parts."""

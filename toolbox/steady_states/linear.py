@@ -17,7 +17,7 @@ import numpy as np
 
 from toolbox.arguments import mapping, number
 from toolbox.errors import NoSteadyState, SceneError, suggest
-from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
 from toolbox.modelling.components import structure_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
@@ -250,11 +250,7 @@ def input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
     """All inputs, those given and the others at their defaults, shape (inputs,). Raises SceneError for unknown names and numbers that are not finite."""
     u = np.array(plant.input_defaults(plant.values)).ravel()
     for name, value in mapping("inputs", given).items():
-        if name not in plant.inputs:
-            if name in plant.signals:
-                raise SceneError(f"Argument `{name}` must not be an input: a part of the plant gives this signal.")
-            raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")
-        value = number(name, value, plant.inputs[name].unit)
+        value = number(name, value, plant.input(name).unit)
         if name in plant.parameters:
             plant.parameters[name].check(value)
         u[list(plant.inputs).index(name)] = value
@@ -270,9 +266,7 @@ def _modes_at(
     """
     names = [element.name for element in plant.elements]
     for name, word in mapping("mode", mode).items():
-        if name not in names:
-            raise plant.no_element(name)
-        _code(plant.elements[names.index(name)], word)
+        _code(plant.element(name), word)
     probe = function_of(plant, ("probe",), lambda: [plant.switching.probed])
     slips = np.array(probe(t, x, u, plant.values, np.ones(len(names)))).ravel()[: len(names)]
     zero = 1e-12 * float(np.abs(x).max(initial=0.0))
@@ -356,14 +350,8 @@ def _point(
         own = dict(at.modes) | own
         given = dict(zip(plant.inputs, at.inputs.tolist(), strict=True)) | given
     elif isinstance(at, Samples):
-        if at.time.size != 1:
-            raise SceneError(f"Argument `at` must be one instant of a run, such as `run.at(12.5)`, but it holds {at.time.size} times.")
-        t = float(at.time[0])
-        for name in plant.states:
-            if name not in at:
-                raise SceneError(f"Argument `at` must hold the state `{name}`, but the run it comes from has none.")
-            place_start(plant, x, name, np.ravel(at[name]) if plant.states[name][1] is not None else float(np.ravel(at[name])[0]))
-        placed[:] = True
+        place_starts(plant, x, states_of(at, plant, "at"))
+        t, placed[:] = float(at.time[0]), True
         ran = [element.name for element in at.program.system.elements]
         own = {e.name: e.legend[int(at.mode[0, ran.index(e.name)])] for e in plant.elements if e.name in ran} | own
         given = {name: float(np.ravel(at[name])[0]) for name in plant.inputs if name in at} | given

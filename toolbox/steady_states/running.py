@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import mapping, number
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
@@ -49,8 +49,7 @@ def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], drives: str | Sequ
     driven = names(drives)
     wanted = {name: number(name, value, plant.signal_unit(name)) for name, value in mapping("at", at).items()}
     for name in driven:
-        if name not in plant.inputs:
-            raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")
+        plant.input(name)
     if len(driven) != len(wanted):
         raise SceneError(f"Argument `at` must give a number for {len(driven)} signal(s), as many as `drives` has, but it is {at!r}.")
     u = input_values(plant, {name: value for name, value in inputs.items() if name not in driven})

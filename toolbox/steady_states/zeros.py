@@ -9,8 +9,11 @@ import numpy as np
 CONTRACTION = 0.1
 """Part of a residual that a step of Newton leaves at most where the zero it goes to is near."""
 
+NEARER = 1.0 - 2.0**-52
+"""Part of a residual that a step leaves at most where it comes nearer at all."""
 
-def newton(equations: Any, slopes: Any, x: np.ndarray, most: int, contraction: float) -> np.ndarray:
+
+def newton(equations: Any, slopes: Any, x: np.ndarray, most: int, contraction: float, alone: bool = False) -> np.ndarray:
     """Go towards a zero of equations by Newton's steps, as long as they lead there.
 
     Parameters
@@ -23,6 +26,9 @@ def newton(equations: Any, slopes: Any, x: np.ndarray, most: int, contraction: f
         Largest number of steps.
     contraction
         Part of the residual that a step may leave at most; below 1 steps go only towards a zero that stands alone.
+    alone
+        Whether there are as many equations as unknowns and none follows from others: least squares, which serve all, take ten times as long for the 101 of
+        the Hopf point of 16 inertias.
 
     Returns
     -------
@@ -34,7 +40,10 @@ def newton(equations: Any, slopes: Any, x: np.ndarray, most: int, contraction: f
         matrix = slopes(x)
         if not (np.isfinite(matrix).all() and np.isfinite(residual).all()):
             break
-        step, _, rank, _ = np.linalg.lstsq(matrix, -residual, rcond=1e-13)
+        try:
+            step, rank = (np.linalg.solve(matrix, -residual), x.size) if alone else np.linalg.lstsq(matrix, -residual, rcond=1e-13)[::2]
+        except np.linalg.LinAlgError:
+            break
         following = equations(x + step)
         if not (np.isfinite(step).all() and np.abs(following).sum() <= contraction * np.abs(residual).sum()):
             break

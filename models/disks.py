@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
 
 from models.friction import Exponential
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, UnilateralContact, quantity, state
@@ -55,22 +58,26 @@ class TwoDisks(Component):
     friction: FrictionLaw = Exponential(static=0.4, kinetic=0.3, decay=2.0)
 
     def equations(self, signal):
-        w1 = state("disks.rotor_speed", "rad/s")
-        th2, w2 = state("disks.stator_angle", "rad"), state("disks.stator_speed", "rad/s")
         torque = signal("disks.torque", "N m", default=0.0)
-        load = signal("disks.normal_force", "N", default=self.normal_force) * self.radius
-        disks = DryFriction("disks", w1 - w2, self.friction, load, slip_unit="rad/s", force_unit="N m")
-        return Equations(
-            flow={
-                w1: (torque + disks.force) / self.rotor_inertia,
-                th2: w2,
-                w2: (-disks.force - self.stiffness * th2 - self.damping * w2) / self.stator_inertia,
-            },
-            elements=[disks],
-            stored=self.rotor_inertia * w1**2 / 2 + self.stator_inertia * w2**2 / 2 + self.stiffness * th2**2 / 2,
-            losses={"friction": -disks.force * (w1 - w2), "mount": self.damping * w2**2},
-            supplies={"torque": torque * w1},
-        )
+        return _turning(self, torque, signal("disks.normal_force", "N", default=self.normal_force))
+
+
+def _turning(disks: Any, torque: ca.SX, force: ca.SX) -> Equations:
+    """The torsion of a rotor and a stator under a torque [N m], pressed together by a force [N]."""
+    w1 = state("disks.rotor_speed", "rad/s")
+    th2, w2 = state("disks.stator_angle", "rad"), state("disks.stator_speed", "rad/s")
+    contact = DryFriction("disks", w1 - w2, disks.friction, force * disks.radius, slip_unit="rad/s", force_unit="N m")
+    return Equations(
+        flow={
+            w1: (torque + contact.force) / disks.rotor_inertia,
+            th2: w2,
+            w2: (-contact.force - disks.stiffness * th2 - disks.damping * w2) / disks.stator_inertia,
+        },
+        elements=[contact],
+        stored=disks.rotor_inertia * w1**2 / 2 + disks.stator_inertia * w2**2 / 2 + disks.stiffness * th2**2 / 2,
+        losses={"friction": -contact.force * (w1 - w2), "mount": disks.damping * w2**2},
+        supplies={"torque": torque * w1},
+    )
 
 
 @dataclass(frozen=True)
@@ -106,8 +113,6 @@ class PressedDisks(Component):
     friction: FrictionLaw = Exponential(static=0.5, kinetic=0.3, decay=1.0)
 
     def equations(self, signal):
-        w1 = state("disks.rotor_speed", "rad/s")
-        th2, w2 = state("disks.stator_angle", "rad"), state("disks.stator_speed", "rad/s")
         z1, v1 = state("disks.rotor_position", "m"), state("disks.rotor_axial_speed", "m/s")
         z2, v2 = state("disks.stator_position", "m"), state("disks.stator_axial_speed", "m/s")
         torque = signal("disks.torque", "N m", default=0.0)
@@ -115,31 +120,22 @@ class PressedDisks(Component):
         faces = UnilateralContact(
             "disks.faces", z1 - z2 - self.gap, v1 - v2, stiffness=self.contact_stiffness, damping=self.contact_damping
         )
-        disks = DryFriction("disks", w1 - w2, self.friction, faces.force * self.radius, slip_unit="rad/s", force_unit="N m")
+        turning = _turning(self, torque, faces.force)
         return Equations(
             flow={
-                w1: (torque + disks.force) / self.rotor_inertia,
-                th2: w2,
-                w2: (-disks.force - self.stiffness * th2 - self.damping * w2) / self.stator_inertia,
+                **turning.flow,
                 z1: v1,
                 v1: (actuator - faces.force) / self.rotor_mass,
                 z2: v2,
                 v2: (faces.force - self.axial_stiffness * z2 - self.axial_damping * v2) / self.stator_mass,
             },
             gives={"disks.normal_force": (faces.force, "N")},
-            elements=[faces, disks],
-            stored=self.rotor_inertia * w1**2 / 2
-            + self.stator_inertia * w2**2 / 2
-            + self.stiffness * th2**2 / 2
+            elements=[faces, *turning.elements],
+            stored=turning.stored
             + self.rotor_mass * v1**2 / 2
             + self.stator_mass * v2**2 / 2
             + self.axial_stiffness * z2**2 / 2
             + faces.stored,
-            losses={
-                "friction": -disks.force * (w1 - w2),
-                "mount": self.damping * w2**2,
-                "axial mount": self.axial_damping * v2**2,
-                "contact": faces.loss,
-            },
-            supplies={"torque": torque * w1, "actuator": actuator * v1},
+            losses={**turning.losses, "axial mount": self.axial_damping * v2**2, "contact": faces.loss},
+            supplies={**turning.supplies, "actuator": actuator * v1},
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -11,7 +10,7 @@ import numpy as np
 
 from toolbox.errors import SceneError, suggest
 from toolbox.modelling.components import Component, checked, numbers_of, structure_of
-from toolbox.modelling.composition import NEEDED, assembled
+from toolbox.modelling.composition import NEEDED, assembled, numbered
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.law_in_python import LawInPython, holds_python
 from toolbox.modelling.laws import Controller, Sampled, as_held_part, callable_law, designed, names
@@ -115,9 +114,8 @@ def _part(law: Any, sampled: Sampled | None, declared: HybridSystem) -> Componen
 
 def _assembled(plant: HybridSystem, parts: Sequence[Component]) -> HybridSystem:
     """The closed system of a plant and laws as parts, with their numbers; its structure is made once."""
-    key = ("closed", tuple(structure_of(part) for part in parts))
-    found = plant.cache.get(key)
-    if found is None:
+
+    def structure() -> tuple[HybridSystem, np.ndarray, int]:
         closed = assembled((*plant.parts, *parts))
         by_name = {p.name: p.offset for p in plant.parameters.values()}
         places: list[tuple[int, int]] = []
@@ -125,19 +123,11 @@ def _assembled(plant: HybridSystem, parts: Sequence[Component]) -> HybridSystem:
             if entry.name in by_name:
                 size = entry.size or 1
                 places += zip(range(by_name[entry.name], by_name[entry.name] + size), range(entry.offset, entry.offset + size), strict=True)
-        first = sum(len(numbers_of(part)) for part in plant.parts)
-        found = plant.cache[key] = (closed, np.array(places, np.int64).reshape(-1, 2), first)
-    shared, places_of, first = found
-    closed = copy.copy(shared)
-    closed.parts = (*plant.parts, *parts)
-    closed.values = shared.values.copy()
+        return closed, np.array(places, np.int64).reshape(-1, 2), sum(len(numbers_of(part)) for part in plant.parts)
+
+    shared, places_of, first = plant.once(("closed", tuple(structure_of(part) for part in parts)), structure)
+    closed = numbered(shared, (*plant.parts, *parts), len(plant.parts), first)
     closed.values[places_of[:, 1]] = plant.values[places_of[:, 0]]
-    numbers = [value for part in parts for value in numbers_of(part)]
-    closed.values[first : first + len(numbers)] = numbers
-    for entry in closed.parameters.values():
-        if first <= entry.offset < first + len(numbers):
-            size = entry.size or 1
-            entry.check(tuple(closed.values[entry.offset : entry.offset + size].tolist()))
     return closed
 
 

@@ -99,17 +99,22 @@ def assembled(components: tuple[Component, ...]) -> HybridSystem:
         if len(_COMPOSED) >= 256:
             _COMPOSED.pop(next(iter(list(_COMPOSED)), None), None)
         _COMPOSED[key] = shared
-    system = copy.copy(shared)
-    system.parts = components
-    numbers = [value for component in components for value in numbers_of(component)]
-    for entry in system.parameters.values():
-        if entry.offset < len(numbers):
-            values = numbers[entry.offset] if entry.size is None else tuple(numbers[entry.offset : entry.offset + entry.size])
-            entry.check(values)
-    system.values = shared.values.copy()
-    system.values[: len(numbers)] = numbers
+    system = numbered(shared, components)
     check_gain(system)
     check_push(system)
+    return system
+
+
+def numbered(shared: HybridSystem, parts: tuple[Component, ...], known: int = 0, first: int = 0) -> HybridSystem:
+    """A system of a structure with the numbers of its parts, each within its bounds; those of the `known` first parts, `first` numbers, are left out."""
+    system = copy.copy(shared)
+    system.parts, system.values = parts, shared.values.copy()
+    numbers = [value for part in parts[known:] for value in numbers_of(part)]
+    for entry in system.parameters.values():
+        at = entry.offset - first
+        if 0 <= at < len(numbers):
+            entry.check(tuple(numbers[at : at + (entry.size or 1)]))
+    system.values[first : first + len(numbers)] = numbers
     return system
 
 

@@ -26,10 +26,12 @@ from toolbox import (
     closed_loop,
     compose,
     quantity,
+    simulate,
     state,
     sweep,
 )
 from toolbox.lanes.lanes import Lanes
+from toolbox.lanes.samples import noise_table
 from toolbox.measuring import measures
 from toolbox.modelling import Observed  # fmt: skip
 from toolbox.simulation.carry_out import carry_out
@@ -136,6 +138,18 @@ class Oscillator(Component):
         x, v = state("mass.position", "m"), state("mass.speed", "m/s")
         push = signal("mass.push", "m/s2", default=0.0)
         return Equations(flow={x: v, v: push - self.frequency**2 * x}, gives={"mass.wave": (ca.cos(self.waves * x), "1")})
+
+
+@dataclass(frozen=True)
+class Flagged(Oscillator):
+    """And one that is 1 above a level, 0 below."""
+
+    level: float = quantity(0.5, "m")
+
+    def equations(self, signal):
+        made = super().equations(signal)
+        flag = ca.if_else(next(iter(made.flow)) > self.level, 1.0, 0.0)
+        return dataclasses.replace(made, gives={"mass.above": (flag, "1")})
 
 
 @dataclass(frozen=True)
@@ -291,7 +305,7 @@ def test_the_noise_of_a_sample_is_that_of_the_scalar_loop_to_the_last_bit():
     made = Lanes(run)
     keys = made.work.keys[made.work.keys != 0]
     numbers = [noise.normal(keys[0], k) for k in range(400)]
-    np.testing.assert_array_equal(made.noise[0, :400], numbers)
+    np.testing.assert_array_equal(noise_table(made.work, made.work.keys[None], 100.0)[0, :400], numbers)
     assert abs(np.mean(numbers)) < 0.2 and 0.8 < np.std(numbers) < 1.2
     x, gain = np.zeros(17), variations.points[:, 0]
     for n in numbers:
@@ -299,6 +313,35 @@ def test_the_noise_of_a_sample_is_that_of_the_scalar_loop_to_the_last_bit():
     found = lanes_of(task)
     np.testing.assert_allclose(found.states[:, 0], x, atol=1e-12)
     np.testing.assert_allclose(carry_out(single(task, 3)).states[-1, 0], x[3], atol=1e-12)
+
+
+def test_runs_with_seeds_of_their_own_have_the_noise_of_runs_alone_with_these():
+    variations = uniform({"proportional.gain": (0.1, 2.0)}, 17)
+    law = Sampled(Proportional(), 0.25, noise={"tank.level": 0.3}, seed=7)
+    run = shared_run(closed_loop(compose(Tank()), law), variations, 100.0, method="explicit")
+    seeds = np.array([[k % 5] for k in range(17)])
+    asked = (measures.final("tank.level"), measures.mean("tank.level", 20.0))
+    task = Task(run, varied_numbers(run, variations)[0], asked, seeds=seeds)
+    found, row = finished(dataclasses.replace(task, lanes=True)), finished(task)
+    np.testing.assert_allclose(found.values, row.values, atol=1e-9)
+    for k in (0, 6, 16):
+        alone = closed_loop(compose(Tank()), dataclasses.replace(law, seed=k % 5)).at("proportional.gain", variations.points[k, 0])
+        np.testing.assert_allclose(found.values[k, 0], simulate(alone, 100.0).states[-1, 0], atol=1e-9)
+        np.testing.assert_allclose(carry_out(single(task, k)).states[-1, 0], found.values[k, 0], atol=1e-9)
+
+
+def test_the_mean_of_a_flag_is_placed_as_closely_in_lanes_as_in_runs_alone():
+    # cos(t) is above c for 2 acos(c) of every turn; steps could be as long as the period of 1 s
+    turns = 7
+    loop = closed_loop(compose(Flagged()), Idle(), sample_time=1.0, start={"mass.position": 1.0})
+    variations = uniform({"mass.level": (-0.9, 0.9)}, 33)
+    run = shared_run(loop, variations, 2 * math.pi * turns, method="explicit")
+    task = Task(run, varied_numbers(run, variations)[0], (measures.mean("mass.above"), measures.maximum("mass.above")))
+    found = lanes_of(task)
+    assert not found.doubtful.any()
+    np.testing.assert_allclose(found.values[:, 0], np.arccos(variations.points[:, 0]) / math.pi, atol=2e-6)
+    np.testing.assert_allclose(found.values, finished(task).values, atol=2e-6)
+    np.testing.assert_array_equal(found.values[:, 1], 1.0)
 
 
 def test_a_stuck_sled_is_released_at_the_instant_its_pull_passes_the_bound():

@@ -134,7 +134,7 @@ def _emit_verdicts(made: Pass, step: Step, guards: Guards) -> Verdicts:
     if made.count and program.updates:
         derived = with_derivatives(program, made.signals, program.varying)
         edges = made.windows(was)
-        others, numbers = [list(was["p"]), list(was["m"])], {"rtol": was["rtol"], "longest": was["longest"]}
+        others, numbers = [list(was["p"]), list(was["m"])], {name: was[name] for name in ("rtol", "longest", "end")}
         ends = (step.t, list(was["x"])), (step.t + step.h, step.x)
         too_long = measure_quintics(derived, ends, others, (steps | event) & good, edges, made.rows, numbers)
         good &= ~too_long

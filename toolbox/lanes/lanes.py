@@ -25,7 +25,7 @@ from toolbox.modelling.elements import check_one_direction
 from toolbox.simulation.carry_out import compiled_loop, formulas_of
 from toolbox.simulation.methods import Explicit, TaylorSeries
 from toolbox.simulation.run import Run
-from toolbox.simulation.work_arrays import work_arrays
+from toolbox.simulation.work_arrays import noise_keys, work_arrays
 
 CHUNK = 512
 """Scenarios that a thread takes at once."""
@@ -71,7 +71,6 @@ class Lanes:
         from toolbox.compilation.notices import announced
         from toolbox.lanes import loop as lanes_loop
         from toolbox.lanes.kernel import block
-        from toolbox.lanes.samples import noise_table
         from toolbox.stepping.event_stepper import loop_of
 
         system = run.system
@@ -96,7 +95,7 @@ class Lanes:
         width = width or host_width(self.program)
         late = tuple(delay > 0.0 for _, delay in run.clocks)
         self.block = block(self.program, width, self.layout.signals, len(self.layout.windows), late)
-        self.noise = noise_table(self.work, run.duration)
+        self.duration = run.duration
         self.held = self.work.p[self.program.held_slot : self.program.held_slot + system.held.numel()].copy()
         self.rows = np.array([self.block.rows[name] for name in ITEMS], np.int64)
         made = self.block
@@ -111,6 +110,7 @@ class Lanes:
         memories: np.ndarray | None = None,
         held: np.ndarray | None = None,
         *,
+        seeds: np.ndarray | None = None,
         most_events: int = 0,
         threads: int = 1,
     ) -> Batch:
@@ -118,11 +118,10 @@ class Lanes:
 
         parameters: values of the closed system, and behind them coefficients of inputs where they vary, in the layout of `Program`, one row per scenario;
         starts: states, shape (n, states);  memories, held: of the sampled laws and the signals they hold at the start, as in
-        `toolbox.sweeps.batch.Task`, None for
-        those of the run;  most_events: switches per scenario to be kept;  threads: how many work at once, without the interpreter's
-        lock. Values are not checked against their bounds. Raises SceneError for arrays of another shape.
+        `toolbox.sweeps.batch.Task`, None for those of the run;  seeds: of the noise, as there;  most_events: switches per scenario to be kept;
+        threads: how many work at once, without the lock of Python. Values are not checked against their bounds. Raises SceneError for arrays of another shape.
         """
-        from toolbox.lanes.samples import clock_numbers
+        from toolbox.lanes.samples import clock_numbers, noise_table
 
         n, ne = len(parameters), self.program.kernel.elements
         parameters, starts = np.ascontiguousarray(parameters, float), np.ascontiguousarray(starts, float)
@@ -147,7 +146,13 @@ class Lanes:
             event_modes=np.zeros((n, most_events), np.int8),
         )  # fmt: skip
         windows = self.layout.windows
-        given = Scenarios(parameters, starts, memories, held, windows, windows.ravel(), self.layout.asked, self.work.p.copy())
+        courses, which = self.work.keys[None], np.zeros(n, np.int64)
+        if seeds is not None and n:
+            rows, which = np.unique(seeds, axis=0, return_inverse=True)
+            courses = np.array([noise_keys(self.program.system.updates, row) for row in rows.tolist()])
+        which = which.ravel()
+        noise, keys, first = noise_table(self.work, courses, self.duration), courses[which], float(courses.shape[1]) * which
+        given = Scenarios(parameters, starts, memories, held, keys, first, windows, windows.ravel(), self.layout.asked, self.work.p.copy())
 
         def chunk(first: int, last: int) -> None:
             made = self.block
@@ -163,9 +168,9 @@ class Lanes:
             )
             waiting, due = (block[made.rows[name]].view(np.int64) for name in ("waiting", "due"))
             queue = np.zeros((own_work.queue.size, made.width))
-            clocks = clock_numbers(own_work.clocks, own_work.queue, self.noise)
+            clocks = clock_numbers(own_work.clocks, own_work.queue, noise)
             waiting[0] = 1
-            arrays = BlockArrays(self.code, np.array([first, last]), block, waiting, due, self.rows, clocks, self.noise, queue)
+            arrays = BlockArrays(self.code, np.array([first, last]), block, waiting, due, self.rows, clocks, noise, queue)
             self.loop(arrays, given, found, lane_states(own_work, made.width, self.layout.count), own_work)
 
         if threads == 1:

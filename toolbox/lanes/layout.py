@@ -33,9 +33,10 @@ GOES_ON, EVENT, ALONE, ROUND_OFF, STOP, SAMPLE = range(6)
     DUE,
     SAMPLES,
     MEMORY,
-) = range(19)
+    COURSE,
+) = range(20)
 ITEMS = ("x", "k", "p", "m", "g", "side", "armed", "guard_scale", "scale", "group_scale", "noise", "other_scale", "edges", "measured", "doubt",
-         "calendar", "due", "samples", "memory")  # fmt: skip
+         "calendar", "due", "samples", "memory", "course")  # fmt: skip
 """Items of a block whose first rows the loop is told, in this order."""
 ENDLESS_FLAG = 9
 """Why a lane waits whose events do not end."""
@@ -72,7 +73,8 @@ class BlockArrays(NamedTuple):
 class Scenarios(NamedTuple):
     """What is run: one row per scenario, and what all have in common.
 
-    parameters, starts;  memories, held: of sampled laws;  windows: (begin, end) of each, whose inner edges the steps end on, and `edges`, the same in a row;
+    parameters, starts;  memories, held: of sampled laws;  keys: of their noise, and `courses`, the first row of it in the table of noise;
+    windows: (begin, end) of each, whose inner edges the steps end on, and `edges`, the same in a row;
     asked: rows (element, mode, begin, end of the window);  rest: parameters of the scalar loop, of which those of a scenario are the first.
     """
 
@@ -80,6 +82,8 @@ class Scenarios(NamedTuple):
     starts: np.ndarray
     memories: np.ndarray
     held: np.ndarray
+    keys: np.ndarray
+    courses: np.ndarray
     windows: np.ndarray
     edges: np.ndarray
     asked: np.ndarray
@@ -158,7 +162,7 @@ BLOCK_KINDS = _kinds(
     rows=("int64", 1),
     clocks=("float64", 1),
 )
-SCENARIO_KINDS = _kinds(Scenarios._fields, edges=("float64", 1), rest=("float64", 1))
+SCENARIO_KINDS = _kinds(Scenarios._fields, keys=("uint64", 2), courses=("float64", 1), edges=("float64", 1), rest=("float64", 1))
 RESULT_KINDS = _kinds(
     Results._fields, modes=("int8", 2), statuses=("int64", 1), counts=("int64", 2), doubtful=("bool", 1), lowest=("float64", 3),
     highest=("float64", 3), integral=("float64", 3), event_elements=("int32", 2), event_modes=("int8", 2),

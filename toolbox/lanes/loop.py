@@ -63,6 +63,7 @@ def begin(b, given, w, s, steps):
         w.p[w.ints[work_layout.FIRST_HELD] + i] = given.held[s, i]
     for i in range(given.memories.shape[1]):
         w.memory[i] = given.memories[s, i]
+        w.keys[i] = given.keys[s, i]
     for c in range(w.samplers.shape[0]):
         w.samplers[c, work_layout.TAKEN], w.samplers[c, work_layout.APPLIED] = 0, 0
     _fill(w.x, w.x.size, 0.0)
@@ -196,6 +197,8 @@ def _look_after(b, given, found, lanes, lane, w, flag):
     gather_point(b, lanes, lane, w)
     if b.code[layout.SAMPLING] != 0:
         gather_samples(b, lane, w)
+        for i in range(w.keys.size):
+            w.keys[i] = given.keys[s, i]
     if flag == layout.ROUND_OFF:
         return layout.GOING if _round_off_again(b, lane, w) else work_layout.PAUSED
     if flag == layout.STOP and t >= w.reals[work_layout.END] and b.code[layout.SAMPLING] == 0:
@@ -274,6 +277,7 @@ def _take(b, given, found, lanes, lane, w, s):
     for i in range(w.ints[work_layout.NE]):
         lanes.since[lane, i] = 0.0
     b.block[b.rows[layout.DOUBT], lane] = 0.0
+    b.block[b.rows[layout.COURSE], lane] = given.courses[s]
     for v in range(views):
         for i in range(2):
             b.block[b.rows[layout.EDGES] + 2 * v + i, lane] = given.windows[v, i] * (1.0 - layout.SLACK)

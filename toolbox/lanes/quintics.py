@@ -1,7 +1,8 @@
 """Signals measured on steps that samples cut short: what `toolbox.measuring.measures` reads off a step, in lanes.
 
 A signal is the quintic with its values, slopes and curvatures at both ends of a step. Where that is far from the cubic with values and slopes alone, the
-step was too long for what the signal does in it, and is refused.
+step was too long for what the signal does in it, and is refused. A signal that is constant but for jumps, such as a flag, has no slope anywhere: a step that
+holds a jump is refused until it is too short to matter in the mean.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from toolbox.lanes.vectors import Truth, Value, largest, smallest, when_any, whe
 
 SHORTEST = 2.0**-12
 """Part of the longest step below which no step is refused for a signal: its lane is doubtful then."""
+JUMP = 0.01
+"""How closely a jump is placed, in parts of the tolerance of a signal times the duration: hundreds of them still do not matter in a mean."""
 
 
 def measure_quintics(
@@ -32,6 +35,7 @@ def measure_quintics(
     (t, x), (t_end, x_end) = ends
     body = t.body
     count = signals.numel_out(0) // 3
+    jumps = _without_slope(signals, count)
     h = t_end - t
     inside = [moves & (t >= after) & (t < until) for after, until in windows]
     somewhere = inside[0]
@@ -61,8 +65,11 @@ def measure_quintics(
             for lowest, highest, _ in before[q]:
                 size = (lowest <= highest).choose(largest(size, largest(abs(lowest), abs(highest))), size)
             far = ~(0.0173 * off <= tolerance * size)
-            misfit |= far & (off < 1e300) & (h > SHORTEST * numbers["longest"])
-            doubtful |= far
+            if jumps[q]:
+                misfit |= far & (h > JUMP * tolerance * numbers["end"])
+            else:
+                misfit |= far & (off < 1e300) & (h > SHORTEST * numbers["longest"])
+                doubtful |= far
             pieces.append((f0, d0, c0, f1, d1, c1))
         misfit &= somewhere
         sound = [each & ~misfit for each in inside]
@@ -82,6 +89,12 @@ def measure_quintics(
 
     (too_long,) = where_any(somewhere, measured)
     return too_long
+
+
+def _without_slope(signals: ca.Function, count: int) -> list[bool]:
+    """Which of the signals are constant but for jumps: slopes and curvatures are zero whatever they depend on."""
+    found = signals(*signals.sx_in())
+    return [bool(found[count + q].is_zero() and found[2 * count + q].is_zero()) for q in range(count)]
 
 
 def _raise_to_peak(piece: tuple[Value, ...], sign: float, inside: list[Truth], places: list[int]) -> None:

@@ -4,8 +4,8 @@ Every lane counts its own samples. The order at one instant is that of the loop:
 then slopes and guards anew, with the step size kept. A lane in which a contact that holds would not hold the new input, or in which anything else is due at
 the instant (a jump of a table, the edge of a window, the end), is left as it was to the scalar loop.
 
-Noise is read from a table: the standard normal number of a sample depends on its channel and its number alone, so that all lanes share it, to the last
-bit with the scalar loop.
+Noise is read from a table: the standard normal number of a sample depends on its channel and its number alone, so that all lanes with one seed share it, to
+the last bit with the scalar loop; the row `course` says where that of a lane begins.
 """
 
 from __future__ import annotations
@@ -35,26 +35,32 @@ def clock_numbers(clocks: np.ndarray, queue: np.ndarray, noise: np.ndarray) -> n
     return np.array([*clocks.ravel(), 1.0 / max(depth, 1), depth, noise.shape[1]], float)
 
 
-def noise_table(work: Any, duration: float) -> np.ndarray:
-    """The standard normal numbers of all samples of a run, shape (places in the memory of laws, samples); rows that hold no noise are zero."""
+def noise_table(work: Any, keys: np.ndarray, duration: float) -> np.ndarray:
+    """The standard normal numbers of all samples of runs with these keys, shape (n, places in the memory of laws), one below the other.
+
+    Its shape is (n places, samples); rows that hold no noise are zero.
+    """
     counts = [
         int(duration / period) + 2 if row[work_layout.NOISES] else 0 for row, (period, _) in zip(work.samplers, work.clocks, strict=True)
     ]
     most = max(counts, default=0)
-    table = np.zeros((work.memory.size if most else 0, most))
+    table = np.zeros((keys.size if most else 0, most))
     for row, count in zip(work.samplers, counts, strict=True):
         first = row[work_layout.FIRST_STATE] + row[work_layout.STATES]
         for place in range(first, first + row[work_layout.NOISES]):
-            table[place, :count] = _channel(work.keys[place], count)
+            for course, key in enumerate(keys[:, place]):
+                table[course * keys.shape[1] + place, :count] = _channel(key, count)
     return table
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=32)
 def _channel(key: np.uint64, count: int) -> np.ndarray:
     """The first numbers of a channel of noise."""
-    from toolbox.stepping.noise import normal
+    from toolbox.stepping.noise import Channel, normals
 
-    return np.array([normal(key, k) for k in range(count)])
+    channel = Channel(np.array([key], np.uint64), np.empty(count))
+    normals(channel)
+    return channel.numbers
 
 
 class Sample:
@@ -157,6 +163,7 @@ def _samples_taken(made: Sample) -> Taken:
     updates = program.updates
     laws = len(updates)
     queue = [made.number(2 * laws + i) for i in range(3)]
+    (course,) = made.loaded("course")
     found = Taken(list(p), acts & (t < t), made.calendar, [], [])
     place, widest = 0, max(outputs.numel() for _, _, outputs in updates)
     for c, ((z, update, outputs), law) in enumerate(zip(updates, program.system.updates, strict=True)):
@@ -167,7 +174,7 @@ def _samples_taken(made: Sample) -> Taken:
         memory = made.loaded("memory", states, place)
         noise = []
         for i in range(states, z.numel()):
-            at = made.body.as_integers((taken + float(place + i) * queue[2]).name)
+            at = made.body.as_integers((taken + (course + float(place + i)) * queue[2]).name)
             noise.append(made.body.gather("%noise", at, takes.name))
         function = ca.Function("update", [*made.arguments, z], [ca.densify(ca.vertcat(update, outputs))])
         values = [Value(made.body, name) for name in inline(made.body, function, [*made.given, [*(v.name for v in memory), *noise]])[0]]

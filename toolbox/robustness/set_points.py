@@ -158,6 +158,11 @@ class Trial:
             raise SceneError(f"Argument `{lost}` must be given to the law itself to be tried at other set-points, not in `parameters`.")
         return laws[0]
 
+    @cached_property
+    def _manners(self) -> dict[Any, Any]:
+        """How runs of one kind are done, by what tells the kinds apart."""
+        return {}
+
     @property
     def plant(self) -> HybridSystem:
         """The declared plant."""
@@ -267,41 +272,56 @@ class Trial:
         return Outcome(True, "", runs, growth=growth, **most)
 
     def attempts(self, group: Group, reference: float, way: str = "direct") -> Iterator[tuple[list[str], dict[str, np.ndarray]]]:
-        """(which runs failed and why, what was measured of each) of one sweep after the other."""
-        from toolbox.sweeps.sweep import sweep
+        """(which runs failed and why, what was measured of each) of one batch of runs after the other.
 
+        The first seed comes before all others, because most failures show with it.
+        """
         cycle, asleep = self.cycle(reference), self.in_python(reference)
         times = [self.takeover(reference, phase) for phase in group.phases]
         begun = (cycle.release if asleep else 0.0) + 2.0 * cycle.period + 1.0
-        for seed in group.seeds:
-            for apart in dict.fromkeys((each.late, each.plant, each.weight) for each in group.machines):
-                machines = [each for each in group.machines if (each.late, each.plant, each.weight) == apart]
-                loop, last = self.takes_over(machines[0], group, reference, way, seed, times[0])
+        for seeds in [(seed,) for seed in group.seeds] if asleep else filter(None, (group.seeds[:1], group.seeds[1:])):
+            for machines in _alike(group.machines, asleep):
+                loop, last = self.takes_over(machines[0], group, reference, way, seeds[0], times[0])
                 after, end = last + SETTLING, last + SETTLING + group.judged
                 asked = _measures(loop, begun, after)
                 factors = [{self.place(name): factor for name, factor in each.factors} for each in machines]
                 declared = {name: float(loop.number(name).value) for each in factors for name in each}
                 numbers = [declared | {name: factor * declared[name] for name, factor in each.items()} for each in factors]
-                phases = list(zip(group.phases, times, strict=True))
-                names = [f"{each.name}, seed {seed}, phase {phase:g}" for each in machines for phase, _ in phases]
+                names = [f"{each.name}, seed {seed}, phase {phase:g}" for seed in seeds for each in machines for phase in group.phases]
                 found: Iterable[Any]
                 if asleep:  # a law in Python: one run after the other, up to the first that fails
                     found = (
-                        _measured(self.takes_over(machines[0], group, reference, way, seed, at)[0], each, end, asked)
+                        _measured(self.takes_over(machines[0], group, reference, way, seeds[0], at)[0], each, end, asked)
                         for each in numbers
-                        for _, at in phases
+                        for at in times
                     )
                     found = ({name: np.array([value]) for name, value in row.items()} for row in found)
                 else:
-                    found = [sweep(loop, [{"takeover.at": at, **each} for each in numbers for _, at in phases], end, measures=asked)]
+                    rows = [{"takeover.at": at, **each} for each in numbers for at in times]
+                    found = [self._together(loop, rows, machines, seeds, group, duration=end, measures=asked)]
                 for several in found:
-                    rows = {name: np.asarray(several[name]) for name in asked}
-                    count = len(rows["stuck"])
-                    rows |= _again(rows, group.judged)
-                    failed = _failed(names[:count], rows, reference, group.noise, apart[2] is not None, group.judged >= LASTING)
+                    measured = {name: np.asarray(several[name]) for name in asked}
+                    count = len(measured["stuck"])
+                    measured |= _again(measured, group.judged)
+                    varying = machines[0].weight is not None
+                    failed = _failed(names[:count], measured, reference, group.noise, varying, group.judged >= LASTING)
                     names = names[count:]
-                    rows["recovery"] = rows["recovery"] * (after - begun)
-                    yield failed, rows
+                    measured["recovery"] = measured["recovery"] * (after - begun)
+                    yield failed, measured
+
+    def _together(
+        self, loop: ClosedLoop, rows: list[dict[str, float]], machines: Sequence[Machine], seeds: Sequence[int], group: Group, **asked: Any
+    ) -> dict[str, np.ndarray]:
+        """What is measured of machines that are alike, under every seed: rows of what varies under one; asked: `duration` and `measures` of `Courses`."""
+        from toolbox.sweeps.courses import Courses
+
+        mean, (place, kind) = _bare(self.loop).number("bit.weight").value, (self.place("bit.weight"), machines[0].weight)
+        weights = [each.weight.input(mean, seed) for seed in seeds for each in machines if each.weight for _ in group.phases]
+        courses = Courses(loop, rows, seeds, inputs={place: weights} if weights else {}, **asked)
+        alike = (machines[0].plant, tuple(type(value) for value in loop.inputs.values()), kind and kind.noise)
+        if alike not in self._manners:
+            self._manners[alike] = courses.manner()
+        return courses.measured(self._manners[alike], group.runs, round(courses.duration / self.period))
 
     def steady(self, machine: Machine, reference: float) -> ClosedLoop:
         """The loop of the law alone on a machine at a set-point, without noise and with a constant weight."""
@@ -402,6 +422,15 @@ def set_point(reference: float, way: str, begin: float) -> tuple[Any, float]:
     top = max(LIFTED, reference)
     times = np.cumsum([0.0, begin, LIFT, HELD, LOWERED])
     return (tuple(times.tolist()), (reference, reference, top, top, reference)), float(times[-1])
+
+
+def _alike(machines: Sequence[Machine], apart: bool) -> list[list[Machine]]:
+    """Machines that differ by numbers only, together; apart: those with other courses of the weight not."""
+    found: dict[Any, list[Machine]] = {}
+    for each in machines:
+        weight = each.weight if apart or each.weight is None else each.weight.noise
+        found.setdefault((each.late, each.plant, weight), []).append(each)
+    return list(found.values())
 
 
 @cache

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import zlib
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -131,12 +132,10 @@ def _resolution(run: Run) -> tuple[float, float, float]:
 
 def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
     """The rows of sampled laws, their clocks, the keys of their noise, the queue of their outputs, and the most outputs that one has."""
-    from toolbox.stepping.noise import channel_key  # here, because LLVM is slow to import
-
     updates = run.system.updates
     samplers = np.zeros((len(updates), work_layout.COLUMNS), np.int64)
     clocks = np.array(run.clocks, float)
-    keys: list[int | np.uint64] = []
+    first_state = 0
     for c, update in enumerate(updates):
         size, first_output = update.memory.numel(), program.held_slot + update.first_held
         address = 0 if update.external else program.kernel.updates[c]
@@ -144,13 +143,13 @@ def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.nd
             address,
             run.start.taken[c],
             run.start.applied[c],
-            len(keys),
+            first_state,
             size,
             first_output,
             update.outputs.numel(),
             len(update.channels),
         )
-        keys += [0] * size + [channel_key(run.seeds[c], zlib.crc32(name.encode())) for name in update.channels]
+        first_state += size + len(update.channels)
     depth = 2 + int(max(np.ceil(min(d, run.duration + h, run.budget.steps * h) / h) for h, d in clocks))
     depth = max(depth, *(len(rows) + 2 for rows in run.start.waiting))
     widest = max(update.outputs.numel() for update in updates)
@@ -158,7 +157,17 @@ def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.nd
     for c, rows in enumerate(run.start.waiting):
         for sample, row in enumerate(rows, run.start.applied[c]):
             queue[c, sample % depth, : row.size] = row
-    return samplers, clocks, np.array(keys, np.uint64), queue, widest
+    return samplers, clocks, noise_keys(updates, run.seeds), queue, widest
+
+
+def noise_keys(updates: Sequence[Any], seeds: Sequence[int]) -> np.ndarray:
+    """The keys of the noise of sampled laws with these seeds, at the places of what each remembers, which are zero, and behind them of its channels."""
+    from toolbox.stepping.noise import channel_key  # here, because LLVM is slow to import
+
+    keys: list[int | np.uint64] = []
+    for update, seed in zip(updates, seeds, strict=True):
+        keys += [0] * update.memory.numel() + [channel_key(seed, zlib.crc32(name.encode())) for name in update.channels]
+    return np.array(keys, np.uint64)
 
 
 def _event_room(asked: int, program: Program, left: float) -> int:

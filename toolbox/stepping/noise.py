@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,5 +37,20 @@ def _normal(key, sample):
     return math.sqrt(-2.0 * math.log(radius)) * math.cos(2.0 * math.pi * angle)
 
 
+class Channel(NamedTuple):
+    """A channel of noise: its key, shape (1,), and room for its first numbers."""
+
+    key: np.ndarray
+    numbers: np.ndarray
+
+
+def _normals(w):
+    """Fill in the first numbers of a channel."""
+    for k in range(w.numbers.size):
+        w.numbers[k] = _normal(w.key[0], k)
+
+
+normals = Compiled(_normals, {"key": ("uint64", 1), "numbers": ("float64", 1)})
+"""The first standard normal numbers of a `Channel`, as machine code."""
 normal = Compiled(_normal, "u", "i", gives="f")
 """A standard normal number of a channel's key and the number of a sample, as machine code."""

@@ -27,7 +27,7 @@ from toolbox.simulation.budget import UNHURRIED
 from toolbox.simulation.carry_out import carry_out, compiled_loop, formulas_of
 from toolbox.simulation.failures import exhausted, failure
 from toolbox.simulation.run import Run
-from toolbox.simulation.work_arrays import limited, work_arrays
+from toolbox.simulation.work_arrays import limited, noise_keys, work_arrays
 from toolbox.steady_states.equilibria import state_values
 
 
@@ -60,7 +60,8 @@ class Task:
 
     run: everything they share;  numbers: parameters and coefficients of inputs, shape (n, first_held) in the layout of `Program`;  starts: shape (n,
     states), None for that of `run`;  memories: of the sampled laws, shape (n, m);  held: signals held at the start, shape (n, h), None for those
-    of `run`;  measures: read by a `RunningMeasures`, all from trajectories where one has no compiled form;
+    of `run`;  seeds: of the noise of each sampled law, shape (n, laws), None for those of `run`;
+    measures: read by a `RunningMeasures`, all from trajectories where one has no compiled form;
     first: index of the first run among all;  lanes: whether the runs are to step side by side.
     """
 
@@ -70,13 +71,15 @@ class Task:
     starts: np.ndarray | None = None
     memories: np.ndarray | None = None
     held: np.ndarray | None = None
+    seeds: np.ndarray | None = None
     first: int = 0
     lanes: bool = False
 
     def part(self, rows: slice) -> Task:
         """The task of some of the runs."""
         cut: dict[str, Any] = {
-            name: None if (array := getattr(self, name)) is None else array[rows] for name in ("numbers", "starts", "memories", "held")
+            name: None if (array := getattr(self, name)) is None else array[rows]
+            for name in ("numbers", "starts", "memories", "held", "seeds")
         }
         return dataclasses.replace(self, first=self.first + rows.start, **cut)
 
@@ -126,22 +129,32 @@ def pays_in_lanes(task: Task, steps: int) -> bool:
     """Whether a task, of about so many steps per run, can run in vector lanes and is expected to be faster there.
 
     This is decided from counts, not from timing, so that results do not depend on the machine.
+    """
+    runs = len(task.numbers)
+    return runs >= FEWEST_LANES and runs_in_lanes(task) and runs * work_alone(task, steps) > LANES_WORK
+
+
+def runs_in_lanes(task: Task) -> bool:
+    """Whether a task can run in vector lanes, and is not slower there.
 
     Lanes take explicit methods, Taylor series among them, and laws in machine code, but no runs that go on from another one, nor friction with two slip
     directions. They pay where events are settled in lanes, too: not with impacts, nor with friction that loses its load; and while the step is a straight
     line of instructions.
     """
     run = task.run
-    if not run.method.in_lanes or run.laws or run.start.carried or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
+    if not run.method.in_lanes or run.laws or run.start.carried or run.budget != UNHURRIED:
         return False
     if not all(measure.in_loops for measure in task.measures) or any(element.directions > 1 for element in run.system.elements):
         return False
     from toolbox.lanes.events import carries_events
 
     kernel = (program := program_of(run.system, run.kinds, formulas_of(run))).kernel
-    if not DOP853.written_out(kernel.states) or (kernel.elements and not carries_events(program)):
-        return False
-    return float(len(task.numbers)) * (steps * kernel.cost + ALONE) > LANES_WORK
+    return DOP853.written_out(kernel.states) and (not kernel.elements or carries_events(program))
+
+
+def work_alone(task: Task, steps: int) -> float:
+    """Instructions, about, of one run of a task with so many steps."""
+    return float(steps * program_of(task.run.system, task.run.kinds, formulas_of(task.run)).kernel.cost + ALONE)
 
 
 def _side_by_side(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
@@ -154,12 +167,14 @@ def _side_by_side(task: Task, values: np.ndarray, errors: dict[int, str]) -> Non
     starts = task.starts
     if starts is None:
         starts = np.tile(lanes.work.x[: run.system.x.numel()], (len(numbers), 1))
-    batch = lanes.run(numbers, starts, task.memories, task.held)
+    batch = lanes.run(numbers, starts, task.memories, task.held, seeds=task.seeds)
     values[:] = batch.values
     again = np.flatnonzero((batch.statuses != 0) | batch.doubtful | batch.negative)
     if again.size:
-        memories, held = (None if array is None else array[again] for array in (task.memories, task.held))
-        alone = dataclasses.replace(task, numbers=numbers[again], starts=starts[again], memories=memories, held=held, first=0)
+        own: dict[str, Any] = {
+            name: None if (array := getattr(task, name)) is None else array[again] for name in ("memories", "held", "seeds")
+        }
+        alone = dataclasses.replace(task, numbers=numbers[again], starts=starts[again], first=0, **own)
         rows, found = np.full((len(again), values.shape[1]), np.nan), dict[int, str]()
         _in_a_row(alone, rows, found)
         values[again] = rows
@@ -187,6 +202,8 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
             work.memory[:] = task.memories[i]
         if task.held is not None:
             work.p[held] = task.held[i]
+        if task.seeds is not None:
+            work.keys[:] = noise_keys(run.system.updates, task.seeds[i])
         readings.begin()
         switches = np.zeros(len(run.system.elements), np.int64)  # of each element, in what has been read
         work = full
@@ -244,7 +261,8 @@ def single(task: Task, i: int) -> Run:
     loop = base.loop.but(inputs={**base.loop.inputs, **varied}, parameters={**base.loop.parameters, **parameters})
     if task.starts is not None:
         loop = loop.but(start={**loop.start, **state_values(system, start.states)})
-    return dataclasses.replace(base, plant=plant, system=system, inputs=inputs, start=start, loop=loop)
+    seeds = base.seeds if task.seeds is None else task.seeds[i].tolist()
+    return dataclasses.replace(base, plant=plant, system=system, inputs=inputs, start=start, loop=loop, seeds=seeds)
 
 
 def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str], rows: Iterable[int]) -> None:

@@ -47,6 +47,9 @@ START = 5.0
 PATIENCE = 0.3
 """Seconds that runs which have begun are waited for when a sweep ends early."""
 
+LANES = 8
+"""Lanes of a processor with wide vectors: a chunk that fills them."""
+
 AHEAD = 4096
 """Chunks handed to an executor before the first is done: enough for any cluster, few enough for a sweep of any length to fit in memory."""
 
@@ -72,8 +75,10 @@ class Manner:
 
     def together(self, runs: int) -> int:
         """Runs in one chunk: about `WORK` of them, and enough chunks for all cores."""
-        size = min(int(WORK / self.cost) if self.cost > 0 else runs, -(-runs // (4 * (os.cpu_count() or 1))))
-        return min(max(size, FEWEST_LANES if self.lanes else 1), runs)
+        cores = os.cpu_count() or 1
+        size = min(int(WORK / self.cost) if self.cost > 0 else runs, -(-runs // (4 * cores)))
+        fewest = min(FEWEST_LANES, LANES * -(-runs // (cores * LANES))) if self.lanes else 1
+        return min(max(size, fewest), runs)
 
 
 def evaluated(

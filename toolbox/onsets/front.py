@@ -2,7 +2,8 @@
 
 One start that dies proves nothing: near the end of stick-slip few starts lead into its cycle, and a string of several inertias keeps the cycle where a bit
 that is stopped at once breaks free for good. So the state of a cycle that is there is led to the neighbours where none was found, in small steps; where
-it lasts, it is led on from there. The edges of the grid at which it is lost are then halved, each time from the state of the cycle at the last place that
+it lasts, it is led on from there. Where several cycles live side by side, the one at the far end of a row is led through it by itself, since it may outlive the
+others. The edges of the grid at which it is lost are then halved, each time from the state of the cycle at the last place that
 keeps it.
 """
 
@@ -11,7 +12,7 @@ from __future__ import annotations
 import concurrent.futures
 import itertools
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,9 +107,9 @@ class Front(Carried[complex]):
             beyond = [[*point[:axis], value, *point[axis + 1 :]] for value in outward(point[axis], sign, high - low)]
             self.outside(edge, map(self.plane.place, beyond))
 
-    def spread(self) -> None:
-        """Lead stick-slip from the points where it is to their neighbours, as far as it lasts."""
-        waiting = [k for k, place in enumerate(self.places) if place in self.cycling]
+    def spread(self, known: Container[complex] = ()) -> None:
+        """Lead stick-slip from the points where it is to their neighbours, as far as it lasts; known: points from which it was led already."""
+        waiting = [k for k, place in enumerate(self.places) if place in self.cycling and place not in known]
         while waiting:
             k = waiting.pop()
             for n in self.neighbours(k):
@@ -117,6 +118,37 @@ class Front(Carried[complex]):
                     continue
                 if self.tried(there, self.search.walked(self.cycling[here], here, there)).regime == STICKS:
                     waiting.append(n)
+
+    def passed(self) -> None:
+        """Lead the cycle at the far end of each row of stick-slip over the first number by itself through it, and on where it outlives the one at its end.
+
+        Several cycles may live side by side, of which a point keeps the first that was found.
+        """
+        columns, known = self.shape[1], set(self.cycling)
+        for j, order in itertools.product(range(columns), (1, -1)):
+            line = [place for place in self.places[j::columns][::order] if self.found[place].regime != NONE]
+            alive = [place in self.cycling for place in line]
+            for last, (here, there) in enumerate(itertools.pairwise(alive)):
+                if here and not there:
+                    first = last
+                    while first > 0 and alive[first - 1]:
+                        first -= 1
+                    self._outliving(line[first : last + 1], line[last + 1 :])
+        self.spread(known)
+
+    def _outliving(self, row: Sequence[complex], beyond: Sequence[complex]) -> None:
+        """Lead the cycle at the first place of a row to its last one, and where it is still there then, on over the places beyond."""
+        state = self.cycling[row[0]]
+        for here, there in itertools.pairwise(row):
+            judged, end = self.search.run(there, self.search.walked(state, here, there))
+            if judged.regime != STICKS or end is None:
+                return
+            state = end
+        known, self.cycling[row[-1]] = self.cycling[row[-1]], state
+        for k, (here, there) in enumerate(itertools.pairwise([row[-1], *beyond])):
+            if there in self.cycling or self.tried(there, self.search.walked(self.cycling[here], here, there)).regime != STICKS:
+                self.cycling[row[-1]] = state if k else known
+                return
 
     def halved(self, edges: Edges, times: int, prepared: Callable[[Sequence[complex]], None]) -> np.ndarray:
         """Where stick-slip ends on every edge of the grid across its border, from the side where it lasts (`high`).

@@ -376,6 +376,7 @@ def severity_map(
     with progress_bar(None, "map, near borders") as search.bar:
         front.entered()
         front.spread()
+        front.passed()
     inside = [front.found[place] for place in places]
     branches = [_side(row, shape) for row in (smooth, inside)]
     growth = np.array([search.branch.rate(place) for place in places]).reshape(shape)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.arguments import number
 from toolbox.errors import SceneError, suggest
-from toolbox.figures.style import PAPER, WIDTH, in_words
+from toolbox.figures.style import drawn_on, in_words
 from toolbox.files.units import NumberOrText
 
 SAMPLES, HOPS = 256, 8
@@ -65,9 +64,7 @@ def spectrogram(run: Any, signal: str | None = None, window: NumberOrText | None
     decibels = 20.0 * np.log10(np.maximum(loud / max(float(loud.max()), 1e-300), 10.0 ** (QUIET / 20.0)))
     seen = np.flatnonzero((decibels > 0.8 * QUIET).any(axis=1))
     rows = min(max(12, int(1.2 * seen[-1])) if seen.size else 12, decibels.shape[0])
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(WIDTH, 2.8), layout="constrained")
+    with drawn_on(ax, height=2.8) as ax:
         at = begin + step * hop * np.arange(first, last)
         image = ax.pcolormesh(
             at, transform.f[:rows], decibels[:rows], cmap="cividis", vmin=QUIET, vmax=0.0, shading="nearest", rasterized=True

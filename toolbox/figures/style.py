@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import matplotlib
@@ -68,6 +69,16 @@ WIDTH = 7.2
 def paper(**kind: Any) -> Any:
     """Return the context in which pictures have the sizes of type and the lines of all others: `with paper(): ...`; kind: further settings of matplotlib."""
     return plt.rc_context(PAPER | kind)
+
+
+@contextlib.contextmanager
+def drawn_on(axes: Any, rows: int = 1, columns: int = 1, *, height: float, width: float = WIDTH, **kind: Any) -> Iterator[Any]:
+    """The axes that are given, or where there are none those of a new figure of a height and a width [inch], in the context of `paper`.
+
+    kind: further arguments of `matplotlib.pyplot.subplots`.
+    """
+    with paper():
+        yield plt.subplots(rows, columns, figsize=(width, height), layout="constrained", **kind)[1] if axes is None else axes
 
 
 def panels(columns: int, height: float, **kind: Any) -> Any:

@@ -17,7 +17,7 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
 from toolbox.errors import SceneError
-from toolbox.figures.style import LINES, PAPER, WIDTH, in_words, name_axis, reading_of
+from toolbox.figures.style import LINES, PAPER, WIDTH, drawn_on, in_words, name_axis, reading_of
 from toolbox.measuring.judge import SMOOTH, STICKS, SWINGS
 from toolbox.onsets.regions import MEANINGS, outlines
 
@@ -29,9 +29,7 @@ def onset_diagram(found: Any, ax: Any = None) -> Any:
     """
     if not len(found.steady):
         raise SceneError("This onset was saved by an earlier version, which kept no speeds: find it again for its picture.")
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(WIDTH, 3.0), layout="constrained")
+    with drawn_on(ax, height=3.0) as ax:
         for low, high in found.bistable:
             ax.axvspan(low, high, color="0.90", linewidth=0, zorder=0, label="bistable")
         for point in found.hopf:
@@ -147,9 +145,7 @@ def severity_panels(found: Any, axes: Any = None) -> Any:
     Regions have tints and are shaded up to their borders, not by cells of the grid; the grey tells the severity of what is not smooth. The legend says
     what each region means for who runs the machine.
     """
-    with plt.rc_context(PAPER):
-        if axes is None:
-            _, axes = plt.subplots(1, 2, figsize=(1.25 * WIDTH, 4.4), layout="constrained", sharex=True, sharey=True)
+    with drawn_on(axes, 1, 2, height=4.4, width=1.25 * WIDTH, sharex=True, sharey=True) as axes:
         scales = [_thousands(axis, unit, found.asked) for axis, unit in zip(found.axes, found.units, strict=True)]
         divisors = np.array([scale for scale, _ in scales])
         grid = (found.axes[0] / divisors[0], found.axes[1] / divisors[1])

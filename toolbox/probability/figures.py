@@ -7,64 +7,57 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from toolbox.figures.style import LINES, PAPER, WIDTH, in_words, name_axis
+from toolbox.figures.style import LINES, drawn_on, in_words, name_axis
 from toolbox.onsets.map_loop import NONE, SMOOTH
 from toolbox.probability.bounds import clopper_pearson
 
 
 def chance_diagram(found: Any, axes: Any = None) -> Any:
     """The chances over one number, as curves with their bounds, or over two, one panel per law with the line above which 95 % are free by the bound."""
-    with plt.rc_context(PAPER):
-        return _curves(found, axes) if len(found.names) == 1 else _panels(found, axes)
+    return _curves(found, axes) if len(found.names) == 1 else _panels(found, axes)
 
 
 def _curves(found: Any, ax: Any) -> Any:
-    if ax is None:
-        _, ax = plt.subplots(figsize=(WIDTH, 3.0), layout="constrained")
-    for k, label in enumerate(found.labels):
-        style = LINES[k % len(LINES)]
-        low, high = found.bounds[label]
-        ax.fill_between(found.axes[0], low, high, color=style["color"], alpha=0.2, linewidth=0)
-        ax.plot(found.axes[0], found.chances[label], label=label, marker="o", markersize=2.5, **style)
-    ax.axhline(0.05, color="0.5", linewidth=0.7, linestyle=":")
-    ax.set(ylim=(-0.02, 1.02), ylabel="chance of stick-slip [1]")
-    name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.asked)
-    ax.legend(frameon=False)
-    return ax
+    with drawn_on(ax, height=3.0) as ax:
+        for k, label in enumerate(found.labels):
+            style = LINES[k % len(LINES)]
+            low, high = found.bounds[label]
+            ax.fill_between(found.axes[0], low, high, color=style["color"], alpha=0.2, linewidth=0)
+            ax.plot(found.axes[0], found.chances[label], label=label, marker="o", markersize=2.5, **style)
+        ax.axhline(0.05, color="0.5", linewidth=0.7, linestyle=":")
+        ax.set(ylim=(-0.02, 1.02), ylabel="chance of stick-slip [1]")
+        name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.asked)
+        ax.legend(frameon=False)
+        return ax
 
 
 def _panels(found: Any, axes: Any) -> Any:
-    if axes is None:
-        count = len(found.labels)
-        wide = min(count, 2)
-        _, axes = plt.subplots(
-            -(-count // wide), wide, figsize=(WIDTH, 2.9 * -(-count // wide)), layout="constrained", sharex=True, sharey=True, squeeze=False
-        )
-        for spare in np.ravel(axes)[count:]:
+    count, wide, made = len(found.labels), min(len(found.labels), 2), axes is None
+    rows = -(-count // wide)
+    with drawn_on(axes, rows, wide, height=2.9 * rows, sharex=True, sharey=True, squeeze=False) as axes:
+        for spare in np.ravel(axes)[count:] if made else ():
             spare.set_visible(False)
-    x, y = found.axes
-    for ax, label in zip(np.ravel(axes), found.labels, strict=False):
-        drawn = ax.pcolormesh(x, y, found.chances[label].T, cmap="cividis_r", vmin=0.0, vmax=1.0, shading="nearest")
-        upper = found.bounds[label][1].T
-        if min(upper.shape) > 1 and upper.min() <= 0.05 < upper.max():
-            ax.contour(x, y, upper, levels=[0.05], colors="black", linewidths=1.4)
-        ax.set_title(label, fontsize=9.0)
-        name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.asked)
-        name_axis(ax.yaxis, in_words(found.names[1]), found.units[1], found.asked)
-        ax.label_outer()
-    figure = np.ravel(axes)[0].figure
-    figure.colorbar(drawn, ax=axes).set_label("chance of stick-slip [1]")
-    line = np.ravel(axes)[0].plot([], [], color="black", linewidth=1.4)
-    figure.legend(line, ["free with 95 % by the bound"], loc="outside lower center", frameon=False)
-    return axes
+        x, y = found.axes
+        for ax, label in zip(np.ravel(axes), found.labels, strict=False):
+            drawn = ax.pcolormesh(x, y, found.chances[label].T, cmap="cividis_r", vmin=0.0, vmax=1.0, shading="nearest")
+            upper = found.bounds[label][1].T
+            if min(upper.shape) > 1 and upper.min() <= 0.05 < upper.max():
+                ax.contour(x, y, upper, levels=[0.05], colors="black", linewidths=1.4)
+            ax.set_title(label, fontsize=9.0)
+            name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.asked)
+            name_axis(ax.yaxis, in_words(found.names[1]), found.units[1], found.asked)
+            ax.label_outer()
+        figure = np.ravel(axes)[0].figure
+        figure.colorbar(drawn, ax=axes).set_label("chance of stick-slip [1]")
+        line = np.ravel(axes)[0].plot([], [], color="black", linewidth=1.4)
+        figure.legend(line, ["free with 95 % by the bound"], loc="outside lower center", frameon=False)
+        return axes
 
 
 def corner_diagram(found: Any, axes: Any = None) -> Any:
     """The unknowns of a posterior one by one, as histograms on the diagonal, and in pairs below it."""
     count = len(found.names)
-    with plt.rc_context(PAPER):
-        if axes is None:
-            _, axes = plt.subplots(count, count, figsize=(WIDTH, max(2.2 * count, 2.6)), layout="constrained", squeeze=False, sharex="col")
+    with drawn_on(axes, count, count, height=max(2.2 * count, 2.6), squeeze=False, sharex="col") as axes:
         for i in range(count):
             for j in range(count):
                 ax = axes[i][j]
@@ -92,10 +85,7 @@ def corner_diagram(found: Any, axes: Any = None) -> Any:
 
 def prediction_diagram(found: Any, axes: Any = None) -> Any:
     """Bands on the traces with what was measured, one panel per signal."""
-    with plt.rc_context(PAPER):
-        if axes is None:
-            count = len(found.units)
-            _, axes = plt.subplots(count, 1, figsize=(WIDTH, 1.8 * count + 0.8), layout="constrained", sharex=True, squeeze=False)
+    with drawn_on(axes, len(found.units), 1, height=1.8 * len(found.units) + 0.8, sharex=True, squeeze=False) as axes:
         for ax, (name, unit) in zip(np.ravel(axes), found.units.items(), strict=True):
             colour = LINES[0]["color"]
             band = ax.fill_between(found.time, found.low[name], found.high[name], color=colour, alpha=0.3, linewidth=0)
@@ -114,9 +104,7 @@ def prediction_diagram(found: Any, axes: Any = None) -> Any:
 
 def comparison_diagram(found: Any, axes: Any = None) -> Any:
     """By how much each model is behind the best one: in evidence, and in predicting what was left out."""
-    with plt.rc_context(PAPER):
-        if axes is None:
-            _, axes = plt.subplots(1, 2, figsize=(WIDTH, 0.4 * len(found.posteriors) + 1.2), layout="constrained", sharey=True)
+    with drawn_on(axes, 1, 2, height=0.4 * len(found.posteriors) + 1.2, sharey=True) as axes:
         labels = list(found.posteriors)
         best = max(each.evidence for each in found.posteriors.values())
         evidence = [(best - each.evidence, each.error) for each in found.posteriors.values()]
@@ -132,9 +120,7 @@ def comparison_diagram(found: Any, axes: Any = None) -> Any:
 
 def onset_diagram(found: Any, ax: Any = None) -> Any:
     """The part of the machines that are free over the set-point, with its bounds, and the part that does not lose smooth running."""
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(WIDTH, 3.2), layout="constrained")
+    with drawn_on(ax, height=3.2) as ax:
         for k, (label, borders) in enumerate(found.borders.items()):
             style = LINES[k % len(LINES)]
             at = np.unique(np.clip([*found.between, *borders[np.isfinite(borders)]], *found.between))
@@ -158,9 +144,7 @@ def onset_diagram(found: Any, ax: Any = None) -> Any:
 def estimate_diagram(found: Any, axes: Any = None) -> Any:
     """What is known over time, mean and band of 95 %, one panel each; times of stick-slip are shaded."""
     known = [name for name, values in found.mean.items() if np.isfinite(values).any()]
-    with plt.rc_context(PAPER):
-        if axes is None:
-            _, axes = plt.subplots(len(known), 1, figsize=(WIDTH, 1.4 * len(known) + 0.6), layout="constrained", sharex=True, squeeze=False)
+    with drawn_on(axes, len(known), 1, height=1.4 * len(known) + 0.6, sharex=True, squeeze=False) as axes:
         for ax, name in zip(np.ravel(axes), known, strict=True):
             mean, wide = found.mean[name], 1.96 * found.deviation[name]
             ax.fill_between(found.time, mean - wide, mean + wide, color=LINES[0]["color"], alpha=0.25, linewidth=0)
@@ -184,9 +168,7 @@ def estimate_diagram(found: Any, axes: Any = None) -> Any:
 def basin_diagram(found: Any, ax: Any = None) -> Any:
     """The disturbances over the first two states, or over the one, by whether the working point comes back."""
     back = found.outcomes == SMOOTH
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(WIDTH, 3.6), layout="constrained")
+    with drawn_on(ax, height=3.6) as ax:
         flat = len(found.names) == 1
         for kept, words, marker, colour in (
             (back, "comes back", ".", "0.7"),

@@ -12,7 +12,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from toolbox.figures.style import LINES, PAPER, WIDTH
+from toolbox.figures.style import LINES, drawn_on
 from toolbox.robustness.disk_margins import LoopMargins, frequencies
 from toolbox.robustness.loop import LinearLoop
 
@@ -23,9 +23,7 @@ def margins_diagram(loop: LinearLoop, rows: Sequence[LoopMargins], axes: Any = N
     The disk around the critical point -1 is what the disk margin keeps free: a factor f of the command moves -1 to -1 / f, and the disk holds these
     points for every f that the margin allows. rows: the margins of every command of the loop.
     """
-    with plt.rc_context(PAPER):
-        if axes is None:
-            _, axes = plt.subplots(1, 2, figsize=(WIDTH, 3.2), layout="constrained")
+    with drawn_on(axes, 1, 2, height=3.2) as axes:
         nyquist, bode = axes
         reach = 2.5
         for i, row in enumerate(rows):
@@ -73,9 +71,7 @@ def worst_case_diagram(rows: Sequence[tuple[str, float, float, bool]], axes: Any
     rows: (error, stuck, ripple, whether it is a success) of every run; those that could not be finished have nan and are counted beside the error.
     """
     errors = list(dict.fromkeys(error for error, *_ in rows))
-    with plt.rc_context(PAPER):
-        if axes is None:
-            _, axes = plt.subplots(1, 2, sharey=True, figsize=(WIDTH, 0.9 + 0.24 * len(errors)), layout="constrained")
+    with drawn_on(axes, 1, 2, height=0.9 + 0.24 * len(errors), sharey=True) as axes:
         place, good = np.array([errors.index(row[0]) for row in rows]), np.array([row[3] for row in rows])
         panels = (([row[1] for row in rows], "time stuck [%]"), ([row[2] for row in rows], "ripple of the command [%]"))
         for ax, (values, label) in zip(axes, panels, strict=True):
@@ -98,9 +94,7 @@ def error_diagram(numbers: Sequence[str], found: Mapping[str, Sequence[float]], 
 
     found: {label: error in parts of the ranges, empty for none};  sizes: {label: size up to which an error is harmless, nan for unknown}.
     """
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(WIDTH, 1.3 + 0.34 * len(numbers)), layout="constrained")
+    with drawn_on(ax, height=1.3 + 0.34 * len(numbers)) as ax:
         for k, (label, size) in enumerate(sizes.items()):
             if size > 0.0:
                 ax.axvspan(-min(size, 1.0), min(size, 1.0), color=("0.93", "0.82")[k % 2], zorder=0, label=label)
@@ -136,9 +130,7 @@ def window_diagram(
     labels: of the first and the second number;  titles: of the pictures;  along: values of the second number;  smooth, free: borders of the first one, shape
     (pictures, along), -inf for the whole range and inf for nowhere;  at: working points;  ends: of the range of the first number.
     """
-    with plt.rc_context(PAPER):
-        if axes is None:
-            _, axes = plt.subplots(1, len(titles), sharey=True, sharex=True, squeeze=False, figsize=(WIDTH, 2.6), layout="constrained")
+    with drawn_on(axes, 1, len(titles), height=2.6, sharey=True, sharex=True, squeeze=False) as axes:
         axes = np.ravel(axes)
         low, high = ends
         for ax, title, lost, ended, point in zip(axes, titles, smooth, free, at, strict=False):
@@ -168,9 +160,7 @@ def set_point_diagram(rows: Sequence[tuple[str, str, str, float]], highest: floa
     rows: (law, group, way, set-point or nan for none);  highest: set-point up to which it was searched.
     """
     laws, groups = list(dict.fromkeys(row[0] for row in rows)), list(dict.fromkeys(row[1] for row in rows))
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(WIDTH, 1.1 + 0.34 * len(laws)), layout="constrained")
+    with drawn_on(ax, height=1.1 + 0.34 * len(laws)) as ax:
         for law, group, way, speed in rows:
             k = groups.index(group)
             place = laws.index(law) + 0.5 * ((k + 0.5) / len(groups) - 0.5)

@@ -12,14 +12,12 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from toolbox.figures.style import LINES, PAPER, WIDTH, in_words, name_axis
+from toolbox.figures.style import LINES, WIDTH, drawn_on, in_words, name_axis
 
 
 def bode_diagram(found: Any, axes: Any = None) -> Any:
     """Gain and phase over frequency, with the margins as arrows from the response to the border; returns both axes."""
-    with plt.rc_context(PAPER):
-        if axes is None:
-            _, axes = plt.subplots(2, 1, sharex=True, figsize=(WIDTH, 4.4), layout="constrained")
+    with drawn_on(axes, 2, 1, height=4.4, sharex=True) as axes:
         gains, phases = axes
         for i, (name, value) in enumerate(found.values.items()):
             style, gain, phase = LINES[i % len(LINES)], np.abs(value), _phase(value)
@@ -55,9 +53,7 @@ def bode_diagram(found: Any, axes: Any = None) -> Any:
 
 def nyquist_diagram(found: Any, ax: Any = None) -> Any:
     """The response in the complex plane and the disk around -1 that it does not enter; returns the axes."""
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(0.65 * WIDTH, 0.65 * WIDTH), layout="constrained")
+    with drawn_on(ax, height=0.65 * WIDTH, width=0.65 * WIDTH) as ax:
         reach = 2.5
         for i, (name, value) in enumerate(found.values.items()):
             style, row = LINES[i % len(LINES)], found.margins[name]
@@ -83,9 +79,7 @@ def nyquist_diagram(found: Any, ax: Any = None) -> Any:
 
 def nichols_diagram(found: Any, ax: Any = None) -> Any:
     """Gain over phase, with lines on which the closed loop |L / (1 + L)| has the same gain; returns the axes."""
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(0.8 * WIDTH, 0.65 * WIDTH), layout="constrained")
+    with drawn_on(ax, height=0.65 * WIDTH, width=0.8 * WIDTH) as ax:
         curves = [(name, _phase(value), np.abs(value)) for name, value in found.values.items()]
         low = min(float(phase.min()) for _, phase, _ in curves)
         left, right = max(min(low - 20.0, -225.0), -740.0), max(float(phase.max()) for *_, phase, _ in curves) + 20.0
@@ -110,9 +104,7 @@ def nichols_diagram(found: Any, ax: Any = None) -> Any:
 
 def stability_diagram(found: Any, ax: Any = None) -> Any:
     """Where the loop is stable over two numbers, with lines of equal disk margin and the working point; returns the axes."""
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(0.8 * WIDTH, 0.62 * WIDTH), layout="constrained")
+    with drawn_on(ax, height=0.62 * WIDTH, width=0.8 * WIDTH) as ax:
         x, y = found.axes
         held = np.ma.masked_invalid(found.growth.T)
         if held.min() < 0.0 < held.max():
@@ -141,9 +133,7 @@ def stability_diagram(found: Any, ax: Any = None) -> Any:
 
 def describing_diagram(found: Any, axes: Any = None) -> Any:
     """The describing function over the amplitude with the cycles it predicts, and the response of the rest in the complex plane; returns both axes."""
-    with plt.rc_context(PAPER):
-        if axes is None:
-            _, axes = plt.subplots(1, 2, figsize=(WIDTH, 0.46 * WIDTH), layout="constrained")
+    with drawn_on(axes, 1, 2, height=0.46 * WIDTH) as axes:
         gains, plane = axes
         slip, force = found.units
         gains.plot(found.amplitude, found.gain, label="describing function $N$", **LINES[0])

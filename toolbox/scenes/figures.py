@@ -7,9 +7,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib.pyplot as plt
-
-from toolbox.figures.style import BAND, PAPER
+from toolbox.figures.style import BAND, drawn_on
 
 TRADE: Sequence[tuple[str, str, str, str]] = (
     ("#12355b", "o", "-", "full"),
@@ -27,9 +25,7 @@ TRADE: Sequence[tuple[str, str, str, str]] = (
 
 def work_precision(trade: Any, ax: Any = None) -> Any:
     """Seconds against error of a `toolbox.work_precision.WorkPrecision` on logarithmic axes; errors in the grey band are below what is known."""
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(5.6, 4.0), layout="constrained")
+    with drawn_on(ax, height=4.0, width=5.6) as ax:
         curves: dict[str, list[Any]] = {}
         several = len({point.plant for point in trade.points}) > 1
         for point in trade.points:

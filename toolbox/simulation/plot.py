@@ -28,6 +28,7 @@ from toolbox.figures.style import (
     TONES,
     WIDTH,
     axis_words,
+    drawn_on,
     in_words,
     legend_above,
     line_styles,
@@ -178,9 +179,7 @@ def phase_plane(
     samples = curves.sampled(run, begin, end)
     x, y = scalar(samples, x_signal), scalar(samples, y_signal)
     sticks = samples.mode[:, names.index(element)] == 0 if element is not None else np.zeros(x.size, bool)
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(4.6, 3.9), layout="constrained")
+    with drawn_on(ax, height=3.9, width=4.6) as ax:
         # a segment belongs to a mode when both of its ends do, so that the point of release is drawn in both
         points = np.stack([x, y], axis=1)
         both = sticks[:-1] & sticks[1:]

@@ -71,14 +71,10 @@ class ModeShapes(Result):
         ax
             Axes to draw into.
         """
-        import matplotlib.pyplot as plt
-
-        from toolbox.figures.style import LINES, PAPER, WIDTH, in_words
+        from toolbox.figures.style import LINES, WIDTH, drawn_on, in_words
 
         count = self.shapes.shape[1]
-        with plt.rc_context(PAPER):
-            if ax is None:
-                _, ax = plt.subplots(figsize=(0.75 * WIDTH, 3.8), layout="constrained")
+        with drawn_on(ax, height=3.8, width=0.75 * WIDTH) as ax:
             for k, (shape, hertz, ratio) in enumerate(zip(self.shapes[:most], self.frequencies, self.damping, strict=False)):
                 mark = {"marker": "o", "markersize": 3.5} if count <= 30 else {}
                 ax.plot(

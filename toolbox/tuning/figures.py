@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
-from toolbox.figures.style import LINES, PAPER, WIDTH
+from toolbox.figures.style import LINES, WIDTH, drawn_on
 
 
 def tuning_diagram(
@@ -28,9 +27,7 @@ def tuning_diagram(
     -------
     The axes.
     """
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(0.75 * WIDTH, 3.4), layout="constrained")
+    with drawn_on(ax, height=3.4, width=0.75 * WIDTH) as ax:
         values = np.where(np.isfinite(tried), tried, np.nan)
         if len(names) == 1:
             count = np.arange(1, len(values) + 1)
@@ -102,11 +99,7 @@ def schedule_diagram(
     -------
     The axes.
     """
-    with plt.rc_context(PAPER):
-        if axes is None:
-            _, axes = plt.subplots(
-                len(labels) + 1, 1, sharex=True, figsize=(0.75 * WIDTH, 1.2 + 1.3 * (len(labels) + 1)), layout="constrained"
-            )
+    with drawn_on(axes, len(labels) + 1, 1, height=1.2 + 1.3 * (len(labels) + 1), width=0.75 * WIDTH, sharex=True) as axes:
         axes = np.ravel(axes)
         for ax, label, column in zip(axes, labels, gains.T, strict=False):
             ax.plot(depths, column, marker="o", markersize=4.5, **LINES[0])

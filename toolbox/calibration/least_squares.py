@@ -30,7 +30,10 @@ FEW = 0.05
 """Part of a signal, at most, that may break its law: where more does, the law is wrong, and all samples count."""
 
 ROUNDS = 10
-"""Fits, at most, after each of which other samples are left out."""
+"""Fits, at most, after each of which other samples are left out, or weigh otherwise."""
+
+MOST = 3.0
+"""Weight, at most, of a sample that is known in another way than by measuring it: it is told by ten samples or so."""
 
 CLEAR = 1e3
 """F-value by the slopes from which on static and kinetic friction are told apart without a fit that takes them for one."""
@@ -42,6 +45,11 @@ DRAWS = 10
 def _product(tall: np.ndarray, ways: np.ndarray) -> np.ndarray:
     """tall @ ways, without the threads of @, which wait for each other for longer than so thin a product takes."""
     return np.einsum("ni,ij->nj", tall, ways)
+
+
+def _alike(one: np.ndarray, two: np.ndarray) -> bool:
+    """Whether weights of samples leave out the same ones and are the same but for a hundredth."""
+    return np.array_equal(one == 0.0, two == 0.0) and bool(np.all(np.abs(one - two) <= 0.01 * two))
 
 
 @dataclass
@@ -59,7 +67,7 @@ class LeastSquares:
     starts: int
     seed: int
     confidence: float
-    kept: dict[str, np.ndarray] = field(default_factory=dict, init=False)
+    weights: dict[str, np.ndarray] = field(default_factory=dict, init=False)
 
     def fit(self) -> Fit:
         misfit = self.misfit
@@ -112,12 +120,12 @@ class LeastSquares:
         condition = self._identifiable(labels, per_part[:, heard])
         ways, mute = ways[:, heard], np.asarray(ways[:, ~heard].any(axis=1))
         jacobian = _product(jacobian, ways)
-        n, k = sum(int(kept.sum()) for kept in self._all_kept().values()), jacobian.shape[1]
+        n, k = sum(int(np.count_nonzero(own)) for own in self._all_weights().values()), jacobian.shape[1]
         if n <= k:
             raise SceneError(f"The data must hold more values than there are free numbers, but they hold {n} for {k}.")
         left_of = [
-            residual_of(name, misfit.plant.unit(name), left[name][kept], misfit.measured[name][kept])
-            for name, kept in self._all_kept().items()
+            residual_of(name, misfit.plant.unit(name), (left[name] * own)[own > 0.0], misfit.measured[name][own > 0.0])
+            for name, own in self._all_weights().items()
         ]
         weighed = self._weighed(left, scales)
         spread = float((weighed**2).sum()) / (n - k)
@@ -138,37 +146,59 @@ class LeastSquares:
             misfit.exact, misfit.panels(left, values), misfit,
             {self.names[i]: words for i, words in rest.why.items()}, tuple(name for name, silent in zip(self.names, mute.tolist(), strict=True) if silent),
             ways @ sampling_error(misfit, values, jacobian, scales),
-            strays={name: ~kept for name, kept in self.kept.items() if not kept.all()}, equal=equal,
+            strays={name: own == 0.0 for name, own in self.weights.items() if not own.all()}, equal=equal,
             apart=misfit.apart(values),
         )  # fmt: skip
 
-    def _all_kept(self) -> dict[str, np.ndarray]:
-        """{signal: where its samples count}."""
-        return {name: self.kept.get(name, np.ones(self.misfit.measured[name].size, bool)) for name in self.misfit.outputs}
+    def _all_weights(self) -> dict[str, np.ndarray]:
+        """{signal: weights of its samples}, 0 of one that does not count."""
+        return {name: self.weights.get(name, np.ones(self.misfit.measured[name].size)) for name in self.misfit.outputs}
 
     def _without_strays(
         self, values: np.ndarray, scales: dict[str, float], sizes: Mapping[str, float]
     ) -> tuple[np.ndarray, dict[str, float]]:
         """The optimum without the few samples that break the law, found anew until no other samples do; and the scales then."""
-        if self.robust is None:
+        if self.robust is None and not any(np.isfinite(self.misfit.deviations(name)).any() for name in self.misfit.outputs):
             return values, scales
         for _ in range(ROUNDS):
-            left, kept = self._left(values), {}
-            for name, each in left.items():
-                most, near = self.misfit.alike(name), np.ones(each.size, bool)
-                deviation = 1e-6 * sizes[name]
-                for own in (most, ~most):
-                    if own.any():
-                        deviation = max(1.4826 * float(np.median(np.abs(each[own]))), deviation)
-                        near[own] = np.abs(each[own]) <= self.robust * deviation
-                kept[name] = near if 1.0 - near.mean() <= FEW else np.ones(each.size, bool)
-            if all(np.array_equal(kept[name], mask) for name, mask in self._all_kept().items()):
+            left = self._left(values)
+            weights = {name: self._trust(name, each, sizes[name]) for name, each in left.items()}
+            if all(_alike(weights[name], each) for name, each in self._all_weights().items()):
                 break
-            self.kept = kept
+            self.weights = weights
             if self.noise is None and len(left) > 1:
-                scales = {name: max(float(np.sqrt(np.mean(each[kept[name]] ** 2))), 1e-9 * sizes[name]) for name, each in left.items()}
+                scales = {
+                    name: max(float(np.sqrt(np.mean(each[weights[name] > 0.0] ** 2))), 1e-9 * sizes[name]) for name, each in left.items()
+                }
             values = self._descend(values, scales, [self.misfit]).x
         return values, scales
+
+    def _trust(self, name: str, left: np.ndarray, size: float) -> np.ndarray:
+        """Weights of the samples of a signal: none of those that break the law, and of those whose deviation is known otherwise that of the noise by it.
+
+        These scatter more than they were thought to where their own residuals say so, by the ratio of Birge, with few of them by that of Student.
+        """
+        from scipy.special import ndtri, stdtrit
+
+        given, weights, deviation = self.misfit.deviations(name), np.ones(left.size), 1e-6 * size
+        own = np.isfinite(given)
+        for group in (~own, own):
+            if not group.any():
+                continue
+            noise, deviation = deviation, max(1.4826 * float(np.median(np.abs(left[group]))), deviation)
+            near = np.abs(left[group]) <= (self.robust or math.inf) * deviation
+            weights[group] = near
+        if 1.0 - np.mean(weights > 0.0) > FEW:
+            weights[:] = 1.0
+        if own.any():
+            noise = noise if self.noise is None else self.noise[name]
+            known = np.hypot(given[own], max(float(np.median(given[own])), 1e-6 * size)) / math.sqrt(
+                2.0
+            )  # each is itself known to its size only
+            parts, count = (left[own] / known)[weights[own] > 0.0], int(weights[own].sum())
+            scatter = float(parts @ parts) / (count - 1) * float(stdtrit(count - 1, 0.975) / ndtri(0.975)) ** 2 if count > 1 else 1.0
+            weights[own] *= np.minimum(noise / (known * math.sqrt(max(scatter, 1.0))), MOST)
+        return weights
 
     def _equal(self, values: np.ndarray, scales: Mapping[str, float], jacobian: np.ndarray, left: Mapping[str, np.ndarray]) -> str:
         """The law whose static friction the data cannot tell from the kinetic one; none where they can, or only one is free."""
@@ -191,7 +221,7 @@ class LeastSquares:
             except (SceneError, SimulationError):
                 continue
             squares = [float((self._weighed(self._left(each), scales) ** 2).sum()) for each in (values, one)]
-            n = sum(int(kept.sum()) for kept in self._all_kept().values())
+            n = sum(int(np.count_nonzero(own)) for own in self._all_weights().values())
             ways = self._weighed(self.misfit.slopes(one, self._size(one)), scales) @ rest.directions
             fewer = len(self.names) - int((ways != 0).any(axis=0).sum())
             if fewer < 1 or n <= len(self.names) or squares[0] <= 0.0:
@@ -268,9 +298,10 @@ class LeastSquares:
         return self._heard(np.concatenate([found[name] / scales[name] for name in self.misfit.outputs]))
 
     def _heard(self, row: np.ndarray) -> np.ndarray:
-        """What stands in a row of all signals, and nothing where a sample does not count."""
-        if self.kept:
-            row[~np.concatenate([self.kept[name] for name in self.misfit.outputs])] = 0.0
+        """What stands in a row of all signals, each sample by its weight."""
+        if self.weights:
+            weights = np.concatenate([self.weights[name] for name in self.misfit.outputs])
+            row *= weights if row.ndim == 1 else weights[:, None]
         return row
 
     def _given_noise(self, sizes: Mapping[str, float]) -> dict[str, float]:

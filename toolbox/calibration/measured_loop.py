@@ -6,12 +6,12 @@ from __future__ import annotations
 import contextlib
 import copy
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from toolbox.calibration.break_away import RISE, SLIPS, break_away
 from toolbox.calibration.columnwise import Columnwise
 from toolbox.calibration.loop_law import LoopLaw, jumps
 from toolbox.calibration.misfit import ContactMisfit
@@ -26,17 +26,6 @@ from toolbox.modelling.start import place_start
 
 TRIAL = 500
 """Samples of a loop, about, with which the searches from different starts are done."""
-
-
-BREAKAWAY_SAMPLES = 10
-"""Last samples of a stick phase through which a line is laid, whose end is the force at break-away; a shorter phase tells nothing."""
-
-
-BENT = 6.0
-"""F ratio from which a rise with a level behind it is told from one line; ten samples of a line, rising by twice their noise each, have it in one of fifty."""
-
-BEHIND = 3
-"""Samples behind the peak that tell whether the force drops there."""
 
 
 class MeasuredLoop(ContactMisfit):
@@ -90,21 +79,21 @@ class MeasuredLoop(ContactMisfit):
                 f"The data must hold samples in which `{contact}` slips faster than {self.still:g} {element.slip_unit}, but there are none."
             )
         self._side = np.sign(np.where(moving, self.slip, np.append(self.slip[1:], 0.0)))
-        values, release = recording.signals[self.output].copy(), []
+        values, deviations = recording.signals[self.output].copy(), np.full(self._side.size, np.nan)
         cut = ~known | np.insert(np.diff(recording.time) > recording.gap, 0, False)  # no stick phase reaches over it
         toward = np.broadcast_to(np.sign(self._of(law.law, plant.values)[3][0]), values.size)
         for k in np.flatnonzero(moving[1:] & ~moving[:-1] & ~cut[1:]) if jumps(law, plant) else []:
             first = 1 + int(np.max(np.flatnonzero((moving | ~known)[: k + 1]), initial=-1))
             first = max(first, int(np.max(np.flatnonzero(cut[: k + 1] & known[: k + 1]), initial=0)))
-            if k + 1 - first >= BREAKAWAY_SAMPLES:  # a shorter one is noise where slip begins or ends
-                top, value = _peak(recording.time[first : k + 2], values[first : k + 2], toward[k])
-                values[first + top] = value
-                self._side[first + top] = self._side[k]
-                release.append(first + top)
-        away = np.zeros(values.size, bool)
-        away[release] = True
+            if k + 1 - first >= RISE:  # a shorter one is noise where slip begins or ends
+                ends = np.flatnonzero((~moving | cut)[k + 1 : k + 1 + SLIPS])
+                phase = slice(first, k + 1 + (int(ends[0]) if ends.size else SLIPS))
+                found = break_away(recording.time[phase], values[phase], self.slip[phase], int(k) - first, float(toward[k]))
+                top = first + found.sample
+                values[top], deviations[top], self._side[top] = found.force, found.deviation, self._side[k]
+        away = np.isfinite(deviations)
         rows = np.flatnonzero(moving | away)
-        self.rows, self.released = rows, away[rows]
+        self.rows, self.released, self._deviations = rows, away[rows], deviations[rows]
         self._forces, self._slopes = law.with_release if self.released.any() else (law.forces, law.slopes)
         self.outputs = [self.output]
         self.time, self.measured = {self.output: recording.time[rows]}, {self.output: values[rows]}
@@ -125,9 +114,9 @@ class MeasuredLoop(ContactMisfit):
         """What was fitted, in words."""
         return f"law of `{self.plant.elements[self.place].name}` against the measured loop"
 
-    def alike(self, output: str) -> np.ndarray:
-        """Samples in slip: the force at break-away is known less well, as far as it changes from a sample to the next."""
-        return ~self.released
+    def deviations(self, output: str) -> np.ndarray:
+        """Standard deviations of the forces at break-away, which no sample holds; nan of the samples in slip."""
+        return self._deviations
 
     def panels(self, left: Mapping[str, np.ndarray], _: np.ndarray) -> tuple[Panel, ...]:
         """What was measured beside the law; left: law less measured."""
@@ -158,7 +147,7 @@ class MeasuredLoop(ContactMisfit):
         few, kept = copy.copy(self), self.rows[chosen]
         few._x, few._u, few._side, few._chosen = self._x[:, kept], self._u[:, kept], self._side[kept], kept
         few.__dict__.pop("_known", None)
-        few.rows, few.released = np.arange(kept.size), self.released[chosen]
+        few.rows, few.released, few._deviations = np.arange(kept.size), self.released[chosen], self._deviations[chosen]
         few.time, few.measured = ({name: values[chosen] for name, values in each.items()} for each in (self.time, self.measured))
         return few
 
@@ -227,40 +216,3 @@ class MeasuredLoop(ContactMisfit):
         signals = moved(self._measured, self.shifts, values, self.output)
         x, u = self._laid(signals)
         self._x, self._u, self._late = x[:, self._chosen], u[:, self._chosen], late
-
-
-def _peak(time: np.ndarray, values: np.ndarray, toward: float) -> tuple[int, float]:
-    """(sample, force) at break-away in a stick phase and the first sample that slips after it: where the force is largest in one direction.
-
-    Slip is slow at first, so that the samples at rest may end with some that slip: the peak is where they rise no more. Before it the force rises along a line,
-    behind it the force is level, lower where it drops at release. Where these two pieces are told from one line, break-away is halfway between their samples,
-    or at the level where that is no lower than the end of the rise. Else the line goes on for half a sample, which is where release comes on average.
-    """
-    smooth = np.convolve(np.pad(values, 1, mode="edge"), np.ones(3) / 3, mode="valid")
-    top = int(np.argmax(toward * smooth[:-1]))
-    first = max(0, top + 1 - BREAKAWAY_SAMPLES)
-    t, force, count = time[first:] - time[top], toward * values[first:], top + 1 - first
-    if count < 3:
-        return top, float(values[top])
-    (level, slope), _ = _line(t[:count], force[:count])
-    end = level + slope * t[count] / 2
-    around = min(count + BEHIND, t.size)
-    if around > 5:
-        whole = _line(t[:around], force[:around])[1]
-        pieces = [(_line(t[:k], force[:k]), force[k:around]) for k in range(3, around)]
-        off = [rise[1] + float(((flat - flat.mean()) ** 2).sum()) for rise, flat in pieces]
-        best = int(np.argmin(off))
-        ((start, slope), _), flat = pieces[best]
-        spread, k = off[best] / (around - 4), best + 3
-        if slope > 0 and whole - off[best] > 2 * BENT * spread:
-            known = 2 * math.sqrt(spread * (1 / flat.size + 3 / k))  # of the level and of the end of the rise
-            drops = flat.mean() < start + slope * t[k - 1] - known
-            end = start + slope * (t[k - 1] + t[k]) / 2 if drops else flat.mean()
-            top = first + k - 1
-    return top, float(toward * end)
-
-
-def _line(t: np.ndarray, force: np.ndarray) -> tuple[tuple[float, float], float]:
-    """((value at 0, slope), sum of squares that is left) of the line through samples."""
-    line = np.polynomial.polynomial.polyfit(t, force, 1)
-    return (float(line[0]), float(line[1])), float(((force - line[0] - line[1] * t) ** 2).sum())

@@ -43,9 +43,9 @@ class Misfit:
         """Where the data come from."""
         return self.recording.source
 
-    def alike(self, output: str) -> np.ndarray:
-        """True for the samples of an output that scatter as most do; strays among the others are told by their own scatter."""
-        return np.ones(self.measured[output].size, bool)
+    def deviations(self, output: str) -> np.ndarray:
+        """Standard deviations of samples of an output that are known in another way than by measuring them; nan of all others."""
+        return np.full(self.measured[output].size, np.nan)
 
     def apart(self, values: np.ndarray) -> dict[str, float]:
         """{output: how far from the model its first samples are}, of those that begin elsewhere; none where nothing is simulated from a start."""

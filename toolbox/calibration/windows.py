@@ -147,9 +147,9 @@ class Together:
         """What the windows have of each signal, one after another."""
         return {name: np.concatenate([part[name] for part in parts if name in part]) for name in self.outputs}
 
-    def alike(self, output: str) -> np.ndarray:
-        """True for the samples of an output that scatter as most do, window by window."""
-        return np.concatenate([misfit.alike(output) for misfit in self.each if output in misfit.outputs])
+    def deviations(self, output: str) -> np.ndarray:
+        """Standard deviations of samples of an output that are known in another way than by measuring them, window by window."""
+        return np.concatenate([misfit.deviations(output) for misfit in self.each if output in misfit.outputs])
 
     @property
     def numbers(self) -> list[Number]:

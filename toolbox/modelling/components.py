@@ -15,6 +15,7 @@ from toolbox.arguments import refuse, within
 from toolbox.errors import SceneError
 from toolbox.files.printing import Declared
 from toolbox.modelling.elements import Element, FrictionLaw, State, declared_type, fields_in_si
+from toolbox.modelling.opposing import check_opposing
 
 
 @dataclass
@@ -173,6 +174,8 @@ def checked(part: Any) -> None:
                 raise SceneError(f"Field `{field.name}` of {type(part).__name__}: {error}") from None
     if all(within(number, field.spec.metadata) for field, number in _numbers(part)):
         part.check()
+        if isinstance(part, FrictionLaw):
+            check_opposing(part)
 
 
 def check_fields(part: Any) -> None:

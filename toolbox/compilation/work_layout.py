@@ -132,21 +132,21 @@ KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Work._fields, ("float64", 1)) 
 
 
 class Between(NamedTuple):
-    """Arrays for states between the nodes of a run: the nodes, what a step needs (x, k, m, a projected x, y), and which states are wanted.
+    """Arrays for states between the nodes of a run: the nodes, what a step needs (x, k, m, a new x, y), and which states are wanted.
 
     ints: as in `Work`;  p: the whole parameter vector;  row, times: the node that each wanted time follows;  states: filled with them;  passed: ends of
     steps that are no nodes;  first: the first of them after each node.
     """
 
     ints: np.ndarray
-    node_t: np.ndarray
-    node_x: np.ndarray
-    node_m: np.ndarray
-    node_p: np.ndarray
+    time: np.ndarray
+    state: np.ndarray
+    mode: np.ndarray
+    held: np.ndarray
     x: np.ndarray
     k: np.ndarray
     m: np.ndarray
-    projected: np.ndarray
+    new: np.ndarray
     y: np.ndarray
     p: np.ndarray
     row: np.ndarray
@@ -157,6 +157,6 @@ class Between(NamedTuple):
 
 
 BETWEEN_KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Between._fields, ("float64", 1)) | {
-    "ints": ("int64", 1), "node_x": ("float64", 2), "node_m": ("int8", 2), "node_p": ("float64", 2), "row": ("int64", 1), "states": ("float64", 2),
+    "ints": ("int64", 1), "state": ("float64", 2), "mode": ("int8", 2), "held": ("float64", 2), "row": ("int64", 1), "states": ("float64", 2),
     "first": ("int64", 1),
 }  # fmt: skip

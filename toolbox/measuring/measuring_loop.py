@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from toolbox.compilation import work_layout as layout
 from toolbox.compilation.program import Program
+from toolbox.stepping.between import load_node, open_step, room_of, step_between
 from toolbox.translation.compiled import Compiled
 from toolbox.translation.words import call
 
@@ -17,9 +19,8 @@ DEPTH = 12
 FEW = 4
 """The same of a step in which slopes are not finite at both ends of a piece."""
 
-(N, NE, SIGNALS, FIRST_HELD, RECORDS, FIELD, STEP, PROJECT, OUTPUTS, SERIES, INTS) = range(11)
-"""Indices into `Reading.ints`: sizes, how many nodes are recorded, and addresses of machine code; `OUTPUTS` gives the signals with two derivatives,
-`SERIES` the coefficients of Taylor steps, 0 for others."""
+SIGNALS, READER = layout.INTS, layout.INTS + 1
+"""Indices into `Reading.ints`, behind those of a program: how many signals are read, and the address of the function that gives them with two derivatives."""
 
 
 class Reading(NamedTuple):
@@ -68,54 +69,15 @@ KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Reading._fields, ("float64", 1
 
 def reading(program: Program, outputs: int, count: int, tolerance: float, p: np.ndarray, **arrays: np.ndarray) -> Reading:
     """The arrays of a reader of so many signals, whose machine code is at the address `outputs`; arrays: those that depend on the run."""
-    kernel = program.kernel
-    ints = np.zeros(INTS, np.int64)
-    field, step, project, *_, series = kernel.addresses
-    ints[[N, NE, SIGNALS, FIRST_HELD]] = kernel.states, kernel.elements, count, program.first_held
-    ints[[FIELD, STEP, PROJECT, OUTPUTS, SERIES]] = field, step, project, outputs, series
-    n, guards = kernel.states, kernel.guards
-    room: dict[str, np.ndarray] = {
-        "x": np.zeros(n), "k": np.zeros(kernel.slopes), "m": np.zeros(kernel.elements + 1), "new": np.zeros(n),
-        "y": np.zeros(max(4 * n + 2 * guards, 3 * n + 4 * guards) + 4), "left": np.empty(3 * count), "stack_t": np.empty(DEPTH + 1),
-        "stack": np.empty((DEPTH + 1, 3 * count)), "size": np.zeros(count), "ends": np.zeros(count),
-    }  # fmt: skip
+    sizes = {"left": 3 * count, "stack_t": DEPTH + 1, "stack": (DEPTH + 1, 3 * count), "size": count, "ends": count}
+    room = room_of(program.kernel) | {name: np.zeros(size) for name, size in sizes.items()}
+    ints = np.append(program.ints, [count, outputs])
     return Reading(**{"ints": ints, "tolerance": np.array([tolerance]), "p": p, **room, **arrays})
-
-
-def _begin_step(w, r):
-    """Put a node where a step begins."""
-    for i in range(w.state.shape[1]):
-        w.x[i] = w.state[r, i]
-    for i in range(w.ints[NE]):
-        w.m[i] = w.mode[r, i]
-    for i in range(w.held.shape[1]):
-        w.p[w.ints[FIRST_HELD] + i] = w.held[r, i]
-
-
-def _slope(w, t, h):
-    """Put the slope of the states where a step of length h begins."""
-    if w.ints[SERIES] != 0:
-        call(w.ints[SERIES], t, h, w.x, w.k, w.p, w.m, w.k)
-        return
-    call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.y)
-    for i in range(w.ints[N]):
-        w.k[i] = w.y[w.ints[N] + i]
-
-
-def _state_at(w, t, h):
-    """Leave the state at t + h in `y`, by one step from where a step begins."""
-    call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
-    for i in range(w.ints[NE]):
-        if w.m[i] == 0.0:
-            for j in range(w.ints[N]):
-                w.new[j] = w.y[j]
-            call(w.ints[PROJECT], t + h, 0.0, w.new, w.k, w.p, w.m, w.y)
-            return
 
 
 def _signals_at(w, t, x, out):
     """The signals with two derivatives at an instant."""
-    call(w.ints[OUTPUTS], t, 0.0, x, w.k, w.p, w.m, out)
+    call(w.ints[READER], t, 0.0, x, w.k, w.p, w.m, out)
 
 
 def _fits_one(w, b, h, s, tolerance):
@@ -226,15 +188,15 @@ def _read_piece(w, origin, begin, end, following, row):
     if begin == origin:
         _signals_at(w, begin, w.x, w.left)
     else:
-        _state_at(w, origin, begin - origin)
+        step_between(w, origin, begin - origin)
         _signals_at(w, begin, w.y, w.left)
     if following >= 0:
         for i in range(w.state.shape[1]):
             w.y[i] = w.state[following, i]
-        for i in range(w.state.shape[1], w.ints[N]):
+        for i in range(w.state.shape[1], w.ints[layout.N]):
             w.y[i] = 0.0
     else:
-        _state_at(w, origin, end - origin)
+        step_between(w, origin, end - origin)
     _signals_at(w, end, w.y, w.stack[0])
     at, top = begin, 0
     w.stack_t[0] = end
@@ -245,7 +207,7 @@ def _read_piece(w, origin, begin, end, following, row):
             if top < DEPTH and h > 1.5 * (end - begin) / _most(w, w.stack[top]) and at < middle < w.stack_t[top]:
                 top += 1
                 w.stack_t[top] = middle
-                _state_at(w, origin, middle - origin)
+                step_between(w, origin, middle - origin)
                 _signals_at(w, middle, w.y, w.stack[top])
                 continue
             _straightened(w, w.stack[top], h)
@@ -258,15 +220,15 @@ def _read_piece(w, origin, begin, end, following, row):
 
 def _read_nodes(w):
     """Extrema and integrals of signals over the recorded nodes, added to what was found in the rows of the windows, and the signals at the last node."""
-    for r in range(w.ints[RECORDS]):
-        last = r == w.ints[RECORDS] - 1
+    for r in range(w.ints[layout.RECORDS]):
+        last = r == w.ints[layout.RECORDS] - 1
         skip = not last
         for q in range(w.windows.shape[0]):
             if w.time[r] <= w.windows[q, 1] and (last or w.time[r + 1] >= w.windows[q, 0]):
                 skip = False
         if skip:
             continue
-        _begin_step(w, r)
+        load_node(w, r)
         if last:
             _signals_at(w, w.time[r], w.x, w.stack[0])
             for s in range(w.ints[SIGNALS]):
@@ -285,7 +247,7 @@ def _read_nodes(w):
             if begin >= end:
                 continue
             if not known:
-                _slope(w, w.time[r], w.time[r + 1] - w.time[r])
+                open_step(w, w.time[r], w.time[r + 1] - w.time[r])
                 known = True
             _read_piece(w, w.time[r], begin, end, r + 1 if end == w.time[r + 1] else -1, q)
 
@@ -301,8 +263,8 @@ def _read_steps(w):
         while r + 2 < w.time.size and w.time[r + 1] <= begin:
             r += 1
         if r != begun:
-            _begin_step(w, r)
-            _slope(w, w.time[r], w.time[r + 1] - w.time[r])
+            load_node(w, r)
+            open_step(w, w.time[r], w.time[r + 1] - w.time[r])
             begun = r
         _read_piece(w, w.time[r], begin, end, r + 1 if end == w.time[r + 1] else -1, q)
 

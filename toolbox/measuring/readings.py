@@ -174,11 +174,11 @@ class RunningMeasures:
 
     def read(self, work: Any, finished: bool) -> None:
         """Read the nodes and events that the loop has recorded, and make room for more."""
-        from toolbox.measuring.measuring_loop import RECORDS, read_nodes
+        from toolbox.measuring.measuring_loop import read_nodes
 
         ints, layout = work.ints, self.layout
         if layout.count:
-            self.reading.p[:], self.reading.ints[RECORDS] = work.p, ints[work_layout.RECORDS]
+            self.reading.p[:], self.reading.ints[work_layout.RECORDS] = work.p, ints[work_layout.RECORDS]
             read_nodes(self.reading._replace(time=work.rec_t, state=work.rec_x, mode=work.rec_m, held=work.rec_p))
         r = ints[work_layout.RECORDS] - 1
         if r > 0:

@@ -25,15 +25,13 @@ def states_between(run: Any, times: np.ndarray, row: np.ndarray) -> np.ndarray:
 def _within(run: Any, program: Program, times: np.ndarray, row: np.ndarray) -> np.ndarray:
     """States at times by one step of a program from the node, or from the last step that has passed."""
     from toolbox.stepping import event_stepper as loop
+    from toolbox.stepping.between import room_of
 
-    kernel = program.kernel
-    n, guards = kernel.states, kernel.guards
     states = np.empty((times.size, run.states.shape[1]))
     following = np.searchsorted(run.passed, run.time, side="right")
     work = Between(
-        ints=program.ints, node_t=run.time, node_x=run.states, node_m=run.mode, node_p=run.held, x=np.zeros(n), k=np.zeros(kernel.slopes),
-        m=np.zeros(max(kernel.elements, 1)), projected=np.zeros(n), y=np.zeros(max(4 * n + 2 * guards, 3 * n + 4 * guards)), p=run.parameters.copy(),
-        row=row, times=times, states=states, passed=run.passed, first=following,
+        ints=program.ints, time=run.time, state=run.states, mode=run.mode, held=run.held, p=run.parameters.copy(), row=row, times=times, states=states,
+        passed=run.passed, first=following, **room_of(program.kernel),
     )  # fmt: skip
     loop.evaluate(Between._make(np.ascontiguousarray(each) for each in work))
     return states

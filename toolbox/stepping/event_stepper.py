@@ -17,6 +17,7 @@ from __future__ import annotations
 from typing import Any
 
 from toolbox.compilation import work_layout as layout
+from toolbox.stepping.between import load_node, open_step, step_between
 from toolbox.stepping.calendar import GO_ON, inputs_changed, jumps, next_stop, outputs_before, outputs_due, record, samples
 from toolbox.stepping.crossings import dip_inside, hermite_minimum, locate, rising_fraction, watch
 from toolbox.stepping.events import after_event, project_event
@@ -323,62 +324,30 @@ def run_on(work: Any) -> Any:
     return loop_of(work)(work)
 
 
-def _load_node(w, r):
-    """The node r of a run as the point from which steps go on."""
-    first_held = w.ints[layout.FIRST_HELD]
-    for i in range(w.node_x.shape[1]):
-        w.x[i] = w.node_x[r, i]
-    for i in range(w.ints[layout.NE]):
-        w.m[i] = w.node_m[r, i]
-    for i in range(w.node_p.shape[1]):
-        w.p[first_held + i] = w.node_p[r, i]
-
-
-def _open_step(w, t, length):
-    """What a step from the point at time t begins with; length: of the step, where it is a Taylor series."""
-    if w.ints[layout.SERIES] != 0:
-        call(w.ints[layout.SERIES], t, length, w.x, w.k, w.p, w.m, w.k)
-    else:
-        call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.y)
-        for i in range(w.ints[layout.N]):
-            w.k[i] = w.y[w.ints[layout.N] + i]
-
-
-def _step_between(w, t, h):
-    """The state a step h after the point at time t, with the slip of what sticks at zero, in `y`."""
-    call(w.ints[layout.STEP], t, h, w.x, w.k, w.p, w.m, w.y)
-    for i in range(w.ints[layout.NE]):
-        if w.m[i] == 0.0:
-            for j in range(w.ints[layout.N]):
-                w.projected[j] = w.y[j]
-            call(w.ints[layout.PROJECT], t + h, 0.0, w.projected, w.k, w.p, w.m, w.y)
-            break
-
-
 def _evaluate(w):
     """States at `times`, each from its node `row`, by one step from there, or from the last step that has ended before it."""
     last, following, here = -1, 0, 0.0
     for q in range(w.times.size):
         r = w.row[q]
-        end = w.first[r + 1] if r + 1 < w.node_t.size else w.passed.size
+        end = w.first[r + 1] if r + 1 < w.time.size else w.passed.size
         if r != last or w.times[q] < here:
-            _load_node(w, r)
-            last, following, here = r, w.first[r], w.node_t[r]
-            after = w.passed[following] if following < end else w.node_t[r + 1] if r + 1 < w.node_t.size else w.times[q]
-            _open_step(w, here, after - here)
+            load_node(w, r)
+            last, following, here = r, w.first[r], w.time[r]
+            after = w.passed[following] if following < end else w.time[r + 1] if r + 1 < w.time.size else w.times[q]
+            open_step(w, here, after - here)
         while following < end and w.passed[following] <= w.times[q]:
-            _step_between(w, here, w.passed[following] - here)
-            for i in range(w.node_x.shape[1]):
+            step_between(w, here, w.passed[following] - here)
+            for i in range(w.state.shape[1]):
                 w.x[i] = w.y[i]
             here = w.passed[following]
             following += 1
-            after = w.passed[following] if following < end else w.node_t[r + 1] if r + 1 < w.node_t.size else w.times[q]
-            _open_step(w, here, after - here)
+            after = w.passed[following] if following < end else w.time[r + 1] if r + 1 < w.time.size else w.times[q]
+            open_step(w, here, after - here)
         if w.times[q] == here:
             for i in range(w.states.shape[1]):
                 w.states[q, i] = w.x[i]
             continue
-        _step_between(w, here, w.times[q] - here)
+        step_between(w, here, w.times[q] - here)
         for i in range(w.states.shape[1]):
             w.states[q, i] = w.y[i]
 

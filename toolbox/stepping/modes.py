@@ -104,15 +104,16 @@ def settle(w, t):
     for i in range(w.ints[layout.NE]):
         if w.m[i] != w.before[i] or w.bounced[i]:
             w.bounced[i] = False
-            e = w.ints[layout.EVENTS]
-            w.ev_t[e] = t
-            w.ev_i[e] = i
-            w.ev_m[e, 0] = np.int8(w.before[i])
-            w.ev_m[e, 1] = np.int8(w.m[i])
-            w.ev_m[e, 2] = 0
-            w.ints[layout.EVENTS] = e + 1
-            w.ints[layout.CULPRIT] = i
+            note_event(w, t, i, w.before[i], w.m[i])
     return True
+
+
+def note_event(w, t, i, before, after):
+    """Note a switch of element i."""
+    e = w.ints[layout.EVENTS]
+    w.ev_t[e], w.ev_i[e] = t, i
+    w.ev_m[e, 0], w.ev_m[e, 1], w.ev_m[e, 2] = np.int8(before), np.int8(after), 0
+    w.ints[layout.EVENTS], w.ints[layout.CULPRIT] = e + 1, i
 
 
 def mark(w, again):

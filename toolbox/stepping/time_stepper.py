@@ -10,17 +10,9 @@ import math
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.calendar import GO_ON, jumps, next_stop, outputs_due, record, samples
 from toolbox.stepping.guards import project
-from toolbox.stepping.modes import begin
+from toolbox.stepping.modes import begin, note_event
 from toolbox.translation.compiled import Compiled
 from toolbox.translation.words import call
-
-
-def _event(w, t, i, before, after):
-    """Note a switch of element i."""
-    e = w.ints[layout.EVENTS]
-    w.ev_t[e], w.ev_i[e] = t, i
-    w.ev_m[e, 0], w.ev_m[e, 1], w.ev_m[e, 2] = before, after, 0
-    w.ints[layout.EVENTS], w.ints[layout.CULPRIT] = e + 1, i
 
 
 def _switches(w, t):
@@ -37,7 +29,7 @@ def _switches(w, t):
             break
     for i in range(ne):
         if w.kind[i] == layout.SWITCH and w.m[i] != w.before[i]:
-            _event(w, t, i, w.before[i], w.m[i])
+            note_event(w, t, i, w.before[i], w.m[i])
 
 
 def _agrees(w, i):
@@ -196,7 +188,7 @@ def _advance(w):
         for i in range(ne):
             w.m[i] = w.z[i]
             if w.m[i] != w.before[i] or w.m_other[i] == 1.0:
-                _event(w, t_new, i, w.before[i], w.m[i])
+                note_event(w, t_new, i, w.before[i], w.m[i])
         for i in range(n):
             w.x[i] = w.y[i]
         w.ints[layout.ACCEPTED] += 1

@@ -1,5 +1,20 @@
-"""`python -m toolbox` is the command `stickslip`."""
+"""The command `stickslip`, also as `python -m toolbox`: interrupts are looked after before anything is imported that takes long."""
 
-from toolbox.commands.command_line import script
+import signal
+from typing import NoReturn
 
-script()
+
+def script() -> NoReturn:
+    """Run the command line as a process."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # until there is somebody who has words for it
+    from toolbox.commands.interrupt import Watch
+
+    watch = Watch()
+    watch.begin()
+    from toolbox.commands.command_line import script as run
+
+    run(watch)
+
+
+if __name__ == "__main__":
+    script()

@@ -127,6 +127,28 @@ def test_an_interrupt_ends_the_study_wherever_it_arrives(tmp_path, patch, exists
     assert sorted(path.name for path in tmp_path.iterdir()) == ["belt.toml", *(["out"] if exists else [])]
 
 
+WHILE_IMPORTING = """
+import os, signal, sys, time
+
+class Interrupts:
+    def find_spec(self, name, *arguments):
+        if name == "toolbox.commands.study":  # long before its first line the command is at work
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(10)
+
+sys.meta_path.insert(0, Interrupts())
+from toolbox.__main__ import script
+script()
+"""
+
+
+def test_an_interrupt_while_the_command_is_imported_ends_it_with_the_same_words(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-c", WHILE_IMPORTING, "list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, env=ENVIRONMENT
+    )  # fmt: skip
+    assert ended(process)[:2] == (130, [NOTHING])
+
+
 def test_an_interrupt_while_the_result_takes_its_place_comes_too_late(tmp_path):
     out = tmp_path / "out"
     for _ in range(2):  # in a new folder, and in one with results
@@ -284,3 +306,20 @@ def test_an_interrupt_while_the_event_loop_is_compiled_ends_the_study(tmp_path, 
     monkeypatch.setitem(ENVIRONMENT, "STICKSLIP_CACHE_DIR", str(cache))
     done, longest = interrupted_at(tmp_path, LOADING, 3.0, 10 if exhaustive else 2, seed=6, cache=cache)
     print(f"all ended while compiling, {done} were done before; after at most {longest:.2f} s")
+
+
+def test_interrupted_drives_whose_set_points_are_kept_do_not_say_that_runs_are_lost(tmp_path, monkeypatch, capsys):
+    from toolbox.commands.command_line import main
+    from toolbox.robustness import lowest_set_point as searched
+
+    def interrupted(*arguments, **options):
+        interrupt = KeyboardInterrupt()
+        interrupt.add_note("6 of 8 runs are lost; with `out` they are kept.")  # as a sweep without a folder of its own says
+        raise interrupt
+
+    monkeypatch.setattr(searched, "lowest_set_point", interrupted)
+    scene = Path(__file__).parents[2] / "studies" / "scenes" / "jansen_2.toml"
+    assert main(["drives", str(scene), "--out", str(tmp_path / "out")]) == 130
+    assert "lost" not in (said := capsys.readouterr().err) and "goes on from here" in said
+    assert main(["drives", str(scene)]) == 130
+    assert "6 of 8 runs are lost" in capsys.readouterr().err

@@ -129,13 +129,13 @@ def _by_option(text: str, given: argparse.Namespace) -> str:
     return text if spelled is None else text[: found.start(1)] + spelled + text[found.end(1) :]
 
 
-def script() -> NoReturn:
-    """Run the command line as a process."""
+def script(watch: Watch | None = None) -> NoReturn:
+    """Run the command line as a process. watch: what looks after its interrupts already."""
     if "_ARGCOMPLETE" in os.environ:  # a shell asks what could be typed next
         import argcomplete
 
         argcomplete.autocomplete(_parser())
-    watch = Watch()
+    looked_after = watch or Watch()
     elsewhere = warnings.showwarning
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
@@ -146,15 +146,16 @@ def script() -> NoReturn:
 
     warnings.showwarning = show
     try:
-        watch.begin()
+        if watch is None:
+            looked_after.begin()
         try:
-            code = main(watch=watch)
+            code = main(watch=looked_after)
         except SystemExit as end:  # of the help, and of arguments that are wrong
             code = end.code if isinstance(end.code, int) else 0
-        watch.over(code)
+        looked_after.over(code)
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt) or GATE.interrupted:
-            watch.interrupted()
+            looked_after.interrupted()
         raise
 
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import number
@@ -95,16 +98,17 @@ def run(given: argparse.Namespace) -> int:
             law = law_of(scene, label, TAKES_PART)
             loop = scene[label].with_laws([law if isinstance(law, Sampled) else Sampled(law, period, delay)])
             loop = replace(loop, label=label)
-            one = lowest_set_point(
-                loop,
-                before,
-                chosen_groups(Trial(loop, before), groups, margin=margin),
-                ways=given.way or WAYS,
-                between=(plain(given.low), plain(given.high)),
-                step=plain(given.step),
-                known=given.out / "cells.jsonl" if given.out else None,
-                say=lambda line: print(line, file=sys.stderr, flush=True),
-            )
+            with _keeping(given.out):
+                one = lowest_set_point(
+                    loop,
+                    before,
+                    chosen_groups(Trial(loop, before), groups, margin=margin),
+                    ways=given.way or WAYS,
+                    between=(plain(given.low), plain(given.high)),
+                    step=plain(given.step),
+                    known=given.out / "cells.jsonl" if given.out else None,
+                    say=lambda line: print(line, file=sys.stderr, flush=True),
+                )
         except (SceneError, SimulationError) as error:
             failures[label] = error
             continue
@@ -122,6 +126,17 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\nTable, figure and what is known of single set-points are in {given.out}")
     return 0 if found is not None else 1
+
+
+@contextmanager
+def _keeping(out: Path | None) -> Iterator[None]:
+    """Leave out what the runs of one set-point say of an interrupt where whole set-points are kept, of which they do not know."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        if out:
+            interrupt.__notes__ = []
+        raise
 
 
 def _groups(given: argparse.Namespace, loop: Any) -> list[Any]:

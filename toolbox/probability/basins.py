@@ -28,6 +28,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, closed_loop, takes_loop
 from toolbox.onsets.map_loop import NONE, SMOOTH
 from toolbox.probability.bounds import clopper_pearson
 from toolbox.probability.chances import Search
+from toolbox.probability.pictures import picture
 from toolbox.steady_states.linear import equilibrium
 from toolbox.sweeps.designs import Variations, uniform
 
@@ -117,17 +118,7 @@ class Basin(Told, Result):
         rows = [[*row, int(outcome)] for row, outcome in zip(self.starts.tolist(), self.outcomes, strict=True)]
         return [*headings, "outcome"], rows
 
-    def plot(self, axes: Any = None) -> Any:
-        """Draw the disturbances over the first two states, or over the one with what they came to; returns the axes.
-
-        Parameters
-        ----------
-        axes
-            Axes to draw into; a figure of its own by default.
-        """
-        from toolbox.probability.figures import basin_diagram
-
-        return basin_diagram(self, axes)
+    plot = picture("basin_diagram", "Draw the disturbances over the first two states, or over the one with what they came to")
 
     def check_loaded(self) -> None:
         """Raise ValueError where what was read does not fit together."""

@@ -186,9 +186,7 @@ class Search:
         self.points, self.known = points.points, known.points
         self.element = judged_contact(loop)
         self.signal = judged_speed(loop, self.element)
-        middle = loop
-        for name, value in zip(points.names, self.points[len(self.points) // 2].tolist(), strict=True):
-            middle = middle.at(name, value)
+        middle = put_all(loop, dict(zip(points.names, self.points[len(self.points) // 2].tolist(), strict=True)))
         settled = Settled.of(middle, self.element, self.signal, 0.0, accuracy)
         own = start is None and all(loop.number(name).kind == "start" for name in self.names)
         self.swing = math.nan if settled is None else settled.runs.period

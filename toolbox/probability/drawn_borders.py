@@ -33,6 +33,7 @@ from toolbox.onsets.map_loop import SMOOTH, SWING
 from toolbox.probability.bounds import clopper_pearson, least_draws
 from toolbox.probability.chances import Search, labelled
 from toolbox.probability.distributions import Draws, drawn, known_as
+from toolbox.probability.pictures import picture
 from toolbox.steady_states.hopf import hopf_points
 from toolbox.sweeps.designs import grid
 
@@ -167,17 +168,7 @@ class UncertainOnset(Told, Result):
             values += [borders, self.smooth[label]]
         return headings, np.stack(values, axis=1).tolist()
 
-    def plot(self, axes: Any = None) -> Any:
-        """Draw the chance of being free over the set-point for each law, with its bounds; returns the axes.
-
-        Parameters
-        ----------
-        axes
-            Axes to draw into; a figure of its own by default.
-        """
-        from toolbox.probability.figures import onset_diagram
-
-        return onset_diagram(self, axes)
+    plot = picture("onset_diagram", "Draw the chance of being free over the set-point for each law, with its bounds")
 
     def check_loaded(self) -> None:
         """Raise ValueError where what was read does not fit together."""

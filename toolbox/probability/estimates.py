@@ -19,6 +19,7 @@ from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.probability.ensemble import EnsembleFilter, Estimate, Knowledge
+from toolbox.probability.pictures import picture
 
 SEVERE, CALM = 0.85, 0.6
 """Severity from which on a bit that has stuck is evidence of stick-slip, below which it is over: half-range over the mean, 1 where it just stops."""
@@ -124,17 +125,7 @@ class Estimates(Told, Result):
             values += [self.mean[name], self.deviation[name]]
         return [*headings, "stick-slip"], [[*row, int(on)] for row, on in zip(np.stack(values, 1).tolist(), self.alarm, strict=True)]
 
-    def plot(self, axes: Any = None) -> Any:
-        """Draw the estimates with their bands of 95 %, and when there was stick-slip; returns the axes.
-
-        Parameters
-        ----------
-        axes
-            Axes to draw into, one per estimate that is known; a figure of its own by default.
-        """
-        from toolbox.probability.figures import estimate_diagram
-
-        return estimate_diagram(self, axes)
+    plot = picture("estimate_diagram", "Draw the estimates that are known with their bands of 95 %, and when there was stick-slip")
 
     def check_loaded(self) -> None:
         """Raise ValueError where what was read does not fit together."""

@@ -23,6 +23,7 @@ from toolbox.files.printing import columns
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
+from toolbox.probability.pictures import picture
 from toolbox.probability.posteriors import Measured, Posterior, posterior
 
 
@@ -79,17 +80,7 @@ class ModelComparison(Result):
             )
         return ["model", "log evidence", "error", "probability", "score left out", "behind", "error of that"], rows
 
-    def plot(self, axes: Any = None) -> Any:
-        """Draw evidence and score of each model below the best; returns the two axes.
-
-        Parameters
-        ----------
-        axes
-            Two axes to draw into; a figure of its own by default.
-        """
-        from toolbox.probability.figures import comparison_diagram
-
-        return comparison_diagram(self, axes)
+    plot = picture("comparison_diagram", "Draw evidence and score of each model below the best")
 
     def check_loaded(self) -> None:
         """Raise ValueError where what was read does not fit together."""

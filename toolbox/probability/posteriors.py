@@ -31,6 +31,7 @@ from toolbox.measuring.measures import Measure, mean
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop, closed_loop, takes_loop
 from toolbox.probability.distributions import Draws, Normal, distribution, quantiles, told
+from toolbox.probability.pictures import picture
 from toolbox.probability.tempering import tempered
 from toolbox.scenes.judged import judged_measures
 from toolbox.sweeps.designs import Variations
@@ -122,17 +123,7 @@ class Posterior(Told, Result):
         data = {name: (("chain", "draw"), self[name][None, :], {"units": unit}) for name, unit in zip(self.names, self.units, strict=True)}
         return xarray.Dataset(data, attrs={"title": self.title, "evidence": self.evidence, "evidence_error": self.error})
 
-    def plot(self, axes: Any = None) -> Any:
-        """Draw the unknowns one by one and in pairs; returns the axes.
-
-        Parameters
-        ----------
-        axes
-            Axes to draw into, shape (unknowns, unknowns); a figure of its own by default.
-        """
-        from toolbox.probability.figures import corner_diagram
-
-        return corner_diagram(self, axes)
+    plot = picture("corner_diagram", "Draw the unknowns one by one and in pairs")
 
     def check_loaded(self) -> None:
         """Raise ValueError where what was read does not fit together."""

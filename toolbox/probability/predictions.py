@@ -28,6 +28,7 @@ from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.numbers import put_all
 from toolbox.probability.distributions import Draws, drawn
+from toolbox.probability.pictures import picture
 from toolbox.simulation.simulate import simulate
 
 SHOWN = 501
@@ -104,17 +105,7 @@ class Prediction(Result):
                 values.append(self.measured[name])
         return headings, np.stack(values, axis=1).tolist()
 
-    def plot(self, axes: Any = None) -> Any:
-        """Draw the bands with what was measured, one panel per signal; returns the axes.
-
-        Parameters
-        ----------
-        axes
-            Axes to draw into, one per signal; a figure of its own by default.
-        """
-        from toolbox.probability.figures import prediction_diagram
-
-        return prediction_diagram(self, axes)
+    plot = picture("prediction_diagram", "Draw the bands with what was measured, one panel per signal")
 
     def check_loaded(self) -> None:
         """Raise ValueError where what was read does not fit together."""

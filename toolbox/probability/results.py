@@ -16,6 +16,7 @@ from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import reading
 from toolbox.onsets.map_loop import NONE, STICK_SLIP, STUCK
 from toolbox.probability.bounds import clopper_pearson, least_draws
+from toolbox.probability.pictures import picture
 
 
 @dataclass(frozen=True)
@@ -216,17 +217,7 @@ class Chance(Told, Result):
                 rows.append([label, *at, *(float(each[place]) for each in (chances, low, high, severity))])
         return ["law", *self.names, "chance", "lower", "upper", "severity"], rows
 
-    def plot(self, axes: Any = None) -> Any:
-        """Draw the chances, one panel per law over two numbers, curves with their bounds over one; returns the axes.
-
-        Parameters
-        ----------
-        axes
-            Axes to draw into, one per panel; a figure of its own by default.
-        """
-        from toolbox.probability.figures import chance_diagram
-
-        return chance_diagram(self, axes)
+    plot = picture("chance_diagram", "Draw the chances, one panel per law over two numbers, curves with their bounds over one")
 
     def check_loaded(self) -> None:
         """Raise ValueError where what was read does not fit together."""

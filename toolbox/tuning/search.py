@@ -5,7 +5,8 @@ from __future__ import annotations
 import concurrent.futures
 import contextlib
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ class Spent(Exception):
 
 
 def trial_objectives(
-    scene: Scene, label: str, free: tuple[Free, ...], numbers: tuple[float | None, ...], objectives: tuple[Measure, ...], strict: bool
+    scene: Scene, numbers: tuple[float | None, ...], label: str, free: tuple[Free, ...], objectives: tuple[Measure, ...], strict: bool
 ) -> tuple[tuple[float, ...], str]:
     """The objectives of one scene under a law with other numbers, and why it failed. strict: let what is wrong with the law itself be raised."""
     refused = () if strict else (SceneError, np.linalg.LinAlgError)
@@ -102,30 +103,19 @@ class TuningSearch:
                     self.journal.add(numbers, {"values": rows, "failures": trial.failures})
             self.trials[numbers] = trial
             self.bar.update(1)
-        found.close()
         if any(numbers not in self.trials for numbers in points):
             raise Spent
         return [self.trials[numbers] for numbers in points]
 
-    def _evaluated(
-        self, points: list[tuple[float | None, ...]], strict: bool
-    ) -> Generator[list[tuple[tuple[float, ...], str]], None, None]:
-        """What `judged` says of every point in every scene, one point after the other."""
-        objectives, pairs = tuple(self.objectives.values()), [(scene, self.label) for scene in self.scenes]
+    def _evaluated(self, points: list[tuple[float | None, ...]], strict: bool) -> Iterator[tuple[tuple[tuple[float, ...], str], ...]]:
+        """What `trial_objectives` says of every point in every scene, one point after the other."""
+        find = partial(trial_objectives, label=self.label, free=self.free, objectives=tuple(self.objectives.values()), strict=strict)
+        pairs = self.scenes * len(points), [numbers for numbers in points for _ in self.scenes]
         if self.executor is None:
-            for numbers in points:
-                yield [trial_objectives(*pair, self.free, numbers, objectives, strict) for pair in pairs]
+            yield from zip(*[map(find, *pairs)] * len(self.scenes), strict=True)
             return
-        waiting: list[concurrent.futures.Future[tuple[tuple[float, ...], str]]] = []
-        try:
-            with travelling(pairs, self.free, objectives):
-                for numbers in points:
-                    waiting += [self.executor.submit(trial_objectives, *pair, self.free, numbers, objectives, strict) for pair in pairs]
-                for k in range(len(points)):
-                    yield [future.result() for future in waiting[k * len(pairs) : (k + 1) * len(pairs)]]
-        finally:
-            for future in waiting:
-                future.cancel()
+        with travelling(self.scenes, find):  # what waits is cancelled where the search ends early
+            yield from zip(*[self.executor.map(find, *pairs)] * len(self.scenes), strict=True)
 
 
 def _sample(search: TuningSearch, size: int, seed: int) -> np.ndarray:

@@ -6,7 +6,6 @@ The border of steady sliding of a block on a belt is `oscillators.hopf_speed`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from models.belt import BlockOnBelt
@@ -18,21 +17,9 @@ from models.friction import Coulomb, CubicStribeck, Exponential
 from models.oscillators import hopf_speed
 from toolbox import FrictionLaw, SceneError
 from toolbox.authoring import number
+from toolbox.measure import StickSlipPeriod
 
 Law = TypeVar("Law", bound=FrictionLaw)
-
-
-@dataclass(frozen=True)
-class StickSlipPeriod:
-    """A stick-slip cycle: seconds in slip and in stick."""
-
-    slip: float
-    stick: float
-
-    @property
-    def period(self) -> float:
-        """Length of the cycle [s]."""
-        return self.slip + self.stick
 
 
 def belt_cycle(block: BlockOnBelt) -> StickSlipPeriod:
@@ -75,7 +62,7 @@ def _cycle(name: str, part: Any, losses: tuple[str, ...], inertia: float, fall: 
         raise SceneError("Argument `speed` of the driver must not be 0.")
     w = math.sqrt(part.stiffness / inertia)
     z = fall * w / (part.stiffness * abs(speed))
-    return StickSlipPeriod(slip=2 / w * (math.pi - math.atan(z)), stick=2 * z / w)
+    return StickSlipPeriod(start=0.0, slip=2 / w * (math.pi - math.atan(z)), stick=2 * z / w)
 
 
 def stick_slip_speed(block: BlockOnBelt) -> float:

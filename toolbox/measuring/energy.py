@@ -127,14 +127,10 @@ def _taken_by_impacts(run: Trajectory, energy: ca.Function) -> float:
     return math.fsum(fall.ravel()) if np.isfinite(fall).all() else math.nan  # of a motion that overflows
 
 
-def _borders(run: Recorded, begin: float, end: float) -> np.ndarray:
-    nodes = run.nodes.time
-    return np.unique(np.concatenate([[begin], nodes[(nodes > begin) & (nodes < end)], [end]]))
-
-
 def gauss(run: Recorded, begin: float, end: float) -> Iterator[tuple[np.ndarray, Any]]:
     """Yield (weights [s], signals) at the Gauss points of every step between `begin` and `end`, in portions."""
-    borders = _borders(run, begin, end)
+    nodes = run.nodes.time
+    borders = np.unique(np.concatenate([[begin], nodes[(nodes > begin) & (nodes < end)], [end]]))
     for first in range(0, borders.size - 1, CHUNK):
         piece = borders[first : first + CHUNK + 1]
         width = np.diff(piece)

@@ -357,7 +357,7 @@ def severity_map(
     steady = steady_plane(loop, plane, mode, guess)
     axes = tuple(np.linspace(*ends, n) for ends, n in zip(plane.ranges, shape, strict=True))
     places = [plane.place(point) for point in grid(dict(zip(plane.names, axes, strict=True))).points]
-    learn = _no_states if steady is None else steady.learn
+    learn: Callable[[Sequence[complex]], None] = (lambda _: None) if steady is None else steady.learn
     search = map_runs(loop, plane, steady, places, duration)
     if out is not None:
         asked = {
@@ -417,10 +417,6 @@ def severity_map(
 def _is_run(result: Any) -> bool:
     """Whether a result of a journal is what a run came to."""
     return isinstance(result, list) and len(result) == 2 and isinstance(result[0], list) and isinstance(result[1], dict | None)
-
-
-def _no_states(_: Sequence[complex]) -> None:
-    """There is no continuous form whose steady states could be found at many places at once."""
 
 
 def _side(judged: Sequence[Judged], shape: tuple[int, int]) -> MapSide:

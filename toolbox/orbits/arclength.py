@@ -16,7 +16,7 @@ from toolbox.halving import zero
 from toolbox.modelling.numbers import Number
 from toolbox.orbits.branch import Bifurcation
 from toolbox.orbits.limit_cycle import anchored, forcing_period
-from toolbox.orbits.orbit import Cycle, CycleError, Orbit, multipliers_of, signature_of
+from toolbox.orbits.orbit import Cycle, CycleError, Orbit, signature_of
 from toolbox.orbits.sliding import sliding_kind
 from toolbox.simulation.trajectory import Trajectory
 
@@ -259,18 +259,7 @@ class ArcWalk:
 
     def cycle(self, point: Corrected) -> Cycle:
         """The cycle of a point."""
-        monodromy = point.tangent[np.ix_(self.kept, self.kept)]
-        return Cycle(
-            point.run,
-            point.period,
-            monodromy,
-            multipliers_of(monodromy, not self.forced),
-            self.kept,
-            self.forced,
-            1e-9,
-            point.iterations,
-            0.0,
-        )
+        return self.orbit.cycle(point.run, point.tangent, point.period, 1e-9, point.iterations)
 
     def changes(self, before: Corrected, after: Corrected, size: float) -> list[Bifurcation]:
         """The bifurcations between two neighbouring points."""

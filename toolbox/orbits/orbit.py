@@ -292,10 +292,7 @@ class Orbit:
         """dx/dt at begin and end of a run."""
         rows = []
         for row in (0, -1):
-            p = run.parameters.copy()
-            p[run.program.first_held :] = run.held[row]
-            whole = self.variational.whole(run, [row])[0]
-            rate = self.variational.slope_at(run.time[row], whole, p, run.mode[row])[: self.variational.plant]
+            rate = self.variational.rate(run, row, run.parameters)[: self.variational.plant]
             rows.append(np.append(rate, np.zeros(self.scale.size - rate.size)))
         return rows[0], rows[1]
 
@@ -379,9 +376,13 @@ class Orbit:
             raise CycleError(
                 "The search for a cycle ended in a steady state: the machine rests, or the guess was too near to its rest.", run
             )
-        monodromy = tangent[np.ix_(kept, kept)]
-        return Cycle(run, float(period), monodromy, multipliers_of(monodromy, free), kept, self.forced, step, iterations,
-                     abs(move[count] * guess) if free else 0.0)  # fmt: skip
+        return self.cycle(run, tangent, float(period), step, iterations, abs(move[count] * guess) if free else 0.0)
+
+    def cycle(self, run: Trajectory, tangent: np.ndarray, period: float, step: float, iterations: int, period_error: float = 0.0) -> Cycle:
+        """The cycle of a run that comes round, with the derivatives of its end, and how its search ended."""
+        monodromy = tangent[np.ix_(self.returning, self.returning)]
+        multipliers = multipliers_of(monodromy, not self.forced)
+        return Cycle(run, period, monodromy, multipliers, self.returning, self.forced, step, iterations, period_error)
 
 
 def multipliers_of(monodromy: np.ndarray, free: bool) -> np.ndarray:

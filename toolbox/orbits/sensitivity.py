@@ -179,8 +179,8 @@ class Sensitivity:
 
     def _rate(self, name: str, t: float) -> float:
         """Time derivative of a scalar signal at an instant between switches."""
-        slope = self._slopes(name, self.run.nodes.at([t]))[0, 0]
-        flow = self._variational.flow(self.run.nodes, t)
+        at = self.run.nodes.at([t])
+        slope, flow = self._slopes(name, at)[0, 0], self._variational.rate(at, 0, self.run.nodes.parameters)
         return float(slope[0] + slope[1 : 1 + flow.size] @ flow)
 
     def __str__(self) -> str:

@@ -95,11 +95,8 @@ class VariationalEquations:
         self.projection = ca.Function("projection", arguments_of, [ca.densify(ca.jacobian(projected, z))])
         self.project = ca.Function("project", arguments_of, [projected])
         self.kinks = ca.Function("kinks", [t, x, p, m], [arguments])
-        self.drifting = _drifting(ca.jacobian(field, x), ca.jacobian(guards, x))[: self.plant]
-        if self.laws is not None:
-            self.drifting = _drifting(
-                ca.jacobian(field, x), ca.jacobian(ca.vertcat(guards, x[np.flatnonzero(self.laws.reads).tolist()]), x)
-            )[: self.plant]
+        watched = guards if self.laws is None else ca.vertcat(guards, x[np.flatnonzero(self.laws.reads).tolist()])
+        self.drifting = _drifting(ca.jacobian(field, x), ca.jacobian(watched, x))[: self.plant]
         self.forced = bool(ca.depends_on(ca.vertcat(field, guards), t))
         self.impact: Any = None
         if form.impulse is not None:
@@ -196,18 +193,11 @@ class VariationalEquations:
                 steps.carrying(found[q]).over(0, 1)
         return found
 
-    def flow(self, nodes: Trajectory, t: float) -> np.ndarray:
-        """dx/dt at a time within a run, and behind it the zeros of held signals."""
-        at = nodes.at([t])
-        p = nodes.parameters.copy()
-        p[self.program.first_held :] = at.held[0]
-        return self.slope_at(t, self.whole(at)[0], p, at.mode[0])
-
-    def slope_at(self, t: float, x: np.ndarray, p: np.ndarray, mode: np.ndarray) -> np.ndarray:
-        """dx/dt at whole states, with every kink on the side where it is."""
-        sides = np.empty(0)
-        if self.sides.numel():
-            sides = np.sign(np.array(self.kinks(t, x, p, mode)).ravel())
+    def rate(self, nodes: Samples, row: int, parameters: np.ndarray) -> np.ndarray:
+        """dx/dt at one of the times of a run with its parameters, every kink on the side where it is, and behind it the zeros of held signals."""
+        t, x, p, mode = nodes.time[row], self.whole(nodes, [row])[0], parameters.copy(), nodes.mode[row]
+        p[self.program.first_held :] = nodes.held[row]
+        sides = np.sign(np.array(self.kinks(t, x, p, mode)).ravel()) if self.sides.numel() else np.empty(0)
         return np.array(self.field(t, x, p, np.concatenate([mode, sides]))).ravel()
 
     def _sides(self, nodes: Trajectory) -> np.ndarray:

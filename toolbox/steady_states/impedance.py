@@ -20,7 +20,7 @@ from toolbox.arguments import finite_array, number
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.components import Component, Equations
-from toolbox.modelling.composition import compose
+from toolbox.modelling.composition import assembled, compose
 from toolbox.modelling.elements import Quantity, quantity, state
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, designed
@@ -102,13 +102,8 @@ def impedance(
         if isinstance(law, Controller) and plant is not None:
             law = designed(law, plant)
         own.append(law)
-    from toolbox.modelling.composition import assembled
-
-    driven = (
-        assembled((_Turned(motion=motion, start=float(speed)), *own))
-        if plant is not None
-        else compose(_Turned(motion=motion, start=float(speed)), *own)
-    )
+    turned = _Turned(motion=motion, start=float(speed))
+    driven = compose(turned, *own) if plant is None else assembled((turned, *own))
     if not isinstance(effort, str) or effort not in driven.signals:
         raise SceneError(f"Argument `parts` must give the signal `{effort}`, but they do not.")
     system = linearise(driven, at, inputs="imposed.speed", outputs=effort)

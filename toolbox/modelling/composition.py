@@ -288,13 +288,9 @@ class _Composer:
         if path in self.parameters:
             raise SceneError(f"Two parts have the parameter `{path}`: give one of them a `name=`.")
         metadata = slot.spec.metadata
-        self.parameters[path] = Parameter(path, unit, metadata.get("meaning", ""), slot.size, self._n_parameters, metadata)
+        self.parameters[path] = Parameter(path, unit, metadata.get("meaning", ""), slot.size, len(self.values), metadata)
         self.symbols.append(slot.symbol)
         self.values.extend([math.nan] * slot.symbol.numel())
-
-    @property
-    def _n_parameters(self) -> int:
-        return len(self.values)
 
     def _give(self, name: str, expression: ca.SX, unit: str) -> None:
         if name in self.given:
@@ -374,7 +370,7 @@ class _Composer:
         if name in self.parameters:
             raise SceneError(f"The default of `{name}` and its parameter are different things: use the parameter as default.")
         symbol = ca.SX.sym(name)
-        self.parameters[name] = Parameter(name, unit, "value where nothing else gives it", None, self._n_parameters, {})
+        self.parameters[name] = Parameter(name, unit, "value where nothing else gives it", None, len(self.values), {})
         self.symbols.append(symbol)
         self.values.append(float(default))
         return symbol

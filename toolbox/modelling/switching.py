@@ -160,7 +160,8 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
-    projected = _project(x, slip, slip_of_state, gain_of_force, matrix_of_impulse(gain, sticks, slides), sticks)
+    of_impulse = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides))  # sticking rows as for forces, sliding ones give no impulse
+    projected = _project(x, slip, slip_of_state, gain_of_force, of_impulse, sticks)
     burden = ca.fabs(gain_of_force) @ terms
     attached, impulse = [-1] * len(elements), None
     rigid = [i for i, element in enumerate(elements) if element.rigid]
@@ -297,11 +298,6 @@ def _single(slip_of_state: ca.SX, x: ca.SX) -> list[tuple[int, int]]:
 def depending(values: Sequence[ca.SX], symbols: ca.SX) -> set[int]:
     """Which of many scalar expressions depend on any of the symbols."""
     return set(ca.jacobian_sparsity(ca.vertcat(*values), symbols).row()) if values else set()
-
-
-def matrix_of_impulse(gain: ca.SX, sticks: ca.SX, slides: ca.SX) -> ca.SX:
-    """The balance of impulses: sticking rows as for forces, sliding rows give zero impulse."""
-    return ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides))
 
 
 def _project(x: ca.SX, slip: ca.SX, slip_of_state: ca.SX, gain_of_force: ca.SX, matrix: ca.SX, sticks: ca.SX) -> ca.SX:

@@ -64,17 +64,13 @@ class Cones:
         """An expression with the slip speeds in the laws of these contacts."""
         return ca.substitute(expression, self.symbols, speeds) if self.places else expression
 
-    def _slips(self, i: int) -> ca.SX:
-        """1 where the direction of the force is that of the slip, which then is not zero."""
-        return self.elements[i].mode ** 2 * self.elements[i + 1].mode * self.loaded[i]
-
     def _pulled(self, i: int) -> ca.SX:
         """1 where the direction of the force is that of the pull."""
         return self.elements[i].mode ** 2 * (1 - self.elements[i + 1].mode) * self.loaded[i]
 
     def _speed(self, i: int) -> ca.SX:
         """|v| where the direction of the force is that of the slip; elsewhere a number that is not zero and has a derivative at rest."""
-        return length(self.slip[i : i + 2], 1 - self._slips(i))
+        return length(self.slip[i : i + 2], 1 - self.elements[i].mode ** 2 * self.elements[i + 1].mode * self.loaded[i])
 
     def trial(self, sticks: ca.SX, side: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """The arguments of the balance of forces in which contacts whose force follows the pull are held."""

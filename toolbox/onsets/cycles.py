@@ -76,9 +76,10 @@ def exact(border: Border, inside: Inside, width: float) -> Border:
 
 def settled(search: OnsetSearch, begin: RunState, origin: float) -> Cycle | None:
     """The cycle in which stick-slip at a value settles; None where no cycle is found."""
-    run = search.plain(origin, begin, SETTLED * search.period)
+    duration, accuracy = SETTLED * search.period, min(search.base.accuracy, 1e-9)  # at which a cycle can be told
     try:
-        return None if run is None else limit_cycle(run)
+        run = search.at(origin).again(start=begin, accuracy=accuracy, duration=duration, longest_step=duration / 256)
+        return limit_cycle(run)
     except (SceneError, SimulationError):
         return None
 

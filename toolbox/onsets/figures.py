@@ -146,8 +146,8 @@ def severity_panels(found: Any, axes: Any = None) -> Any:
     what each region means for who runs the machine.
     """
     with drawn_on(axes, 1, 2, height=4.4, width=1.25 * WIDTH, sharex=True, sharey=True) as axes:
-        scales = [_thousands(axis, unit, found.asked) for axis, unit in zip(found.axes, found.units, strict=True)]
-        divisors = np.array([scale for scale, _ in scales])
+        scales = [reading_of(unit, float(np.abs(axis).max()), found.asked) for axis, unit in zip(found.axes, found.units, strict=True)]
+        divisors = np.array([1.0 / factor for factor, _ in scales])
         grid = (found.axes[0] / divisors[0], found.axes[1] / divisors[1])
         borders = {name: found.borders[name] / divisors for name in BORDERS}
         regions = found.regions
@@ -229,13 +229,8 @@ def _words(ax: Any, grid: tuple[np.ndarray, np.ndarray], regions: Mapping[str, n
 
 def _path(polygons: Sequence[np.ndarray]) -> Path:
     """All polygons as one path; an empty one hides everything."""
-    return (
-        Path.make_compound_path(*(Path(polygon, closed=True) for polygon in map(_closed, polygons))) if polygons else Path(np.zeros((3, 2)))
-    )
-
-
-def _closed(polygon: np.ndarray) -> np.ndarray:
-    return np.vstack([polygon, polygon[:1]])
+    closed = [Path(np.vstack([polygon, polygon[:1]]), closed=True) for polygon in polygons]
+    return Path.make_compound_path(*closed) if closed else Path(np.zeros((3, 2)))
 
 
 def _filled(ax: Any, grid: tuple[np.ndarray, np.ndarray], where: np.ndarray, segments: np.ndarray, colour: str) -> None:
@@ -254,12 +249,6 @@ def _nearest(values: np.ndarray) -> np.ndarray:
         return np.zeros(values.shape)
     places = distance_transform_edt(unknown, return_distances=False, return_indices=True)
     return values[tuple(places)]
-
-
-def _thousands(axis: np.ndarray, unit: str, asked: Mapping[str, str]) -> tuple[float, str]:
-    """(divisor, unit) in which an axis is read best."""
-    factor, shown = reading_of(unit, float(np.abs(axis).max()), asked)
-    return 1.0 / factor, shown
 
 
 def lines_of(segments: np.ndarray) -> list[np.ndarray]:

@@ -15,8 +15,6 @@ from toolbox.measuring.judge import SMOOTH
 from toolbox.modelling.numbers import Number
 from toolbox.onsets.carried import STEPS, JudgedRuns
 from toolbox.onsets.results import Border
-from toolbox.simulation.run_state import RunState
-from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.equilibria import EquilibriumBranch
 
 FINER = 0.01
@@ -56,14 +54,6 @@ class OnsetSearch(JudgedRuns[float]):
 
     free: Number
     followed: EquilibriumBranch | None
-
-    def plain(self, value: float, begin: RunState, duration: float) -> Trajectory | None:
-        """A run that is only to settle, at an accuracy at which its cycle can be told; None where it fails."""
-        accuracy = min(self.base.accuracy, 1e-9)
-        try:
-            return self.at(value).again(start=begin, accuracy=accuracy, duration=duration, longest_step=duration / 256)
-        except SimulationError:
-            return None
 
     def losses(self, values: Sequence[float], tolerance: float) -> list[Border]:
         """The borders of smooth running: where its growth changes its sign, else between neighbours of which one has no smooth running."""

@@ -232,10 +232,6 @@ class Orbit:
         return Orbit(arguments, variational, columns, returning, variational.forced or variational.laws is not None, scale, held, read)
 
     @property
-    def _holding(self) -> np.ndarray:
-        return np.array([element.holds for element in self.run.system.elements], bool)
-
-    @property
     def clocked(self) -> bool:
         """Whether sampled laws act."""
         return self.variational.laws is not None
@@ -363,7 +359,8 @@ class Orbit:
             run, tangent = tried
             period = longer
             size = np.linalg.norm(residual(run))
-        judged = ~self._holding if self.clocked else np.ones(run.mode.shape[1], bool)  # what holds follows the states, and the first sample
+        # what holds follows the states, and the first sample
+        judged = np.array([not (self.clocked and element.holds) for element in self.run.system.elements], bool)
         if (run.mode[0] != run.mode[-1])[judged].any():
             names = [e.name for e, a, b in zip(run.program.system.elements, run.mode[0], run.mode[-1], strict=True) if a != b]
             raise CycleError(

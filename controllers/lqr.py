@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +30,10 @@ class LQR(TorqueLimits):
     only as fast as the integral overcomes K: tens of seconds at low set-points.
     """
 
-    measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed")
+    @property
+    def measures(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The top speed and all states of the string, once it is designed on one."""
+        return ("top.speed", *(self.states or ("bit.speed",)))
 
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
     top_size: Quantity = quantity(2.0, "rad/s", "deviation of the top speed that counts", above=0)

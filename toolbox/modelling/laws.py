@@ -62,10 +62,36 @@ class Controller(Component):
         return remedy
 
     def equations(self, signal: Signal) -> Equations:
-        equations = self.continuous(signal)
+        asked: dict[str, bool] = {}
+        equations = self.continuous(_noting(signal, asked))
         if isinstance(equations, Equations):
             _check_driven(self, "continuous", equations.gives)
+        _check_measured(self, "continuous", asked)
         return equations
+
+
+def _noting(signal: Signal, asked: dict[str, bool]) -> Signal:
+    """The same `signal`, which notes {signal: whether it came with a default, as a set-point does}."""
+
+    def noted(name: str, unit: str, default: Any = None) -> ca.SX:
+        asked[name] = asked.get(name, False) or default is not None
+        return signal(name, unit, default)
+
+    return noted
+
+
+def _check_measured(law: Controller, form: str, asked: Mapping[str, bool]) -> None:
+    """Raise SceneError where a law reads a signal without default that neither it nor a law that it holds declares to measure or to drive."""
+    known = _declared(law)
+    if extra := next((name for name, has_default in asked.items() if not has_default and name not in known), None):
+        measured = ", ".join(f"`{name}`" for name in names(law.measures)) or "nothing"
+        raise SceneError(f"{type(law).__name__} must declare `{extra}` in `measures`, as `{form}` reads it, but it declares {measured}.")
+
+
+def _declared(law: Controller) -> set[str]:
+    """What a law, and those that it holds, declare to measure and to drive."""
+    held = [getattr(law, each.name) for each in dataclasses.fields(law)]
+    return {*names(law.measures), *names(law.drives)}.union(*(_declared(each) for each in held if isinstance(each, Controller)))
 
 
 def _check_driven(law: Controller, form: str, gives: Mapping[str, Any]) -> None:
@@ -230,7 +256,8 @@ class Held(Component):
                 noise.setdefault(name, ca.SX.sym(f"noise of {name}"))
             return self.sensors.reading(name, signal(name, unit, default), noise.get(name))
 
-        update, title = self.law.sampled(sensed, self.period), type(self.law).__name__
+        asked: dict[str, bool] = {}
+        update, title = self.law.sampled(_noting(sensed, asked), self.period), type(self.law).__name__
         if not isinstance(update, Update):
             raise SceneError(f"`{title}.sampled` must return Update, but it returned {type(update).__name__}.")
         for variable in update.memory:
@@ -239,6 +266,7 @@ class Held(Component):
                     f"The memory of {title} must map states made with `state(...)` to their next values, but a key is {variable!r}."
                 )
         _check_driven(self.law, "sampled", update.outputs)
+        _check_measured(self.law, "sampled", asked)
         return Equations(update=dataclasses.replace(update, noise=noise))
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from controllers import PI, SoftTorque
 from models import BitRock, BlockOnBelt, Exponential, wells
-from toolbox import Sampled, SceneError, closed_loop, compose, margins, simulate
+from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, margins, simulate
 from toolbox.halving import halved
 from toolbox.robustness import smallest_error
 from toolbox.robustness.joint_errors import PRECISION
@@ -51,6 +51,18 @@ def test_the_border_of_smooth_running_is_exact_along_its_way():
     fall = 0.5 * math.exp(-2.0)
     assert found.linear_size == pytest.approx((0.2 - fall) / (0.2 + fall), abs=2e-6)
     assert "breaks the machine without a law" in str(found)
+    # both errors enter s^2 + (c - N f) s + k as one damping, so that D scales to the border itself
+    assert found.guaranteed == pytest.approx((0.2 - fall) / (0.2 + fall), rel=1e-6) and found.unknown == ""
+
+
+def test_where_no_size_is_guaranteed_it_is_said_why(rig):
+    """A law in Python has no slope."""
+    at = equilibrium(closed_loop(rig, SoftTorque(reference=9.0)))
+    law = Sampled(lambda t, y: at["top.torque"] + 400.0 * (9.0 - y[0]), 0.05)
+    start = {name: at[name] for name in ("chain.twist", "chain.speed")}
+    found = smallest_error(closed_loop(rig, law), {"bit.weight": 0.02}, 20.0, starts=[start], mean_within=10.0, ripple_within=10.0)
+    assert math.isnan(found.guaranteed) and found.unknown == "the law is a Python callable"
+    assert "no size is guaranteed (mu): the law is a Python callable" in str(found)
 
 
 RANGES = {"bit.weight": 1.0, "chain.stiffness.0": 0.5, "proportional": 0.9}

@@ -43,7 +43,7 @@ from toolbox.modelling.laws import Sampled
 from toolbox.onsets.coming_to import Settled
 from toolbox.robustness.disk_margins import balancing, frequencies, peak
 from toolbox.robustness.loop import NoDerivative
-from toolbox.robustness.steady_loop import steady_loop
+from toolbox.robustness.steady_loop import linear_loop
 from toolbox.robustness.worst_case import DELAY, Outcome, Trials, declared_value
 from toolbox.simulation.simulate import simulate
 
@@ -117,6 +117,8 @@ class SmallestError(Told, Result):
         Size below which no error makes smooth running grow, to first order [1]; nan where there is no linear loop.
     asked
         {unit: unit that was typed}: the units in which `print` answers.
+    unknown
+        Why `guaranteed` is nan; empty where it is a number.
     """
 
     title: str
@@ -131,6 +133,7 @@ class SmallestError(Told, Result):
     linear_error: tuple[float, ...]
     guaranteed: float
     asked: Mapping[str, str]
+    unknown: str = ""
 
     @property
     def values(self) -> dict[str, float]:
@@ -160,6 +163,8 @@ class SmallestError(Told, Result):
             lines.append(f"  smooth running {grows}")
         if not math.isnan(self.guaranteed):
             lines.append(f"  no error below {self.guaranteed:.3g} makes it grow, to first order (mu)")
+        elif self.unknown:
+            lines.append(f"  no size is guaranteed (mu): {self.unknown}")
         return lines
 
     def _table(self) -> HeadedRows:
@@ -244,6 +249,7 @@ def smallest_error(
             linear = tuple(part * linear_size for part in direction)
     before = search.tried
     error, size, held = search(fail)
+    guaranteed, unknown = _guaranteed(trials, numbers)
     return SmallestError(
         title=all_described(loop.laws),
         way=trials.way,
@@ -255,7 +261,8 @@ def smallest_error(
         runs=(search.tried - before + 1) * len(trials.begins),
         linear_size=linear_size,
         linear_error=linear,
-        guaranteed=_guaranteed(trials, numbers),
+        guaranteed=guaranteed,
+        unknown=unknown,
         asked={**loop.asked, **asked},
     )
 
@@ -397,12 +404,12 @@ STEP = 0.02
 """Part of the range over which the slope of the linear loop by an error is taken."""
 
 
-def _guaranteed(trials: Trials, numbers: Sequence[WrongNumber]) -> float:
-    """The size below which no error makes smooth running grow, to first order; nan where there is no linear loop."""
+def _guaranteed(trials: Trials, numbers: Sequence[WrongNumber]) -> tuple[float, str]:
+    """The size below which no error makes smooth running grow, to first order; nan where there is no linear loop, and then why."""
     try:
-        linear = steady_loop(trials.loop).loop(0.0)
+        linear = linear_loop(trials.loop)
         if not linear.stable:
-            return 0.0
+            return 0.0, ""
         n, k = linear.B.shape
         left, right, whole = [np.zeros((n + k, 0))], [np.zeros((0, n + k))], np.block([[linear.A, linear.B], [linear.C, linear.D]])
         for i, number in enumerate(numbers):
@@ -412,15 +419,15 @@ def _guaranteed(trials: Trials, numbers: Sequence[WrongNumber]) -> float:
             for part in (STEP, -STEP):
                 near = tuple(part if j == i else 0.0 for j in range(len(numbers)))
                 if number.value(part) != number.declared:
-                    there = steady_loop(trials.machine(_factors(numbers, near))).loop(0.0)
+                    there = linear_loop(trials.machine(_factors(numbers, near)))
                     slopes.append((np.block([[there.A, there.B], [there.C, there.D]]) - whole) / STEP)
             slope = max(slopes, key=lambda each: float(np.linalg.norm(each)))
             u, sizes, v = np.linalg.svd(slope)
             rank = int((sizes > 1e-4 * sizes[0]).sum()) if sizes[0] > 0.0 else 0
             left.append(u[:, :rank] * sizes[:rank])
             right.append(v[:rank])
-    except (NoDerivative, SceneError):
-        return math.nan
+    except (NoDerivative, SceneError) as error:
+        return math.nan, str(error).rstrip(".")
     L, R = np.hstack(left), np.vstack(right)
     late = next((max(each.high - each.declared, each.declared - each.low) for each in numbers if each.name == DELAY), 0.0)
 
@@ -429,7 +436,7 @@ def _guaranteed(trials: Trials, numbers: Sequence[WrongNumber]) -> float:
         return np.array([_scaled(_seen(whole, L, R, n, z, f * late)) for z, f in zip(point, w, strict=True)])
 
     largest, _ = peak(bound, frequencies(linear))
-    return 1.0 / largest if largest > 0.0 else math.inf
+    return (1.0 / largest if largest > 0.0 else math.inf), ""
 
 
 def _seen(whole: np.ndarray, L: np.ndarray, R: np.ndarray, n: int, z: complex, late: float) -> np.ndarray:

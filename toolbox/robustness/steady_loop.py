@@ -385,6 +385,27 @@ def steady_loop(loop: ClosedLoop, guess: Mapping[str, Any] | None = None) -> Ste
     return (sampled_steady_loop if loop.sampled else continuous_steady_loop)(loop, near)
 
 
+def linear_loop(loop: ClosedLoop) -> LinearLoop:
+    """The linear loop at steady running; without a law that of the machine alone, which has no commands.
+
+    Raises SceneError where no steady running is found, NoDerivative where nothing is linear there.
+    """
+    if loop.laws:
+        return steady_loop(loop).loop(0.0)
+    if loop.changes_in_time:
+        raise NoDerivative("time itself enters the equations of the machine")
+    point = equilibrium(loop)
+    if any(
+        element.slides and mode == 0.0 for element, mode in zip(point.plant.elements, mode_numbers(point.plant, point.modes), strict=True)
+    ):
+        raise NoDerivative("a contact sticks at steady running")
+    slope = _slope(point.plant, point)
+    machine, modes = point.plant, mode_numbers(point.plant, point.modes)
+    checked_smooth(lambda x: np.array(machine.rhs(0.0, x, point.inputs, machine.values, modes)).ravel(), slope, point.states)
+    n = slope.shape[0]
+    return LinearLoop(slope, np.zeros((n, 0)), np.zeros((0, n)), np.zeros((0, 0)), ())
+
+
 def _remembered(loop: ClosedLoop, name: str) -> bool:
     """Whether a sampled law has a state of that name."""
     return any(name in update.places for update in loop.system.updates)

@@ -99,16 +99,7 @@ class Recording:
             raise SceneError(f"Argument `keep` must hold kinds of flaws, but it has `{unknown[0]}`: {suggest(unknown[0], KINDS)}")
         if decimal not in (None, ",", "."):
             raise SceneError(f'Argument `decimal` must be "," or ".", but it is {decimal!r}.')
-        source, where, name = source_of(data, plant, columns, decimal)
-        return _recording(
-            source,
-            where,
-            name,
-            plant,
-            columns,
-            tuple(map(float, nulls)),
-            () if source.what == "run" else tuple(k for k in KINDS if k not in keep),
-        )
+        return _recording(source_of(data, plant, columns, decimal), plant, columns, tuple(map(float, nulls)), keep)
 
     def between(self, begin: NumberOrText, end: NumberOrText) -> Recording:
         """The samples between two times [s], whose clock then begins at 0."""
@@ -311,14 +302,10 @@ def _at(times: np.ndarray, own: np.ndarray, values: np.ndarray, gap: float) -> n
 
 
 def _recording(
-    source: Source,
-    where: str,
-    name: str,
-    plant: HybridSystem,
-    columns: Mapping[str, str] | None,
-    nulls: tuple[float, ...],
-    kinds: tuple[str, ...],
+    data: tuple[Source, str, str], plant: HybridSystem, columns: Mapping[str, str] | None, nulls: tuple[float, ...], keep: Sequence[str]
 ) -> Recording:
+    source, where, name = data
+    kinds = () if source.what == "run" else tuple(k for k in KINDS if k not in keep)
     columns_of = chosen(source, where, plant, columns)
     size = int(np.size(columns_of["time"][0].cells))
     time, notes = times_of(source, *columns_of.pop("time"), where)

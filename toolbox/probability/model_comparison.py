@@ -19,7 +19,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray, short
 from toolbox.errors import SceneError
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
@@ -28,7 +28,7 @@ from toolbox.probability.posteriors import Measured, Posterior, posterior
 
 
 @dataclass(frozen=True)
-class ModelComparison(Result):
+class ModelComparison(Told, Result):
     """Models against one measurement, as `compare_models` returns them: `print(found)`, `found.posteriors["Gaussian"]`, `found.plot()`.
 
     Attributes
@@ -59,17 +59,16 @@ class ModelComparison(Result):
         error = math.sqrt(apart.size) * float(apart.std(ddof=1)) if apart.size > 1 else math.nan
         return float(apart.sum()), 0.0 if label == best else error
 
-    def __str__(self) -> str:
-        lines = [f"{len(self.posteriors)} models of one measurement, {len(self.left_out)} windows left out"]
+    def _told(self) -> list[str | Rows]:
         rows: list[tuple[str, ...]] = [("model", "unknowns", "log evidence", "probability", "left out: score", "behind the best", "runs")]
         for label, found in self.posteriors.items():
             score, (behind, error) = self.scores[label], self.behind(label)
             told = (f"{score.sum():.2f}", f"{behind:.2f} +- {error:.2f}") if score.size else ("-", "-")
             evidence = f"{found.evidence:.2f} +- {found.error:.2f}"
             rows.append((label, str(len(found.names)), evidence, f"{self.probabilities[label]:.3g}", *told, str(found.runs)))
-        return "\n".join(lines + columns(rows, left=(0,)))
+        return [f"{len(self.posteriors)} models of one measurement, {len(self.left_out)} windows left out", Rows(rows)]
 
-    __repr__ = __str__
+    __repr__ = Told.__str__
 
     def _table(self) -> HeadedRows:
         """One row per model."""

@@ -19,7 +19,7 @@ import numpy as np
 from toolbox.arguments import mapping, number, whole
 from toolbox.calibration.recording import Recording
 from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import reading
@@ -36,7 +36,7 @@ SHOWN = 501
 
 
 @dataclass(frozen=True)
-class Prediction(Result):
+class Prediction(Told, Result):
     """Bands on signals over time, as `predict` returns them: `print(found)`, `found.cover`, `found.plot()`.
 
     Attributes
@@ -81,8 +81,8 @@ class Prediction(Result):
             found[name] = float(inside[known].mean()) if known.any() else math.nan
         return found
 
-    def __str__(self) -> str:
-        lines = [f"Prediction of {self.title}: {self.draws} draws over {self.time[-1]:.4g} s, bands of {100 * self.confidence:g} %"]
+    def _told(self) -> list[str | Rows]:
+        title = f"Prediction of {self.title}: {self.draws} draws over {self.time[-1]:.4g} s, bands of {100 * self.confidence:g} %"
         rows: list[tuple[str, ...]] = [("signal", "unit", "lowest", "highest", "mean width", "measured", "cover")]
         for name, unit in self.units.items():
             factor, shown = reading(unit, self.asked)[:2]
@@ -90,9 +90,9 @@ class Prediction(Result):
             count = int(np.isfinite(self.measured.get(name, np.empty(0))).sum())
             told = (f"{each:.4g}" for each in (low.min(), high.max(), (high - low).mean()))
             rows.append((name, shown, *told, str(count) if count else "-", f"{cover:.3f}" if count else "-"))
-        return "\n".join(lines + columns(rows, left=(0, 1)))
+        return [title, Rows(rows, left=(0, 1))]
 
-    __repr__ = __str__
+    __repr__ = Told.__str__
 
     def _table(self) -> HeadedRows:
         """One row per time."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray
 from toolbox.errors import SimulationError
+from toolbox.halving import ROUND_OFF, halved
 
 IN_EFFECT = 0.5
 """Part of the particles that stays in effect from one stage to the next."""
@@ -110,8 +111,5 @@ def _step(known: FloatArray, left: float) -> float:
 
     if in_effect(left) >= wanted:
         return left
-    low, high = 0.0, left
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if in_effect(middle) >= wanted else (low, middle)
+    low, _ = halved(lambda step: in_effect(step) < wanted, 0.0, left, ROUND_OFF, left * 2.0**-60)
     return max(low, 1e-12 * left)

@@ -32,6 +32,7 @@ from toolbox.errors import SceneError
 from toolbox.files.printing import columns
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import reading
+from toolbox.halving import zero
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import all_described
 from toolbox.modelling.steady_point import Equilibrium, function_of, mode_numbers
@@ -208,7 +209,6 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
 
     def mean_at(amplitude: float) -> float:
         """The mean slip under a harmonic of an amplitude."""
-        from scipy.optimize import brentq
 
         def off(mean: float) -> float:
             return mean - slip - still * (harmonics(mean, amplitude)[0] - steady)
@@ -218,7 +218,7 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
         width = abs(off(slip))
         for _ in range(60):
             if off(slip - width) * off(slip + width) < 0.0:
-                return float(brentq(off, slip - width, slip + width, xtol=1e-12 * abs(slip)))
+                return zero(off, slip - width, slip + width, 1e-12 * abs(slip))
             width *= 1.3
         return math.nan
 
@@ -300,7 +300,5 @@ def _parted(
 
 def _crossings(places: np.ndarray, values: np.ndarray, value_at: Callable[[float], float]) -> list[float]:
     """Where a function crosses zero, from its values at places."""
-    from scipy.optimize import brentq
-
     between = np.flatnonzero(np.isfinite(values[:-1]) & np.isfinite(values[1:]) & (values[:-1] * values[1:] < 0.0))
-    return [float(brentq(value_at, places[i], places[i + 1], xtol=1e-12 * places[i])) for i in between]
+    return [zero(value_at, float(places[i]), float(places[i + 1]), 1e-12 * float(places[i])) for i in between]

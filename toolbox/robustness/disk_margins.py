@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.halving import zero
 from toolbox.robustness.loop import LinearLoop
 
 MANY = 100
@@ -141,11 +142,9 @@ def loop_margins(loop: LinearLoop, delayed: Callable[[float], LinearLoop] | None
 
 def _crossings(function: Callable[[np.ndarray], np.ndarray], grid: np.ndarray, values: np.ndarray) -> list[float]:
     """Frequencies at which a real function of frequencies changes its sign; values: those on the grid."""
-    from scipy.optimize import brentq
-
     found = [float(w) for w in grid[values == 0.0]]
     for i in np.flatnonzero(values[:-1] * values[1:] < 0.0):
-        found.append(float(brentq(lambda w: float(function(np.array([w]))[0]), grid[i], grid[i + 1], xtol=1e-14 * grid[i], rtol=1e-13)))
+        found.append(zero(lambda w: float(function(np.array([w]))[0]), float(grid[i]), float(grid[i + 1]), 1e-14 * float(grid[i]), 1e-13))
     return sorted(found)
 
 
@@ -169,8 +168,6 @@ def _phase(gain: Callable[[np.ndarray], np.ndarray], grid: np.ndarray, at: np.nd
 
 def _delay(delayed: Callable[[float], LinearLoop], guess: float) -> float:
     """The additional delay at which the poles of a sampled loop reach the unit circle, near a guess, which is as good where it is many periods."""
-    from scipy.optimize import brentq
-
     if guess > MANY * (delayed(0.0).period or math.inf):
         return guess
 
@@ -180,7 +177,7 @@ def _delay(delayed: Callable[[float], LinearLoop], guess: float) -> float:
     for part in (0.02, 0.1, 0.5):
         low, high = (1.0 - part) * guess, (1.0 + part) * guess
         if growth(low) < 0.0 < growth(high):
-            return float(brentq(growth, low, high, xtol=1e-12 * guess, rtol=1e-10))
+            return zero(growth, low, high, 1e-12 * guess, 1e-10)
     return guess
 
 

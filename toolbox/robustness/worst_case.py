@@ -20,7 +20,7 @@ import numpy as np
 
 from toolbox.arguments import mapping, number, numbers, whole
 from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.files.printing import columns
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import CALM, STANDS, STICKS, told_growth
@@ -80,7 +80,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class WorstCase(Result):
+class WorstCase(Told, Result):
     """Outcomes of a law over model errors, starts and seeds: `print(found)` shows the worst of each error, `found.worst` the worst of all.
 
     Attributes
@@ -128,15 +128,15 @@ class WorstCase(Result):
         for error, worst in self.by_error.items():
             own = [outcome for outcome in self.outcomes if outcome.error == error]
             failed = sum(outcome.excess > 1.0 for outcome in own)
-            numbers = [_percent(each) for each in (worst.stuck, worst.mean_error, worst.ripple)]
+            numbers = [percent(each) for each in (worst.stuck, worst.mean_error, worst.ripple)]
             numbers += [told_growth(worst.rate), *(f"{value:.4g}" for value in worst.more.values())]
             lines.append((error, f"{failed} of {len(own)}", str(worst.start), str(worst.seed), *numbers))
         return lines
 
-    def __str__(self) -> str:
+    def _told(self) -> list[str | Rows]:
         failed = sum(outcome.excess > 1.0 for outcome in self.outcomes)
         verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
-        return "\n".join([f"Worst case of {self.title}: {verdict}", f"  {self.way}", *columns(self.rows)])
+        return [f"Worst case of {self.title}: {verdict}", f"  {self.way}", Rows(self.rows)]
 
     def _table(self) -> HeadedRows:
         """One row per run."""
@@ -443,5 +443,6 @@ def _badness(outcome: Outcome) -> tuple[bool, float, float, float]:
     return bool(outcome.failure), stuck, finite, outcome.ripple if math.isfinite(outcome.ripple) else 0.0
 
 
-def _percent(value: float) -> str:
+def percent(value: float) -> str:
+    """A part in per cent as a report says it."""
     return "-" if math.isnan(value) else f"{100.0 * value:.2g} %"

@@ -30,7 +30,7 @@ from toolbox.modelling.components import numbers_of, rebuilt
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.robustness.depth_windows import closed_at
 from toolbox.robustness.margins import margins
-from toolbox.robustness.worst_case import Trials, cycle_phases
+from toolbox.robustness.worst_case import Trials, cycle_phases, percent
 from toolbox.simulation.simulate import simulate
 
 PHASES = 4
@@ -133,7 +133,7 @@ class Schedule(Told, Result):
         ]
         for each in self.checked:
             gains = [f"{value * read[unit].factor:.4g}" for value, unit in zip(self.gains_at(each.depth).values(), self.units, strict=True)]
-            shown = ["-" if math.isnan(value) else f"{100 * value:.2g} %" for value in (each.stuck, each.mean_error, each.ripple)]
+            shown = [percent(value) for value in (each.stuck, each.mean_error, each.ripple)]
             lines.append(
                 (
                     f"{each.depth * read['m'].factor:.5g}", "designed" if each.designed else "between", *gains,

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from models.friction import Exponential
+from models.shaft import chain_frequencies
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
 from toolbox.authoring import NumberOrText, number, whole
 
@@ -126,9 +127,6 @@ class DiskStack(Component):
 
     def axial_frequencies(self) -> np.ndarray:
         """Natural frequencies of the closed stack in axial direction [rad/s], shape (2n+1,), ascending; damping is left out."""
-        n = 2 * self.rotors + 1
-        stiffness = self.contact_stiffness * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
-        stiffness[0, 0] = self.contact_stiffness
-        stiffness[-1, -1] = self.contact_stiffness + self.back_stiffness
-        inverse_root = 1 / np.sqrt(np.where(np.arange(n) % 2 == 1, self.rotor_mass, self.stator_mass))
-        return np.sqrt(np.linalg.eigvalsh(inverse_root[:, None] * stiffness * inverse_root))
+        masses = [self.stator_mass, *[self.rotor_mass, self.stator_mass] * self.rotors]
+        springs = [*[self.contact_stiffness] * (2 * self.rotors), self.back_stiffness]
+        return 2 * np.pi * chain_frequencies([*masses, 1.0], springs, bit_held=True)  # behind the back plate nothing moves

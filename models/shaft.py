@@ -83,7 +83,7 @@ def chain_frequencies(
 ) -> np.ndarray:
     """The natural frequencies [Hz] above 0 of a chain of inertias [kg m2] joined by stiffnesses [N m/rad], undamped, in rising order.
 
-    A held end does not turn, so its inertia does not count.
+    A held end does not turn, so its inertia does not count. Masses [kg] joined by stiffnesses [N/m] have theirs.
     """
     from scipy.linalg import eigh_tridiagonal
 

@@ -298,10 +298,22 @@ def _design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any],
     return {name: entry for name, entry in fields.items() if not (system.has_parameter(name) and acts(loop, name))}
 
 
+def memory_places(system: HybridSystem, name: str) -> slice | None:
+    """Where something that a sampled law remembers, or an entry of it, stands among the memory of all laws; None for any other name."""
+    (head, _, tail), begin = name.rpartition("."), 0
+    for update in system.updates:
+        for owner, (first, size) in update.places.items():
+            if owner == name:
+                return slice(begin + first, begin + first + (size or 1))
+            if owner == head and tail.isdigit() and int(tail) < (size or 0):
+                return slice(begin + first + int(tail), begin + first + int(tail) + 1)
+        begin += update.memory.numel()
+    return None
+
+
 def is_remembered(system: HybridSystem, name: str) -> bool:
     """Whether a name is that of something that a sampled law remembers, or of an entry of it."""
-    sizes, (head, _, place) = remembered(system), name.rpartition(".")
-    return name in sizes or (place.isdigit() and int(place) < (sizes.get(head) or 0))
+    return memory_places(system, name) is not None
 
 
 def sampled_law(loop: Loop, name: str) -> int | None:

@@ -46,11 +46,6 @@ class Growth:
         """The growth of a motion that goes as exp(exponent t)."""
         return Growth(float(exponent.real), 2 * math.pi / abs(exponent.imag) if exponent.imag else math.inf, way)
 
-    @property
-    def time(self) -> float:
-        """Time in which a disturbance becomes e times as large, or as small [s]."""
-        return 1.0 / abs(self.rate) if self.rate else math.inf
-
     def __str__(self) -> str:
         return f"{told_growth(self.rate)}, by {self.way}"
 

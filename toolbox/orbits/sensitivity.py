@@ -20,7 +20,7 @@ from toolbox.halving import zero
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import names
-from toolbox.modelling.numbers import Number
+from toolbox.modelling.numbers import Number, memory_places
 from toolbox.modelling.start import place_start
 from toolbox.orbits.sampled_memory import check_laws
 from toolbox.simulation.methods import Explicit
@@ -261,14 +261,10 @@ def placed(run: Trajectory, numbers: Sequence[Number]) -> Trajectory:
 def _direction(run: Trajectory, name: str) -> np.ndarray:
     """The direction of a start value among the states and, behind them, the memory of the sampled laws."""
     system = run.program.system
-    direction = np.zeros(system.x.numel() + sum(update.memory.numel() for update in system.updates))
-    place = system.x.numel()
-    for update in system.updates:
-        head, _, tail = name.rpartition(".")
-        if name in update.places or (head in update.places and tail.isdigit() and int(tail) < (update.places[head][1] or 0)):
-            first, size = update.places[name] if name in update.places else (update.places[head][0] + int(tail), None)
-            direction[place + first : place + first + (size or 1)] = 1.0
-        place += update.memory.numel()
-    if not direction.any():
-        place_start(system, direction[: system.x.numel()], name, 1.0)
+    n, places = system.x.numel(), memory_places(system, name)
+    direction = np.zeros(n + sum(update.memory.numel() for update in system.updates))
+    if places is None:
+        place_start(system, direction[:n], name, 1.0)
+    else:
+        direction[n:][places] = 1.0
     return direction

@@ -26,14 +26,19 @@ def two_directions(w, i):
     return i + 1 < w.ints[layout.NE] and w.loader[i + 1] == layout.SECOND
 
 
-def _grow(w):
-    """Take the states into their sizes so far, and into those of their units."""
-    for i in range(w.ints[layout.N]):
+def _take(w, found):
+    """Take slopes and guards as machine code has left them, and the states into their sizes so far, and into those of their units."""
+    n = w.ints[layout.N]
+    w.ints[layout.OPENED] = 0
+    for i in range(n):
+        w.k[i] = found[n + i]
         size = abs(w.x[i])
         if size > w.scale[i]:
             w.scale[i] = size
             if size > w.group_scale[w.group[i]]:
                 w.group_scale[w.group[i]] = size
+    for j in range(2 * w.ints[layout.NG]):
+        w.g[j] = found[2 * n + j]
 
 
 def refresh(w):
@@ -41,20 +46,12 @@ def refresh(w):
 
     A contact that has just been let go has no slip yet: what it shows is the round-off of the projection, from which nothing can fall.
     """
-    n, ng = w.ints[layout.N], w.ints[layout.NG]
-    w.ints[layout.OPENED] = 0
     call(w.ints[layout.FIELD], w.reals[layout.TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
-    for i in range(n):
-        w.k[i] = w.z[n + i]
-    _grow(w)
-    for j in range(2 * ng):
-        w.g[j] = w.z[2 * n + j]
-    for j in range(ng):
-        w.slot[j] = j + ng if j < 2 * w.ints[layout.NE] and w.m[j // 2] == 0.0 else j
-        size = abs(w.g[j])
-        if size > guard_size(w, j):
-            w.guard_scale[w.slot[j]] = size
-        w.armed[j] = w.side[j] * w.g[j] > 1e-13 * guard_size(w, j)
+    _take(w, w.z)
+    for j in range(w.ints[layout.NG]):
+        w.slot[j] = j + w.ints[layout.NG] if j < 2 * w.ints[layout.NE] and w.m[j // 2] == 0.0 else j
+        w.armed[j] = False
+        accept_guard(w, j)
     for i in range(w.ints[layout.NE]):
         if w.zero[i] and w.m[i] != 0.0 and w.kind[i] == layout.FRICTION:
             w.armed[2 * i] = False
@@ -131,15 +128,10 @@ def accept_guard(w, j):
 
 def accept(w):
     """Take the step in `y`: states, slopes, guards and their sizes so far."""
-    n, ng = w.ints[layout.N], w.ints[layout.NG]
-    w.ints[layout.OPENED] = 0
-    for i in range(n):
+    for i in range(w.ints[layout.N]):
         w.x[i] = w.y[i]
-        w.k[i] = w.y[n + i]
-    _grow(w)
-    for j in range(2 * ng):
-        w.g[j] = w.y[2 * n + j]
-    for j in range(ng):
+    _take(w, w.y)
+    for j in range(w.ints[layout.NG]):
         accept_guard(w, j)
 
 

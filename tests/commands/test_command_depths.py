@@ -87,8 +87,16 @@ def test_the_windows_are_those_of_the_verb_and_the_report_reads_them(root, tmp_p
     assert {each.name for each in out.iterdir()} == {
         "origin.json",
         "scene.toml",
+        "2000m",  # its map, and what each run came to, with which windows go on
         *(f"windows.{end}" for end in ("txt", "csv", "npz", "png")),
     }
+    runs, text = out / "2000m" / "runs.jsonl", (out / "windows.txt").read_text(encoding="utf-8")
+    lines = runs.read_text(encoding="utf-8").splitlines(keepends=True)
+    runs.write_text("".join(lines[:-4]), encoding="utf-8")  # as an interrupt leaves it
+    assert main([*asked, "--out", str(out)]) == 0
+    again = runs.read_text(encoding="utf-8").splitlines(keepends=True)
+    assert again[: len(lines) - 4] == lines[:-4] and len(again) == len(lines)
+    assert (out / "windows.txt").read_text(encoding="utf-8") == text
     assert main(["report", str(out), "--page", str(tmp_path / "page.html")]) == 0
     assert "Windows over depth" in (tmp_path / "page.html").read_text(encoding="utf-8")
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from toolbox.commands.recording import results, write_found
 from toolbox.commands.schedule import depths_of_well, law_and_well
-from toolbox.commands.sweep import shape_of
+from toolbox.commands.sweep import GOES_ON, shape_of
 from toolbox.commands.terminal import common, complaint, drawn_as, earlier, plain, ranges, show
 from toolbox.errors import SimulationError
 
@@ -18,7 +18,12 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip windows`."""
     verb = commands.add_parser(
         "windows",
-        parents=[common("folder for report, table, data and figure", controller="the law; the first one of the scene without")],
+        parents=[
+            common(
+                "folder for report, table, data and figure, and the map of each depth; interrupted windows are continued",
+                controller="the law; the first one of the scene without",
+            )
+        ],
         help="at which speed and weight a law keeps a well smooth, over its depth",
         description="Map both branches of a machine at depths of a well, where the first section of the string is longer or shorter, and print from which "
         "value of the first number on the machine is smooth, from which on stick-slip ends as well, and how far the working point is from both.",
@@ -33,27 +38,32 @@ def add(commands: Any) -> None:
     verb.add_argument(
         "--along", nargs="+", metavar="VALUE", help="values of the second number at which windows are read; five over its range"
     )
-    verb.add_argument("--shape", default="25x13", metavar="NxM", help="points of the map of a depth along both (25x13)")
-    verb.set_defaults(action=run, spelled={"depths": "--depths", "along": "--along"})
+    verb.add_argument("--shape", default="13x7", metavar="NxM", help="points of the map of a depth along both (13x7)")
+    verb.set_defaults(
+        action=run, spelled={"depths": "--depths", "along": "--along"}, words=lambda given: GOES_ON if given.out else "interrupted."
+    )
 
 
 def run(given: argparse.Namespace) -> int:
     """Find the windows. Returns the exit code."""
     from toolbox.robustness.depth_windows import windows
+    from toolbox.sweeps.store import folder_of
 
     over = ranges("--x", [given.x]) | ranges("--y", [given.y])
     shape = shape_of(given.shape)
     scene, law, well = law_and_well(given)
     along = None if given.along is None else [plain(value) for value in given.along]
+    if given.out:
+        folder_of(given.out)
     try:
-        found = windows(well, given.depths, law, over, along=along, shape=shape)
+        found = windows(well, given.depths, law, over, along=along, shape=shape, out=given.out)
     except SimulationError as error:
         return complaint(str(error), 1)
     given.found = found
-    with results(given, drawn_as(FILES, given.format), earlier("windows.txt", "^Windows over depth", FILES)) as folder:
+    with results(given, drawn_as(FILES, given.format), earlier("windows.txt", "^Windows over depth", FILES), last=False) as folder:
         if folder is not None:
             write_found(folder, "windows", found, scene, given.format)
     show(str(found))
     if given.out:
-        print(f"\nReport, table, data and figure are in {given.out}")
+        print(f"\nReport, table, data, figure and the maps of all depths are in {given.out}")
     return 0

@@ -29,6 +29,9 @@ from toolbox.onsets.map_loop import SMOOTH
 from toolbox.onsets.severity_map import MapSide, SeverityMap, severity_map
 from toolbox.robustness.margins import margins
 
+HALVINGS = 4
+"""How often an edge of the grid across a border is halved: a grid of 13 by 7 points then has the borders of one of 25 by 13 whose edges are halved thrice."""
+
 
 @dataclass(frozen=True)
 class Windows(Told, Result):
@@ -146,7 +149,7 @@ def windows(
     over: Mapping[str, tuple[NumberOrText, NumberOrText]],
     *,
     along: Iterable[NumberOrText] | None = None,
-    shape: tuple[int, int] = (25, 13),
+    shape: tuple[int, int] = (13, 7),
     out: str | Path | None = None,
 ) -> Windows:
     """Find over the depth of a well at which speed and weight a law keeps it smooth, from which side, and with which margin.
@@ -190,7 +193,7 @@ def windows(
         here = law(depth) if callable(law) and not isinstance(law, Controller | Sampled) else law
         loop = closed_at(well, depth).but(laws=(here,))
         folder = None if out is None else Path(out) / f"{depth:g}m"
-        found = severity_map(loop, over, shape=shape, out=folder)
+        found = severity_map(loop, over, shape=shape, halvings=HALVINGS, out=folder)
         maps.append(found)
         points.append(found.at)
         disks.append(margins(loop, measured=False).disk_margin)

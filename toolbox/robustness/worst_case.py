@@ -296,6 +296,11 @@ class Trials:
         """The signal whose mean is judged."""
         return judged_speed(self.loop, self.contact)
 
+    @cached_property
+    def drives(self) -> list[str]:
+        """The commands of the laws."""
+        return [name for name in self.loop.plant.inputs if name not in self.loop.system.inputs]
+
     @property
     def way(self) -> str:
         """From where the runs begin, which contact is judged, and when, in words."""
@@ -315,10 +320,11 @@ class Trials:
     def of_cases(self, cases: Mapping[str, Mapping[str, float]]) -> WorstCase:
         """The outcome of every start and seed in every case {error in words: {number of the loop: factor}}."""
         loop = self.loop
-        drives = [name for name in loop.plant.inputs if name not in loop.system.inputs]
-        declared = _varied(loop, cases)
+        names = sorted({name for case in cases.values() for name in case if name != DELAY})
+        names = names or [next(entry.name for entry in loop.plant.parameters.values() if entry.size is None)]  # a sweep varies something
+        declared = {name: declared_value(loop, name) for name in names}
         more = judged_measures(self.measures, loop, 0.0, self.duration, after=self.window) if self.measures else {}
-        asked = _measures(self.contact, self.speed, drives, self.window) | {f"further {name}": each for name, each in more.items()}
+        asked = self._read | {f"further {name}": each for name, each in more.items()}
         found: list[Outcome] = []
         seconds = 0.0
         delays = sorted({case.get(DELAY, 1.0) for case in cases.values()})
@@ -330,7 +336,7 @@ class Trials:
             seconds += done.seconds
             for i, label in enumerate(own):
                 numbers = {name: float(done[name][i]) for name in asked}
-                outcome = _outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, self.target, self.allowed)
+                outcome = self._outcome((label, k, seed), numbers, done.errors.get(i, ""))
                 if outcome.excess <= 1.0:
                     swing = (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"])
                     outcome = self._lasting(outcome, put_all(varied, rows[i]), swing)
@@ -338,6 +344,26 @@ class Trials:
         order = {label: i for i, label in enumerate(cases)}
         found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
         return WorstCase(all_described(loop.laws), self.way, tuple(found), seconds)
+
+    @cached_property
+    def _read(self) -> dict[str, Measure]:
+        """{name: measure} of what a run is judged by."""
+        of_speed = {"mean": mean, "lowest": minimum, "highest": maximum}
+        of_drives = {"low": minimum, "high": maximum, "mean": mean}
+        found = {"stuck": stuck_ratio(self.contact, self.window)} | {word: of(self.speed, self.window) for word, of in of_speed.items()}
+        return found | {f"{word} {name}": of(name, self.window) for name in self.drives for word, of in of_drives.items()}
+
+    def _outcome(self, run: tuple[str, int, int], numbers: Mapping[str, float], failure: str) -> Outcome:
+        """What came of a run, and by how much it is beyond what is allowed; run: its error, start and seed."""
+        if failure:
+            return Outcome(*run, math.nan, math.nan, math.nan, math.nan, str(failure), math.inf)
+        error, ripple = numbers["mean"] / self.target - 1.0, 0.0
+        for name in self.drives:
+            swing, middle = (numbers[f"high {name}"] - numbers[f"low {name}"]) / 2, abs(numbers[f"mean {name}"])
+            ripple = max(ripple, swing / middle if middle > 0.0 else math.inf if swing > 0.0 else 0.0)
+        off = 0.0 if math.isnan(error) else abs(error)
+        excess = math.inf if numbers["stuck"] > 0.0 else max(off / self.allowed[0], ripple / self.allowed[1])
+        return Outcome(*run, numbers["stuck"], error, ripple, math.nan, "", excess)
 
     def _lasting(self, outcome: Outcome, machine: ClosedLoop, swing: float) -> Outcome:
         """An outcome whose window is calm, with what it comes to; swing: of the speed in the window, in parts of its mean."""
@@ -358,24 +384,6 @@ def _target(loop: ClosedLoop, speed: str) -> float:
     """The target of the mean speed: the reference of the loop, or the set-point of the law; nan where there is none."""
     aim, own = loop.target(speed), set_point(loop.system, speed)
     return aim if aim is not None else math.nan if own is None else loop.number(own).value
-
-
-def _varied(loop: ClosedLoop, cases: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
-    """{name: declared value} of all that errors change, at least of one number, as a sweep varies something."""
-    names = sorted({name for case in cases.values() for name in case if name != DELAY})
-    names = names or [next(entry.name for entry in loop.plant.parameters.values() if entry.size is None)]
-    return {name: declared_value(loop, name) for name in names}
-
-
-def _measures(contact: str, speed: str, drives: Sequence[str], window: float) -> dict[str, Measure]:
-    """{name: measure} of what a run is judged by."""
-    swings = {
-        f"{word} {name}": measure(name, window)
-        for name in drives
-        for word, measure in (("low", minimum), ("high", maximum), ("mean", mean))
-    }
-    of_speed = {"mean": mean(speed, window), "lowest": minimum(speed, window), "highest": maximum(speed, window)}
-    return {"stuck": stuck_ratio(contact, window), **of_speed, **swings}
 
 
 def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
@@ -411,29 +419,6 @@ def as_run(law: Any, late: float, seed: int) -> Any:
             )
         return law
     return dataclasses.replace(law, delay=law.delay * late, seed=seed)
-
-
-def _outcome(
-    label: str,
-    start: int,
-    seed: int,
-    numbers: Mapping[str, float],
-    failure: str,
-    drives: Sequence[str],
-    target: float,
-    allowed: tuple[float, float],
-) -> Outcome:
-    """What came of a run, and by how much it is beyond what is allowed."""
-    if failure:
-        return Outcome(label, start, seed, math.nan, math.nan, math.nan, math.nan, str(failure), math.inf)
-    error = numbers["mean"] / target - 1.0
-    ripple = 0.0
-    for name in drives:
-        swing = (numbers[f"high {name}"] - numbers[f"low {name}"]) / 2
-        mean = abs(numbers[f"mean {name}"])
-        ripple = max(ripple, swing / mean if mean > 0.0 else math.inf if swing > 0.0 else 0.0)
-    excess = math.inf if numbers["stuck"] > 0.0 else max(0.0 if math.isnan(error) else abs(error) / allowed[0], ripple / allowed[1])
-    return Outcome(label, start, seed, numbers["stuck"], error, ripple, math.nan, "", excess)
 
 
 def _badness(outcome: Outcome) -> tuple[bool, float, float, float]:

@@ -134,6 +134,22 @@ def test_a_damaged_folder_is_left_alone_with_one_sentence(tmp_path, caplog):
     assert sorted(path.name for path in damaged.iterdir()) == ["names", "old"]
 
 
+@posix
+@pytest.mark.parametrize("name", ["../thesis.tex", "sub/x", "..", "."])
+def test_a_note_that_names_a_path_elsewhere_is_not_obeyed(tmp_path, caplog, name):
+    folder = tmp_path / "work"
+    left = folder / ".stickslip-0123456789abcdef"
+    (left / "old").mkdir(parents=True)
+    (folder / "sub").mkdir()
+    (folder / "sub" / "x").write_text("mine")
+    (tmp_path / "thesis.tex").write_text("mine")
+    number = (folder / name).lstat().st_ino
+    (left / "names").write_text(json.dumps({"folder": left.stat().st_ino, "files": {name: number}}))
+    clear_left(folder)
+    assert "is left alone" in caplog.text and left.is_dir()
+    assert (tmp_path / "thesis.tex").read_text() == (folder / "sub" / "x").read_text() == "mine"
+
+
 def dying(at, action):
     """Do something in a process that dies before its file operation of a number, as by kill -9. Returns whether it came to its end."""
     child = os.fork()

@@ -1,5 +1,8 @@
 """Plants and loops as C: the same switches in the same order as `simulate`, from a loop that nobody wrote a second time."""
 
+import errno
+import io
+import os
 import shutil
 import subprocess
 import sys
@@ -203,6 +206,28 @@ def test_the_command_writes_the_case_of_a_scene(tmp_path, capsys):
     assert main([*call, "--part", "law", "--name", "drive"]) == 0 and (tmp_path / "out" / "drive.h").exists()
     assert main([*call, "--part", "law", "--duration", "3 s"]) == 2
     assert main([*call, "--name", "my drive"]) == 2 and "name of C" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("part", ["loop", "law"])
+def test_an_export_for_which_the_disk_has_no_room_leaves_the_earlier_one_as_it_was(tmp_path, monkeypatch, part):
+    class Full(io.FileIO):
+        def write(self, data):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def opened(handle, mode):
+        count.append(handle)
+        return io.BufferedWriter(Full(handle, mode)) if len(count) == 2 else inner(handle, mode)
+
+    rig = compose(wells.JANSEN_2, BitRock())
+    span = {"duration": 10.0} if part == "loop" else {}
+    count, inner = [], os.fdopen
+    (tmp_path / "rig").mkdir()
+    export_c(closed_loop(rig, SoftTorque(), sample_time=0.01), tmp_path / "rig" / "rig", part=part, **span)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    monkeypatch.setattr(os, "fdopen", opened)
+    with pytest.raises(OSError, match="No space"):
+        export_c(closed_loop(rig, StiffPI(), sample_time=0.02), tmp_path / "rig" / "rig", part=part, **span)
+    assert len(count) == 2 and {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
 def test_wrong_arguments_are_told(tmp_path):

@@ -2,7 +2,10 @@
 
 import pytest
 
+from models import BitRock, wells
 from studies.benchmarks.dirty_logs import faults, made
+from toolbox import SceneError, compose
+from toolbox.calibration import Recording
 
 NAMES = (
     "commas", "semicolons and decimal commas", "decimal commas and points for thousands", "thousands in quotes", "tabulators and round brackets", "spaces",
@@ -26,3 +29,19 @@ def logs(tmp_path_factory):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_log_is_read_right_with_every_flaw_told_or_refused_with_what_to_do(logs, name):
     assert faults(logs[name]) == []
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("0,nan\n0.1,nan\n0.2,\n0.3,nan\n", "must hold numbers below its headings"),
+        ("0,1.5\n", "must hold at least three samples, but they hold 1"),
+        ("", "must hold a table of numbers"),
+    ],
+    ids=["no value at all", "one sample", "headings alone"],
+)
+def test_a_log_with_nothing_in_it_is_refused_with_what_it_lacks(tmp_path, lines, said):
+    log = tmp_path / "log.csv"
+    log.write_text("time [s],bit.speed [rad/s],top.torque [N m]\n" + lines.replace("\n", ",nan\n"))
+    with pytest.raises(SceneError, match=said):
+        Recording.of(log, compose(wells.JANSEN_2, BitRock()))

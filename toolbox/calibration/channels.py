@@ -159,7 +159,7 @@ def _looked_up(known: Mapping[str, Column], label: str, where: str) -> tuple[Col
 def numbers_of(cells: Any, mark: str, where: str) -> tuple[np.ndarray, str]:
     """(numbers, nan where a cell has none, and what was passed over in words)."""
     try:
-        array = np.squeeze(np.asarray(cells))
+        array = np.atleast_1d(np.squeeze(np.asarray(cells)))
     except (TypeError, ValueError):
         array = np.empty(0, object)
     if array.ndim != 1 or array.dtype.kind not in "iufOUS":

@@ -108,7 +108,7 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        return complaint(f"{error.filename or 'Output'}: {error.strerror or error}.", 1)
+        return complaint(f"{error.filename or getattr(given, 'out', None) or 'Output'}: {error.strerror or error}.", 1)
     except KeyboardInterrupt as interrupt:
         notes = getattr(interrupt, "__notes__", [])
         words = f"interrupted; {notes[0]}" if notes else words

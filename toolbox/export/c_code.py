@@ -18,7 +18,7 @@ import numpy as np
 from toolbox.errors import SceneError, suggest
 from toolbox.export.casadi_text import casadi_text
 from toolbox.export.from_control import LinearLaw
-from toolbox.files.atomic import replaced
+from toolbox.files.atomic import replaced_together
 from toolbox.files.units import NumberOrText
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
@@ -376,9 +376,7 @@ def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Functio
         The C of NAME_step. Without it there is one function, (y, memory, gains) -> (u, next memory), and the step is that.
     """
     texts = (_header(declared), _source(declared, functions, step or _step(declared, functions[0])))
-    for path, text in zip((h, c), texts, strict=True):
-        with replaced(path) as file:
-            file.write(text.encode())
+    replaced_together(dict(zip((h, c), texts, strict=True)))
     return declared
 
 

@@ -450,7 +450,7 @@ def _readme(made: Machine) -> str:
 
 def written_machine(loop: ClosedLoop, path: str | Path, duration: Any, accuracy: float | None) -> tuple[Path, Path]:
     """Write a machine into a folder; see `toolbox.export_c`."""
-    from toolbox.files.atomic import replaced
+    from toolbox.files.atomic import replaced_together
 
     folder = Path(path)
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", folder.name):
@@ -462,7 +462,5 @@ def written_machine(loop: ClosedLoop, path: str | Path, duration: Any, accuracy:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SceneError(f"Cannot write `{folder}`: {error.strerror}.") from None
-    for name, text in files.items():
-        with replaced(folder / name) as file:
-            file.write(text.encode())
+    replaced_together({folder / name: text for name, text in files.items()})
     return folder / f"{folder.name}.c", folder / f"{folder.name}.h"

@@ -22,7 +22,7 @@ import shutil
 import stat
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
@@ -73,6 +73,15 @@ def replaced(path: Path, durable: bool = False) -> Iterator[IO[bytes]]:
                 os.replace(name, path)
     if durable:
         synced(path.parent)
+
+
+def replaced_together(texts: Mapping[Path, str]) -> None:
+    """Write several files of text, each in the place of the one that is there, all of them or none. Raises SceneError where one cannot be written."""
+    with contextlib.ExitStack() as places:
+        for path, text in texts.items():
+            file = places.enter_context(replaced(path))
+            file.write(text.encode())
+            file.flush()  # a full disk shows before the first one takes its place
 
 
 def synced(folder: Path) -> None:

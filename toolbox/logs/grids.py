@@ -99,7 +99,9 @@ def _headed(rows: Sequence[Sequence[Any]], where: str, mark: str) -> tuple[int, 
     """(columns, first row of data, headings, units of a line of their own)."""
     width = Counter(len(row) for row in rows[-LOOKED_AT:]).most_common(1)[0][0]
     first = _first_of_data(rows, width, mark)
-    if first is None or first == 0:
+    if first is None:
+        raise SceneError(f"{where} must hold numbers below its headings, but no line of it has numbers in more than half of its cells.")
+    if first == 0:
         raise SceneError(
             f"{where} must have a line of headings above its numbers, but it has none: write one, such as `time [s],bit.speed [rpm]`."
         )

@@ -287,6 +287,13 @@ def _reshaped(value: Any, key: str, number: float) -> Any:
 # ------------------------------------------------------------------------------------------------------------------------------- fields of a design
 def _design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any], float]]:
     """{name: (declaration, value)} of the fields of a declared law that its design alone knows, because they act nowhere in the closed system."""
+    known = loop.__dict__.setdefault("design_fields", {})  # asked for by every number that is looked for
+    if index not in known:
+        known[index] = _found_design_fields(loop, index)
+    return known[index]
+
+
+def _found_design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any], float]]:
     given = loop.laws[index]
     law = given.law if isinstance(given, Sampled) else given
     if not isinstance(law, Controller) or type(law).design is Controller.design:

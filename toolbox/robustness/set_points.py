@@ -43,6 +43,8 @@ SETTLING = 80.0
 """Seconds after the last change of the set-point until the judged window."""
 FINE = 0.01
 """Sample time [s] of the drive before, alone."""
+SEARCHED = 12
+"""Set-points at which a group is tried in a search, about."""
 WAYS = ("direct", "raised")
 
 
@@ -206,11 +208,13 @@ class Trial:
         return not isinstance(designed(self.of(reference), self.plant), Controller)
 
     def on(
-        self, machine: Machine, law: Any, noise: float = 0.0, seed: int = 0, plant: HybridSystem | None = None, **changes: Any
+        self, machine: Machine, law: Any, noise: float | None = None, seed: int = 0, plant: HybridSystem | None = None, **changes: Any
     ) -> ClosedLoop:
-        """The loop of a law on a machine; plant: in place of that of the machine;  changes: of fields of the loop."""
+        """The loop of a law on a machine; noise: of the top speed, None for none;  plant: in place of that of the machine;  changes: of fields of the loop."""
         late = float(self.clock.delay) + machine.late
-        noises = {name: value for name, value in self.clock.noise.items() if name != "top.speed"} | ({"top.speed": noise} if noise else {})
+        noises = {name: value for name, value in self.clock.noise.items() if name != "top.speed"} | (
+            {} if noise is None else {"top.speed": noise}
+        )
         sampled = replace(self.clock, law=law, delay=late, noise=noises, seed=seed, measures=None, drives=None)
         loop = replace(_bare(self.loop), plant=plant or machine.plant or self.plant, laws=(sampled,), **changes)
         return self.off(loop, machine)
@@ -235,7 +239,12 @@ class Trial:
         watched = _watched(plant, Watch(reference=reference, **(limits_of(law) or limits_of(before)), name="watch"))
         both = Takeover(before, law, at=at, name="takeover")
         alike = replace(machine, factors=())
-        return self.on(alike, both, group.noise, seed, watched, inputs=inputs, start={} if asleep else cycle.start), last
+        if asleep:
+            return self.on(alike, both, group.noise or None, seed, watched, inputs=inputs), last
+        inputs["top.reference"] = (
+            given if way == "raised" else ((0.0,), (given,))
+        )  # so that runs of both ways, with and without noise, are one program
+        return self.on(alike, both, group.noise, seed, watched, inputs=inputs, start=cycle.start), last
 
     def takeover(self, reference: float, phase: float = 0.0) -> float:
         """When the law takes over [s], at a phase of the cycle and at a sample of its own."""
@@ -284,9 +293,7 @@ class Trial:
                 loop, last = self.takes_over(machines[0], group, reference, way, seeds[0], times[0])
                 after, end = last + SETTLING, last + SETTLING + group.judged
                 asked = _measures(loop, begun, after)
-                factors = [{self.place(name): factor for name, factor in each.factors} for each in machines]
-                declared = {name: float(loop.number(name).value) for each in factors for name in each}
-                numbers = [declared | {name: factor * declared[name] for name, factor in each.items()} for each in factors]
+                numbers = self._numbers(loop, machines)
                 names = [f"{each.name}, seed {seed}, phase {phase:g}" for seed in seeds for each in machines for phase in group.phases]
                 found: Iterable[Any]
                 if asleep:  # a law in Python: one run after the other, up to the first that fails
@@ -309,6 +316,13 @@ class Trial:
                     measured["recovery"] = measured["recovery"] * (after - begun)
                     yield failed, measured
 
+    def _numbers(self, loop: ClosedLoop, machines: Sequence[Machine]) -> list[dict[str, float]]:
+        """The numbers of machines that are alike, all under the same names; the weight is among them unless it varies."""
+        factors = [{self.place(name): factor for name, factor in each.factors} for each in machines]
+        given = {name for each in factors for name in each} | ({self.place("bit.weight")} if machines[0].weight is None else set())
+        declared = {name: float(loop.number(name).value) for name in sorted(given)}
+        return [declared | {name: factor * declared[name] for name, factor in each.items()} for each in factors]
+
     def _together(
         self, loop: ClosedLoop, rows: list[dict[str, float]], machines: Sequence[Machine], seeds: Sequence[int], group: Group, **asked: Any
     ) -> dict[str, np.ndarray]:
@@ -321,7 +335,7 @@ class Trial:
         alike = (machines[0].plant, tuple(type(value) for value in loop.inputs.values()), kind and kind.noise)
         if alike not in self._manners:
             self._manners[alike] = courses.manner()
-        return courses.measured(self._manners[alike], group.runs, round(courses.duration / self.period))
+        return courses.measured(self._manners[alike], SEARCHED * group.runs, round(courses.duration / self.period))
 
     def steady(self, machine: Machine, reference: float) -> ClosedLoop:
         """The loop of the law alone on a machine at a set-point, without noise and with a constant weight."""

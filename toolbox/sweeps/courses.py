@@ -14,7 +14,7 @@ from toolbox.simulation.carry_out import formulas_of
 from toolbox.simulation.request import accuracy_of
 from toolbox.sweeps.batch import LANES_WORK, Task, runs_in_lanes, work_alone
 from toolbox.sweeps.designs import variations_of
-from toolbox.sweeps.executors import Manner, evaluated, probed
+from toolbox.sweeps.executors import LANES, Manner, evaluated, probed
 from toolbox.sweeps.sweep import task_of
 
 
@@ -59,10 +59,11 @@ class Courses:
     def measured(self, manner: Manner, runs: int, steps: int) -> dict[str, np.ndarray]:
         """{name of a measure: its values in all runs, nan where one failed}.
 
-        manner: of such runs;  runs, steps: of all that are to come of the same kind, and in each, by which it is decided whether lanes pay.
+        manner: of such runs;  runs, steps: of all that are to come of the same kind, and in each, by which it is decided whether lanes pay. They do not for so
+        few runs at a time that most lanes stand empty.
         """
         task, broken = self.task()
         task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method))
-        lanes = runs_in_lanes(task) and runs * work_alone(task, steps) > LANES_WORK
+        lanes = 2 * len(task.numbers) >= LANES and runs_in_lanes(task) and runs * work_alone(task, steps) > LANES_WORK
         values, _, _ = evaluated(task, broken, manner=dataclasses.replace(manner, lanes=lanes))
         return dict(zip(self.measures, values.T, strict=True))

@@ -61,7 +61,7 @@ def test_a_range_that_is_free_and_one_without_a_window_are_told():
 def test_the_table_the_file_and_the_picture_hold_the_same(found, tmp_path):
     rows = list(csv.DictReader(found.to_csv(tmp_path / "windows.csv").read_text().splitlines()))
     assert [float(row["depth [m]"]) for row in rows] == [1000.0, 1000.0, 2000.0, 2000.0]
-    np.testing.assert_allclose([float(row["free from top.reference"]) for row in rows], found.free.ravel())
+    np.testing.assert_allclose([float(row["free from top.reference [rad/s]"]) for row in rows], found.free.ravel())
     text = str(found)
     assert "top.reference [rpm]" in text and "depth [km]" in text and f"{found.free[0, 1] * 30 / math.pi:.4g}" in text
     axes = found.plot()

@@ -286,6 +286,46 @@ def test_the_impulses_of_an_impact_stay_in_the_friction_cone_also_where_the_norm
     assert min(seen.values()) >= 5
 
 
+@dataclass(frozen=True)
+class Rod(Component):
+    """A slender rod of 1 m and 1 kg whose lower end, left of its centre, slides on rough ground."""
+
+    friction: float = quantity(1.0, "1")
+    restitution: float | None = quantity(None, "1")
+    stiffness: float | None = quantity(None, "N/m")
+
+    def equations(self, signal):
+        x, y, angle = state("rod.x", "m"), state("rod.y", "m"), state("rod.angle", "rad")
+        u, v, w = state("rod.u", "m/s"), state("rod.v", "m/s"), state("rod.spin", "rad/s")
+        across, along = 0.5 * ca.cos(angle), 0.5 * ca.sin(angle)
+        tip = UnilateralContact(
+            "tip",
+            along - y,
+            across * w - v,
+            stiffness=self.stiffness,
+            restitution=self.restitution,
+            damping=0.0 if self.stiffness is None else 10.0,
+        )
+        rub = DryFriction("rub", u + along * w, Coulomb(static=self.friction, kinetic=self.friction), load=tip.force)
+        moment = along * rub.force - across * tip.force
+        return Equations(flow={x: u, y: v, angle: w, u: rub.force, v: tip.force - 9.81, w: 12.0 * moment}, elements=[tip, rub])
+
+
+def test_a_sliding_slender_rod_meets_the_paradox_of_painleve_beyond_friction_of_four_thirds():
+    # the ground's force on the sliding tip has the factor 1 + 3 cos a (cos a - mu sin a), which is never below 0 up to mu = 4/3, reached at tan a = 2
+    angle = np.arctan(2.0)
+    start = {"rod.angle": angle, "rod.y": 0.5 * np.sin(angle), "rod.u": -1.0}
+    rigid = compose(Rod(restitution=0.0))
+    run = simulate(rigid, 1e-6, start=start, parameters={"rod.friction": (mu := 4 / 3 - 1e-3)})
+    factor = 1 + 3 * np.cos(angle) * (np.cos(angle) - mu * np.sin(angle))
+    assert run["tip.force"][0] == pytest.approx(9.81 / factor, rel=1e-9)
+    with pytest.raises(SimulationError, match="rigid contact `tip` agrees with this slip .Painleve's paradox.; with a `stiffness`"):
+        simulate(rigid, 1e-6, start=start, parameters={"rod.friction": 4 / 3 + 1e-3})
+    # an elastic tip catches itself: it jams, and is thrown off
+    elastic = simulate(compose(Rod(friction=1.5, stiffness=1e6)), 0.05, start=start)
+    assert elastic["tip.force"].max() > 10.0 * 9.81 and elastic.modes["tip"][-1] == "open"
+
+
 def test_a_thrown_disc_ends_rolling_without_slip():
     run = simulate(compose(Disc(restitution=0.6)), 30.0, start={"disc.height": 1.5, "disc.u": 4.0})
     assert run.modes["floor"][-1] == "closed"

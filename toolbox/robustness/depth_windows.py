@@ -20,6 +20,7 @@ from toolbox.arguments import numbers
 from toolbox.errors import SceneError
 from toolbox.files.printing import Rows, Told
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
+from toolbox.files.tables import heading
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
@@ -115,9 +116,9 @@ class Windows(Told, Result):
         """One row per depth and value of the second number."""
         headings = [
             "depth [m]",
-            self.names[1],
-            f"smooth from {self.names[0]}",
-            f"free from {self.names[0]}",
+            heading(self.names[1], self.units[1]),
+            heading(f"smooth from {self.names[0]}", self.units[0]),
+            heading(f"free from {self.names[0]}", self.units[0]),
             "margin smooth",
             "margin free",
             "disk margin",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -85,6 +85,13 @@ def _rising_friction(program: Program, places: Iterable[int], point: Any, work: 
     return None
 
 
+def _below_zero(names: Sequence[str], pressing: int) -> str:
+    """Why a bound may be below zero, in words; pressing: number of the rigid contact that gives the load, or -1."""
+    if pressing < 0:
+        return "is its load negative?"
+    return f"no force of the rigid contact `{names[pressing]}` agrees with this slip (Painleve's paradox); with a `stiffness` it has one."
+
+
 def failure(status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> SimulationError:
     """The error of a run that the loop gave up, in words of the plant."""
     so_far = trajectory_so_far(run, program, work, began, answers)
@@ -99,7 +106,8 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
         there = bounds[i] < (-1e-9 * sizes.max(initial=0.0) if status == work_layout.NEGATIVE_BOUND else 0.0)
         if there or status == work_layout.NEGATIVE_BOUND:
             now = f"is {bounds[i]:.6g}" if there else "falls below 0"
-            return SimulationError(f"The bound of `{names[i]}` must be >= 0, but it {now} at t = {t:.9g} s: is its load negative?", so_far)
+            why = _below_zero(names, int(program.attached[i]))
+            return SimulationError(f"The bound of `{names[i]}` must be >= 0, but it {now} at t = {t:.9g} s: {why}", so_far)
     if status == work_layout.ENDLESS:
         i = int(work.ints[work_layout.CULPRIT])
         if i >= len(names):

@@ -85,6 +85,12 @@ class Program:
             )
         return self.coefficient_slot[name] + (list(inputs[name].numbers).index(key) if key else 0)
 
+    def closed(self, expression: ca.SX) -> ca.SX:
+        """An expression in the symbols of the system with its forces and inputs as they follow from t, x, p and the modes."""
+        _, u, force = self.expressions
+        closed = ca.substitute(expression, self.system.F, force) if self.system.elements else expression
+        return ca.substitute(closed, self.system.u, u) if self.system.inputs else closed
+
     @cached_property
     def ints(self) -> np.ndarray:
         """What the compiled loops ask of a program: its sizes and addresses, at their places in `Work.ints`."""

@@ -61,11 +61,9 @@ def model_text(name: str, program: Program, along: Sequence[int] | None = None) 
 def signals_of(program: Program) -> ca.SX:
     """The states, then the signals that are none, as one column."""
     system = program.system
-    _, u, force = program.expressions
     states = sum(size or 1 for _, size, _ in system.states.values())
     wanted = [system.x[:states], *[ca.densify(value) for name, (value, _) in system.signals.items() if system.rows(name) is None]]
-    signals = ca.substitute(ca.vertcat(*wanted), system.F, force) if system.elements else ca.vertcat(*wanted)
-    return ca.densify(ca.substitute(signals, system.u, u) if system.inputs else signals)
+    return ca.densify(program.closed(ca.vertcat(*wanted)))
 
 
 def _step(formulas: RungeKutta, equations: ClosedEquations) -> ca.Function:

@@ -20,13 +20,7 @@ from toolbox.simulation.trajectory import Stepped, Trajectory
 def signals_and_bounds(program: Program, signals: Sequence[str], bounds: Sequence[int]) -> ca.SX:
     """Signals, then the bounds of some elements, in terms of t, x, p and the modes."""
     system = program.system
-    _, u, force = program.expressions
-    rows = {name: system.rows(name) for name in signals}
-    chosen = [system.x[row[0]] if row is not None else system.expression(name) for name, row in rows.items()]
-    value = ca.vertcat(*chosen, *[system.elements[i].static for i in bounds])
-    if system.elements:
-        value = ca.substitute(value, system.F, force)
-    return ca.substitute(value, system.u, u) if system.inputs else value
+    return program.closed(ca.vertcat(*map(system.expression, signals), *[system.elements[i].static for i in bounds]))
 
 
 def _tolerance(accuracy: float) -> float:

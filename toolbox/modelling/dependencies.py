@@ -109,12 +109,8 @@ class _Graph:
         of_laws = [
             entry for each in (*following, *(update.outputs for update in system.updates)) for entry in ca.vertsplit(ca.densify(each))
         ]
-        self.expressions = [self.with_forces(each) for each in (*(form.field[j] for j in range(system.x.numel())), *guards, *of_laws)]
+        self.expressions = [system.with_forces(each) for each in (*(form.field[j] for j in range(system.x.numel())), *guards, *of_laws)]
         self.depends = [_columns(expression, self.nodes) for expression in self.expressions]
-
-    def with_forces(self, expression: ca.SX) -> ca.SX:
-        """An expression with the forces of the elements as they follow from the state."""
-        return ca.substitute(expression, self.system.F, self.system.switching.force) if self.elements else expression
 
     def places(self, name: str) -> set[int]:
         """The entries of an element or a state."""
@@ -129,8 +125,7 @@ class _Graph:
         seen = {place for name in names if name in self.elements for place in self.places(name)}
         for name in (name for name in names if name not in self.elements):
             system.signal_unit(name)
-            row = system.rows(name)
-            read = ca.vertcat(read, self.with_forces(system.expression(name)) if row is None else system.x[row[0] : row[0] + (row[1] or 1)])
+            read = ca.vertcat(read, system.with_forces(system.expression(name)))
         seen |= _columns(read, self.nodes)
         waiting = list(seen)
         while waiting:

@@ -271,8 +271,15 @@ class HybridSystem:
         return self.signals[name][1] if isinstance(name, str) and name in self.signals else self._input(name).unit
 
     def expression(self, name: str) -> ca.SX:
-        """A signal or input in the symbols t, x, u, p, F and m; raises SceneError for an unknown name."""
-        return self.signals[name][0] if isinstance(name, str) and name in self.signals else self._input(name).symbol
+        """A signal, an input, or one entry of a vector state in the symbols t, x, u, p, F and m; raises SceneError for an unknown name."""
+        if isinstance(name, str) and name in self.signals:
+            return self.signals[name][0]
+        rows = self.rows(name)
+        return self._input(name).symbol if rows is None else self.x[rows[0]]
+
+    def with_forces(self, expression: ca.SX) -> ca.SX:
+        """An expression with the forces of the elements as they follow from t, x, u, p and m."""
+        return ca.substitute(expression, self.F, self.switching.force) if self.elements else expression
 
     def input(self, name: str) -> Input:
         """The input of that name; raises SceneError for any other."""

@@ -86,8 +86,7 @@ def function_of(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], li
 
 def closed_signal(plant: HybridSystem, name: str) -> ca.SX:
     """A signal as an expression of t, x, u, p and m."""
-    expression = ca.densify(ca.SX(plant.expression(name)))
-    return ca.substitute(expression, plant.F, plant.switching.force) if plant.elements else expression
+    return plant.with_forces(ca.densify(ca.SX(plant.expression(name))))
 
 
 def mode_numbers(plant: HybridSystem, modes: Mapping[str, str]) -> np.ndarray:

@@ -41,7 +41,7 @@ class SampledLaws:
 
     def __init__(self, program: Program, columns: tuple[int, ...]):
         system = program.system
-        p, u, force = program.expressions
+        p = program.expressions[0]
         chosen = ca.vertcat(*[p[c] for c in columns]) if columns else ca.SX(0, 1)
         self.program, self.n, self.held = program, system.x.numel(), system.held.numel()
         self.places: list[int] = []
@@ -49,9 +49,7 @@ class SampledLaws:
         self.memory = 0
         reads = np.zeros(self.n + self.held, bool)
         for update in system.updates:
-            pair = ca.vertcat(update.following, update.outputs)
-            pair = ca.substitute(pair, system.u, u) if system.inputs else pair
-            pair = ca.densify(ca.substitute(pair, system.F, force) if system.elements else pair)
+            pair = ca.densify(program.closed(ca.vertcat(update.following, update.outputs)))
             of = ca.vertcat(system.x, system.held, update.memory, chosen)
             slope = ca.jacobian(pair, of)
             reads |= np.any(np.array(ca.DM(slope.sparsity())) != 0, axis=0)[: reads.size]

@@ -84,10 +84,7 @@ class Sensitivity:
         key = ("slope of", name, self._columns)
         function = program.outputs.get(key)
         if function is None:
-            system, (p, u, force) = program.system, program.expressions
-            rows = system.rows(name)
-            expression = system.x[rows[0] : rows[0] + (rows[1] or 1)] if rows is not None else system.expression(name)
-            expression = ca.substitute(ca.substitute(expression, system.F, force), system.u, u) if rows is None else expression
+            system, p, expression = program.system, program.expressions[0], program.closed(program.system.expression(name))
             chosen = ca.vertcat(system.t, system.x, system.held, *[p[c] for c in self._columns])
             slope = ca.densify(ca.jacobian(expression, chosen))
             function = ca.DM(slope) if slope.is_constant() else ca.Function("slope", [system.t, system.x, p, system.m], [slope])

@@ -224,13 +224,8 @@ def _signal(program: Any, wanted: str | ca.SX) -> SignalFunction:
 def _function(program: Any, key: str | tuple[str, ...] | ExpressionKey, expression: ca.SX) -> SignalFunction:
     system = program.system
     if key not in program.signals:
-        p, u, force = program.expressions
-        expression = ca.densify(ca.SX(expression))
-        if system.elements:
-            expression = ca.substitute(expression, system.F, force)
-        if system.inputs:
-            expression = ca.substitute(expression, system.u, u)
-        first = program.first_held
+        p, first = program.expressions[0], program.first_held
+        expression = program.closed(ca.densify(ca.SX(expression)))
         function = ca.Function("signal", [system.t, system.x, p[:first], p[first:], system.m], [expression])
         program.signals[key] = SignalFunction(function)
     return program.signals[key]
@@ -249,14 +244,8 @@ def signal_reader(program: Any, names: tuple[str, ...]) -> Any:
     reader = program.outputs.get(key)
     if reader is None:
         system = program.system
-        p, u, force = program.expressions
-        rows = [system.rows(name) for name in names]
-        expressions = ca.vertcat(
-            *[system.expression(name) if row is None else system.x[row[0]] for name, row in zip(names, rows, strict=True)]
-        )
-        expressions = ca.substitute(expressions, system.F, force) if system.elements else expressions
-        expressions = ca.substitute(expressions, system.u, u) if system.inputs else expressions
-        body = plain_body(ca.Function("signals", [system.t, system.x, p, system.m], [ca.densify(expressions)]), 0)
+        expressions = program.closed(ca.vertcat(*map(system.expression, names)))
+        body = plain_body(ca.Function("signals", [system.t, system.x, program.expressions[0], system.m], [ca.densify(expressions)]), 0)
         made = compiled("\n".join([function_text("signals", body), *sorted(body.declarations)]), ["signals"], body.count)
         kind = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[ctypes.c_void_p] * 5)
         reader = program.outputs[key] = kind(made["signals"])

@@ -43,6 +43,8 @@ SETTLING = 80.0
 """Seconds after the last change of the set-point until the judged window."""
 FINE = 0.01
 """Sample time [s] of the drive before, alone."""
+LANES = 16
+"""Runs that fill the lanes of any processor."""
 SEARCHED = 12
 """Set-points at which a group is tried in a search, about."""
 WAYS = ("direct", "raised")
@@ -283,13 +285,15 @@ class Trial:
     def attempts(self, group: Group, reference: float, way: str = "direct") -> Iterator[tuple[list[str], dict[str, np.ndarray]]]:
         """(which runs failed and why, what was measured of each) of one batch of runs after the other.
 
-        The first seed comes before all others, because most failures show with it.
+        As many seeds as fill the lanes come before all others, because most failures show with them.
         """
         cycle, asleep = self.cycle(reference), self.in_python(reference)
         times = [self.takeover(reference, phase) for phase in group.phases]
         begun = (cycle.release if asleep else 0.0) + 2.0 * cycle.period + 1.0
-        for seeds in [(seed,) for seed in group.seeds] if asleep else filter(None, (group.seeds[:1], group.seeds[1:])):
-            for machines in _alike(group.machines, asleep):
+        alike = _alike(group.machines, asleep)
+        few = 1 if asleep else -(-LANES // (max(map(len, alike)) * len(times)))
+        for seeds in [(seed,) for seed in group.seeds] if asleep else filter(None, (group.seeds[:few], group.seeds[few:])):
+            for machines in alike:
                 loop, last = self.takes_over(machines[0], group, reference, way, seeds[0], times[0])
                 after, end = last + SETTLING, last + SETTLING + group.judged
                 asked = _measures(loop, begun, after)

@@ -152,6 +152,13 @@ def runs_in_lanes(task: Task) -> bool:
     return DOP853.written_out(kernel.states) and (not kernel.elements or carries_events(program))
 
 
+def lanes_of(task: Task) -> int:
+    """How many runs of a task step side by side in lanes."""
+    from toolbox.lanes.lanes import host_width
+
+    return host_width(program_of(task.run.system, task.run.kinds, formulas_of(task.run)))
+
+
 def work_alone(task: Task, steps: int) -> float:
     """Instructions, about, of one run of a task with so many steps."""
     return float(steps * program_of(task.run.system, task.run.kinds, formulas_of(task.run)).kernel.cost + ALONE)

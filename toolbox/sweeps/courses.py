@@ -12,9 +12,9 @@ from toolbox.compilation.program import program_of
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.simulation.carry_out import formulas_of
 from toolbox.simulation.request import accuracy_of
-from toolbox.sweeps.batch import LANES_WORK, Task, runs_in_lanes, work_alone
+from toolbox.sweeps.batch import LANES_WORK, Task, lanes_of, runs_in_lanes, work_alone
 from toolbox.sweeps.designs import variations_of
-from toolbox.sweeps.executors import LANES, Manner, evaluated, probed
+from toolbox.sweeps.executors import Manner, evaluated, probed
 from toolbox.sweeps.sweep import task_of
 
 
@@ -64,6 +64,6 @@ class Courses:
         """
         task, broken = self.task()
         task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method))
-        lanes = 2 * len(task.numbers) >= LANES and runs_in_lanes(task) and runs * work_alone(task, steps) > LANES_WORK
+        lanes = runs_in_lanes(task) and 2 * len(task.numbers) >= lanes_of(task) and runs * work_alone(task, steps) > LANES_WORK
         values, _, _ = evaluated(task, broken, manner=dataclasses.replace(manner, lanes=lanes))
         return dict(zip(self.measures, values.T, strict=True))

@@ -33,7 +33,7 @@ from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.methods import METHODS, Implicit, Method, TaylorSeries
 from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
-from toolbox.sweeps.batch import FEWEST_LANES, Outcome, Task, finished, pays_in_lanes, single
+from toolbox.sweeps.batch import FEWEST_LANES, Outcome, Task, finished, lanes_of, pays_in_lanes, single
 from toolbox.sweeps.chunks import WAITING, Columns
 from toolbox.sweeps.store import PAUSE, Store
 
@@ -46,9 +46,6 @@ START = 5.0
 
 PATIENCE = 0.3
 """Seconds that runs which have begun are waited for when a sweep ends early."""
-
-LANES = 8
-"""Lanes of a processor with wide vectors: a chunk that fills them."""
 
 AHEAD = 4096
 """Chunks handed to an executor before the first is done: enough for any cluster, few enough for a sweep of any length to fit in memory."""
@@ -73,11 +70,11 @@ class Manner:
         """What a store keeps of it."""
         return {"method": self.method.text, "lanes": self.lanes, "cost": self.cost}
 
-    def together(self, runs: int) -> int:
-        """Runs in one chunk: about `WORK` of them, and enough chunks for all cores."""
+    def together(self, runs: int, lanes: int) -> int:
+        """Runs in one chunk: about `WORK` of them, and enough chunks for all cores, but so many that their lanes are full."""
         cores = os.cpu_count() or 1
         size = min(int(WORK / self.cost) if self.cost > 0 else runs, -(-runs // (4 * cores)))
-        fewest = min(FEWEST_LANES, LANES * -(-runs // (cores * LANES))) if self.lanes else 1
+        fewest = min(FEWEST_LANES, lanes * -(-runs // (cores * lanes))) if self.lanes else 1
         return min(max(size, fewest), runs)
 
 
@@ -97,17 +94,15 @@ def evaluated(
     check_executor(executor)
     total = len(task.numbers)
     columns = Columns.empty(total, len(task.measures)) if store is None else store.columns()
-    if store is not None and store.settings is not None:
-        manner = Manner.noted(store.settings, task.run)
-    else:
-        manner = manner or probed(task)
-        if store is not None:
-            store.begin(manner.notes, manner.together(total))
+    manner = Manner.noted(store.settings, task.run) if store is not None and store.settings is not None else manner or probed(task)
+    task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method), lanes=manner.lanes)
+    size = manner.together(total, lanes_of(task) if manner.lanes else 1)
+    if store is not None and store.settings is None:
+        store.begin(manner.notes, size)
     left = int((columns.status == WAITING).sum())
     if not left:
         return columns.values, columns.errors, 0.0
-    task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method), lanes=manner.lanes)
-    chunks = _chunks(columns.status, store.ranges if store is not None else [(0, total)], manner.together(total))
+    chunks = _chunks(columns.status, store.ranges if store is not None else [(0, total)], size)
 
     def take(outcome: Outcome) -> None:
         first, last = outcome.first, outcome.first + len(outcome.values)

@@ -20,7 +20,7 @@ import numpy as np
 from toolbox.measuring.judge import NONE, NOT_DECIDED, SMOOTH, STICKS, Judged
 from toolbox.messages import progress_bar
 from toolbox.onsets.borders import Edges
-from toolbox.onsets.carried import STOPPED, Carried, Job
+from toolbox.onsets.carried import RANK, STOPPED, Carried, Job
 from toolbox.onsets.inside import outward
 from toolbox.onsets.map_loop import Plane
 from toolbox.simulation.run_state import RunState
@@ -162,8 +162,17 @@ class Front(Carried[complex]):
             prepared(places)
             regimes = []
             for k, there in enumerate(places):
-                regimes.append(self.tried(there, self.search.walked(self.cycling[here[k]], here[k], there)).regime)
+                regimes.append(self._kept_on(here[k], there))
                 here[k] = there if regimes[-1] == STICKS else here[k]
             return np.isin(regimes, (STICKS, NOT_DECIDED))
 
         return edges.halved(lasts, times)
+
+    def _kept_on(self, here: complex, there: complex) -> str:
+        """What the cycle of a place comes to at another, and where it is lost a contact that is stopped there.
+
+        Near grazing at low damping a cycle has hardly more speed than it needs to stick again: the steps in which it is led shake it off, a stop does not.
+        """
+        led = self.tried(there, self.search.walked(self.cycling[here], here, there)).regime
+        begin = None if led in (STICKS, NOT_DECIDED) else self.search.stopped(there)
+        return led if begin is None else max(led, self.tried(there, begin, begun=STOPPED).regime, key=RANK.index)

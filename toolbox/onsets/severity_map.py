@@ -182,6 +182,8 @@ class SeverityMap(Told):
     def border(self, name: str, along: float) -> FloatArray:
         """Return where a border crosses a value of the second number: values of the first one, in increasing order.
 
+        Between the values of the grid a border is a straight line, so that one which is bent is off by more than `resolution` there.
+
         Parameters
         ----------
         name

@@ -131,6 +131,7 @@ def test_a_sampled_law_may_jump():
     # bang-bang u = -sgn(x_k): from 1 down in steps of the period, then to and fro across zero
     @dataclass(frozen=True)
     class Bang(Controller):
+        measures = ("tank.level",)
         drives = ("tank.inflow",)
 
         def sampled(self, signal, period):
@@ -284,6 +285,7 @@ def test_samples_of_one_instant_all_come_before_the_holds_whatever_the_order_of_
 def test_a_continuous_and_a_sampled_controller_work_side_by_side():
     @dataclass(frozen=True)
     class Drain(Controller):
+        measures = ("tanks.a",)
         drives = ("tanks.in_a",)
 
         def continuous(self, signal):
@@ -427,6 +429,10 @@ class Recorder(Controller):
     measured: str = "block.push"
     unit: str = "N"
     drives = ("recorder.value",)
+
+    @property
+    def measures(self):
+        return (self.measured,)
 
     def sampled(self, signal, period):
         return Update(memory={}, outputs={"recorder.value": (signal(self.measured, self.unit), self.unit)})

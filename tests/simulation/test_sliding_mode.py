@@ -320,6 +320,7 @@ def test_a_sign_in_a_flow_is_refused_with_the_advice_to_declare_a_relay():
 def test_a_sign_in_a_continuous_controller_is_refused_too():
     @dataclass(frozen=True)
     class Bang(Controller):
+        measures = ("top.speed",)
         drives = ("top.torque",)
 
         def continuous(self, signal):

@@ -52,3 +52,12 @@ def test_friction_that_is_off_leaves_what_is_free_on_every_machine(tmp_path, cap
 def test_mistakes_of_a_map_of_groan_are_told(more, word, tmp_path, capsys):
     assert main(["map", str(SCENES / "brake_stop.toml"), *GROAN, *more, "--out", str(tmp_path)]) != 0
     assert word in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_a_controller_that_has_none_of_the_numbers(tmp_path, capsys):
+    call = ["map", str(SCENES / "jansen_2.toml"), "--x", "top.reference=3:14", "--y", "bit.weight=50kN:110kN", "--shape", "2x2", "--out"]
+    (tmp_path / "file").write_text("")
+    assert main([*call, str(tmp_path / "file" / "out")]) == 2  # the first controller is a constant torque, without a set-point
+    assert "`--out` must be a folder that can be written" in capsys.readouterr().err
+    assert main([*call, str(tmp_path / "out"), "--controller", "constant torque"]) == 2
+    assert "no number `top.reference`" in capsys.readouterr().err and not (tmp_path / "out").exists()

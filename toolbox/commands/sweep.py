@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -199,6 +200,7 @@ def run_map(given: argparse.Namespace) -> int:
     """Map the severity of stick-slip over two numbers. Returns the exit code."""
     from toolbox.onsets.severity_map import severity_map
     from toolbox.scenes.scene import Scene
+    from toolbox.sweeps.store import folder_of
 
     scene = held(with_law(Scene.load(given.scene), given.law), given.hold)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
@@ -206,6 +208,8 @@ def run_map(given: argparse.Namespace) -> int:
     over = ranges("--x", [given.x]) | ranges("--y", [given.y])
     failures: dict[str, Exception] = {}
     given.found = {}
+    new = not given.out.exists()
+    folder_of(given.out)  # before a controller without these numbers is told in its place
     for label, stem in zip(labels, file_stems(labels), strict=True):
         machines: dict[str, Any] = {}
         try:
@@ -228,6 +232,9 @@ def run_map(given: argparse.Namespace) -> int:
             continue
         if given.off:
             show(_left_of(machines) + "\n")
+    if new and not given.found:
+        with suppress(OSError):
+            given.out.rmdir()  # where it is empty
     check_some(failures, labels)
     for label, failure in failures.items():
         print(f"{label}: {failure}\n")

@@ -185,7 +185,7 @@ reference = 9.0
 """
 ASLEEP = """
 import pathlib, os, time
-def trial_objectives(*arguments):
+def trial_objectives(*arguments, **named):
     pathlib.Path(f"at-work-{os.getpid()}").touch()
     time.sleep(1000)
 """

@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import math
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -123,14 +123,14 @@ def unpacked(path: Path, make: Any, description: Any, identifier: str) -> Iterat
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def by_cvode(path: Path, duration: float, tolerance: float) -> Switches:
-    """Switches of a unit for model exchange in FMPy with CVODE."""
+def by_cvode(path: Path, duration: float, tolerance: float, look: Callable[[float, Any], bool] | None = None) -> Switches:
+    """Switches of a unit for model exchange in FMPy with CVODE; `look` is called with time and recorder at each recorded point, and may end the run."""
     description = fmpy.read_model_description(str(path))
     watch = Watch(description)
     names = [f"{name}.mode" for name in watch.elements]
     found = fmpy.simulate_fmu(
         str(path), stop_time=duration, output_interval=duration / 1000.0, fmi_type="ModelExchange", output=names, relative_tolerance=tolerance,
-        record_events=True,
+        record_events=True, step_finished=look,
     )  # fmt: skip
     for row in found:
         watch.look(float(row[0]), [int(mode) for mode in list(row)[1:]])

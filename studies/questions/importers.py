@@ -3,7 +3,8 @@
 Every shipped scene that can be exported, its first case, against `simulate` at an accuracy of 1e-10: by model exchange in FMPy with CVODE and in a master of
 our own (`studies.benchmarks.fmu_masters`), at several tolerances; by co-simulation in FMPy at several communication steps. A cell says the largest error of
 a switching time and the processor time that the master took; where the switches are not the same, how many there are, and how many of each element are the
-same before its first that is not. ecos and libcosim look at modes at communication points only, and are compared with what `simulate` shows there.
+same before its first that is not, and beneath the row, for CVODE, how near to zero a guard turns there (`studies.benchmarks.fmu_grazes`). ecos and
+libcosim look at modes at communication points only, and are compared with what `simulate` shows there.
 
     python -m studies importers [SCENE ...] [--by cvode own co-simulation ecos libcosim] [--tolerances 1e-4 1e-6 1e-8]
 
@@ -24,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
+from studies.benchmarks.fmu_grazes import graze
 from studies.benchmarks.fmu_masters import (
     Switches,
     by_co_simulation,
@@ -61,19 +63,21 @@ BEGIN = 1e-6
 
 def cell(
     way: str, path: Path, duration: float, setting: float, wanted: Switches, changed: Sequence[Switches] = (), change: float = 0.0
-) -> str:
-    """The answer of one master, with what its errors act as if there are runs of `simulate` under such a change."""
+) -> tuple[str, str]:
+    """The answer of one master, with what its errors act as if there are runs of `simulate` under such a change, and where CVODE parts, if it does."""
     begin = time.process_time()
     try:
         switches = WAYS[way][1](path, duration, setting)
     except Exception as failure:  # whatever an importer raises
-        return "failed: " + " ".join(str(failure).split())[-40:]
+        return "failed: " + " ".join(str(failure).split())[-40:], ""
     spent = time.process_time() - begin
     found, all_, same, error = compared(switches, wanted)
     end = min([parted(switches, wanted), *(parted(each, wanted) for each in changed)])
     moved = np.median([shift(each, wanted, end) for each in changed]) if changed else 0.0
     words = f", as {change * shift(switches, wanted, end) / moved:.0e}" if moved else ""
-    return (f"{error:.1e}, {spent:.2f} s" if found == all_ == same else f"{found} for {all_}, {same} same") + words
+    where = graze(path, duration, setting, switches, wanted) if way == "cvode" else None
+    told = f"cvode {setting:g}: {where}" if where is not None else ""
+    return (f"{error:.1e}, {spent:.2f} s" if found == all_ == same else f"{found} for {all_}, {same} same") + words, told
 
 
 def under_changes(loop: ClosedLoop, change: float, duration: float) -> list[Switches]:
@@ -110,20 +114,25 @@ def stands(loop: ClosedLoop, wanted: Switches, duration: float) -> tuple[float, 
     return 0.0, []
 
 
-def row(loop: ClosedLoop, folder: Path, ways: Sequence[str], settings: Sequence[Sequence[float]]) -> list[str]:
-    """The cells of a loop: its switches, how an error grows in it, on what they hang, and what each master finds; SceneError for one that cannot go."""
+def row(loop: ClosedLoop, folder: Path, ways: Sequence[str], settings: Sequence[Sequence[float]]) -> tuple[list[str], list[str]]:
+    """The cells of a loop: its switches, how an error grows in it, on what they hang, and what each master finds; and where CVODE parts.
+
+    SceneError for one that cannot go.
+    """
     versions = {WAYS[way][0] for way in ways}
     units = {version: export_fmu(loop, folder / f"unit{version[0]}.fmu", part="loop", version=version) for version in sorted(versions)}
     run, plain = simulate(loop, method="explicit", accuracy=1e-10), simulate(loop, method="explicit")
     wanted, duration = switches_of(run), float(run.duration)
     change, changed = stands(loop, wanted, duration)
-    cells = [str(sum(map(len, wanted.values()))), f"{plain.error or 0.0:.0e}", f"{change:.0e}"]
+    cells, notes = [str(sum(map(len, wanted.values()))), f"{plain.error or 0.0:.0e}", f"{change:.0e}"], []
     for way, chosen in zip(ways, settings, strict=True):
         for setting in chosen:
             there = seen_at_points(run, setting) if way in AT_POINTS else wanted
             known = (changed, change) if way == "cvode" else ()
-            cells.append(cell(way, units[WAYS[way][0]], duration, setting, there, *known))
-    return cells
+            text, told = cell(way, units[WAYS[way][0]], duration, setting, there, *known)
+            cells.append(text)
+            notes += [told] if told else []
+    return cells, notes
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -142,11 +151,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         try:
             scene = Scene.load(SCENES / f"{name}.toml")
             with tempfile.TemporaryDirectory() as folder:
-                cells = row(scene[scene.labels[0]], Path(folder), given.by, settings)
-            print(
-                "  ".join([f"{name:<22}", f"{cells[0]:>8}", f"{cells[1]:>7}", f"{cells[2]:>6}", *(f"{each:>38}" for each in cells[3:])]),
-                flush=True,
-            )
+                cells, notes = row(scene[scene.labels[0]], Path(folder), given.by, settings)
+            line = [f"{name:<22}", f"{cells[0]:>8}", f"{cells[1]:>7}", f"{cells[2]:>6}", *(f"{each:>38}" for each in cells[3:])]
+            print("\n".join(["  ".join(line), *(f"{'':<24}{note}" for note in notes)]), flush=True)
         except SceneError as error:
             print(f"{name:<22}  {str(error)[:140]}", flush=True)
 

@@ -10,6 +10,7 @@ from models import BitRock, BlockOnBelt, wells
 from toolbox import Sampled, Scene, closed_loop, compose, export_fmu, simulate
 
 pytest.importorskip("fmpy", reason="FMUs are loaded with fmpy, which is not here")
+from studies.benchmarks.fmu_grazes import Graze, first_other, graze
 from studies.benchmarks.fmu_masters import (
     by_co_simulation,
     by_cvode,
@@ -94,6 +95,38 @@ def test_runs_part_where_a_switch_is_missing_though_modes_agree():
     assert parted(late, wanted) == float("inf") and shift(late, wanted, 10.0) == pytest.approx(0.02)
     assert parted(without, wanted) == 2.0 and shift(without, wanted, 2.0) == 0.0
     assert parted({"a": wanted["a"], "b": []}, wanted) == 2.5
+
+
+def test_the_first_switch_that_is_not_in_both_runs_is_told_apart_from_one_that_is_late():
+    wanted = {"a": [(1.0, "open"), (1.01, "closed"), (3.0, "open"), (3.01, "closed"), (5.0, "open")]}
+    late = {"a": [(time + 0.1, mode) for time, mode in wanted["a"]]}
+    assert first_other(late, wanted) == (float("inf"), "")
+    assert first_other({"a": wanted["a"][:1] + wanted["a"][3:]}, wanted) == (1.01, "a")
+    assert first_other(wanted, {"a": wanted["a"][:2] + wanted["a"][4:]}) == (3.0, "a")
+    assert first_other({"a": wanted["a"][:3]}, wanted) == (3.01, "a")
+
+
+def test_a_graze_is_told_from_a_guard_that_goes_far():
+    assert str(Graze("touch", 1.0, -2e-3, 1e-3)).startswith(
+        "graze: `touch` at 1 s, whose guard turns 2.0e-03 of its size behind zero, turns 1.0e-03"
+    )
+    assert str(Graze("touch", 1.0, -float("inf"), 1e-3)).startswith("no graze") and str(Graze("touch", 1.0, -2e-3, 0.5)).startswith(
+        "no graze"
+    )
+
+
+@pytest.mark.slow
+def test_the_depth_of_a_graze_is_the_same_in_the_own_master_and_from_a_point_of_cvode(tmp_path):
+    scene, duration = Scene.load("studies/scenes/bit_bounce.toml"), 8.0
+    loop = scene[scene.labels[0]]
+    path = export_fmu(loop, tmp_path / "unit.fmu", part="loop", duration=duration)
+    found = by_cvode(path, duration, 1e-9)
+    listed = found["bit.bottom"]
+    assert graze(path, duration, 1e-9, found, found) is None
+    i = min(range(0, len(listed), 2), key=lambda i: listed[i + 1][0] - listed[i][0])  # the shortest flight
+    told = graze(path, duration, 1e-9, found | {"bit.bottom": listed[:i] + listed[i + 2 :]}, found)
+    assert told.element == "bit.bottom" and told.time == pytest.approx(listed[i][0]) and -0.01 < told.exact < 0.0
+    assert told.found == pytest.approx(told.exact, rel=0.1)
 
 
 def test_a_sample_and_a_delayed_output_an_ulp_apart_are_one_instant_for_an_importer(tmp_path):

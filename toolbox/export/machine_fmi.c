@@ -247,7 +247,7 @@ static int step_completed(Unit *u) {
 
 static void nominals_of(Unit *u, double *x, size_t n) {
   size_t i;
-  for (i = 0; i < n; ++i) x[i] = fmax(nominal[i], u->machine.scale[i]);
+  for (i = 0; i < n; ++i) x[i] = NOMINAL_SHARE * fmax(nominal[i], u->machine.scale[i]);
 }
 
 /* Derivatives of slopes and outputs along a change of states and settable numbers. */

@@ -25,6 +25,12 @@ from toolbox.modelling.closed_loop import ClosedLoop
 NO_EXCHANGE = "a friction in two directions turns without bound at rest"
 FIELD = "Float64"
 
+NOMINAL = 0.1
+"""Nominal value of a state as a share of its largest magnitude, in the run of the export and so far: what it has in most of a run, not at its peaks.
+
+Importers take their absolute tolerance from it. With the largest magnitude itself small motions are lost in it, from which stick-slip grows.
+"""
+
 
 @dataclass(frozen=True)
 class Variable:
@@ -128,6 +134,7 @@ class Unit:
         tables = [
             *(f"#define {word} {size}" for word, size in sizes.items()),
             f"#define UNARMED {UNARMED!r}",
+            f"#define NOMINAL_SHARE {NOMINAL!r}",
             f"static const double nominal[] = {{{', '.join(repr(float(each)) for each in [*nominal, 1.0])}}};",
             f"static const int indicator_guard[] = {{{', '.join([*(str(j) for j, _ in self.indicators), '0'])}}};",
             f"static const int indicator_rate[] = {{{', '.join([*(str(int(rate)) for _, rate in self.indicators), '0'])}}};",

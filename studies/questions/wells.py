@@ -15,7 +15,7 @@ drive_walk / (J noise sqrt(period)) [1/s], which a sample of 10 ms bounds.
 
 Every law takes over from a stiff drive and is judged by `toolbox.robustness.set_points` on the declared well and on the group robust (inertias, stiffness and
 weight 10 and 20 % off, commands 30 ms later still). Laws see the top speed alone, are sampled every 10 ms, and their commands come 30 ms late. By default
-from two phases with one seed for 80 s, which takes a minute or less for a well and a law; with --full from all phases with all seeds, and for half an hour.
+from two phases with one seed for 80 s, which takes a minute or two for a well and a law; with --full from all phases with all seeds, and for half an hour.
 
     python -m studies wells [--out FOLDER] [--only LABEL ...] [--laws LABEL ...] [--full]
         (the table and wells.csv; goes on where it was stopped)

@@ -36,9 +36,7 @@ def test_gains_are_the_same_parts_of_any_string():
 @pytest.mark.parametrize("name", list(study.wells()))
 def test_the_stiff_drive_has_every_well_in_stick_slip(name):
     tried = study.trial(study.wells()[name], study.LABELS[0])
-    assert all(
-        tried.cycle(speed).sticks for speed in ((4.0, 5.0) if name == "four inertias" else (4.0, 8.0))
-    )  # that one is damped ten times as much
+    assert all(tried.cycle(speed).sticks for speed in ((4.0, 5.0) if name == "four inertias" else (4.0, 8.0)))  # that one is damped more
     assert isinstance(tried.of(4.0).law, LQG) and tried.of(4.0).law.reference == 4.0
 
 

@@ -21,8 +21,11 @@ SLOW, FAST = 0.35, 0.5
 """Bit speeds in parts of the set-point: below the first it dips, above the second the next dip counts as another one."""
 SWING, STILL = 0.8, 0.5
 """Amplitudes of the string's torque over its impedance, in parts of the set-point: from the first on a dip may be a stick, below the second the bit is calm."""
-APART, CALM, WATCHED = 20.0, 0.5, 54.0
-"""Periods of the string: between two dips that are one evidence, of calm until the set-point comes down, and until a relapse is a new event."""
+APART, STUCK, CALM, WATCHED = 20.0, 1.0, 0.5, 54.0
+"""Periods of the string: between two dips that are one evidence, of a dip that is one by itself, of calm until the set-point comes down, and until a relapse is
+a new event."""
+BRAKE = 8.0
+"""What is taken off the torque above a limit of the speed, in impedances of the string times what the speed is above it."""
 CHANGED = 0.05
 """Change of the set-point that counts as new, in parts of it."""
 
@@ -34,15 +37,20 @@ class Lifting(Controller):
         a dip:  bit speed < 0.35 L  and  sqrt(2 var(torque of the string)) > 0.8 L zeta,   after a bit speed > 0.5 L;   L = lifted set-point
 
     A Kalman filter on the declared string gives bit speed and torque from the top speed and the torque command; the variance is one over a period of
-    the string. Two dips within 20 periods are the evidence. L then rises to `first` times what is asked; two dips more add `further` each time. Once the
-    amplitude stays below half of L for half a period, L comes down. Two dips on the way down, or within 54 periods after it, are a relapse: L rises to what
-    calmed the bit before, and after n relapses it comes down 1 + n^2 / 2 times more slowly. After `tries` relapses, or where `highest` does not help, the law
-    gives up: it comes down and lifts no more until what is asked changes by 5 %. A weight that varies is no evidence: it makes no dips with so large a swing.
+    the string. Two dips within 20 periods are the evidence, or one that lasts a period, which only a bit that sticks makes. L then rises to `first` times what
+    is asked; more of it adds `further` each time. Once the amplitude stays below half of L for half a period, L comes down. Evidence on the way down, or
+    within 54 periods after it, is a relapse: L rises to what calmed the bit before, and after n relapses it comes down 1 + n^2 / 2 times more slowly. At the
+    next relapse after `tries`, at the last of these where the set-point had been reached again, or where `highest` does not help, the law gives up: it comes
+    down and lifts no more until what is asked changes by 5 %. A weight that varies is no evidence: it makes no dips with so large a swing.
     Another set-point is followed at the same rates, so that a step of it is none either. To the left it does the same; a string that is to stop dips by right.
 
     Why: a stick-slip that lives beside smooth running at one set-point does not at a higher one, where the rock is flatter. The price is speed: while
     lifted the top turns at twice what is asked and more, for half a minute to a minute (`python -m studies recovery`). It helps where the law inside holds
     smooth running at what is asked and damps the string, and gives up where it does not: a stiff drive leaves the string swinging for minutes.
+
+    With `limit` the torque of the law inside is lowered, down to none, while the top turns faster than `limit` times what is asked and faster than L, as drives
+    limit their speed: a law that follows a bit which is let go throws the top to more than twice what is asked. `first` must be below `limit` for that, and a
+    slower `rise` helps. The price: the string swings for longer, and weak laws are lifted higher in the end. Smooth running knows nothing of it.
 
     With `relief` the law takes weight off as well, as an auto-driller can: while the set-point is lifted the weight goes down by that share at the rate
     `off`, and then comes back at `back`. A smaller, slower lift is then enough, such as `first=1.3, further=0.25, rise=0.2, relief=0.4`; the price is less
@@ -63,6 +71,9 @@ class Lifting(Controller):
     rise: Quantity = quantity(0.5, "rad/s2", "rate at which the set-point is lifted", above=0)
     fall: Quantity = quantity(0.3, "rad/s2", "rate at which it is lowered", above=0)
     tries: Quantity = quantity(2.0, "1", "relapses until it gives up", at_least=0)
+    limit: OptionalQuantity = quantity(
+        None, "1", "top speed from which on the torque is lowered, in parts of what is asked; none unless given", above=1
+    )
     relief: OptionalQuantity = quantity(None, "1", "share of the weight that is taken off; none unless given", above=0, at_most=1)
     off: Quantity = quantity(0.05, "1/s", "rate at which weight is taken off, in parts of it", above=0)
     back: Quantity = quantity(0.01, "1/s", "rate at which it comes back", above=0)
@@ -99,7 +110,7 @@ class Lifting(Controller):
         speed, torque = signal("top.speed", "rad/s"), acting(signal)
         x = state("lifting.string", "1", len(self.observer.gain or ()))
         mean, square = state("lifting.mean", "rad/s"), state("lifting.square", "rad2/s2")
-        armed = state("lifting.armed", "1")
+        armed = state("lifting.armed", "1")  # 1 for the next dip; below, minus the periods for which a dip has lasted
         left, calm, watch = (state(f"lifting.{name}", "s") for name in ("left", "calm", "watch"))
         extra, level, held, gave_up = (state(f"lifting.{name}", "rad/s") for name in ("speed", "level", "held", "gave_up"))
         relapses, lifts = state("lifting.relapses", "1"), state("lifting.lifts", "1")
@@ -118,14 +129,18 @@ class Lifting(Controller):
         share = ca.fmin(period / self.string_period, 1.0)
 
         swings = 2.0 * (square - mean * mean)  # square of the amplitude
-        dip = armed * (bit < SLOW * lifted) * (swings > (SWING * lifted) ** 2) * (level <= extra) * (torque != 0.0)
-        dip *= turn * wanted > nothing  # a string that is to stop, or to turn back, dips by right
+        slow = (bit < SLOW * lifted) * (swings > (SWING * lifted) ** 2) * (level <= extra) * (torque != 0.0)
+        slow *= turn * wanted > nothing  # a string that is to stop, or to turn back, dips by right
+        dip, stop = (armed > 0.5) * slow, slow * (armed <= -STUCK)
         quiet = (gave_up > nothing) * (ca.fabs(size - gave_up) <= CHANGED * gave_up)
         watches = (watch > period) * ((gave_up <= nothing) + quiet)
-        evidence = dip * (left > 0.0) * (1.0 - quiet)
+        evidence = (dip + stop > 0.5) * (left > 0.0) * (1.0 - quiet)
         up, most = level > nothing, (self.highest - 1.0) * size
-        relapse = evidence * (1.0 - up) * watches
-        ends = evidence * ca.if_else(up, level >= most, relapse * (relapses >= self.tries))
+        taken = 0.0 if self.relief is None else state("lifting.relief", "1")
+        there = ca.fabs(wanted - asked) <= CHANGED * ca.fabs(wanted)  # what happens on the way to another set-point says nothing of it
+        relapse = evidence * (1.0 - up) * watches * there
+        back = (extra <= nothing) * (taken <= 0.0)  # all is as it is asked: no slower way there would have helped
+        ends = evidence * ca.if_else(up, level >= most, relapse * (relapses + back >= self.tries))
         lifts_now = evidence * (1.0 - ends)
         higher_by = ca.if_else(up, level + self.further * size, ca.if_else(relapse, held, (self.first - 1.0) * size))
         calms = up * (calm <= 0.0) * (1.0 - evidence)
@@ -139,8 +154,8 @@ class Lifting(Controller):
             asked: asked + turn * ca.fmin(ca.fmax(turn * (wanted - asked), -self.fall * period), self.rise * period),
             mean: mean + share * (swing - mean),
             square: square + share * (swing * swing - square),
-            armed: ca.if_else(bit > FAST * lifted, 1.0, armed * (1.0 - dip)),
-            left: ca.if_else(dip, APART * self.string_period * (1.0 - evidence), ca.fmax(left - period, 0.0)),
+            armed: ca.if_else(bit > FAST * lifted, 1.0, ca.if_else(armed > 0.5, 1.0 - dip, armed - share)),
+            left: ca.if_else(evidence, 0.0, ca.if_else(dip, APART * self.string_period, ca.fmax(left - period, 0.0))),
             calm: ca.if_else(
                 (aim > nothing) * ((swings > (STILL * lifted) ** 2) + rises), CALM * self.string_period, ca.fmax(calm - period, 0.0)
             ),
@@ -153,8 +168,13 @@ class Lifting(Controller):
             lifts: ca.if_else(lifts > 0.5, lifts, 0.0) + lifts_now * (1.0 - up),
         }
         outputs = {**inside.outputs, "lifting.reference": (turn * lifted, "rad/s")}
+        if self.limit is not None:
+            drive, unit = inside.outputs["top.torque"]
+            over = ca.fmax(turn * speed - ca.fmax(self.limit * size, lifted), 0.0)
+            kept = ca.fmax(turn * drive - BRAKE * self.string_impedance * over, ca.fmin(turn * drive, 0.0))
+            outputs["top.torque"] = (turn * kept, unit)
         if self.relief is not None:
-            taken, full = state("lifting.relief", "1"), signal("weight.reference", "N", default=self.weight)
+            full = signal("weight.reference", "N", default=self.weight)
             memory[taken] = ca.if_else(
                 aim > nothing, ca.fmin(taken + self.off * period, self.relief), ca.fmax(taken - self.back * period, 0.0)
             )

@@ -32,7 +32,7 @@ import numpy as np
 from controllers import PI, Lifting, SoftTorque
 from studies import gains
 from studies.protocol import LIMITS, PLANT, WEIGHT, trial
-from studies.questions.drives import BETWEEN, write_rows
+from studies.questions.drives import BETWEEN, GENTLE, write_rows
 from toolbox import Controller, Sampled, Trajectory, inputs, measure, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.files.printing import columns
@@ -74,8 +74,9 @@ def labels() -> list[str]:
 
 def lifted(label: str, **numbers: Any) -> Trial:
     """How a law of `labels` is tried inside `Lifting`, with other numbers of it."""
-    given = RELIEVING if label.endswith(RELIEF) else {}
-    return trial(label, Lifting(inner_laws()[label.removesuffix(RELIEF)], **{**given, **numbers}))
+    inner = label.removesuffix(RELIEF)
+    given = {**(GENTLE if inner == "LQG, between" else {}), **(RELIEVING if label.endswith(RELIEF) else {})}
+    return trial(label, Lifting(inner_laws()[inner], **{**given, **numbers}))
 
 
 @dataclass(frozen=True)

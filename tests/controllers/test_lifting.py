@@ -196,3 +196,32 @@ def test_a_string_that_is_to_stop_is_not_lifted():
     law = Sampled(Lifting(law=SoftTorque()), 0.01, delay=0.03)
     run = simulate(RIG, 300.0, controller=law, inputs={"top.reference": ((0.0, 100.0, 100.0, 300.0), (8.0, 8.0, 0.0, 0.0))})
     assert run["lifting.lifts"][-1] == 0.0 and run.time_in("bit", "stick", after=250.0) == 50.0
+
+
+def test_a_bit_that_sticks_once_for_longer_than_a_period_of_the_string_is_lifted():
+    """Next to the border the bit sticks rarely, and then for long: no second dip is waited for."""
+    law = Lifting(law=z_torque(2.5), reference=2.5)
+    run = simulate(RIG, 220.0, controller=sampled(law), inputs={"top.reference": ((0.0, 80.0, 110.0), (10.0, 10.0, 2.5))})
+    begin, end = measure.stick_intervals(run, "bit", after=100.0)[0]
+    assert 110.0 < begin < end - 8.0
+    lifted = run.time[run["lifting.lifts"] > run.at(100.0)["lifting.lifts"]][0]
+    assert begin + 5.0 < lifted < end
+
+
+def test_a_limit_of_the_speed_lowers_the_torque_above_it_and_nothing_else_knows_of_it():
+    """The torque is that of the law inside below the limit, less above it, and never turned round."""
+    tops, plain = {}, PI(reference=6.0, **LIMITS)
+    for limit in (None, 1.5):
+        run = inside(Lifting(law=z_torque(), reference=SPEED, first=1.4, rise=0.3, limit=limit), parameters=None)
+        tops[limit] = run["top.speed"].max() / SPEED
+        assert run["top.torque"].min() >= 0.0 and run.time_in("bit", "stick", after=120.0) == 0.0
+    assert 1.5 < tops[1.5] < 1.75 < 1.9 < tops[None]
+    doubled = ((*SMOOTH[0], 150.0, 150.01), (*SMOOTH[1], 6.0, 12.0))
+    free, held = (
+        simulate(RIG, 250.0, controller=sampled(Lifting(law=z_torque(6.0), reference=6.0, limit=limit)), inputs={"top.reference": doubled})
+        for limit in (None, 1.5)
+    )
+    times = np.arange(150.0, 250.0, 0.1)
+    np.testing.assert_allclose(held.at(times)["top.speed"], free.at(times)["top.speed"], rtol=1e-6)  # the start from rest was braked
+    found = [margins(closed_loop(RIG, sampled(Lifting(law=plain, reference=6.0, limit=each))), measured=False) for each in (None, 1.5)]
+    assert found[0].disk_margin == pytest.approx(found[1].disk_margin, rel=1e-9)

@@ -92,7 +92,7 @@ LAWS = {
     "HInfinity": HInfinity(reference=8.0),
     "Observed": Observed(SlidingMode(reference=8.0, **LIMITS), Kalman()),
     "Lifting": Lifting(PI(reference=8.0, **LIMITS)),
-    "Lifting with relief": Lifting(PI(reference=8.0, **LIMITS), relief=0.4),
+    "Lifting with relief": Lifting(PI(reference=8.0, **LIMITS), relief=0.4, limit=1.2),
 }
 
 

@@ -100,6 +100,18 @@ def test_a_machine_of_a_group_has_its_numbers_its_delay_and_its_weight_in_time()
     assert "rocks" not in machine_groups(compose(wells.JANSEN_2, BitRock(friction=Coulomb(0.8, 0.5))))
 
 
+def test_every_seed_of_a_weight_that_varies_is_a_course_of_its_own():
+    group = machine_groups(LOOP)["weight"]
+    assert group.runs == 4 * 10 * 2
+    for machine in group.machines:
+        courses = {machine.weight.input(97_347.0, seed).coefficients for seed in group.seeds}
+        assert len(courses) == len(group.seeds)
+        assert {each[:2] for each in courses} == {(97_347.0, machine.weight.size * 97_347.0)}  # mean and size stay
+    phases = sorted(group.machines[2].weight.input(1.0, seed).coefficients[3] for seed in group.seeds)
+    gaps = np.diff([*phases, phases[0] + 2.0 * np.pi])
+    assert gaps.max() < 2.0 * np.pi / 5  # spread over the turn
+
+
 def test_a_group_stops_where_nothing_holds_and_says_why(monkeypatch):
     trial = Trial(LOOP, StiffPI())
     found = borders(trial, [BRIEF], ["direct"], higher=3.0, lower=2.0, step=0.5)

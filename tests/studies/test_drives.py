@@ -76,7 +76,7 @@ def test_a_run_that_sticks_is_off_swings_or_is_at_its_limits_is_no_success():
 
 def test_the_groups_are_those_of_the_protocol():
     runs = {name: group.runs for name, group in GROUPS.items()}
-    assert runs == {"declared": 8, "real": 160, "robust": 264, "corners": 72, "rocks": 48, "weight": 24}
+    assert runs == {"declared": 8, "real": 160, "robust": 264, "corners": 72, "rocks": 48, "weight": 80}
     assert all(len(each.factors) + (each.late > 0.0) == 1 for each in SINGLES)
     assert {tuple(factor for _, factor in each.factors) for each in CORNERS} == {(0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8)}
     # what laws are tuned on is not what they are judged on
@@ -149,7 +149,8 @@ def test_what_is_known_of_a_law_is_kept_in_a_file_and_a_law_with_other_numbers_i
 
 def test_a_group_stops_at_its_first_failure():
     found = EVERY["stiff PI"].outcome(GROUPS["real"], 5.0)
-    assert not found.passed and found.runs == 8 and found.why.startswith("weight +10 %, seed 101, phase 0")
+    # with those that step beside it: two seeds from eight phases
+    assert not found.passed and found.runs == 16 and found.why.startswith("weight +10 %, seed 101, phase 0")
 
 
 @pytest.mark.slow

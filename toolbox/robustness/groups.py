@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,6 +17,14 @@ LASTING, FEW, SEEN = 1800.0, 2, 3
 """Judged window [s] of the runs that confirm a set-point, and the most phases and seeds of them."""
 
 
+SEEDS = tuple(range(101, 121))
+"""Seeds of the noise."""
+COURSES = 10
+"""Seeds of a weight that varies."""
+GOLDEN = 0.6180339887498949
+"""Part of a turn from the phase of one seed to that of the next: the phases of any number of seeds lie apart."""
+
+
 @dataclass(frozen=True)
 class Varying:
     """A weight that varies about its mean: a sine of that size (in parts of the mean) and frequency [Hz], or noise of that deviation with a corner there."""
@@ -25,9 +34,13 @@ class Varying:
     noise: bool = False
 
     def input(self, mean: float, seed: int) -> Any:
-        """The weight over time."""
+        """The weight over time; of a sine another seed has another phase."""
         varied = (mean, self.size * mean, self.frequency)
-        return shapes.noise(*varied, seed=seed) if self.noise else shapes.sine(*varied)
+        return (
+            shapes.noise(*varied, seed=seed)
+            if self.noise
+            else shapes.sine(*varied, phase=2.0 * math.pi * (GOLDEN * (seed - SEEDS[0]) % 1.0))
+        )
 
 
 @dataclass(frozen=True)
@@ -81,9 +94,6 @@ WEIGHTS = (
 )
 """Weights that vary: 2 and 5 % rms with a corner at 0.2 Hz, 5 % at the frequency of a string of 2 km, a heave of 10 % every ten seconds."""
 
-SEEDS = tuple(range(101, 121))
-"""Seeds of the noise."""
-
 
 def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, late: float = 0.03) -> dict[str, Group]:
     """Groups of machines for a drill string with a chain of inertias and a rock, by name.
@@ -93,7 +103,7 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, late
         robust     one error at a time: inertia of the drive +-10 and +-20 %, inertia below it, stiffness and weight +-20 %, commands later; 3 seeds
         corners    (drive, below, stiffness) = (.8, 1.2, .8), (1.2, .8, 1.2), (.8, .8, .8); 3 seeds
         rocks      half the decay of the friction with speed; 3 seeds; only for a rock with an exponential law
-        weight     a weight that varies in time: `WEIGHTS`, 3 seeds, 2 phases, judged for 600 s
+        weight     a weight that varies in time: `WEIGHTS`, 10 seeds, 2 phases, judged for 600 s
 
     noise: of the measured top speed [rad/s].  late: by how much commands come later than declared [s] on one of the robust machines.
     """
@@ -132,5 +142,5 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, late
     varying = tuple(
         Machine(f"weight {'noise' if each.noise else 'sine'} {100 * each.size:g} %, {each.frequency:g} Hz", weight=each) for each in WEIGHTS
     )
-    groups.append(Group("weight", varying, SEEDS[:3], noise, (0.0, 0.5), 600.0))
+    groups.append(Group("weight", varying, SEEDS[:COURSES], noise, (0.0, 0.5), 600.0))
     return {group.name: group for group in groups}

@@ -305,7 +305,8 @@ def lowest_set_point(
     groups
         Names of groups, or groups of your own: `declared` (without noise), `real` (weight + 10 %, 20 seeds of noise), `robust` (one error of 10 and 20 % at a
         time, and late commands), `corners` (three errors at once), `rocks` (half the decay of the friction with speed), `weight` (noise of 2 and 5 %, a sine of
-        5 % at 0.17 Hz, a heave of 10 % at 0.1 Hz). The noise is that of the loop on `top.speed`, or 0.01 rad/s. `rocks` is left out for another friction law.
+        5 % at 0.17 Hz, a heave of 10 % at 0.1 Hz, ten courses of each). The noise is that of the loop on `top.speed`, or 0.01 rad/s.
+        `rocks` is left out for another friction law.
     ways
         `direct`, `raised` or both.
     between, step

@@ -14,8 +14,10 @@ x 1.3, x 1.5   seconds of stick in the last 100 of the 350 that follow a step of
 weight off   mean share of the weight that is given up in the three minutes after a takeover, of laws that take weight off
 stall     highest top speed from 15 s after the end of a minute in which the weight is four times as high and the bit stands, in parts of what is asked
 
-    python -m studies recovery [--out FOLDER] [--only LABEL ...] [--below SPEED ...] [--jobs N]
-        (a minute of processor time; the table, recovery.csv, recovery.png)
+With `--inside` another table in its place: the lowest set-points of the law inside alone and of the lifting law with the same gains, on groups of rigs.
+
+    python -m studies recovery [--out FOLDER] [--only LABEL ...] [--below SPEED ...] [--inside GROUP ...] [--jobs N]
+        (a minute of processor time; the table, recovery.csv, recovery.png; with --inside some minutes a law, and beside_inside.csv)
 """
 
 from __future__ import annotations
@@ -31,12 +33,13 @@ import numpy as np
 
 from controllers import PI, Lifting, SoftTorque
 from studies import gains
-from studies.protocol import LIMITS, PLANT, WEIGHT, trial
+from studies.protocol import GROUPS, LIMITS, PLANT, WEIGHT, trial
 from studies.questions.drives import BETWEEN, GENTLE, write_rows
 from toolbox import Controller, Sampled, Trajectory, inputs, measure, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.files.printing import columns
 from toolbox.robustness.groups import Machine
+from toolbox.robustness.lowest_set_point import borders
 from toolbox.robustness.set_points import Trial
 from toolbox.sweeps.executors import Workers
 
@@ -199,6 +202,24 @@ def table(rows: Sequence[Recovery]) -> str:
     return "\n".join(columns(lines, left=(0,)))
 
 
+@dataclass(frozen=True)
+class Beside:
+    """Lowest set-points [rad/s] of the law inside alone and of the lifting law around it, on a group of rigs, each judged for the window of its group."""
+
+    label: str
+    group: str
+    way: str
+    inside: float
+    lifting: float
+
+
+def beside(label: str, names: Sequence[str]) -> list[Beside]:
+    """What a lift with the same gains does to the lowest set-points of a law on some groups; half an hour is not asked for."""
+    laws = trial(label, inner_laws()[label.removesuffix(RELIEF)]), lifted(label)
+    alone, lifting = (borders(law, [GROUPS[name] for name in names], lasts=False) for law in laws)
+    return [Beside(label, *key, held.speed, lifting[key].speed) for key, held in alone.items()]
+
+
 def picture(path: Path, shown: Sequence[str] = SHOWN) -> None:
     """Top speeds over time at the lower set-point: a recovery from inside stick-slip, and what follows a stall; thin, the lifted set-points."""
     import matplotlib
@@ -237,7 +258,20 @@ def main() -> None:
         "--below", nargs="+", type=float, default=BELOW, metavar="SPEED", help="set-points that laws may not hold [rad/s] (2 3)"
     )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument(
+        "--inside", nargs="+", choices=list(GROUPS), metavar="GROUP", help="groups on which laws are held against those inside of them"
+    )
     given = parser.parse_args()
+    if given.inside:
+        with Workers(given.jobs) as workers:
+            found = [each for several in workers.map(beside, given.only, [given.inside] * len(given.only)) for each in several]
+        heads = ("law", "group", "way", "inside alone [rad/s]", "lifting [rad/s]")
+        lines = [(each.label, each.group, each.way, f"{each.inside:.1f}", f"{each.lifting:.1f}") for each in found]
+        print("\n".join(columns([heads, *lines], left=(0, 1, 2))))
+        if given.out:
+            given.out.mkdir(parents=True, exist_ok=True)
+            write_rows(found, given.out / "beside_inside.csv")
+        return
     with Workers(given.jobs) as workers:
         rows = list(workers.map(recovery, given.only, [tuple(given.below)] * len(given.only)))
     print(table(rows))

@@ -7,10 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from controllers import Lifting, StiffPI
+from controllers import Lifting, SoftTorque, StiffPI
 from studies.protocol import LIMITS, trial
 from studies.questions import recovery
 from toolbox.robustness.groups import Machine
+from toolbox.robustness.lowest_set_point import Held
 
 
 def test_a_recovery_is_told_as_its_run_shows_it_and_a_law_that_never_recovers_is_told_so():
@@ -41,6 +42,18 @@ def test_next_to_its_border_too_the_one_law_gives_up_and_its_top_stays_below_twi
     top, calm, back, _ = recovery.recovered(law, 4.0, 0.125)
     assert top < 2.0 and calm < 20.0 and back < 60.0
     assert recovery.recovered(recovery.lifted("LQG, between", limit=None), 4.0, 0.125)[0] > 2.1
+
+
+def test_a_lifting_law_is_held_against_the_law_inside_of_it(monkeypatch):
+    asked = []
+
+    def borders(law, groups, lasts):
+        asked.append((type(law.clock.law), [group.name for group in groups], lasts))
+        return {("robust", "direct"): Held(9.6 if len(asked) == 1 else 4.1, "")}
+
+    monkeypatch.setattr(recovery, "borders", borders)
+    assert recovery.beside("soft torque", ["robust"]) == [recovery.Beside("soft torque", "robust", "direct", 9.6, 4.1)]
+    assert asked == [(SoftTorque, ["robust"], False), (Lifting, ["robust"], False)]
 
 
 def test_steps_of_set_point_and_weight_and_a_stall_are_measured_on_the_run():

@@ -1,4 +1,4 @@
-"""What a law reads it declares in `measures`; set-points, which have a default, and what it drives need not be there."""
+"""A law that declares what it `measures` reads nothing else; set-points, which have a default, and what it drives need not be there."""
 
 from dataclasses import dataclass
 
@@ -53,4 +53,18 @@ def test_a_sampled_law_is_asked_the_same_and_one_that_is_held_by_another_too():
     with pytest.raises(SceneError, match=words):
         simulate(closed_loop(RIG, Sampled(Takeover(OnTheBit(), OnTheBit(), 0.5), 0.01)), 1.0)
     run = simulate(closed_loop(RIG, Sampled(Takeover(Honest(), Honest(), 0.5), 0.01)), 1.0)
+    assert run.end == 1.0
+
+
+@dataclass(frozen=True)
+class Undeclared(OnTheBit):
+    """The same law, which does not say what it measures."""
+
+    measures = ()
+
+
+def test_a_law_that_declares_nothing_may_read_any_signal_alone_and_inside_of_another():
+    alone = simulate(closed_loop(RIG, Undeclared()), 1.0)
+    assert alone["bit.speed"][-1] == simulate(closed_loop(RIG, Honest()), 1.0)["bit.speed"][-1]
+    run = simulate(closed_loop(RIG, Sampled(Takeover(Honest(), Undeclared(), 0.5), 0.01)), 1.0)
     assert run.end == 1.0

@@ -73,9 +73,18 @@ def paper(**kind: Any) -> Any:
 
 @contextlib.contextmanager
 def drawn_on(axes: Any, rows: int = 1, columns: int = 1, *, height: float, width: float = WIDTH, **kind: Any) -> Iterator[Any]:
-    """The axes that are given, or where there are none those of a new figure of a height and a width [inch], in the context of `paper`.
+    """The axes that are given, or where there are none those of a new figure, in the context of `paper`.
 
-    kind: further arguments of `matplotlib.pyplot.subplots`.
+    Parameters
+    ----------
+    axes
+        Axes to draw into, or None for new ones.
+    rows, columns
+        How many axes a new figure has.
+    height, width
+        Its size [inch].
+    kind
+        Further arguments of `matplotlib.pyplot.subplots`.
     """
     with paper():
         yield plt.subplots(rows, columns, figsize=(width, height), layout="constrained", **kind)[1] if axes is None else axes

@@ -33,9 +33,9 @@ from toolbox.modelling.hybrid_system import HybridSystem
 class Controller(Component):
     """A control law: subclass it as a frozen dataclass and write `continuous`, `sampled` or both.
 
-    `measures` and `drives` are the names of the signals that the law reads and gives. Its numeric fields are casadi symbols inside both methods, so that
-    another gain never recompiles. `design(plant)` is called once on the declared values of the plant and returns the law to be used: a `Controller`, or for
-    laws that no casadi expression holds a callable (t, y) -> u (see `Sampled`).
+    `measures` and `drives` are the names of the signals that the law reads and gives; one that declares no `measures` may read any. Its numeric fields are
+    casadi symbols inside both methods, so that another gain never recompiles. `design(plant)` is called once on the declared values of the plant and returns
+    the law to be used: a `Controller`, or for laws that no casadi expression holds a callable (t, y) -> u (see `Sampled`).
     """
 
     measures: ClassVar[tuple[str, ...]] = ()
@@ -81,17 +81,25 @@ def _noting(signal: Signal, asked: dict[str, bool]) -> Signal:
 
 
 def _check_measured(law: Controller, form: str, asked: Mapping[str, bool]) -> None:
-    """Raise SceneError where a law reads a signal without default that neither it nor a law that it holds declares to measure or to drive."""
+    """Raise SceneError where a law reads a signal without default that neither it nor a law that it holds declares to measure or to drive.
+
+    Where one of these declares nothing that it measures, it may read any.
+    """
     known = _declared(law)
+    if known is None:
+        return
     if extra := next((name for name, has_default in asked.items() if not has_default and name not in known), None):
         measured = ", ".join(f"`{name}`" for name in names(law.measures)) or "nothing"
         raise SceneError(f"{type(law).__name__} must declare `{extra}` in `measures`, as `{form}` reads it, but it declares {measured}.")
 
 
-def _declared(law: Controller) -> set[str]:
-    """What a law, and those that it holds, declare to measure and to drive."""
-    held = [getattr(law, each.name) for each in dataclasses.fields(law)]
-    return {*names(law.measures), *names(law.drives)}.union(*(_declared(each) for each in held if isinstance(each, Controller)))
+def _declared(law: Controller) -> set[str] | None:
+    """What a law, and those that it holds, declare to measure and to drive; None where one declares no measures, and holds no law."""
+    held = [value for each in dataclasses.fields(law) if isinstance(value := getattr(law, each.name), Controller)]
+    found = [_declared(each) for each in held]
+    if None in found or not (found or names(law.measures)):
+        return None
+    return {*names(law.measures), *names(law.drives)}.union(*(each for each in found if each is not None))
 
 
 def _check_driven(law: Controller, form: str, gives: Mapping[str, Any]) -> None:

@@ -75,13 +75,17 @@ class Task:
     first: int = 0
     lanes: bool = False
 
-    def part(self, rows: slice) -> Task:
-        """The task of some of the runs."""
+    def chosen(self, rows: Any) -> Task:
+        """The task of some of the runs, by a slice or their numbers."""
         cut: dict[str, Any] = {
             name: None if (array := getattr(self, name)) is None else array[rows]
             for name in ("numbers", "starts", "memories", "held", "seeds")
         }
-        return dataclasses.replace(self, first=self.first + rows.start, **cut)
+        return dataclasses.replace(self, **cut)
+
+    def part(self, rows: slice) -> Task:
+        """The task of some of the runs, which keep their places among all."""
+        return dataclasses.replace(self.chosen(rows), first=self.first + rows.start)
 
 
 @dataclass(frozen=True)
@@ -178,10 +182,7 @@ def _side_by_side(task: Task, values: np.ndarray, errors: dict[int, str]) -> Non
     values[:] = batch.values
     again = np.flatnonzero((batch.statuses != 0) | batch.doubtful | batch.negative)
     if again.size:
-        own: dict[str, Any] = {
-            name: None if (array := getattr(task, name)) is None else array[again] for name in ("memories", "held", "seeds")
-        }
-        alone = dataclasses.replace(task, numbers=numbers[again], starts=starts[again], first=0, **own)
+        alone = dataclasses.replace(task, numbers=numbers, starts=starts, first=0).chosen(again)
         rows, found = np.full((len(again), values.shape[1]), np.nan), dict[int, str]()
         _in_a_row(alone, rows, found)
         values[again] = rows

@@ -121,9 +121,9 @@ class SampledPoint:
     def __init__(self, system: HybridSystem, plant: HybridSystem, clocks: Sequence[tuple[float, float]], inputs: Mapping[str, float]):
         self.system, self.clocks = system, clocks
         self.u = input_values(system, inputs)
-        field, force = system.switching.field, system.switching.force
+        field = system.switching.field
         following, outputs = (
-            [ca.substitute(ca.densify(each), system.F, force) if system.elements else ca.densify(each) for each in pair]
+            [system.with_forces(ca.densify(each)) for each in pair]
             for pair in zip(*[(update.following, update.outputs) for update in system.updates], strict=True)
         )
         names, owners = [], []

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import math
+import re
 import shlex
 import tomllib
 
@@ -79,6 +80,17 @@ def test_kinetic_friction_from_a_loop_is_the_mean_force_and_its_interval_that_of
     assert found["belt.friction.kinetic"] == pytest.approx(-force.mean(), rel=1e-8)
     low, high = found.interval("belt.friction.kinetic")
     assert (high - low) / 2 == pytest.approx(stats.t.ppf(0.975, 79) * deviation, rel=1e-6)
+
+
+def test_a_fit_shows_in_a_notebook_the_rows_that_it_prints_below_its_confidence():
+    belt = compose(BlockOnBelt(belt_speed=0.0, friction=Coulomb(static=0.5, kinetic=0.5)))
+    force = -0.4 + 0.05 * np.random.default_rng(3).standard_normal(80)
+    data = {"time": np.arange(80.0), "block.speed": np.linspace(1.0, 2.0, 80), "belt.force": force}
+    found = fit(belt, data, "belt.friction.kinetic", contact="belt", confidence=0.9)
+    cells = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>.*?</tr>", found._repr_html_(), re.DOTALL)]
+    assert cells[0][:4] == ["name", "estimate", "interval of 90 %", "unit"]
+    printed = next(line for line in str(found).splitlines() if line.strip().startswith("belt.friction.kinetic"))
+    assert re.split(r" {2,}", printed.strip()) == [cell for cell in cells[1] if cell]
 
 
 def test_the_force_at_break_away_is_the_static_bound_of_a_law_that_jumps():

@@ -6,6 +6,7 @@ from models import BitRock, wells
 from studies.benchmarks.dirty_logs import faults, made
 from toolbox import SceneError, compose
 from toolbox.calibration import Recording
+from toolbox.logs.grids import of_text
 
 NAMES = (
     "commas", "semicolons and decimal commas", "decimal commas and points for thousands", "thousands in quotes", "tabulators and round brackets", "spaces",
@@ -29,6 +30,17 @@ def logs(tmp_path_factory):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_log_is_read_right_with_every_flaw_told_or_refused_with_what_to_do(logs, name):
     assert faults(logs[name]) == []
+
+
+@pytest.mark.parametrize(("words", "values"), [(1, 1), (1, 2), (1, 5), (2, 2), (2, 5), (3, 3)])
+def test_a_time_with_a_blank_does_not_part_a_log_at_blanks_whose_cells_are_parted_by_tabulators(words, values):
+    names = ["time", *[f"note{i}" for i in range(words)], *[f"signal{i}" for i in range(values)]]
+    rows = [
+        [f"2024-03-01 10:00:{second:02d}", *["drilling"] * words, *[f"{second + 0.5 * i}" for i in range(values)]] for second in range(40)
+    ]
+    found = of_text("\n".join("\t".join(row) for row in [names, *rows]), "The log")
+    assert [column.name for column in found.columns] == names and found.notes == ["cells parted by tabulators"]
+    assert found.columns[-1].cells == [row[-1] for row in rows]
 
 
 @pytest.mark.parametrize(

@@ -73,6 +73,21 @@ def test_an_edge_is_crossed_where_its_function_is_zero_and_not_where_it_does_not
     assert parts[2] == pytest.approx((20.5 ** (1 / 3) - 2.0) / 2.0, rel=1e-12)
 
 
+def test_an_edge_on_which_a_function_jumps_from_minus_one_to_one_is_crossed_at_the_jump():
+    edges = Edges(np.zeros((1, 2)), np.array([[1.0, 0.0]]), np.empty((0, 2), int))
+    assert edges.roots(lambda points: np.where(points[:, 0] < 0.7, -1.0, 1.0), 1e-9) == pytest.approx([0.7], abs=1e-9)
+
+
+def test_where_a_function_is_zero_to_the_last_bit_no_further_point_is_asked_for():
+    edges, asked = Edges(np.zeros((1, 2)), np.array([[1.0, 0.0]]), np.empty((0, 2), int)), []
+
+    def values(points):
+        asked.append(points[0, 0])
+        return points[:, 0] - 0.25
+
+    assert edges.roots(values, 1e-12) == [0.25] and asked == [0.0, 1.0, 0.25]
+
+
 LAWS = {
     "PI": closed_loop(RIG, StiffPI()),
     "PI at 100 Hz": closed_loop(RIG, Sampled(StiffPI(), 0.01)),

@@ -65,6 +65,16 @@ def written(stream, longest=60.0):
     return stream.getvalue()
 
 
+def test_a_bar_moves_by_one_whether_or_not_somebody_waits_for_its_work():
+    told = []
+    with progress_bar(10, "runs", disable=False, file=io.StringIO()) as alone:
+        alone.update()
+    with messages.at_every_step(lambda: told.append("step")), progress_bar(10, "runs", disable=False, file=io.StringIO()) as waited_for:
+        waited_for.update()
+        waited_for.update(4)
+    assert (alone.n, waited_for.n) == (1, 5) and told == ["step", "step"]
+
+
 def test_silent_work_gives_a_sign_of_life_on_a_terminal(monkeypatch):
     monkeypatch.setattr(messages, "SILENT", 0.05)
     monkeypatch.setattr(sys, "stderr", Terminal())

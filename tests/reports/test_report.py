@@ -7,15 +7,17 @@ import re
 import shutil
 import time
 
+import numpy as np
 import pytest
 
 from controllers import PI
-from models import BitRock, wells
+from models import BitRock, Coulomb, TorsionalChain, wells
 from toolbox import closed_loop, compose, simulate
 from toolbox.commands.command_line import main
 from toolbox.errors import SceneError
 from toolbox.onsets.results import Onset
 from toolbox.reports import report, to_pdf
+from toolbox.reports.machine import sketch
 
 SCENE = """
 title = "Two inertias <95 rpm>"
@@ -112,6 +114,25 @@ def test_the_machine_and_the_gains_stand_in_it(page):
     laws = {row[0]: row[1] for rows in Page(page).tables for row in rows if rows[0] == ["controller", "law"]}
     assert "proportional 0.4206 kN m s/rad" in laws["soft torque"]
     assert page.count("kg m&#178;") == 2  # the sketch
+
+
+@pytest.mark.parametrize("count", [2, 3, 9])
+def test_a_sketch_spaces_the_inertias_evenly_along_the_shaft_and_draws_each_as_wide_as_it_is_heavy(count):
+    heavy = np.linspace(900.0, 100.0, count)
+    chain = TorsionalChain(
+        inertia=tuple(heavy),
+        stiffness=(1e3,) * (count - 1),
+        damping=(10.0,) * (count - 1),
+        friction=Coulomb(static=1.0, kinetic=0.8),
+        friction_load=(1e3,) * count,
+    )
+    drawn = sketch(closed_loop(compose(chain)))
+    x, y, width, height = np.array(re.findall(r'<rect x="(.*?)" y="(.*?)" width="(.*?)" height="(.*?)"', drawn), float).T
+    top, bottom = (float(each) for each in re.search(r'<line x1="60" y1="(.*?)" x2="60" y2="(.*?)"', drawn).groups())
+    np.testing.assert_allclose(y + height / 2, np.linspace(top, bottom, count), atol=0.15)  # rounded to tenths of a point
+    np.testing.assert_allclose(x + width / 2, 60.0, atol=0.15)
+    np.testing.assert_allclose((width / 2 - 6.0) ** 2 / (width[0] / 2 - 6.0) ** 2, heavy / heavy[0], atol=0.01)
+    assert (np.diff(y) > height[:-1]).all()  # none covers the next
 
 
 def test_the_page_needs_nothing_else(page):

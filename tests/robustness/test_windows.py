@@ -64,6 +64,7 @@ def test_the_table_the_file_and_the_picture_hold_the_same(found, tmp_path):
     np.testing.assert_allclose([float(row["free from top.reference [rad/s]"]) for row in rows], found.free.ravel())
     text = str(found)
     assert "top.reference [rpm]" in text and "depth [km]" in text and f"{found.free[0, 1] * 30 / math.pi:.4g}" in text
+    assert [found.lowest, found.highest] == pytest.approx([math.pi, 140 * math.pi / 30]) and "between 30 and 140 rpm" in text
     axes = found.plot()
     assert len(axes) == 2 and axes[1].lines[1].get_xdata() == pytest.approx(found.free[1] * 30 / math.pi)
     assert [each.axes[0].size for each in found.maps] == [9, 9]

@@ -1,6 +1,7 @@
 """Tuning: optima and fronts that are known in closed form, and a search that can be killed and goes on."""
 
 import dataclasses
+import itertools
 import json
 import math
 import statistics
@@ -464,6 +465,18 @@ def test_scenes_whose_laws_start_from_different_numbers_are_refused():
         tune(scenes, "dials", off_by, {"dials.torque": (100.0, 1e4)}, runs=10)
     found = tune(scenes, "dials", off_by, {"dials.dial": (0.0, 1.0)}, runs=10)  # numbers that are not free may differ
     assert found.before.values[0] != found.before.values[1]
+
+
+@pytest.mark.parametrize("objectives", [2, 3, 4, 5])
+def test_weights_are_all_shares_of_one_whole_as_fine_as_fifteen_of_them_and_the_runs_allow(objectives):
+    for most in (1, 3, 6, 10, 15, 16, 40, 200):
+        found = search._directions(objectives, most)
+        parts = round(1.0 / found[found > 0].min())
+        assert sorted(map(tuple, np.round(parts * found).astype(int))) == sorted(
+            each for each in itertools.product(range(parts + 1), repeat=objectives) if sum(each) == parts
+        )
+        np.testing.assert_allclose(found.sum(axis=1), 1.0, rtol=1e-15)
+        assert len(found) <= max(objectives, min(most, 15)) < math.comb(parts + objectives, parts + 1)  # of a finer grid there are as many
 
 
 def test_the_figure_shows_the_front_or_the_best_so_far(tmp_path):

@@ -158,7 +158,9 @@ def _parted(lines: Sequence[str], where: str) -> tuple[str | None, int]:
             continue
         cells = [cell for row in rows if len(row) == width for cell in row]
         good = sum(cell.lower() in NONE or _is_value(cell, "." if mark == "," else ",") or _is_value(cell, ".") for cell in cells)
-        score = good / len(cells) * count / len(rows) - (0.05 if mark is None else 0.02 if mark == "," else 0.0)
+        # a time with a blank is two cells that are numbers where blanks part: beside w columns of words and v of values a gain of
+        # w / ((v + w + 1)(v + w + 2)), at most 0.1
+        score = good / len(cells) * count / len(rows) - (0.12 if mark is None else 0.02 if mark == "," else 0.0)
         if score > best[0] + 1e-9:
             best = score, mark, width
     if best[0] < 0.3:

@@ -15,8 +15,8 @@ import math
 from collections.abc import Sequence
 
 from toolbox.compilation.vector_emitter import VectorBody
-from toolbox.lanes.searches import crossing
-from toolbox.lanes.vectors import Slot, Truth, Value, constant, largest, repeat_while_any, smallest, when_any
+from toolbox.lanes.searches import crossing, hermite_minimum
+from toolbox.lanes.vectors import Slot, Truth, Value, constant, repeat_while_any, smallest, when_any
 from toolbox.stepping.series_steps import SHORTEST
 
 FEW, MANY = 4, 8
@@ -191,12 +191,7 @@ def _improved(c: list[Value], falls: Truth, where: tuple[Slot, Slot, Slot]) -> N
 
 def turn(c: Sequence[Value], ends: tuple[Value, Value]) -> Value:
     """About where on [0, 1] a polynomial that falls at first and rises at the end, with these value and slope there, is lowest."""
-    body = c[0].body
-    a, da, (b, db) = c[0], c[1], ends
-    c2, c3 = 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db
-    root = Value(body, body.intrinsic("sqrt", largest(c2 * c2 - 3.0 * c3 * da, 0.0).name))
-    place = -da / (c2 + root)  # of the cubic
-    place = ((place > 0.0) & (place < 1.0)).choose(place, 0.5)
+    place, _ = hermite_minimum(c[0], c[1], *ends)
     slope, bend = value_and_slope([value * float(k) for k, value in enumerate(c)][1:], place)
     better = place - slope / bend
     return ((better > 0.01) & (better < 0.99)).choose(better, place)

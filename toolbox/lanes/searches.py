@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 from toolbox.lanes.layout import GOES_ON
 from toolbox.lanes.trial_step import CLEARED, PROBING, Pass, Step
-from toolbox.lanes.vectors import Row, Truth, Value, changed_where, largest, smallest, where_any
-
-MANY_GUARDS = 8
-"""Guards above which it pays to look whether any lane searches before its bracket is updated: instructions in between are reordered less freely."""
+from toolbox.lanes.vectors import Row, Truth, Value, largest, smallest, where_any
 
 MOST_TRIES = 30
 """Steps of a search after which the scalar loop takes over."""
@@ -104,7 +100,7 @@ def emit_dips(
     def low_dips() -> tuple[Truth]:
         low = nothing
         for dip in guards.dips:
-            low |= dip.turns & (_lowest(dip.a, dip.da * h, dip.b, dip.db * h)[1] <= 0.5 * largest(dip.a, dip.b))
+            low |= dip.turns & (hermite_minimum(dip.a, dip.da * h, dip.b, dip.db * h)[1] <= 0.5 * largest(dip.a, dip.b))
         return (low & ((fresh & ~step.cleared) | event),)
 
     def look() -> tuple[Truth, ...]:
@@ -113,7 +109,7 @@ def emit_dips(
         start, start_rate, value, rate = h * 0.0, h * 0.0, h * 0.0, h * 0.0
         for i, dip in enumerate(guards.dips):
             j = float(made.ng - 1 - i)
-            place, lowest = _lowest(dip.a, dip.da * h, dip.b, dip.db * h)
+            place, lowest = hermite_minimum(dip.a, dip.da * h, dip.b, dip.db * h)
             this = dip.turns & (lowest <= 0.5 * largest(dip.a, dip.b))
             several |= some & this
             some |= this
@@ -126,7 +122,7 @@ def emit_dips(
         falls = rate < 0.0
         a, da, b, db = falls.choose(value, start), falls.choose(rate, start_rate), falls.choose(late, value), falls.choose(late_rate, rate)
         width = falls.choose(rest, h)
-        clear = ~((da < 0.0) & (db > 0.0)) | (_lowest(a, da * width, b, db * width)[1] > abs(value - expected))
+        clear = ~((da < 0.0) & (db > 0.0)) | (hermite_minimum(a, da * width, b, db * width)[1] > abs(value - expected))
         made.store({"dip": [asks.choose(PROBING, (probing & clear).choose(CLEARED, 0.0)), *one]})
         return asks, low & ~asks, probing & ~hit & ~clear
 
@@ -143,41 +139,31 @@ def emit_search(made: Pass, step: Step, guards: Guards, begins: Truth, goes_on: 
 
     begins, goes_on: lanes whose search begins, and goes on.
     """
-    ng, h = made.ng, step.h
-    searches = begins | goes_on
-
-    def search() -> tuple[Truth]:
-        was = made.loaded()
-        rises, falls = goes_on & ~guards.below, goes_on & guards.below
-        low = begins.choose(0.0, rises.choose(was["fraction"], was["low"]))
-        high = begins.choose(1.0, falls.choose(was["fraction"], was["high"]))
-        bracketed = begins.choose(h, was["bracketed"])
-        width = (high - low) * bracketed
-        g_low = [begins.choose(g, rises.choose(e, o)) for g, e, o in zip(was["g"], step.g, was["g_low"], strict=True)]
-        g_high = [(begins | falls).choose(e, o) for e, o in zip(step.g, was["g_high"], strict=True)]
-        part = h * 0.0 + 2.0
-        for j in range(ng):
-            a, b, da, db = (signed(guards.side, values, i) for i in (j, ng + j) for values in (g_low, g_high))
-            crosses = searches & guards.armed[j] & (b <= 0.0)
-            earlier = partial(_earlier, part, a, b, da, db, width)
-            part = changed_where(crosses, earlier, part) if skips else crosses.choose(earlier(), part)
-        tries = begins.choose(0.0, was["tries"] + 1.0)
-        lost = searches & ((tries > float(MOST_TRIES)) | (part > 1.5))
-        part = (tries > 8.0).choose(0.5, part)
-        inside = low + part * (high - low)
-        inside = ((inside > low) & (inside <= high)).choose(inside, 0.5 * (low + high))
-        fraction = searches.choose(inside, was["fraction"])
-        bracket = {"bracketed": [bracketed], "low": [low], "high": [high], "fraction": [fraction], "tries": [tries]}
-        made.store(bracket | {"g_low": g_low, "g_high": g_high})
-        return (lost,)
-
-    skips = ng > MANY_GUARDS
-    (lost,) = where_any(searches, search) if skips else search()
+    ng, h, was = made.ng, step.h, made.loaded()
+    searches, rises, falls = begins | goes_on, goes_on & ~guards.below, goes_on & guards.below
+    low = begins.choose(0.0, rises.choose(was["fraction"], was["low"]))
+    high = begins.choose(1.0, falls.choose(was["fraction"], was["high"]))
+    bracketed = begins.choose(h, was["bracketed"])
+    width = (high - low) * bracketed
+    g_low = [begins.choose(g, rises.choose(e, o)) for g, e, o in zip(was["g"], step.g, was["g_low"], strict=True)]
+    g_high = [(begins | falls).choose(e, o) for e, o in zip(step.g, was["g_high"], strict=True)]
+    part = h * 0.0 + 2.0
+    for j in range(ng):
+        a, b, da, db = (signed(guards.side, values, i) for i in (j, ng + j) for values in (g_low, g_high))
+        part = (searches & guards.armed[j] & (b <= 0.0)).choose(smallest(crossing(a, b, da, db, width), part), part)
+    tries = begins.choose(0.0, was["tries"] + 1.0)
+    lost = searches & ((tries > float(MOST_TRIES)) | (part > 1.5))
+    part = (tries > 8.0).choose(0.5, part)
+    inside = low + part * (high - low)
+    inside = ((inside > low) & (inside <= high)).choose(inside, 0.5 * (low + high))
+    fraction = searches.choose(inside, was["fraction"])
+    bracket = {"bracketed": [bracketed], "low": [low], "high": [high], "fraction": [fraction], "tries": [tries]}
+    made.store(bracket | {"g_low": g_low, "g_high": g_high})
     return searches & ~lost, lost
 
 
-def _lowest(a: Value, da: Value, b: Value, db: Value) -> tuple[Value, Value]:
-    """Place and value of the minimum of the cubic Hermite interpolant between a falling start and a rising end: see `toolbox.stepping.crossings.lowest`."""
+def hermite_minimum(a: Value, da: Value, b: Value, db: Value) -> tuple[Value, Value]:
+    """Place and value of the minimum of a cubic between a falling start and a rising end: see `toolbox.stepping.crossings.hermite_minimum`."""
     body = a.body
     c2 = 3.0 * (b - a) - 2.0 * da - db
     c3 = 2.0 * (a - b) + da + db
@@ -185,11 +171,6 @@ def _lowest(a: Value, da: Value, b: Value, db: Value) -> tuple[Value, Value]:
     s = -da / (c2 + root)
     s = ((s > 0.0) & (s < 1.0)).choose(s, 0.5)
     return s, a + s * (da + s * (c2 + s * c3))
-
-
-def _earlier(part: Value, a: Value, b: Value, da: Value, db: Value, width: Value) -> Value:
-    """The smaller of a fraction and the crossing."""
-    return smallest(crossing(a, b, da, db, width), part)
 
 
 def crossing(a: Value, b: Value, da: Value, db: Value, width: Value) -> Value:

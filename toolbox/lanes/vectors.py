@@ -152,18 +152,6 @@ def where_any(condition: Truth, compute: Callable[[], tuple[Truth, ...]]) -> tup
     return tuple(Truth(body, body.value(f"phi {body.truths} [ {truth.name}, %{there} ], [ zeroinitializer, %{here} ]")) for truth in found)
 
 
-def changed_where(condition: Truth, compute: Callable[[], Value], usual: Value) -> Value:
-    """`compute()` where the condition holds in any lane, else `usual`, which it must be in the lanes where the condition is false."""
-    body = condition.body
-    found = Value(body, "")
-
-    def inner() -> None:
-        found.name = condition.choose(compute(), usual).name
-
-    here, there = when_any(condition, inner)
-    return Value(body, body.value(f"phi {body.type} [ {found.name}, %{there} ], [ {usual.name}, %{here} ]"))
-
-
 def when_any(condition: Truth, write: Callable[[], None]) -> tuple[str, str]:
     """Emit a branch around the instructions, taken if no lane meets the condition. Returns the labels of the two predecessor blocks."""
     body = condition.body

@@ -66,6 +66,7 @@ class Alone(NamedTuple):
     parameters: np.ndarray
     starts: np.ndarray
     memories: np.ndarray
+    keys: np.ndarray
     held: np.ndarray
     rest: np.ndarray
     statuses: np.ndarray
@@ -75,7 +76,7 @@ class Alone(NamedTuple):
 
 
 ALONE_KINDS = dict.fromkeys(Alone._fields, ("float64", 2)) | {
-    "code": ("int64", 1), "rest": ("float64", 1), "statuses": ("int64", 1), "switches": ("int64", 1),
+    "code": ("int64", 1), "keys": ("uint64", 2), "rest": ("float64", 1), "statuses": ("int64", 1), "switches": ("int64", 1),
 }  # fmt: skip
 
 
@@ -129,8 +130,8 @@ def first_scenarios(run: Run, parameters: np.ndarray, starts: np.ndarray) -> tup
     few = len(parameters)
     results = np.zeros(few, np.int64), np.zeros(few, np.int64), np.zeros_like(starts), np.zeros((few, ROOM))
     code = np.array([0, 0, 0, 0, loop_of(work).address])
-    memories, held = np.tile(work.memory, (few, 1)), np.zeros((few, 0))
-    given = Alone(code, np.ascontiguousarray(parameters), np.ascontiguousarray(starts), memories, held, work.p.copy(), *results)
+    memories, keys, held = np.tile(work.memory, (few, 1)), np.tile(work.keys, (few, 1)), np.zeros((few, 0))
+    given = Alone(code, np.ascontiguousarray(parameters), np.ascontiguousarray(starts), memories, keys, held, work.p.copy(), *results)
     one_by_one(given._replace(parameters=given.parameters[:1]), work)
     return lambda: one_by_one(given, work), results
 

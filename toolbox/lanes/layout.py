@@ -119,13 +119,12 @@ class Results(NamedTuple):
 class LaneStates(NamedTuple):
     """What the loop remembers of every lane, one row each.
 
-    scenario: which it runs, -1 for none;  p, modes: parameters and modes;  last_event, close: time of the last event, and events that have followed one another
-    at one instant;  jump: the next change of a parameter;  since: begin of the current stay of each element;  happened: whether an event waits.
+    scenario: which it runs, -1 for none;  modes: before the next event;  last_event, close: time of the last event, and events that have followed one
+    another at one instant;  jump: the next change of a parameter;  since: begin of the current stay of each element;  happened: whether an event waits.
     x_old, k_old, m_old, p_old: one step of the scalar loop begins with these;  signals: measured at three instants.
     """
 
     scenario: np.ndarray
-    p: np.ndarray
     modes: np.ndarray
     last_event: np.ndarray
     close: np.ndarray
@@ -141,11 +140,11 @@ class LaneStates(NamedTuple):
 
 def lane_states(work: Work, width: int, signals: int) -> LaneStates:
     """Lanes without a scenario, for the arrays of a scalar loop and so many signals."""
-    n, ne, parameters = work.ints[N], work.ints[NE], work.p.size
+    n, ne = work.ints[N], work.ints[NE]
     return LaneStates(
-        scenario=np.full(width, -1, np.int64), p=np.zeros((width, parameters)), modes=np.zeros((width, ne)), last_event=np.zeros(width),
+        scenario=np.full(width, -1, np.int64), modes=np.zeros((width, ne)), last_event=np.zeros(width),
         close=np.zeros(width, np.int64), jump=np.zeros(width, np.int64), since=np.zeros((width, ne)), happened=np.zeros(width, np.bool_),
-        x_old=np.zeros(n), k_old=np.zeros(work.k.size), m_old=np.zeros(max(ne, 1)), p_old=np.zeros(parameters), signals=np.zeros((3, signals)),
+        x_old=np.zeros(n), k_old=np.zeros(work.k.size), m_old=np.zeros(max(ne, 1)), p_old=np.zeros(work.p.size), signals=np.zeros((3, signals)),
     )  # fmt: skip
 
 

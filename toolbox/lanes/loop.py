@@ -11,7 +11,7 @@ import numpy as np
 
 from toolbox.compilation import work_layout
 from toolbox.lanes import layout
-from toolbox.lanes.transfers import gather_history, gather_point, gather_samples, next_stop, put_parameters, scatter, scatter_samples
+from toolbox.lanes.transfers import copy, gather, gather_history, gather_point, gather_samples, next_stop, put, scatter, scatter_samples
 from toolbox.measuring.stay_loop import note_end
 from toolbox.stepping.events import after_event, project_event
 from toolbox.stepping.step_control import measure_round_off, spread_round_off
@@ -30,8 +30,7 @@ def _observe(b, lanes, lane, views, w, t):
     for part in range(65 if counts else 0):
         weight = h / 192.0 * (1.0 if part % 64 == 0 else (4.0 if part % 2 == 1 else 2.0))
         call(w.ints[work_layout.STEP], t, h * part / 64.0, lanes.x_old, lanes.k_old, lanes.p_old, lanes.m_old, w.y)
-        for i in range(lanes.x_old.size):
-            w.x_other[i] = w.y[i]
+        copy(w.x_other, w.y, lanes.x_old.size)
         call(b.code[layout.OBSERVE], t + h * part / 64.0, 0.0, w.x_other, lanes.k_old, lanes.p_old, lanes.m_old, lanes.signals[part % 3])
         for q in range(lanes.signals.shape[1]):
             value, middle, before = lanes.signals[part % 3, q], lanes.signals[(part + 2) % 3, q], lanes.signals[(part + 1) % 3, q]
@@ -55,32 +54,19 @@ def _fill(values, count, number):
 
 def begin(b, given, w, s, steps):
     """Start scenario s in the arrays of the scalar loop and take at most so many steps; returns its status."""
-    for i in range(given.rest.size):
-        w.p[i] = given.rest[i]
-    for i in range(given.parameters.shape[1]):
-        w.p[i] = given.parameters[s, i]
-    for i in range(given.held.shape[1]):
-        w.p[w.ints[work_layout.FIRST_HELD] + i] = given.held[s, i]
-    for i in range(given.memories.shape[1]):
-        w.memory[i] = given.memories[s, i]
-        w.keys[i] = given.keys[s, i]
+    copy(w.p, given.rest, given.rest.size)
+    copy(w.p, given.parameters[s], given.parameters.shape[1])
+    copy(w.p[w.ints[work_layout.FIRST_HELD] :], given.held[s], given.held.shape[1])
+    copy(w.memory, given.memories[s], given.memories.shape[1])
+    copy(w.keys, given.keys[s], given.memories.shape[1])
     for c in range(w.samplers.shape[0]):
         w.samplers[c, work_layout.TAKEN], w.samplers[c, work_layout.APPLIED] = 0, 0
     _fill(w.x, w.x.size, 0.0)
-    for i in range(given.starts.shape[1]):
-        w.x[i] = given.starts[s, i]
-    _fill(w.k, w.k.size, 0.0)
-    _fill(w.m, w.m.size, 0.0)
-    _fill(w.scale, w.scale.size, 0.0)
-    _fill(w.noise, w.noise.size, 0.0)
+    copy(w.x, given.starts[s], given.starts.shape[1])
+    _fill(w.scale, w.scale.size, 0.0)  # what the loop adds to, or may read first; all else it sets
     _fill(w.group_scale, w.group_scale.size, 0.0)
-    _fill(w.g, w.g.size, 0.0)
     _fill(w.guard_scale, w.guard_scale.size, 0.0)
-    _fill(w.before, w.before.size, 0.0)
     _fill(w.side, w.side.size, 1.0)
-    _fill(w.armed, w.armed.size, False)
-    _fill(w.fired, w.fired.size, False)
-    _fill(w.zero, w.zero.size, False)
     _fill(w.forced, w.forced.size, False)
     _fill(w.bounced, w.bounced.size, False)
     w.ints[work_layout.ACCEPTED], w.ints[work_layout.REJECTED], w.ints[work_layout.STARTED] = 0, 0, 0
@@ -154,19 +140,16 @@ def _note_settled(b, found, given, lanes, lane, w):
     lanes.last_event[lane] = t
     if lanes.close[lane] <= 50 + 20 * ne:
         return layout.GOES_ON
-    gather_point(b, lanes, lane, w)
+    gather_point(b, lane, w)
     return layout.ENDLESS_FLAG
 
 
 def _round_off_again(b, lane, w):
     """Measure the round-off of a lane anew; returns whether it goes on."""
-    n = w.ints[work_layout.N]
     measure_round_off(w)
-    for i in range(n):
-        w.scale[i] = b.block[b.rows[layout.SCALE] + i, lane]
+    gather(b, layout.SCALE, lane, w.scale, w.ints[work_layout.N])
     spread_round_off(w, b.block[layout.WANTED_ROW, lane])
-    for i in range(n):
-        b.block[b.rows[layout.NOISE] + i, lane] = w.noise[i]
+    put(b, layout.NOISE, lane, w.noise, w.ints[work_layout.N])
     b.block[layout.FLAG_ROW, lane] = layout.GOES_ON
     return w.ints[work_layout.ACCEPTED] + w.ints[work_layout.REJECTED] < layout.MOST_STEPS
 
@@ -174,12 +157,10 @@ def _round_off_again(b, lane, w):
 def _step_alone(b, given, lanes, lane, w, flag):
     """One step of the scalar loop from where a lane stands, or what is due there; returns its status."""
     t = w.reals[work_layout.TIME]
-    for i in range(w.ints[work_layout.N]):
-        lanes.x_old[i], lanes.k_old[i] = w.x[i], w.k[i]
-    for i in range(w.ints[work_layout.NE]):
-        lanes.m_old[i] = w.m[i]
-    for i in range(w.p.size):
-        lanes.p_old[i] = w.p[i]  # which may jump at the end of the step
+    copy(lanes.x_old, w.x, w.ints[work_layout.N])
+    copy(lanes.k_old, w.k, w.ints[work_layout.N])
+    copy(lanes.m_old, w.m, w.ints[work_layout.NE])
+    copy(lanes.p_old, w.p, w.p.size)  # which may jump at the end of the step
     longest = w.reals[work_layout.LONGEST]
     for e in range(given.edges.size):
         if flag == layout.ALONE and t < given.edges[e] * (1.0 - layout.SLACK):
@@ -194,7 +175,7 @@ def _step_alone(b, given, lanes, lane, w, flag):
 def _look_after(b, given, found, lanes, lane, w, flag):
     """Do what a lane waits for; returns the status of its scenario, or GOING where the lane simply goes on in its block."""
     s, t = lanes.scenario[lane], b.block[layout.TIME_ROW, lane]
-    gather_point(b, lanes, lane, w)
+    gather_point(b, lane, w)
     if b.code[layout.SAMPLING] != 0:
         gather_samples(b, lane, w)
         for i in range(w.keys.size):
@@ -214,7 +195,7 @@ def _look_after(b, given, found, lanes, lane, w, flag):
         return _event(w, t)
     found.counts[s, 4] += flag == layout.ALONE
     status = _step_alone(b, given, lanes, lane, w, flag)
-    put_parameters(b, lanes, lane, w)
+    put(b, layout.P, lane, w.p, w.p.size)
     return status
 
 
@@ -223,8 +204,7 @@ def _go_on(b, given, lanes, lane, w):
     scatter(b, lane, w, next_stop(given, w))
     if b.code[layout.SAMPLING] != 0:
         scatter_samples(b, lane, w)
-    for i in range(w.ints[work_layout.NE]):
-        lanes.modes[lane, i] = w.m[i]
+    copy(lanes.modes[lane], w.m, w.ints[work_layout.NE])
     lanes.last_event[lane], lanes.close[lane], lanes.jump[lane] = (
         w.reals[work_layout.LAST_EVENT],
         w.ints[work_layout.CLOSE],
@@ -250,8 +230,7 @@ def _finish(b, given, found, lanes, lane, w, status):
             found.switches[s],
         )
         found.modes[s, i] = w.m[i]
-    for i in range(found.states.shape[1]):
-        found.states[s, i] = w.x[i]
+    copy(found.states[s], w.x, found.states.shape[1])
     if signals > 0:
         call(b.code[layout.OBSERVE], w.reals[work_layout.TIME], 0.0, w.x, w.k, w.p, w.m, lanes.signals[0])
         found.doubtful[s] = b.block[b.rows[layout.DOUBT], lane] != 0.0
@@ -273,9 +252,8 @@ def _take(b, given, found, lanes, lane, w, s):
     lanes.scenario[lane] = s
     w.ints[work_layout.EVENTS], w.ints[work_layout.MERGED] = 0, 0
     status = begin(b, given, w, s, 0)
-    put_parameters(b, lanes, lane, w)
-    for i in range(w.ints[work_layout.NE]):
-        lanes.since[lane, i] = 0.0
+    put(b, layout.P, lane, w.p, w.p.size)
+    _fill(lanes.since[lane], w.ints[work_layout.NE], 0.0)
     b.block[b.rows[layout.DOUBT], lane] = 0.0
     b.block[b.rows[layout.COURSE], lane] = given.courses[s]
     for v in range(views):

@@ -8,36 +8,49 @@ from toolbox.compilation import work_layout
 from toolbox.lanes import layout
 
 
-def gather_point(b, lanes, lane, w):
+def copy(target, source, count):
+    """Copy the first numbers of an array to another."""
+    for i in range(count):
+        target[i] = source[i]
+
+
+def gather(b, item, lane, values, count):
+    """The first rows of an item, of one lane."""
+    for i in range(count):
+        values[i] = b.block[b.rows[item] + i, lane]
+
+
+def put(b, item, lane, values, count):
+    """The same back in their lane."""
+    for i in range(count):
+        b.block[b.rows[item] + i, lane] = values[i]
+
+
+def gather_point(b, lane, w):
     """Where a lane stands, in the arrays of the scalar loop."""
     w.reals[work_layout.TIME] = b.block[layout.TIME_ROW, lane]
     w.ints[work_layout.ACCEPTED] = np.int64(b.block[layout.ACCEPTED_ROW, lane])
     w.ints[work_layout.REJECTED] = np.int64(b.block[layout.REFUSED_ROW, lane])
-    for i in range(w.ints[work_layout.N]):
-        w.x[i] = b.block[b.rows[layout.X] + i, lane]
-        w.k[i] = b.block[b.rows[layout.K] + i, lane]
-    for i in range(w.p.size):
-        w.p[i] = lanes.p[lane, i]
-    for i in range(w.ints[work_layout.NE]):
-        w.m[i] = b.block[b.rows[layout.M] + i, lane]
+    gather(b, layout.X, lane, w.x, w.ints[work_layout.N])
+    gather(b, layout.K, lane, w.k, w.ints[work_layout.N])
+    gather(b, layout.P, lane, w.p, w.p.size)
+    gather(b, layout.M, lane, w.m, w.ints[work_layout.NE])
 
 
 def gather_history(b, lane, w):
     """What a lane remembers of its way, in the arrays of the scalar loop."""
-    ne, ng = w.ints[work_layout.NE], w.ints[work_layout.NG]
+    n, ne, ng = w.ints[work_layout.N], w.ints[work_layout.NE], w.ints[work_layout.NG]
     w.reals[work_layout.STEP_SIZE] = b.block[layout.WANTED_ROW, lane]
     w.reals[work_layout.ERROR_OLD] = b.block[layout.ERROR_OLD_ROW, lane]
     w.reals[work_layout.STEP_OLD] = b.block[layout.STEP_OLD_ROW, lane]
-    for i in range(w.ints[work_layout.N]):
-        w.scale[i] = b.block[b.rows[layout.SCALE] + i, lane]
-        w.noise[i] = b.block[b.rows[layout.NOISE] + i, lane]
-    for i in range(w.group_scale.size):
-        w.group_scale[i] = b.block[b.rows[layout.GROUP_SCALE] + i, lane]
+    gather(b, layout.SCALE, lane, w.scale, n)
+    gather(b, layout.NOISE, lane, w.noise, n)
+    gather(b, layout.GROUP_SCALE, lane, w.group_scale, w.group_scale.size)
+    gather(b, layout.G, lane, w.g, 2 * ng)
+    gather(b, layout.SIDE, lane, w.side, ng)
     for j in range(2 * ng):
-        w.g[j] = b.block[b.rows[layout.G] + j, lane]
         w.guard_scale[j] = 0.0
     for j in range(ng):
-        w.side[j] = b.block[b.rows[layout.SIDE] + j, lane]
         w.armed[j] = b.block[b.rows[layout.ARMED] + j, lane] != 0.0
         w.slot[j] = j + ng if j < 2 * ne and w.m[j // 2] == 0.0 else j
         w.guard_scale[w.slot[j]] = b.block[b.rows[layout.GUARD_SCALE] + j, lane]
@@ -58,30 +71,19 @@ def scatter(b, lane, w, stop):
     b.block[layout.REJECTED_ROW, lane] = 0.0
     b.block[layout.SEARCHING_ROW, lane] = 0.0
     b.block[layout.FLAG_ROW, lane] = 0.0
-    for i in range(n):
-        b.block[b.rows[layout.X] + i, lane] = w.x[i]
-        b.block[b.rows[layout.K] + i, lane] = w.k[i]
-        b.block[b.rows[layout.SCALE] + i, lane] = w.scale[i]
-        b.block[b.rows[layout.NOISE] + i, lane] = w.noise[i]
-    for i in range(ne):
-        b.block[b.rows[layout.M] + i, lane] = w.m[i]
-    for i in range(w.group_scale.size):
-        b.block[b.rows[layout.GROUP_SCALE] + i, lane] = w.group_scale[i]
-    for j in range(2 * ng):
-        b.block[b.rows[layout.G] + j, lane] = w.g[j]
+    put(b, layout.X, lane, w.x, n)
+    put(b, layout.K, lane, w.k, n)
+    put(b, layout.SCALE, lane, w.scale, n)
+    put(b, layout.NOISE, lane, w.noise, n)
+    put(b, layout.M, lane, w.m, ne)
+    put(b, layout.GROUP_SCALE, lane, w.group_scale, w.group_scale.size)
+    put(b, layout.G, lane, w.g, 2 * ng)
+    put(b, layout.SIDE, lane, w.side, ng)
     for j in range(ng):
-        b.block[b.rows[layout.SIDE] + j, lane] = w.side[j]
         b.block[b.rows[layout.ARMED] + j, lane] = 1.0 if w.armed[j] else 0.0
         b.block[b.rows[layout.GUARD_SCALE] + j, lane] = w.guard_scale[w.slot[j]]
     for j in range(2 * ne):
         b.block[b.rows[layout.OTHER_SCALE] + j, lane] = w.guard_scale[2 * j + ng - w.slot[j]]
-
-
-def put_parameters(b, lanes, lane, w):
-    """The parameters of the scalar loop back in their lane."""
-    for i in range(w.p.size):
-        lanes.p[lane, i] = w.p[i]
-        b.block[b.rows[layout.P] + i, lane] = w.p[i]
 
 
 def gather_samples(b, lane, w):
@@ -91,13 +93,10 @@ def gather_samples(b, lane, w):
         s = w.samplers[c]
         s[work_layout.TAKEN] = np.int64(b.block[b.rows[layout.SAMPLES] + 2 * c, lane])
         s[work_layout.APPLIED] = np.int64(b.block[b.rows[layout.SAMPLES] + 2 * c + 1, lane])
-        for i in range(s[work_layout.OUTPUTS]):
-            w.p[s[work_layout.FIRST_OUTPUT] + i] = b.block[b.rows[layout.P] + s[work_layout.FIRST_OUTPUT] + i, lane]
         for q in range(s[work_layout.APPLIED], s[work_layout.TAKEN]):
             for i in range(s[work_layout.OUTPUTS]):
                 w.queue[c, q % depth, i] = b.queue[(c * depth + q % depth) * widest + i, lane]
-    for i in range(w.memory.size):
-        w.memory[i] = b.block[b.rows[layout.MEMORY] + i, lane]
+    gather(b, layout.MEMORY, lane, w.memory, w.memory.size)
 
 
 def scatter_samples(b, lane, w):
@@ -115,8 +114,7 @@ def scatter_samples(b, lane, w):
         for q in range(s[work_layout.APPLIED], s[work_layout.TAKEN]):
             for i in range(s[work_layout.OUTPUTS]):
                 b.queue[(c * depth + q % depth) * widest + i, lane] = w.queue[c, q % depth, i]
-    for i in range(w.memory.size):
-        b.block[b.rows[layout.MEMORY] + i, lane] = w.memory[i]
+    put(b, layout.MEMORY, lane, w.memory, w.memory.size)
     b.block[layout.STOP_ROW, lane] = stop
 
 

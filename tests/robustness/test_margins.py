@@ -374,6 +374,39 @@ def test_a_law_without_a_derivative_says_why(rotor, law, why):
     assert margins(closed_loop(rotor, Sampled(Proportional(reference=0.0), 0.01)), measured=False).reason == ""
 
 
+@dataclass(frozen=True)
+class Leaking(Controller):
+    """A law whose memory leaks to zero, where it bends at `place`; the torque follows it."""
+
+    measures = ("rotor.speed",)
+    drives = ("rotor.torque",)
+
+    place: float = quantity(1e-4, "1")
+    round: float = quantity(0.0, "1")
+
+    def sampled(self, signal, period):
+        slip, kept = signal("rotor.speed", "rad/s"), state("leak.kept", "1")
+        bent = 0.5 * ca.fmax(kept - self.place, 0) + self.round * kept**2
+        return Update({kept: bent}, {"rotor.torque": (1e5 - 100.0 * slip - 1e4 * bent, "N m")})
+
+
+def test_what_bends_near_to_steady_running_is_no_kink_there_whatever_its_size_beside_others(rotor):
+    def reason(**numbers):
+        return margins(closed_loop(rotor, Sampled(Leaking(**numbers), 0.01)), measured=False).reason
+
+    assert reason(place=1e-4) == "" and reason(place=1e-7) == ""  # the memory is zero, the torque near to 1e5 N m
+    assert reason(place=1.0, round=1e3) == ""
+    assert all("kink or a jump" in reason(place=0.0, round=round) for round in (0.0, 0.1, -0.1, 10.0))
+
+
+@pytest.mark.parametrize("period", ["1 ms", "0.1 ms"])
+def test_a_law_that_takes_weight_off_has_the_linear_loop_of_the_law_inside(rig, period):
+    without, relieved = (
+        margins(closed_loop(rig, Lifting(PI(), relief=relief), sample_time=period), measured=False) for relief in (None, 0.4)
+    )
+    assert relieved.reason == "" and relieved["top.torque"].highest_gain == pytest.approx(without["top.torque"].highest_gain, rel=1e-6)
+
+
 def test_a_boundary_layer_has_a_slope_and_a_root_has_none(rig):
     assert margins(closed_loop(rig, Sampled(SlidingMode(reference=5.0), 0.01)), measured=False).stable
     assert "not finite" in margins(closed_loop(rig, Sampled(SuperTwisting(reference=5.0), 0.01)), measured=False).reason

@@ -101,15 +101,41 @@ def acts(loop: LinearLoop) -> None:
         raise NoDerivative(f"a limit holds {', '.join(f'`{name}`' for name in loop.drives)} at steady running")
 
 
+STEPS = 10.0 ** -np.arange(6.0, 14.0)
+"""Steps in parts of the sizes of the unknowns, by which a function is asked whether it has a slope."""
+
+
 def checked_smooth(value: Callable[[np.ndarray], np.ndarray], slope: np.ndarray, q: np.ndarray) -> None:
-    """Raise NoDerivative where a function is not as smooth as its derivative says: the remainder of a smooth one falls with the square of the step."""
+    """Raise NoDerivative where a function is not as smooth as its derivative says: the remainder of a smooth one falls with the square of the step.
+
+    That of a kink falls with the step. What bends or jumps a little way off falls sooner, so that the steps become smaller until round-off hides the rest.
+    """
     if not np.isfinite(slope).all():
         raise NoDerivative("the slope of the law is not finite at steady running")
-    size = np.maximum(np.abs(q), 1e-3 * np.abs(q).max(initial=1e-9))
-    centre, rows = value(q), np.abs(slope) @ size + 1e-300
+    size, centre = _sizes(slope, q), value(q)
+    noise = 1e-12 * (np.abs(centre) + np.abs(slope) @ np.abs(q)) + 1e-300
     for direction in np.random.default_rng(0).standard_normal((6, q.size)):
-        step = 1e-6 * size * direction
-        remainder = np.abs(value(q + step) - centre - slope @ step)
-        bound = 1e-2 * np.abs(slope) @ np.abs(step) + 1e-12 * (np.abs(centre) + rows)
-        if (remainder > bound).any():
+        left, line = _remainder(value, slope, q, centre, STEPS[0] * size * direction)
+        bent = left > line + noise
+        for part in STEPS[1:] if bent.any() else ():
+            before, (left, line) = left, _remainder(value, slope, q, centre, part * size * direction)
+            told = 0.1 * before > noise  # what a kink leaves of it is more than round-off
+            bent = np.where(told, left > np.maximum(line + noise, 0.05 * before), bent)
+        if bent.any():
             raise NoDerivative("the law has a kink or a jump at steady running")
+
+
+def _remainder(
+    value: Callable[[np.ndarray], np.ndarray], slope: np.ndarray, q: np.ndarray, centre: np.ndarray, step: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(how far a function is from its tangent after a step, how far from it counts as on it)."""
+    return np.abs(value(q + step) - centre - slope @ step), 1e-2 * np.abs(slope) @ np.abs(step)
+
+
+def _sizes(slope: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """What a change of each unknown is measured by: itself, and where it is zero, or nearly, what changes a value as much as all others make it."""
+    rows, largest = np.abs(slope) @ np.abs(q), np.abs(q).max(initial=0.0) or 1.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        alike = np.where((slope != 0.0) & (rows[:, None] > 0.0), rows[:, None] / np.abs(slope), 0.0).max(axis=0, initial=0.0)
+    alike = np.where(alike > 0.0, np.minimum(alike, 1e6 * largest), largest)  # a slope that is round-off tells no size
+    return np.maximum(np.abs(q), 1e-3 * alike)

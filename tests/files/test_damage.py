@@ -259,6 +259,16 @@ def test_only_regular_files_are_opened(tmp_path, name, kind):
         readers.get(name, lambda path: Recording.of(path, BELT))(path)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="symbolic links of POSIX")
+def test_a_link_that_leads_to_nothing_says_where_it_leads(tmp_path):
+    (tmp_path / "rig.csv").symlink_to("elsewhere.csv")
+    (tmp_path / "round.csv").symlink_to("round.csv")
+    with pytest.raises(SceneError, match=r"There is no file `.*rig\.csv`: it is a symbolic link to `elsewhere\.csv`, which is not there\."):
+        Recording.of(tmp_path / "rig.csv", BELT)
+    with pytest.raises(SceneError, match=r"`.*round\.csv` cannot be read: Too many levels of symbolic links"):
+        Recording.of(tmp_path / "round.csv", BELT)
+
+
 @pytest.mark.skipif(os.name != "posix", reason="pipes are those of POSIX")
 def test_a_pipe_in_a_store_is_refused(tmp_path):
     pytest.importorskip("zarr")

@@ -85,7 +85,9 @@ def _check(path: Path, found: os.stat_result, most: int, what: str) -> None:
 
 
 def _near(path: Path) -> str:
-    """The end of the sentence that there is no such file: the name of one beside it that is nearest."""
+    """The end of the sentence that there is no such file: where a link of that name leads, or the name of one beside it that is nearest."""
+    if path.is_symlink():
+        return f": it is a symbolic link to `{_named(Path(os.readlink(path)))}`, which is not there."
     try:
         beside = [other.name for other in path.parent.iterdir() if other.suffix == path.suffix]
     except (OSError, ValueError):

@@ -20,12 +20,13 @@ import numpy as np
 import pytest
 
 from controllers import PI, StiffPI
-from models import BitRock, BlockOnBelt, TorsionalChain, WhirlingCollar, wells
+from models import BitRock, BlockOnBelt, Exponential, LuGre, TorsionalChain, WhirlingCollar, wells
 from tests.together import together
 from toolbox import (
     Budget,
     Component,
     Equations,
+    FrictionLaw,
     Sampled,
     Scene,
     SceneError,
@@ -241,6 +242,41 @@ def test_numbers_that_contradict_each_other_fail_alone():
     assert list(found.errors) == [4]
     assert "must increase" in found.errors[4]
     assert np.isfinite(found["r"].ravel()[[0, 1, 2, 3, 5]]).all()
+
+
+@dataclass(frozen=True)
+class Dropping(FrictionLaw):
+    """A law that falls, by half at 1 m/s, to a number that may be below zero."""
+
+    static: float = quantity(0.4, "1")
+    beyond: float = quantity(0.1, "1")
+
+    def sliding(self, speed):
+        return self.static + (self.beyond - self.static) * speed / (1.0 + speed)
+
+    def breakaway(self):
+        return self.static
+
+
+@pytest.mark.parametrize("drop", [[0.2, 0.1, -0.4, 0.0], [-0.4, -0.4]], ids=["some", "all"])
+def test_rows_whose_friction_would_drive_the_machine_fail_alone(drop):
+    plant = compose(BlockOnBelt(friction=LuGre(steady=Dropping()), name="block"))
+    found = sweep(
+        plant, {"belt.friction.steady.beyond": drop, "block.stiffness": [1.0, 2.0]}, 0.5, measures={"x": measures.final("block.position")}
+    )
+    below = [2 * i + k for i, value in enumerate(drop) if value < 0 for k in (0, 1)]
+    assert list(found.errors) == below
+    assert all(
+        "Dropping must not fall below zero, where it would drive the machine, but beyond a slip speed of 1 " in found.errors[i]
+        for i in below
+    )
+    assert np.isnan(found["x"].ravel()[below]).all() and np.isfinite(np.delete(found["x"].ravel(), below)).all()
+
+
+def test_the_middle_row_may_contradict_itself():
+    plant = compose(BlockOnBelt(friction=Exponential()))
+    found = sweep(plant, {"belt.friction.static": [0.9, 0.3, 1.0]}, 0.5, measures={"x": measures.final("block.position")})
+    assert list(found.errors) == [1] and "static" in found.errors[1]
 
 
 def test_designs_fill_their_bounds():

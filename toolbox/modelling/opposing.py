@@ -18,6 +18,9 @@ SPEEDS = np.concatenate([[0.0], np.logspace(-4.0, 3.0, 71)])
 ROUND_OFF = 1e-9
 """Part of the largest friction below which a negative one is round-off."""
 
+ROWS = 10_000
+"""Laws that are asked at once: all of a large sweep would take its memory."""
+
 
 def check_opposing(law: FrictionLaw) -> None:
     """Raise SceneError for a law whose friction at a steady slip speed is below zero at some speed; it names the lowest such speed.
@@ -40,7 +43,7 @@ def check_opposing(law: FrictionLaw) -> None:
 def _negative(law: FrictionLaw) -> tuple[float, float] | None:
     """(the lowest slip speed from which on the friction of a law is negative, the lowest friction); None where it never is."""
     friction = _sliding(law, SPEEDS)
-    below = np.flatnonzero(friction < -ROUND_OFF * np.nanmax(np.abs(friction), initial=0.0))
+    below = np.flatnonzero(_below(friction[:, None])[:, 0])
     if not below.size:
         return None
     first = int(below[0])
@@ -48,6 +51,26 @@ def _negative(law: FrictionLaw) -> tuple[float, float] | None:
     if first:
         _, speed = halved(lambda v: bool(_sliding(law, np.array([v]))[0] < 0.0), float(SPEEDS[first - 1]), float(SPEEDS[first]), 1e-6)
     return speed, float(friction[below].min())
+
+
+def not_opposing(law: FrictionLaw, numbers: ca.SX, rows: np.ndarray) -> np.ndarray:
+    """Whether the friction of a law is below zero at some speed, with each row of numbers in place of its symbols.
+
+    law: with symbols for its numbers;  numbers: these, shape (k,);  rows: shape (n, k).  Returns shape (n,): False where numbers do not tell it.
+    """
+    try:
+        speeds = ca.SX(SPEEDS)
+        friction = ca.Function("friction", [numbers], [law.sliding(speeds, *(speeds >= ca.SX(place) for place in law.breaks()))])
+        parts = np.split(rows, range(ROWS, len(rows), ROWS))
+        return np.concatenate([_below(np.array(friction(part.T))).any(axis=0) for part in parts])
+    except Exception:  # whatever the code of a user does with symbols, which composing a plant tells in its own words
+        return np.zeros(len(rows), bool)
+
+
+def _below(friction: np.ndarray) -> np.ndarray:
+    """Where columns of friction at the speeds above are below zero by more than round-off."""
+    with np.errstate(invalid="ignore"):
+        return friction < -ROUND_OFF * np.nanmax(np.abs(friction), axis=0, initial=0.0)
 
 
 def _sliding(law: Any, speeds: np.ndarray) -> np.ndarray:

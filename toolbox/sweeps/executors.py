@@ -20,7 +20,7 @@ import signal
 import sys
 import threading
 import time as clock
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,7 +94,7 @@ def evaluated(
     check_executor(executor)
     total = len(task.numbers)
     columns = Columns.empty(total, len(task.measures)) if store is None else store.columns()
-    manner = Manner.noted(store.settings, task.run) if store is not None and store.settings is not None else manner or probed(task)
+    manner = Manner.noted(store.settings, task.run) if store is not None and store.settings is not None else manner or probed(task, broken)
     task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method), lanes=manner.lanes)
     size = manner.together(total, lanes_of(task) if manner.lanes else 1)
     if store is not None and store.settings is None:
@@ -257,16 +257,18 @@ def bound() -> None:
     threading.Thread(target=follow, daemon=True).start()
 
 
-def probed(task: Task) -> Manner:
+def probed(task: Task, broken: Container[int] = ()) -> Manner:
     """The method that the middle run asks for, whether runs like it pay in lanes, and the seconds that it takes alone.
 
-    Where the steps are to be chosen, runs in lanes step by Taylor series wherever the plant has them.
+    Where the steps are to be chosen, runs in lanes step by Taylor series wherever the plant has them. broken: runs that are none, as their numbers contradict
+    each other; where all are, nothing is tried.
     """
-    middle = len(task.numbers) // 2
+    runs = len(task.numbers)
+    middle = min((i for i in range(runs) if i not in broken), key=lambda i: abs(i - runs // 2), default=None)
     method = task.run.method
     if method.watches_stiffness:
         method = method.unwatched(task.run.accuracy, task.run.system)
-        if not task.run.laws:
+        if middle is not None and not task.run.laws:
             found: Trajectory | None
             try:
                 found = carry_out(single(task, middle))
@@ -274,6 +276,8 @@ def probed(task: Task) -> Manner:
                 found = failure.run
             if found is not None and found.program.formulas.implicit:
                 method = Implicit()
+    if middle is None:
+        return Manner(method, False, 0.0)
     alone = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method)).part(slice(middle, middle + 1))
     steps = finished(alone).steps  # compiles
     lanes, seconds = pays_in_lanes(dataclasses.replace(task, run=alone.run), steps), finished(alone).seconds

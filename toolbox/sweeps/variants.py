@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from toolbox.arguments import within
 from toolbox.errors import SceneError
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.components import Component, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of
+from toolbox.modelling.components import Component, Slot, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of, symbolic_copy
 from toolbox.modelling.elements import FrictionLaw
 from toolbox.modelling.input_kinds import extremes
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Controller
 from toolbox.modelling.numbers import Number, designed_law, is_remembered
+from toolbox.modelling.opposing import not_opposing
 from toolbox.modelling.start import place_starts
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
@@ -65,20 +67,25 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
     places, points = [*places, *(gains[j] for j in left)], np.hstack([points, gained[:, left]])
     found = Numbers(numbers_of_run(run), places, points)
     for part, first in touched:
-        own_columns = [j for j, place in enumerate(places) if first <= place < first + len(numbers_of(part))]
-        rows, which = np.unique(points[:, own_columns], axis=0, return_inverse=True)
-        row = found.same.copy()
-        passes = passing(part, row, first, [places[j] for j in own_columns])
-        for k, values in enumerate(rows):
-            if passes(values.tolist()):
-                continue
-            row[[places[j] for j in own_columns]] = values
-            try:
-                checked(rebuilt(part, row, first))
-            except SceneError as error:
-                for i in np.flatnonzero(which.ravel() == k).tolist():
-                    broken.setdefault(i, str(error))
+        columns = [j for j, place in enumerate(places) if first <= place < first + len(numbers_of(part))]
+        for i, words in _contradictions(part, found.same.copy(), first, [places[j] for j in columns], points[:, columns]):
+            broken.setdefault(i, words)
     return found, broken
+
+
+def _contradictions(part: Any, row: np.ndarray, first: int, places: Sequence[int], points: np.ndarray) -> Iterator[tuple[int, str]]:
+    """(run, why) where numbers of a part, other ones at some places in each run, contradict each other. row: all numbers, which is written over."""
+    rows, which = np.unique(points, axis=0, return_inverse=True)
+    passes, driving = passing(part, row, first, places), _driving(part, row, first, places, rows)
+    for k, values in enumerate(rows):
+        if not driving[k] and passes(values.tolist()):
+            continue
+        row[list(places)] = values
+        try:
+            checked(rebuilt(part, row, first))
+        except SceneError as error:
+            for i in np.flatnonzero(which.ravel() == k).tolist():
+                yield i, str(error)
 
 
 def _check_values(loop: ClosedLoop, number: Number, values: np.ndarray) -> None:
@@ -171,12 +178,44 @@ def _started(run: Run, variations: Variations, in_laws: bool) -> list[str]:
 
 
 def _has_check(part: Any) -> bool:
-    """Whether the fields of a part, or of its laws, can contradict each other."""
-    if isinstance(part, Component) and type(part).check is not Component.check:
-        return True
-    if isinstance(part, FrictionLaw) and type(part).check is not FrictionLaw.check:
+    """Whether the fields of a part, or of its laws, can contradict each other; of friction laws they always can, as they must oppose slip."""
+    if isinstance(part, FrictionLaw) or (isinstance(part, Component) and type(part).check is not Component.check):
         return True
     return any(is_nested(value) and _has_check(value) for value in (getattr(part, f.name) for f in fields_of(type(part))))
+
+
+def _driving(part: Any, row: np.ndarray, first: int, places: Sequence[int], rows: np.ndarray) -> np.ndarray:
+    """Whether the friction of a law in a part is below zero at some speed, for each of the rows of numbers at some places; shape (n,)."""
+    slots: list[Slot] = []
+    whole = symbolic_copy(part, "", slots)
+    symbols = ca.vertcat(*(slot.symbol for slot in slots))
+    free, known = [place - first for place in places], row[first : first + symbols.numel()]
+    fixed = [i for i in range(symbols.numel()) if i not in free]
+    found = np.zeros(len(rows), bool)
+    for law, mine in _friction_laws(whole, slots):
+        if any(i in free for i in mine):
+            numbers = np.empty((len(rows), symbols.numel()))
+            numbers[:, fixed], numbers[:, free] = known[fixed], rows
+            found |= not_opposing(law, symbols, numbers)
+    return found
+
+
+def _friction_laws(node: Any, slots: Sequence[Slot]) -> Iterator[tuple[FrictionLaw, list[int]]]:
+    """The friction laws in a part whose numbers are symbols, each with the places of its numbers among those of the part."""
+    if isinstance(node, FrictionLaw):
+        sizes = [slot.size or 1 for slot in slots]
+        yield (
+            node,
+            [
+                i
+                for slot, end, size in zip(slots, np.cumsum(sizes), sizes, strict=True)
+                if slot.owner is node
+                for i in range(end - size, end)
+            ],
+        )
+    for each in fields_of(type(node)):
+        if is_nested(value := getattr(node, each.name)):
+            yield from _friction_laws(value, slots)
 
 
 def passing(part: Any, row: np.ndarray, first: int, places: Sequence[int]) -> Callable[[Sequence[float]], bool]:

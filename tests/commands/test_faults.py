@@ -208,7 +208,7 @@ def tuned(folder):
 
 def mapped(folder):
     with np.load(folder / "out" / "01_stiff_pi" / "map.npz") as data:
-        return {name: data[name].tobytes() for name in data.files if name != "map"}
+        return {name: data[name].tobytes() for name in data.files}
 
 
 CASES = {"sweep": (sweep_arguments, swept), "tune": (tune_arguments, tuned), "map": (map_arguments, mapped)}

@@ -20,6 +20,7 @@ from toolbox import (
     lowest_set_point,
     margins,
     onset,
+    severity_map,
     simulate,
     tune,
     work_precision,
@@ -31,6 +32,7 @@ from toolbox.files.results import Result
 from toolbox.measuring.measures import mean
 from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.results import Onset
+from toolbox.onsets.severity_map import SeverityMap
 from toolbox.probability import (
     Basin,
     Chance,
@@ -69,6 +71,10 @@ def of_onset():
 def of_comparison():
     found = of_onset()
     return Comparison({"PI": found}, {"another": "it failed"})
+
+
+def of_severity_map():
+    return severity_map(closed_loop(RIG, StiffPI()), {"top.reference": (3.0, 14.0), "bit.weight": ("50 kN", "110 kN")}, shape=(3, 3))
 
 
 def of_margins():
@@ -177,7 +183,8 @@ def of_basin():
 
 
 MADE = {
-    Onset: of_onset, Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, LowestSetPoints: of_lowest_set_point,
+    Onset: of_onset, SeverityMap: of_severity_map,
+    Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, LowestSetPoints: of_lowest_set_point,
     SmallestError: of_smallest_error, WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit, Chance: of_chance, Posterior: of_posterior,
     Schedule: of_schedule, Windows: of_windows, Estimates: of_estimate, Basin: of_basin,
     Prediction: of_prediction, ModelComparison: of_model_comparison, UncertainOnset: of_uncertain_onset,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from pathlib import Path
 
@@ -213,6 +214,26 @@ def test_what_is_saved_comes_back_and_prints_and_draws(found, tmp_path):
     assert axes[0].get_ylim() == (50.0, 110.0)
     with pytest.raises(SceneError, match="There is no border `hopf`"):
         found.border("hopf", 60e3)
+
+
+def test_a_map_of_an_earlier_version_comes_back_and_one_that_judged_in_a_window_is_refused(found, tmp_path):
+    words = ["title", "names", "units", "element", "signal", "duration", "accuracy", "resolution", "runs", "at", "notes"]
+    told = {name: getattr(found, name) for name in words} | {"seconds": 1.0, "errors": [["smooth", 1, 2, "it failed"]]}
+    arrays = {"axis.0": found.axes[0], "axis.1": found.axes[1], "growth": found.growth}
+    arrays |= {f"{branch}.{name}": values for branch in ("smooth", "sticking") for name, values in vars(getattr(found, branch)).items()}
+    arrays |= {f"border.{name}": segments for name, segments in found.borders.items()}
+    np.savez_compressed(tmp_path / "map.npz", map=np.array(json.dumps(told)), **arrays)
+    back = SeverityMap.load(tmp_path / "map.npz")
+    assert str(back) == str(dataclasses.replace(found, errors={("smooth", 1, 2): "it failed"}, asked={}))
+    np.testing.assert_array_equal(back.sticking.severity, found.sticking.severity)
+    np.testing.assert_array_equal(back.borders["sticking"], found.borders["sticking"])
+    told["errors"] = [["smooth", 9, 0, "it failed"]]
+    np.savez_compressed(tmp_path / "map.npz", map=np.array(json.dumps(told)), **arrays)
+    with pytest.raises(SceneError, match="map.npz` must be .*: it has an error of a run that it does not have"):
+        SeverityMap.load(tmp_path / "map.npz")
+    np.savez_compressed(tmp_path / "map.npz", map=np.array(json.dumps(told)), **{"smooth.ratio": found.growth})
+    with pytest.raises(SceneError, match="judged its runs in a window of time: map it again"):
+        SeverityMap.load(tmp_path / "map.npz")
 
 
 @pytest.mark.parametrize("law", [StiffPI(), Sampled(StiffPI(), 0.01, delay=0.015)], ids=["continuous", "late"])

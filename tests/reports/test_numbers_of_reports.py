@@ -74,9 +74,8 @@ def fields_of(path):
     """The numbers and texts of a result in an npz file, and its arrays."""
     with np.load(path) as data:
         arrays = {name: data[name] for name in data.files}
-    key = "result" if "result" in arrays else "map"
-    told = json.loads(str(arrays[key]))
-    return told.get("fields", told), arrays
+    told = json.loads(str(arrays["result"]))
+    return told["fields"], arrays
 
 
 def split(text):
@@ -217,12 +216,13 @@ def of_onset(results):
 def of_map(results):
     folder = results / "map" / "01_stiff_pi"
     told, arrays = fields_of(folder / "map.npz")
+    axes, segments = [arrays[name] for name in told["axes"]], {name: arrays[key] for name, key in told["borders"]}
     rows = rows_of(folder / "map.csv")
     x, y = (np.array([float(row[name]) for row in rows]) for name in ("top.reference [rad/s]", "bit.weight [N]"))
-    assert np.array_equal(np.unique(x), arrays["axis.0"]) and np.array_equal(np.unique(y), arrays["axis.1"])
+    assert np.array_equal(np.unique(x), axes[0]) and np.array_equal(np.unique(y), axes[1])
     rules = [
-        (r"top\.reference from", [x.min(), x.max(), arrays["axis.0"].size]),
-        (r"bit\.weight from", [y.min(), y.max(), arrays["axis.1"].size]),
+        (r"top\.reference from", [x.min(), x.max(), axes[0].size]),
+        (r"bit\.weight from", [y.min(), y.max(), axes[1].size]),
         (rf"{told['runs']} runs, each", [told["runs"], told["duration"], told["accuracy"]]),
     ]
     regions = [row["region"] for row in rows]
@@ -230,7 +230,7 @@ def of_map(results):
     borders = rows_of(folder / "borders.csv")
     for name in {row["border"] for row in borders}:
         ends = np.array([[float(value) for key, value in row.items() if key != "border"] for row in borders if row["border"] == name])
-        assert np.array_equal(ends.reshape(-1, 2, 2), arrays["border.sticking"])
+        assert np.array_equal(ends.reshape(-1, 2, 2), segments["sticking"])
         low, high = ends.reshape(-1, 2).min(axis=0), ends.reshape(-1, 2).max(axis=0)
         rules.append((f"{name} +\\d", [low[0], high[0], low[1], high[1]]))
     return folder, rules

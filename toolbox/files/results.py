@@ -94,12 +94,17 @@ class Result(Printed):
         what = f"a file written by `{kind}.save`"
         with understood(path, what):
             found = arrays(path, what)
-            tree = json.loads(str(found["result"]))
+            tree = json.loads(str(found["result"])) if "result" in found else {"kind": kind, "fields": cls._earlier(found)}
             if tree["kind"] != kind:
                 raise ValueError(f"it holds a result of the kind {tree['kind']}")
             loaded: Self = read(cls, tree["fields"], found, kind)
             loaded.check_loaded()
         return loaded
+
+    @classmethod
+    def _earlier(cls, found: Mapping[str, np.ndarray]) -> Mapping[str, Any]:
+        """The fields, as `written` makes them, of a file of an earlier version with these arrays; KeyError where there was no other form."""
+        raise KeyError("result")
 
     def check_loaded(self) -> None:
         """Raise ValueError where what was read does not fit together."""

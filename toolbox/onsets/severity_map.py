@@ -25,10 +25,10 @@ import numpy as np
 from toolbox.arguments import BoolArray, FloatArray, whole
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files import tables
-from toolbox.files.archives import Shape, arrays, check_notes, check_shapes, understood
-from toolbox.files.atomic import replaced
+from toolbox.files.archives import Shape, check_shapes
 from toolbox.files.journal import Journal
 from toolbox.files.printing import Rows, Told
+from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import Reading, asked_in, reading
 from toolbox.files.units import NumberOrText
@@ -74,7 +74,7 @@ class MapSide:
 
 
 @dataclass(frozen=True)
-class SeverityMap(Told):
+class SeverityMap(Told, Result):
     """A map of stick-slip over two numbers, as `severity_map` returns it: `print(found)`, `found.plot()`, `found.smooth.severity`.
 
     Attributes
@@ -210,25 +210,8 @@ class SeverityMap(Told):
 
         return severity_panels(self, axes)
 
-    def save(self, path: str | Path) -> Path:
-        """Write everything to an npz file without pickle, whole or not at all.
-
-        Keys: `map` (JSON: names, units, errors and numbers), `axis.0`, `axis.1` in SI, `smooth.severity`, ..., `growth`, `border.smooth`, ...
-        """
-        kept = ["title", "names", "units", "element", "signal", "duration", "accuracy", "resolution", "runs", "at", "notes", "asked"]
-        notes = {name: getattr(self, name) for name in kept}
-        notes["errors"] = [[*key, text] for key, text in self.errors.items()]
-        written: dict[str, np.ndarray] = {"map": np.array(json.dumps(notes)), "growth": self.growth}
-        written |= {f"axis.{k}": axis for k, axis in enumerate(self.axes)}
-        for branch in ("smooth", "sticking"):
-            written |= {f"{branch}.{name}": value for name, value in vars(getattr(self, branch)).items()}
-        written |= {f"border.{name}": segments for name, segments in self.borders.items()}
-        with replaced(Path(path)) as file:
-            np.savez_compressed(file, **written)  # type: ignore[arg-type]
-        return Path(path)
-
-    def to_csv(self, path: str | Path) -> Path:
-        """Write one row per point of the map as csv in SI units, whole or not at all: both numbers, the region, and severity, interval and growth."""
+    def _table(self) -> HeadedRows:
+        """One row per point of the map: both numbers, the region, and severity, interval and growth."""
         region = np.full(self.growth.shape, "none", dtype=object)
         for name, where in self.regions.items():
             region[where] = name
@@ -240,7 +223,7 @@ class SeverityMap(Told):
         ]
         headings = [*map(heading, self.names, self.units), "region"]
         headings += [f"{branch} {name}" for branch in ("smooth", "sticking") for name in ("severity", "interval [s]")]
-        return tables.write(path, [*headings, "growth [1/s]"], rows)
+        return [*headings, "growth [1/s]"], rows
 
     def save_borders(self, path: str | Path) -> Path:
         """Write one row per segment of the borders as csv in SI units, whole or not at all: the border, and both numbers at both ends."""
@@ -250,55 +233,36 @@ class SeverityMap(Told):
         ends = [f"{heading(name, unit)} at {end}" for end in ("begin", "end") for name, unit in zip(self.names, self.units, strict=True)]
         return tables.write(path, ["border", *ends], rows)
 
-    @staticmethod
-    def load(path: str | Path) -> SeverityMap:
-        """Read a map that `save` wrote. Raises SceneError for any other file."""
-        what = "a severity map written by `SeverityMap.save`"
-        with understood(Path(path), what):
-            data = arrays(Path(path), what)
-            if "smooth.ratio" in data:
-                raise SceneError(f"`{path}` is a map of an earlier version, which judged its runs in a window of time: map it again.")
-            notes = json.loads(str(data["map"]))
-            notes.pop("seconds", None)  # of earlier versions
-            branches = {
-                branch: MapSide(**{each.name: data[f"{branch}.{each.name}"] for each in dataclasses.fields(MapSide)})
-                for branch in ("smooth", "sticking")
-            }
-            borders = {name: data[f"border.{name}"] for name in ("smooth", "sticking")}
-            errors = {(branch, i, j): text for branch, i, j, text in notes.pop("errors")}
-            for name in ("names", "units", "notes", "at"):
-                notes[name] = tuple(notes.get(name, (math.nan, math.nan)))
-            found = SeverityMap(
-                axes=(data["axis.0"], data["axis.1"]), growth=data["growth"], borders=borders, errors=errors, **{**branches, **notes}
-            )
-            found._check(data)
-            return found
-
-    def _check(self, data: Mapping[str, np.ndarray]) -> None:
-        """Raise ValueError where what was read, from these arrays, does not fit together."""
-        texts = {
-            "title": "text",
-            "element": "text",
-            "signal": "text",
-            "names": "texts",
-            "units": "texts",
-            "notes": "texts",
-            "asked": "by name",
+    @classmethod
+    def _earlier(cls, found: Mapping[str, np.ndarray]) -> Mapping[str, Any]:
+        if "smooth.ratio" in found:
+            raise SceneError("The map is of an earlier version, which judged its runs in a window of time: map it again.")
+        notes = json.loads(str(found["map"]))
+        notes.pop("seconds", None)
+        sides = {branch: {each.name: f"{branch}.{each.name}" for each in dataclasses.fields(MapSide)} for branch in ("smooth", "sticking")}
+        held = {
+            "axes": ["axis.0", "axis.1"],
+            "growth": "growth",
+            "borders": [[name, f"border.{name}"] for name in BORDERS],
+            "errors": [[key, text] for *key, text in notes["errors"]],
+            "asked": [*notes.get("asked", {}).items()],
         }
-        check_notes(self, texts | dict.fromkeys(("duration", "accuracy", "resolution", "runs"), "number"))
-        shapes: dict[str, Shape] = {"axis.0": ("f", "rows"), "axis.1": ("f", "columns"), "growth": ("f", "rows", "columns")}
-        for branch in ("smooth", "sticking"):
-            shapes |= {f"{branch}.{name}": ("i" if name == "verdict" else "f", "rows", "columns") for name in vars(self.smooth)}
-        shapes |= {f"border.{name}": ("f", f"segments of {name}", 2, 2) for name in self.borders}
-        check_shapes(data, shapes)
+        return {**notes, **sides, **held}
+
+    def check_loaded(self) -> None:
+        """Raise ValueError where arrays, borders or errors do not fit to the grid."""
+        grid = ("rows", "columns")
+        found = {"growth": self.growth} | {f"axis.{k}": axis for k, axis in enumerate(self.axes)}
+        shapes: dict[str, Shape] = {"axis.0": ("f", "rows"), "axis.1": ("f", "columns"), "growth": ("f", *grid)}
+        for branch, side in (("smooth", self.smooth), ("sticking", self.sticking)):
+            for name, values in vars(side).items():
+                found[f"{branch}.{name}"], shapes[f"{branch}.{name}"] = values, ("i" if name == "verdict" else "f", *grid)
+        for name in BORDERS:
+            found[f"border.{name}"], shapes[f"border.{name}"] = self.borders[name], ("f", f"segments of {name}", 2, 2)
+        check_shapes(found, shapes)
         rows, columns = self.growth.shape
-        inside = (branch in ("smooth", "sticking") and 0 <= i < rows and 0 <= j < columns for branch, i, j in self.errors)
-        if (
-            (len(self.names), len(self.units)) != (2, 2)
-            or not all(inside)
-            or not all(isinstance(text, str) for text in self.errors.values())
-        ):
-            raise ValueError("its notes do not fit to its arrays")
+        if not all(branch in ("smooth", "sticking") and 0 <= i < rows and 0 <= j < columns for branch, i, j in self.errors):
+            raise ValueError("it has an error of a run that it does not have")
 
 
 @takes_loop

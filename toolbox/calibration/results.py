@@ -13,7 +13,7 @@ from toolbox.arguments import BoolArray, FloatArray
 from toolbox.calibration.panels import Panel
 from toolbox.calibration.trust import Residual, begins_apart
 from toolbox.errors import SceneError, suggest
-from toolbox.files.printing import columns, table
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
@@ -21,7 +21,7 @@ from toolbox.modelling.hybrid_system import HybridSystem
 
 
 @dataclass(frozen=True)
-class Fit(Result):
+class Fit(Told, Result):
     """Estimates of a fit: `fit["bit.friction.static"]`, `fit.interval(name)`, `fit.parameters`, `fit.plant`, `print(fit)`, `fit.plot()`.
 
     Attributes
@@ -141,22 +141,18 @@ class Fit(Result):
         """Whether no residual has structure at the level 0.05."""
         return all(residual.whiteness >= 0.05 for residual in self.residuals)
 
-    def __str__(self) -> str:
-        return "\n".join([*self._headlines, "", *columns(self._rows(), range(5)), "", *self._remarks()])
-
-    __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        title, starts = self._headlines
-        headings = ("name", "estimate", f"interval of {100 * self.confidence:g} %", "unit", "")
-        return table(title, headings, self._rows(), [starts, *self._remarks()])
-
-    @property
-    def _headlines(self) -> tuple[str, str]:
-        return (
+    def _told(self) -> list[str | Rows]:
+        interval = f"{100 * self.confidence:g} %"
+        return [
             f"Fit of {len(self.names)} number(s) to {self.measured}",
-            f"{self.agreeing} of {self.starts} start(s) end here; intervals of {100 * self.confidence:g} %",
-        )
+            f"{self.agreeing} of {self.starts} start(s) end here; intervals of {interval}",
+            "",
+            Rows(self._rows(), range(5), headings=("name", "estimate", f"interval of {interval}", "unit", "")),
+            "",
+            *self._remarks(),
+        ]
+
+    __repr__ = Told.__str__
 
     def _rows(self) -> list[list[str]]:
         """(name, estimate, interval, unit, relative deviation)."""

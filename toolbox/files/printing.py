@@ -72,18 +72,27 @@ class Printed:
 
 @dataclass(frozen=True)
 class Rows:
-    """A table among the parts of what a value says: its rows, the first of which has the headings, and how it is printed (`columns`)."""
+    """A table among the parts of what a value says: its rows and how it is printed (`columns`).
+
+    headings: those of a table that is printed without any; without them the first row has the headings.
+    """
 
     rows: Sequence[Sequence[str]]
     left: Container[int] = (0,)
     indent: str = "  "
+    headings: Sequence[str] = ()
+
+    @property
+    def grid(self) -> list[str]:
+        """The lines of the table in HTML."""
+        return _grid(self.headings or self.rows[0], filter(None, self.rows if self.headings else self.rows[1:]))
 
 
 class Told(Printed):
     """A value that says what it is in sentences and tables, which are the same when it is printed and when a notebook or a report shows it."""
 
     def _told(self) -> Iterable[str | Rows]:
-        """Its title, then sentences and tables."""
+        """Its title, then sentences and tables; an empty sentence is an empty line where it is printed."""
         raise NotImplementedError
 
     def __str__(self) -> str:
@@ -94,8 +103,8 @@ class Told(Printed):
     def _repr_html_(self) -> str:
         title, *parts = self._told()
         lines = ["<div>", f"<p><b>{marked(str(title))}</b></p>"]
-        for part in parts:
-            lines += [f"<p>{marked(part.strip())}</p>"] if isinstance(part, str) else _grid(part.rows[0], part.rows[1:])
+        for part in filter(None, parts):
+            lines += [f"<p>{marked(part.strip())}</p>"] if isinstance(part, str) else part.grid
         return "\n".join([*lines, "</div>"])
 
 

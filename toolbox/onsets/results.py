@@ -13,7 +13,7 @@ import numpy as np
 
 from toolbox.arguments import BoolArray, FloatArray, is_finite_number
 from toolbox.errors import SceneError
-from toolbox.files.printing import columns, table
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import Reading, reading
@@ -81,7 +81,7 @@ class Coexisting:
 
 
 @dataclass(frozen=True)
-class Onset(Result):
+class Onset(Told, Result):
     """What a machine does over one parameter, on both of its branches: `print(onset)` for the report, `onset.plot()` for the picture.
 
     Attributes
@@ -285,14 +285,31 @@ class Onset(Result):
             f" Margin {', '.join(margins[:-1])}{' and ' if margins[1:] else ''}{margins[-1]}." if margins else ""
         )
 
-    def __str__(self) -> str:
-        unit = self._read.tail
-        borders = columns([(name, value + unit, note) for name, value, note in self._border_rows()], left=(0, 2))
-        values = columns([self._head, *self._value_rows()], left=())
-        lines = [*self._headlines, "", *borders, "", self.advice, "", *self._side_by_side, *values, "", self._checked]
-        return "\n".join([*lines, *(f"Note: {note}" for note in self._noted)])
+    def _told(self) -> list[str | Rows]:
+        read = self._read
+        span = f"{self.parameter} from {self.values[0] * read.factor:.6g} to {self.values[-1] * read.factor:.6g}{read.tail}"
+        return [
+            f"Onset of stick-slip: {self.title}",
+            f"{span}, judged by `{self.element}` and `{self.signal}`",
+            "",
+            Rows(
+                [(name, value + read.tail, note) for name, value, note in self._border_rows()],
+                (0, 2),
+                headings=("border", self.parameter, ""),
+            ),
+            "",
+            self.advice,
+            "",
+            *self._side_by_side,
+            Rows(self._value_rows(), ()),
+            "",
+            f"Checked: {self.runs} runs at accuracy {self.accuracy:g}, each carried on until what comes back tells, for {self.duration:.4g} s at most "
+            f"({self.duration / self.period:.0f} periods of {self.period:.3g} s); smooth running disturbed by {self.perturbation:g} of the slip; both sides of "
+            "each border by runs again at a hundredth of the accuracy; cycles and standstill followed to their ends where they can be.",
+            *(f"Note: {note}" for note in self._noted),
+        ]
 
-    __repr__ = __str__
+    __repr__ = Told.__str__
 
     @property
     def _noted(self) -> list[str]:
@@ -319,31 +336,10 @@ class Onset(Result):
         head = f"At {self.coexisting[0].value * factor:.5g}{unit} {len(rows)} stick-slip cycles live side by side.{last}"
         return [head, *rows, ""]
 
-    def _repr_html_(self) -> str:
-        title, judged = self._headlines
-        notes = [self.advice, *self._side_by_side, *(f"Note: {note}" for note in self._noted)]
-        borders = table(title, ("border", heading(self.parameter, self._read.unit), ""), self._border_rows(), notes)
-        return borders + table(judged, self._head, self._value_rows(), [self._checked])
-
     @property
     def _read(self) -> Reading:
         """How values of the parameter are read."""
         return reading(self.unit, self.asked)
-
-    @property
-    def _headlines(self) -> tuple[str, str]:
-        read = self._read
-        span = f"{self.parameter} from {self.values[0] * read.factor:.6g} to {self.values[-1] * read.factor:.6g}{read.tail}"
-        return f"Onset of stick-slip: {self.title}", f"{span}, judged by `{self.element}` and `{self.signal}`"
-
-    @property
-    def _checked(self) -> str:
-        """How the borders were checked."""
-        return (
-            f"Checked: {self.runs} runs at accuracy {self.accuracy:g}, each carried on until what comes back tells, for {self.duration:.4g} s at most "
-            f"({self.duration / self.period:.0f} periods of {self.period:.3g} s); smooth running disturbed by {self.perturbation:g} of the slip; both sides of "
-            "each border by runs again at a hundredth of the accuracy; cycles and standstill followed to their ends where they can be."
-        )
 
     def _border_rows(self) -> list[tuple[str, str, str]]:
         """(name, value, how it is known) of the Hopf points, the borders and the bistable bands."""
@@ -364,23 +360,12 @@ class Onset(Result):
             ("bistable", f"{low * factor:.6g} .. {high * factor:.6g}", "smooth only until disturbed") for low, high in self.bistable
         ]
 
-    @property
-    def _head(self) -> tuple[str, ...]:
-        """Headings of `_value_rows`."""
-        return (
-            heading(self.parameter, self._read.unit),
-            "from smooth running",
-            "severity",
-            "a disturbance",
-            "from stick-slip",
-            "severity",
-            "longest stick",
-            "standstill",
-        )
-
     def _value_rows(self) -> list[tuple[str, ...]]:
-        """Verdicts at each value."""
-        cells: list[tuple[str, ...]] = []
+        """Headings, and verdicts at each value."""
+        place = heading(self.parameter, self._read.unit)
+        cells: list[tuple[str, ...]] = [
+            (place, "from smooth running", "severity", "a disturbance", "from stick-slip", "severity", "longest stick", "standstill")
+        ]
         for value, a, b, stands in zip(self.values, self.smooth, self.sticking, self.standing, strict=True):
             longest = "for good" if b.regime == STANDS else f"{b.longest:.3g} s" if b.longest else "-"
             number = f"{value * self._read.factor:.5g}"

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.printing import columns, table
+from toolbox.files.printing import Rows, Told
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
@@ -34,7 +34,7 @@ class CycleError(SimulationError):
 
 
 @dataclass(frozen=True)
-class Cycle:
+class Cycle(Told):
     """A periodic motion: `cycle.period`, `cycle.multipliers`, `cycle.stable`, `cycle.amplitude("bit.speed")`, `print(cycle)`, `cycle.plot()`.
 
     Attributes
@@ -120,34 +120,23 @@ class Cycle:
 
         return phase_plane(self.run, x, y, ax=ax)
 
-    def __str__(self) -> str:
-        title, *notes = self._headlines
-        rows = [(name, f"{low:.6g}", f".. {high:.6g}", unit) for name, low, high, unit in self._rows()]
-        return "\n".join([title, *(f"  {note}" for note in notes), *columns(rows, (0, 2, 3))])
-
-    __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        title, *notes = self._headlines
-        return table(title, ("state", "smallest", "largest", "unit"), self._rows(), notes)
-
-    @property
-    def _headlines(self) -> list[str]:
-        """What the cycle is, its multipliers, and how long elements stick."""
+    def _told(self) -> list[str | Rows]:
         shown = ", ".join(_complex(value) for value in self.multipliers[:6]) + (", ..." if self.multipliers.size > 6 else "")
         largest = np.abs(self.multipliers).max(initial=0.0)
         kind = "Stable" if self.stable else "Neutral" if largest <= 1.0 + ON_CIRCLE else "Unstable"
-        lines = [
+        told: list[str | Rows] = [
             f"{kind} cycle of {self.period:.10g} s, {'forced' if self.forced else 'free'}, "
             f"found in {self.iterations} steps, the last of {self.step:.1e}",
-            f"Floquet multipliers  {shown or 'none'}",
+            f"  Floquet multipliers  {shown or 'none'}",
         ]
         for element in self.run.program.system.elements:
             if "stick" in element.legend.values():
-                lines.append(f"{element.name} sticks {100 * self.stick_share(element.name):.2f} % of the period")
-        return lines
+                told.append(f"  {element.name} sticks {100 * self.stick_share(element.name):.2f} % of the period")
+        return [*told, Rows(self._rows(), (0, 2, 3), headings=("state", "smallest", "largest", "unit"))]
 
-    def _rows(self) -> list[tuple[str, float, float, str]]:
+    __repr__ = Told.__str__
+
+    def _rows(self) -> list[tuple[str, str, str, str]]:
         """(state, smallest value, largest value, unit) of the states that return."""
         rows = []
         system = self.run.program.system
@@ -157,7 +146,7 @@ class Cycle:
                     label = name if size is None else f"{name}.{i}"
                     factor, shown = reading(unit, self.run.asked)
                     low, high = self.extremes(label)
-                    rows.append((label, factor * low, factor * high, shown))
+                    rows.append((label, f"{factor * low:.6g}", f".. {factor * high:.6g}", shown))
         return rows
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from toolbox.arguments import short
 from toolbox.errors import SceneError, suggest
-from toolbox.files.printing import columns, table
+from toolbox.files.printing import Rows, Told
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, TypedNumber, in_si
 from toolbox.measuring import measures as listed
@@ -43,7 +43,7 @@ class Difference(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Differences:
+class Differences(Told):
     """What `compare` found: `print(found)`, `found["bit.speed, severity"]`.
 
     Attributes
@@ -83,16 +83,12 @@ class Differences:
             cells.append((row.name, word(first), word(second), change, "" if unit == "1" else unit))
         return cells
 
-    def __str__(self) -> str:
+    def _told(self) -> list[str | Rows]:
         if not self.rows:
-            return f"{self.title}: no difference"
-        rows = [("", *self.labels, "difference", ""), *self._cells()]
-        return "\n".join([self.title, *columns(rows, (0, 4))])
+            return [f"{self.title}: no difference"]
+        return [self.title, Rows([("", *self.labels, "difference", ""), *self._cells()], (0, 4))]
 
-    __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return table(self.title, ("", *self.labels, "difference", "unit"), self._cells())
+    __repr__ = Told.__str__
 
 
 def compare(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.files.printing import columns, table
+from toolbox.files.printing import Rows, Told
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import reading
@@ -75,7 +75,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Tuned(Result):
+class Tuned(Told, Result):
     """Result of a tuning; `print` it for the report.
 
     Attributes
@@ -182,46 +182,26 @@ class Tuned(Result):
                 cases.append(dataclasses.replace(case, label=f"{case.label}, tuned", law=law))
         return dataclasses.replace(scene, cases=tuple(cases))
 
-    def __str__(self) -> str:
-        lines = self._headlines
-        if not self.front:
-            return "\n".join([*lines, NOTHING])
-        best = self.best
-        numbers, values = self._changed_rows(best)
-        lines += ["", *columns([["", "given", "tuned", "range"], *numbers, [], *values], indent="")]
-        lines += [line for remark in self._remarks(best) for line in ("", remark)]
-        if len(self.objectives) > 1:
-            lines += [
-                "",
-                f"Front of {_count(len(self.front), 'point')} ({_TUNED} the one above):",
-                *columns(self._front_rows(best), indent=""),
-            ]
-        return "\n".join(lines)
-
-    __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        title, *failed = self._headlines
-        if not self.front:
-            return table(title, (), (), [*failed, NOTHING])
-        best = self.best
-        numbers, values = self._changed_rows(best)
-        found = table(title, ("", "given", "tuned", "range or change"), [*values, *numbers], [*failed, *self._remarks(best)])
-        if len(self.objectives) == 1:
-            return found
-        headings, *rows = self._front_rows(best)
-        return found + table(f"Front of {_count(len(self.front), 'point')} ({_TUNED} the one above)", headings, rows)
-
-    @property
-    def _headlines(self) -> list[str]:
+    def _told(self) -> list[str | Rows]:
         tried = len(self.trials)
         failed = sum(trial.failed for trial in self.trials)
         over = f", {_over_words(self.over)} of {len(self.scenes)} scenes counts" if len(self.scenes) > 1 else ""
         counts = f"{_count(len(self.free), 'free number')}, {_count(len(self.objectives), 'objective')}"
-        return [
+        told: list[str | Rows] = [
             f"Tuning of {self.title}: {counts}{over}; {tried} points, {tried * len(self.scenes)} runs, seed {self.seed}",
             *([f"{failed} of the points have a run that could not be finished: infinitely bad."] if failed else []),
         ]
+        if not self.front:
+            return [*told, NOTHING]
+        best = self.best
+        numbers, values = self._changed_rows(best)
+        told += ["", Rows([["", "given", "tuned", "range"], *numbers, [], *values], indent="")]
+        told += [line for remark in self._remarks(best) for line in ("", remark)]
+        if len(self.objectives) > 1:
+            told += ["", f"Front of {_count(len(self.front), 'point')} ({_TUNED} the one above):", Rows(self._front_rows(best), indent="")]
+        return told
+
+    __repr__ = Told.__str__
 
     def _changed_rows(self, best: Trial) -> tuple[list[list[str]], list[list[str]]]:
         """(name, given, tuned, range) of the free numbers, and (name, given, tuned, change) of the objectives."""

@@ -40,6 +40,7 @@ from studies.protocol import DELAY, PLANT, SINGLES, trial
 from toolbox import Sampled, closed_loop, margins, plot, units
 from toolbox.figures.style import name_axis
 from toolbox.files import tables
+from toolbox.files.printing import shown
 from toolbox.modelling import Observed
 from toolbox.robustness import Margins, absorber_limit, performance_limit
 from toolbox.robustness.set_points import at_set_point
@@ -107,11 +108,6 @@ def disk_table(speeds: Sequence[float] = SPEEDS) -> dict[str, list[float]]:
     return found
 
 
-def shown(value: float, unit: str = "") -> str:
-    """A number of the table; "-" where there is none."""
-    return "-" if math.isnan(value) else f"{value:.3g}{unit}"
-
-
 def table(found: dict[str, list[float]], speeds: Sequence[float] = SPEEDS) -> str:
     """The disk margins as text; 0 is an unstable loop."""
     lines = [f"{'disk margin at [rad/s]':<32}" + "".join(f"{speed:>8g}" for speed in speeds)]
@@ -132,7 +128,7 @@ def working_table(speed: float = WORKING) -> str:
         delay = row.delay_margin if found.measured is None else row.delay
         phase = math.degrees(found.loops[0].phase_margin)
         gain = f"{shown(row.lowest_gain)} .. {shown(row.highest_gain)}"
-        cells = [shown(found.disk_margin), shown(found.peak_sensitivity), gain, shown(phase, " deg"), shown(1e3 * delay, " ms")]
+        cells = [shown(found.disk_margin), shown(found.peak_sensitivity), gain, shown(phase, unit=" deg"), shown(1e3 * delay, unit=" ms")]
         lines.append(
             f"{label:<32}{cells[0]:>8}{cells[1]:>8}{cells[2]:>16}{cells[3]:>10}{cells[4]:>10}" + (" measured" if found.measured else "")
         )

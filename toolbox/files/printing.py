@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import html
+import math
 import re
 from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
@@ -62,6 +63,11 @@ def columns(rows: Sequence[Sequence[str]], left: Container[int] = (0,), indent: 
     return [(indent + "  ".join(row)).rstrip() for row in aligned]
 
 
+def shown(value: float, form: str = ".3g", unit: str = "") -> str:
+    """A number of a report in a format, with its unit behind it; "-" where there is none."""
+    return "-" if math.isnan(value) else f"{value:{form}}{unit}"
+
+
 class Printed:
     """A value that a notebook shows as it prints: the first line as its title, the rest as it stands in columns."""
 
@@ -103,7 +109,7 @@ class Told(Printed):
     def _repr_html_(self) -> str:
         title, *parts = self._told()
         lines = ["<div>", f"<p><b>{marked(str(title))}</b></p>"]
-        for part in filter(None, parts):
+        for part in (each for each in parts if each):
             lines += [f"<p>{marked(part.strip())}</p>"] if isinstance(part, str) else part.grid
         return "\n".join([*lines, "</div>"])
 

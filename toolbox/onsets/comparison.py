@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from toolbox.errors import SceneError, suggest
-from toolbox.files.printing import columns, table
+from toolbox.files.printing import columns, shown, table
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import reading
-from toolbox.onsets.results import Onset, shown
+from toolbox.onsets.results import Onset
 
 
 @dataclass(frozen=True)

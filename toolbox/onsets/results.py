@@ -13,7 +13,7 @@ import numpy as np
 
 from toolbox.arguments import BoolArray, FloatArray, is_finite_number
 from toolbox.errors import SceneError
-from toolbox.files.printing import Rows, Told
+from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import Reading, reading
@@ -256,9 +256,9 @@ class Onset(Told, Result):
     def advice(self) -> str:
         """The working point in one sentence, with its margins to both borders."""
         factor, unit = self._read
-        shown = f"{self.at * factor:.6g} {unit}"
+        point = f"{self.at * factor:.6g} {unit}"
         if not self.values[0] <= self.at <= self.values[-1]:
-            return f"The working point {shown} is outside of the range."
+            return f"The working point {point} is outside of the range."
         words = {
             "free": "is free: a disturbance dies, and stick-slip that has begun ends.",
             "bistable": "is bistable: smooth until something disturbs it, and stick-slip that has begun never ends by itself.",
@@ -281,7 +281,7 @@ class Onset(Told, Result):
             if verdict == "bistable" and "standstill" in self.regimes(self.at)
             else ""
         )
-        return f"The working point {shown} {words.get(verdict, f'has no steady running ({verdict}).')}{also}" + (
+        return f"The working point {point} {words.get(verdict, f'has no steady running ({verdict}).')}{also}" + (
             f" Margin {', '.join(margins[:-1])}{' and ' if margins[1:] else ''}{margins[-1]}." if margins else ""
         )
 
@@ -436,8 +436,3 @@ COLUMNS = ("regime", "severity", "sticks", "longest", "rate", "lowest", "highest
 
 GROWTHS = ("poles", "differences", "twin runs")
 """Ways in which the growth of smooth running is known."""
-
-
-def shown(value: float) -> str:
-    """A number of a report; "-" where there is none."""
-    return "-" if math.isnan(value) else f"{value:.3g}"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files import tables
 from toolbox.files.archives import understood
-from toolbox.files.printing import columns
+from toolbox.files.printing import columns, shown
 from toolbox.files.reading import TEXT, text_of
 from toolbox.files.unit_systems import reading
 from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judged, told_growth
@@ -239,21 +239,17 @@ def in_cells(scene: Scene, rows: Sequence[Row], times: bool = True) -> list[list
             [
                 row.controller,
                 row.verdict.partition(":")[0],
-                _number(row.stuck, "{:.2f} s"),
-                _number(row.severity, "{:.3f}"),
-                "never" if row.settling == math.inf else _number(row.settling, "{:.1f} s"),
-                "-" if row.settling == math.inf else _number(100 * row.overshoot, "{:.1f} %"),  # without settling it is only a peak
-                _number(row.peak * effort.factor, ("{:.0f} " if row.peak * effort.factor >= 1000 else "{:.4g} ") + effort.unit),
-                _number(row.error, "{:.0e}"),
-                *([_number(1e3 * row.wall_time, "{:.2g} ms" if row.wall_time < 0.1 else "{:.0f} ms")] if times else []),
-                *(_number(row.more.get(name, math.nan), "{:.4g}") for name in others),
+                shown(row.stuck, ".2f", " s"),
+                shown(row.severity, ".3f"),
+                "never" if row.settling == math.inf else shown(row.settling, ".1f", " s"),
+                "-" if row.settling == math.inf else shown(100 * row.overshoot, ".1f", " %"),  # without settling it is only a peak
+                shown(row.peak * effort.factor, ".0f" if row.peak * effort.factor >= 1000 else ".4g", f" {effort.unit}"),
+                shown(row.error, ".0e"),
+                *([shown(1e3 * row.wall_time, ".2g" if row.wall_time < 0.1 else ".0f", " ms")] if times else []),
+                *(shown(row.more.get(name, math.nan), ".4g") for name in others),
             ]
         )
     return cells
-
-
-def _number(value: float, form: str) -> str:
-    return "-" if math.isnan(value) else form.format(value)
 
 
 # --- the figures

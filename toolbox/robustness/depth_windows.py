@@ -18,7 +18,7 @@ import numpy as np
 
 from toolbox.arguments import numbers
 from toolbox.errors import SceneError
-from toolbox.files.printing import Rows, Told
+from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import asked_in, reading
@@ -92,11 +92,11 @@ class Windows(Told, Result):
             )
         ]  # fmt: skip
         for i, depth in enumerate(self.depths):
-            shown = [_part(each) for each in self.margin[i]] + ["-" if math.isnan(self.disk_margin[i]) else f"{self.disk_margin[i]:.3g}"]
+            parts = [_part(each) for each in self.margin[i]] + [shown(self.disk_margin[i])]
             for j, value in enumerate(self.along):
                 borders = [_border(each[i, j], first.factor) for each in (self.smooth, self.free)]
                 head = f"{depth * deep.factor:.5g}" if j == 0 else ""
-                lines.append((head, f"{value * second.factor:.4g}", *borders, *(shown if j == 0 else ("", "", ""))))
+                lines.append((head, f"{value * second.factor:.4g}", *borders, *(parts if j == 0 else ("", "", ""))))
         return lines
 
     def _told(self) -> list[str | Rows]:
@@ -257,4 +257,4 @@ def _border(value: float, factor: float) -> str:
 
 
 def _part(value: float) -> str:
-    return "-" if math.isnan(value) else "all" if value == math.inf else "outside" if value == -math.inf else f"{100.0 * value:+.3g} %"
+    return "all" if value == math.inf else "outside" if value == -math.inf else shown(100.0 * value, "+.3g", " %")

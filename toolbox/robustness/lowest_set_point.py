@@ -15,7 +15,7 @@ from typing import Any
 
 from toolbox.arguments import checked_range, number, numbers
 from toolbox.errors import SceneError, suggest
-from toolbox.files.printing import columns
+from toolbox.files.printing import columns, shown
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
@@ -219,10 +219,10 @@ class LowestSetPoints(Result):
         lines: list[tuple[str, ...]] = [(*heads, *price)]
         for key, each in self.entries.items():
             said = [
-                _told(each.speed * speed.factor, ".3g"), _told(each.margin, ".2f"), _told(each.margin_declared, ".2f"),
-                _told(100.0 * each.above, ".1f", " %"), _told(each.recovery, ".0f", " s"), _told(each.fastest * speed.factor, ".3g"),
-                _told(each.torque * torque.factor, ".3g"), _told(each.lifts, ".0f"), _told(each.again, ".0f"),
-                _told(100.0 * each.relief, ".1f", " %"), told_growth(each.growth),
+                shown(each.speed * speed.factor, ".3g"), shown(each.margin, ".2f"), shown(each.margin_declared, ".2f"),
+                shown(100.0 * each.above, ".1f", " %"), shown(each.recovery, ".0f", " s"), shown(each.fastest * speed.factor, ".3g"),
+                shown(each.torque * torque.factor, ".3g"), shown(each.lifts, ".0f"), shown(each.again, ".0f"),
+                shown(100.0 * each.relief, ".1f", " %"), told_growth(each.growth),
             ]  # fmt: skip
             lines.append((*key, *said, each.why))
         return lines
@@ -255,10 +255,6 @@ class LowestSetPoints(Result):
     def joined(self, other: LowestSetPoints) -> LowestSetPoints:
         """The entries of both, in this order."""
         return dataclasses.replace(self, entries={**self.entries, **other.entries})
-
-
-def _told(value: float, form: str, unit: str = "") -> str:
-    return "-" if math.isnan(value) else f"{value:{form}}{unit}"
 
 
 def chosen_groups(trial: Trial, groups: Sequence[str | Group], later: float = 0.03, margin: float | None = None) -> list[Group]:

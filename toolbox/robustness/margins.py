@@ -10,7 +10,7 @@ from typing import Any
 
 from toolbox.arguments import mapping, number
 from toolbox.errors import SceneError
-from toolbox.files.printing import Rows, Told
+from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
@@ -95,15 +95,15 @@ class Margins(Told, Result):
         for row in self.loops:
             lines.append(
                 (
-                    row.command, _shown(row.disk_margin), _shown(row.disk_frequency), _shown(row.peak_sensitivity),
-                    _range(row.lowest_gain, row.highest_gain), "-" if math.isnan(row.phase_margin) else f"{math.degrees(row.phase_margin):.3g} deg",
+                    row.command, shown(row.disk_margin), shown(row.disk_frequency), shown(row.peak_sensitivity),
+                    _range(row.lowest_gain, row.highest_gain), shown(math.degrees(row.phase_margin), unit=" deg"),
                     _time(row.delay_margin),
                 )
             )  # fmt: skip
         if self.joint is not None:
             joint = self.joint
             for label, value in (("all, each its own", joint.disk_margin), ("all, mixed", joint.unstructured_margin)):
-                lines.append((label, _shown(value), _shown(joint.disk_frequency), _shown(joint.peak_sensitivity), "", "", ""))
+                lines.append((label, shown(value), shown(joint.disk_frequency), shown(joint.peak_sensitivity), "", "", ""))
         if self.measured is not None:
             found = self.measured
             lines.append(("measured", "-", "-", "-", _range(found.lowest_gain, found.highest_gain), "-", _time(found.delay)))
@@ -211,15 +211,11 @@ def _set_points(loop: ClosedLoop) -> dict[str, float]:
     return {name: value for name, value in values if name.endswith(".reference")}
 
 
-def _shown(value: float) -> str:
-    return "-" if math.isnan(value) else "inf" if math.isinf(value) else f"{value:.3g}"
-
-
 def _range(low: float, high: float) -> str:
-    return "-" if math.isnan(low) and math.isnan(high) else f"{_shown(low)} .. {_shown(high)}"
+    return "-" if math.isnan(low) and math.isnan(high) else f"{shown(low)} .. {shown(high)}"
 
 
 def _time(value: float) -> str:
     if math.isnan(value) or math.isinf(value):
-        return _shown(value)
+        return shown(value)
     return f"{value:.3g} s" if value >= 1.0 else f"{1e3 * value:.3g} ms"

@@ -20,7 +20,7 @@ import numpy as np
 
 from toolbox.arguments import mapping, number, numbers, whole
 from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.files.printing import Rows, Told
+from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import CALM, STANDS, STICKS, told_growth
@@ -430,4 +430,4 @@ def _badness(outcome: Outcome) -> tuple[bool, float, float, float]:
 
 def percent(value: float) -> str:
     """A part in per cent as a report says it."""
-    return "-" if math.isnan(value) else f"{100.0 * value:.2g} %"
+    return shown(100.0 * value, ".2g", " %")

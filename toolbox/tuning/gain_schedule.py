@@ -19,7 +19,7 @@ import numpy as np
 
 from toolbox.arguments import number, numbers
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files.printing import Rows, Told
+from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText, in_si
@@ -133,11 +133,11 @@ class Schedule(Told, Result):
         ]
         for each in self.checked:
             gains = [f"{value * read[unit].factor:.4g}" for value, unit in zip(self.gains_at(each.depth).values(), self.units, strict=True)]
-            shown = [percent(value) for value in (each.stuck, each.mean_error, each.ripple)]
+            parts = [percent(value) for value in (each.stuck, each.mean_error, each.ripple)]
             lines.append(
                 (
                     f"{each.depth * read['m'].factor:.5g}", "designed" if each.designed else "between", *gains,
-                    "-" if math.isnan(each.disk_margin) else f"{each.disk_margin:.3g}", told_growth(each.rate), f"{each.failed} of {each.runs}", *shown,
+                    shown(each.disk_margin), told_growth(each.rate), f"{each.failed} of {each.runs}", *parts,
                 )
             )  # fmt: skip
         return lines

@@ -16,7 +16,6 @@ toolbox, which is told. A motion that is not computable, because its own error g
 
 from __future__ import annotations
 
-import argparse
 import math
 import time as clock
 from collections import Counter
@@ -31,6 +30,7 @@ from controllers import PI, SoftTorque
 from models import BitRock, Coulomb, Exponential, wells
 from studies.benchmarks.random_plants import belt, chain, rig
 from studies.benchmarks.random_wells import rested, well
+from studies.command_line import parser_of
 from toolbox import Component, DryFriction, Equations, SceneError, SimulationError, closed_loop, compose, onset, simulate, state, sweep
 from toolbox.contacts import ContactProblem, step_contacts
 from toolbox.inputs import sine
@@ -183,7 +183,7 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], str]] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run it; returns 1 where something is wrong."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--systems", type=int, default=600, help="systems of each family (600)")
     parser.add_argument("--family", choices=FAMILIES, action="append", help="only this one; may be repeated")
     parser.add_argument("--seed", type=int, default=1)

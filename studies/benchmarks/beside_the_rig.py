@@ -12,9 +12,7 @@ Seeds are from 100 on: those below were used to choose the defaults of `Knowledg
 
 from __future__ import annotations
 
-import argparse
 import functools
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -23,6 +21,8 @@ import numpy as np
 from controllers import SoftTorque, StiffPI
 from controllers.observers import DisturbanceObserver, Kalman
 from models import BitRock, wells
+from studies.command_line import parser_of
+from studies.timing import timed
 from toolbox import Sampled, closed_loop, compose, simulate
 from toolbox.measuring.measure import stick_intervals
 from toolbox.modelling import inputs as shapes
@@ -167,7 +167,7 @@ def false_alarms(seed: int, duration: float = 600.0) -> tuple[float, int] | None
 
 def main() -> None:
     """Print the answers."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--onsets", type=int, default=59)
     parser.add_argument("--hours", type=float, default=6.0)
@@ -178,9 +178,7 @@ def main() -> None:
         told = case("stick-slip", FIRST)[0]
         made = EnsembleFilter(RIG)
         followed(made, told, 100)
-        began = time.process_time()
-        followed(made, told, 3000)
-        spent = (time.process_time() - began) / 3000
+        spent = timed(lambda: followed(made, told, 3000))[1] / 3000
         print(f"a sample takes {1e3 * spent:.3f} ms of processor time, {spent / PERIOD:.3f} of a core at 100 Hz", flush=True)
     late = []
     for seed in range(FIRST, FIRST + given.onsets):

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from models import Coulomb
-from studies.benchmarks.stiff import seconds
+from studies.timing import timed
 from toolbox import Component, DryFriction, Equations, HybridSystem, compose, quantity, simulate, state
 
 
@@ -71,10 +71,10 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as empty:
             os.environ["STICKSLIP_CACHE_DIR"] = empty
             plants: list[HybridSystem] = []
-            compiling = seconds(lambda n=n, to=plants: (to.append(shaken(n)), simulate(to[0], 0.0, inputs=push)), 1)
+            _, compiling = timed(lambda n=n, to=plants: (to.append(shaken(n)), simulate(to[0], 0.0, inputs=push)))
             del os.environ["STICKSLIP_CACHE_DIR"]
         run = simulate(plants[0], 20.0, inputs=push)
-        each = 1e6 * seconds(lambda p=plants[0]: simulate(p, 20.0, inputs=push), 5) / len(run.events)
+        each = 1e6 * timed(lambda p=plants[0]: simulate(p, 20.0, inputs=push), 5)[1] / len(run.events)
         exponent = f"{np.log2(each / before):10.1f}" if before else ""
         print(f"{n:>4}{compiling:>13.2f}{len(run.events):>8}{sum(run.steps):>7}{each:>13.1f}{exponent}", flush=True)
         before = each

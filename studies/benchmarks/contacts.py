@@ -20,6 +20,7 @@ import numpy as np
 
 from models import ElasticSlider, Exponential, ReducedBody
 from studies.questions.elastic_sliders import ACCELERATION, DAMPING, PRESSURE, SIDE, STIFFNESS, Pull, cube, first_slips, measures, row_run
+from studies.timing import timed
 from toolbox import Trajectory, compose, simulate
 from toolbox.contacts import ContactProblem, ContactRun, press_contacts, step_contacts
 from toolbox.inputs import ramp
@@ -118,27 +119,17 @@ def errors(run: ContactRun, exact: ContactRun) -> tuple[float, float]:
     )
 
 
-def timed(drive: Any, *arguments: Any, times: int = 2) -> tuple[Any, float]:
-    """The run, and the shortest time of the processor [s] of as many."""
-    spent = []
-    for _ in range(times):
-        begun = process_time()
-        run = drive(*arguments)
-        spent.append(process_time() - begun)
-    return run, min(spent)
-
-
 def against_located(face: Face) -> Iterator[str]:
     """Lines on the struck rows: located events by accuracy, then time stepping by step, each with the error of its force against the finest located run."""
     times = np.linspace(0.0, 80e-6, 241)[1:]
     exact = located(face, 1e-10).at(times)["plate.drag"]
     size = np.abs(exact).max()
     for accuracy in (1e-8, 1e-6, 1e-4):
-        run, spent = timed(located, face, accuracy, times=3)
+        run, spent = timed(lambda a=accuracy: located(face, a), 3)
         wrong = np.abs(run.at(times)["plate.drag"] - exact).max() / size
         yield f"| located to {accuracy:.0e} | {len(run.time) - 1} | {len(run.events)} | {wrong:.1e} | {spent:.2g} s |"
     for step in (1e-6, 2.5e-7, 6.25e-8):
-        stepped, spent = timed(struck, face, face.body.modes, step)
+        stepped, spent = timed(lambda s=step: struck(face, face.body.modes, s), 2)
         wrong = np.abs(force(stepped, times) - exact).max() / size
         yield f"| steps of {1e6 * step:g} us | {len(stepped.time) - 1} | {len(stepped.events)} | {wrong:.1e} | {spent:.2g} s |"
 
@@ -146,8 +137,8 @@ def against_located(face: Face) -> Iterator[str]:
 def trade(drive: Any, face: Face, settings: Iterable[tuple[int, float]]) -> Iterator[str]:
     """Lines of a table for settings (modes, step); the last is what the others are compared with, and takes one run."""
     *settings, (most, finest) = settings
-    exact, longest = timed(drive, face, most, finest, times=1)
-    runs = {(modes, step): timed(drive, face, modes, step) for modes, step in settings}
+    exact, longest = timed(lambda: drive(face, most, finest))
+    runs = {(modes, step): timed(lambda m=modes, s=step: drive(face, m, s), 2) for modes, step in settings}
     for (modes, step), (run, spent) in runs.items():
         wrong = errors(run, exact)
         alike = runs.get((most, step))
@@ -190,10 +181,10 @@ def main() -> None:
         for line in trade(struck, face, settings):
             print(line, flush=True)
     print("\nNodes, slow drive without modes, step 4 ms: errors against 300 nodes, and the published measures")
-    exact, longest = timed(slow, faces[-1], 0, 4e-3, times=1)
+    exact, longest = timed(lambda: slow(faces[-1], 0, 4e-3))
     for divisions in ((2, 2, 10), (5, 5, 10), (10, 10, 10)):
         face = nodes(divisions, 0.0) if divisions[0] < 10 else faces[1]
-        run, spent = timed(slow, face, 0, 4e-3)
+        run, spent = timed(lambda f=face: slow(f, 0, 4e-3), 2)
         wrong = errors(run, exact)
         print(f"| {face.name} | {wrong[0]:.1e} | {wrong[1]:.4f} | {spent:.2g} s | " + published(run), flush=True)
     print(f"| {faces[-1].name} | - | - | {longest:.2g} s | " + published(exact))

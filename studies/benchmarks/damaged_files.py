@@ -35,6 +35,7 @@ from typing import Any
 import numpy as np
 
 from models import BitRock, BlockOnBelt, ElasticBody, ReducedBody, wells
+from studies.command_line import parser_of
 from toolbox import Scene, SceneError, Trajectory, compose, severity_map, simulate, sweep
 from toolbox.calibration.recording import Recording
 from toolbox.files.journal import Journal
@@ -491,7 +492,7 @@ def tried(kind: str, folder: Path, mutations: int, seed: int, reader: Reader) ->
 
 def main() -> int:
     """Try all kinds and print a table. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m studies damaged_files", description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--mutations", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kind", choices=tuple(KINDS), action="append")

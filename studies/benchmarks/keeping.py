@@ -17,7 +17,7 @@ import numpy as np
 from controllers import PI
 from models import BitRock, TorsionalChain
 from models.friction import Exponential
-from studies.benchmarks.stiff import seconds
+from studies.timing import timed
 from toolbox import HybridSystem, Trajectory, compose, simulate
 
 
@@ -48,7 +48,7 @@ def main() -> None:
                 lambda r=run, p=path: r.to_csv(p.with_suffix(".csv")),
                 lambda r=run: str(r),
             ]
-            times = [seconds(call) for call in calls]
+            times = [timed(call, 3)[1] for call in calls]
             with np.load(path) as arrays:
                 held = sum(arrays[name].nbytes for name in arrays.files)
             size = path.stat().st_size

@@ -15,7 +15,6 @@ their work so far is looked at through their results. Then the same under other 
 
 from __future__ import annotations
 
-import argparse
 import os
 import random
 import shutil
@@ -32,6 +31,7 @@ from typing import Any
 
 import numpy as np
 
+from studies.command_line import parser_of
 from toolbox.files.origin import ORIGIN
 from toolbox.onsets import SeverityMap
 from toolbox.sweeps import Sweep
@@ -284,7 +284,7 @@ CONDITIONS: Mapping[str, Callable[[Path, int, random.Random], str]] = {
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run it."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--times", type=int, default=300, help="kills of all commands together (300)")
     parser.add_argument("--conditions", type=int, default=50, help="tries of each other condition (50)")
     parser.add_argument("--command", choices=COMMANDS, action="append", help="only this one; may be repeated")

@@ -29,6 +29,7 @@ from controllers import IdealSlidingMode, SlidingMode, SoftTorque
 from models import BitRock, BlocksOnBelt, DiscBrake, SquealingPad, wells
 from studies.benchmarks.cases import DRIVE, cases
 from studies.questions.maps import string_map
+from studies.timing import timed
 from toolbox import Controller, HybridSystem, Sampled, closed_loop, compose
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import program_of
@@ -276,9 +277,8 @@ def map_row(shape: tuple[int, int] = (50, 50)) -> str:
     try:
         for work in (math.inf, usual, math.inf, usual):  # where lanes never pay, and where they do
             batch.LANES_WORK = work
-            began = time.process_time()
-            found[work] = string_map(shape)
-            seconds[work] = min(time.process_time() - began, seconds.get(work, math.inf))
+            found[work], spent = timed(lambda: string_map(shape))
+            seconds[work] = min(spent, seconds.get(work, math.inf))
     finally:
         batch.LANES_WORK = usual
     differ = sum(

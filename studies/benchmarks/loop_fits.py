@@ -9,8 +9,6 @@ data, of which it looks for flaws, and on a `Recording` that was read before; pr
 
 from __future__ import annotations
 
-import argparse
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -18,6 +16,8 @@ import numpy as np
 from scipy.optimize import curve_fit
 
 from models import BlockOnBelt, Exponential
+from studies.command_line import parser_of
+from studies.timing import timed
 from toolbox import compose, fit
 from toolbox.calibration import Recording
 
@@ -44,16 +44,9 @@ def logged(samples: int) -> dict[str, np.ndarray]:
     }
 
 
-def seconds(call: Callable[[], Any]) -> float:
-    """Processor time of a call [s]."""
-    began = time.process_time()
-    call()
-    return time.process_time() - began
-
-
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--repeats", type=int, default=9)
     given = parser.parse_args()
     print("samples   curve_fit   fit of a recording   ratio   of data   ratio   largest difference of a number")
@@ -67,7 +60,7 @@ def main() -> None:
             lambda data=data: fit(GUESS, data, NAMES, contact="belt").values,
         )
         found = [call() for call in calls]
-        times = np.array([[seconds(call) for call in calls] for _ in range(given.repeats)])
+        times = np.array([[timed(call)[1] for call in calls] for _ in range(given.repeats)])
         one, recorded, raw = np.median(times, axis=0)
         ratios = np.median(times[:, 1:] / times[:, :1], axis=0)
         apart = np.abs(found[2] / found[0] - 1.0).max()

@@ -9,7 +9,6 @@ is compiled with the flags of its CMakeLists.txt.
 
 from __future__ import annotations
 
-import argparse
 import ctypes
 import resource
 import shutil
@@ -23,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from models import BitRock, wells
+from studies.command_line import parser_of
 from toolbox import Scene, SceneError, compose, export_c, simulate, stepper
 from toolbox.compilation import work_layout as layout
 from toolbox.export.machine_c import machine
@@ -184,7 +184,7 @@ def step_of_stepper(steps: int = 20_000) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     every = sorted(path.stem for path in SCENES.glob("*.toml"))
     parser.add_argument("scenes", nargs="*", default=every, metavar="SCENE", help="some of the shipped scenes; all without")
     parser.add_argument("--compiler", default=COMPILER, help="of C; gcc or cc without")

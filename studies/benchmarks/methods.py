@@ -10,14 +10,14 @@ turns that alternate). A case is sensitive where a run by explicit formulas has 
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from studies.benchmarks.speed import least
+from studies.command_line import parser_of
+from studies.timing import least
 from toolbox import Trajectory, simulate
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.scenes.contact_scene import ContactScene, load_scene
@@ -98,7 +98,7 @@ def line(pair: Pair, turns: int) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--only", nargs="+", choices=names(), default=names(), metavar="SCENE", help="scenes (all)")
     parser.add_argument("--turns", type=int, default=11, help="turns that alternate, of which the least counts (11)")
     given = parser.parse_args(arguments)

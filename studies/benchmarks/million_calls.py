@@ -9,7 +9,6 @@ the first thousand calls. At the end the same from Python, by `stepper`; and wha
 
 from __future__ import annotations
 
-import argparse
 import resource
 import subprocess
 import tempfile
@@ -22,6 +21,7 @@ import numpy as np
 
 from models import BitRock, wells
 from studies.benchmarks.machines_in_c import COMPILER, FAST
+from studies.command_line import parser_of
 from toolbox import Scene, compose, export_c, stepper
 from toolbox.modelling.closed_loop import ClosedLoop
 
@@ -126,7 +126,7 @@ def of_environments(copies: int = 1000, steps: int = 30) -> list[float]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("scenes", nargs="*", default=SCENES, metavar="SCENE", help="shipped scenes of equations; five without")
     parser.add_argument("--calls", type=int, default=1_000_000, help="calls of 1 ms")
     given = parser.parse_args(arguments)

@@ -13,7 +13,6 @@ the defaults.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ import numpy as np
 
 from controllers import StiffPI
 from models import BitRock, wells
+from studies.command_line import parser_of
 from toolbox import closed_loop, compose, sweep
 from toolbox.files.journal import Journal
 from toolbox.measuring import measures
@@ -84,7 +84,7 @@ def judged(ranks: np.ndarray) -> list[dict[str, Any]]:
 
 def main() -> None:
     """Print the ranks of each unknown with their bands."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("folder", nargs="?", type=Path, default=Path("posterior_ranks"))
     parser.add_argument("--repetitions", type=int, default=400)
     given = parser.parse_args()

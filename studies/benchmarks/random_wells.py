@@ -13,7 +13,6 @@ sampled. Two measures that share the simulation with `onset`, but neither its gr
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import math
 from dataclasses import dataclass
@@ -25,6 +24,8 @@ from scipy.linalg import eigh
 
 from controllers import PI, SlidingMode, SoftTorque, StiffPI, SuperTwisting
 from models import BitRock, Exponential, TorsionalChain
+from studies.command_line import parser_of
+from studies.timing import timed
 from toolbox import ClosedLoop, Sampled, closed_loop, compose, equilibrium, onset, simulate
 from toolbox.errors import SceneError, SimulationError
 
@@ -125,9 +126,7 @@ def growth(well: Well, value: float) -> float:
 
 def row(well: Well) -> tuple[str, bool]:
     """The line of a well, and whether the measures agree."""
-    began = perf_counter()
-    found = onset(well.loop.at("top.reference", 8.0), "top.reference", RANGE, values=9)
-    took = perf_counter() - began
+    found, took = timed(lambda: onset(well.loop.at("top.reference", 8.0), "top.reference", RANGE, values=9), clock=perf_counter)
     text, agree = f"{well.label:<40}{took:>7.1f} s", True
     if found.losses:
         loss = found.loss
@@ -152,7 +151,7 @@ def row(well: Well) -> tuple[str, bool]:
 
 def main() -> None:
     """Print the table and how many agree."""
-    parser = argparse.ArgumentParser(prog="python -m studies random_wells", description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--count", type=int, default=30, help="how many wells")
     parser.add_argument("--seed", type=int, default=0, help="what draws them")
     given = parser.parse_args()

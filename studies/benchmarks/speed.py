@@ -11,7 +11,6 @@ alternate, those of scipy the least of three, on one core with caches warm; the 
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,6 +20,8 @@ import numpy as np
 
 from studies.benchmarks import reference
 from studies.benchmarks.cases import Case, cases
+from studies.command_line import parser_of
+from studies.timing import least, timed
 from toolbox import Trajectory, simulate
 
 TARGET = 1e-6
@@ -33,22 +34,6 @@ TURNS = 101
 def scaled_error(states: np.ndarray, truth: np.ndarray) -> float:
     """Largest difference of any state, relative to the size of that state."""
     return float((np.abs(states - truth).max(axis=0) / np.abs(truth).max(axis=0)).max())
-
-
-def least(calls: Sequence[Callable[[], float]], turns: int) -> list[float]:
-    """The least of what each call returns, seconds, over turns that alternate between the calls."""
-    found = [np.inf] * len(calls)
-    for _ in range(turns):
-        for i, call in enumerate(calls):
-            found[i] = min(found[i], call())
-    return found
-
-
-def timed(call: Callable[[], object]) -> float:
-    """Seconds that a call takes."""
-    began = time.perf_counter()
-    call()
-    return time.perf_counter() - began
 
 
 @dataclass(frozen=True)
@@ -114,7 +99,7 @@ def row(name: str, case: Case, target: float = TARGET) -> str:
     )
     explicit, taylor, typed = mine
     assert typed is not None  # whatever it takes, explicit formulas or series
-    calls = [lambda: ours(explicit.setting).wall_time, lambda: timed(lambda: ours(explicit.setting))]
+    calls = [lambda: ours(explicit.setting).wall_time, lambda: timed(lambda: ours(explicit.setting), clock=time.perf_counter)[1]]
     calls += [(lambda: ours(taylor.setting).wall_time) if taylor else (lambda: np.nan)]
     calls += [(lambda: compiled[heyoka.setting](case.duration).wall_time) if heyoka else (lambda: np.nan)]
     calls += [lambda: ours(typed.setting).wall_time]
@@ -127,7 +112,7 @@ def row(name: str, case: Case, target: float = TARGET) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     known = cases()
     parser.add_argument("--target", type=float, default=TARGET, help=f"largest error ({TARGET:g})")
     parser.add_argument("--only", nargs="+", choices=list(known), default=list(known), metavar="CASE", help=f"some of: {', '.join(known)}")

@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +21,7 @@ import numpy as np
 from models import BitRock, TorsionalChain
 from models.friction import Exponential
 from studies.benchmarks.speed import scaled_error
+from studies.timing import timed
 from toolbox import HybridSystem, Trajectory, compose, simulate
 
 SETTINGS = {
@@ -84,16 +84,6 @@ def cases(n: int = 200) -> Iterator[Case]:
         yield Case(f"{title}, friction everywhere", plant(n, everywhere=True))
 
 
-def seconds(call: Callable[[], object], repeats: int = 3) -> float:
-    """Shortest processor time of a call."""
-    times = []
-    for _ in range(repeats):
-        began = time.process_time()
-        call()
-        times.append(time.process_time() - began)
-    return min(times)
-
-
 def table(case: Case) -> None:
     """Print time and error of every method at the targets 1e-3 and 1e-6."""
     grid = np.linspace(0.0, case.duration, 401)
@@ -107,7 +97,7 @@ def table(case: Case) -> None:
             error = scaled_error(run.at(grid).states, states)
             if error > TARGETS[0] or [(e.element, e.after) for e in run.events] != switches:
                 continue
-            cost = seconds(lambda a=accuracy, m=method: case.run(m, a), 2)
+            _, cost = timed(lambda a=accuracy, m=method: case.run(m, a), 2)
             for target in TARGETS:
                 if error <= target and cost < best.get((method, target), (np.inf,))[0]:
                     best[method, target] = cost, error, accuracy, run.run.method.text
@@ -131,11 +121,11 @@ def growth() -> None:
             for method in ("explicit", "stiff"):
                 with tempfile.TemporaryDirectory() as empty:
                     os.environ["STICKSLIP_CACHE_DIR"] = empty
-                    compiling = seconds(lambda p=plant, m=method: simulate(p, 0.0, method=m), 1)
+                    _, compiling = timed(lambda p=plant, m=method: simulate(p, 0.0, method=m))
                     del os.environ["STICKSLIP_CACHE_DIR"]
                 arguments = {"inputs": {"top.torque": 10_000.0}, "method": method, "accuracy": 1e-3, "output_times": [0.5]}
                 run = simulate(plant, 0.5, **arguments)
-                each = seconds(lambda p=plant, a=arguments: simulate(p, 0.5, **a)) / (sum(run.steps) + 5 * len(run.events))
+                each = timed(lambda p=plant, a=arguments: simulate(p, 0.5, **a), 3)[1] / (sum(run.steps) + 5 * len(run.events))
                 print(f"{n:>6}{method:>10}{'everywhere' if everywhere else 'bit':>12}{compiling:>13.2f}{1e6 * each:>11.1f}", flush=True)
 
 

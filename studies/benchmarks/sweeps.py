@@ -25,6 +25,7 @@ import numpy as np
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, wells
+from studies.timing import timed
 from toolbox import Sampled, Scene, closed_loop, compose, sweep, tune
 from toolbox.measuring import measures
 from toolbox.scenes.cases import Case
@@ -113,9 +114,8 @@ def pools() -> None:
                 given = None if task == "tune" and "thread" in kind else pool
                 if task == "tune" and kind == "two threads":
                     continue
-                began = clock.perf_counter()
-                work(given)
-                spent.setdefault((task, kind), []).append(clock.perf_counter() - began)
+                _, seconds = timed(lambda w=work, g=given: w(g), clock=clock.perf_counter)
+                spent.setdefault((task, kind), []).append(seconds)
     for task, work in tasks.items():
         began = clock.perf_counter()
         with concurrent.futures.ProcessPoolExecutor(2, mp_context=spawn) as pool:

@@ -17,7 +17,6 @@ several runs without output, without compilation and start-up.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -29,6 +28,8 @@ import numpy as np
 
 from studies.benchmarks import reference
 from studies.benchmarks.cases import Case, cases
+from studies.command_line import folder, parser_of
+from studies.timing import timed
 from toolbox import simulate, work_precision
 from toolbox.modelling import smoothed
 from toolbox.scenes import WorkPrecision
@@ -110,9 +111,8 @@ def cvodes(case: Case, share: float, tolerance: float) -> Callable[[np.ndarray],
 
     def solve(times: np.ndarray) -> tuple[np.ndarray, float]:
         solver = ca.integrator("solver", "cvodes", problem, 0.0, times, options)
-        began = perf_counter()
-        found = solver(x0=zero, p=numbers)["xf"]
-        return np.array(found).T, perf_counter() - began
+        found, seconds = timed(lambda: solver(x0=zero, p=numbers)["xf"], clock=perf_counter)
+        return np.array(found).T, seconds
 
     return solve
 
@@ -198,8 +198,8 @@ def picture(trades: Sequence[WorkPrecision], path: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the tables, and with --out make the picture."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--out", type=Path, help="folder for work_precision.png")
+    parser = parser_of(__doc__)
+    parser.add_argument("--out", type=folder, help="folder for work_precision.png")
     given = parser.parse_args(arguments)
     chosen = cases()
     trades = [measured(name, chosen[name]) for name in ("rig", "belt")]
@@ -216,7 +216,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 + ", ".join(f"{method} {1e3 * seconds:.3g} ms" for method, seconds in sorted(best.items(), key=lambda one: one[1]))
             )
     if given.out:
-        given.out.mkdir(parents=True, exist_ok=True)
         picture(trades, given.out / "work_precision.png")
         print(f"\nThe picture is in {given.out}")
 

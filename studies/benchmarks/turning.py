@@ -11,7 +11,6 @@ those of a machine that does nothing else.
 
 from __future__ import annotations
 
-import argparse
 import math
 import shutil
 import statistics
@@ -22,6 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from studies.command_line import parser_of
+from studies.timing import timed
 from toolbox import Scene
 from toolbox.page import explore
 
@@ -76,9 +77,8 @@ def served(page: Any, label: str, turns: int) -> float:
     spent = []
     for k in range(turns + 1):
         value = look[name].number.value * (1.0 + 1e-4 * (k + 1))
-        began = time.process_time()
-        page._answer("run", {"page": "", "setting": {"label": label, "changes": {name: value}, "disturbance": ""}})
-        spent.append(1e3 * (time.process_time() - began))
+        asked = {"page": "", "setting": {"label": label, "changes": {name: value}, "disturbance": ""}}
+        spent.append(1e3 * timed(lambda a=asked: page._answer("run", a))[1])
     return statistics.median(spent[1:])
 
 
@@ -86,7 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print a row for each law."""
     from playwright.sync_api import sync_playwright
 
-    parser = argparse.ArgumentParser(prog="python -m studies turning", description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("scenes", nargs="*", type=Path, default=[SCENES / f"{name}.toml" for name in SHOWN], metavar="SCENE.toml")
     parser.add_argument("--presses", type=int, default=40, metavar="N", help="keys for each law (40)")
     given = parser.parse_args(arguments)

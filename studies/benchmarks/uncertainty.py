@@ -9,15 +9,14 @@ same starts over the same time, which reads what the basin is decided by; in tur
 
 from __future__ import annotations
 
-import argparse
-import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from controllers import StiffPI
 from models import BitRock, BlockOnBelt, Exponential, wells
+from studies.command_line import parser_of
+from studies.timing import timed
 from toolbox import closed_loop, compose, sweep
 from toolbox.measuring import measures
 from toolbox.probability import Normal, Uniform, basin, chance, posterior
@@ -33,12 +32,6 @@ UNCERTAIN = {"bit.weight": "97 kN +- 8 kN", "bit.friction.static": Uniform(0.7, 
 OVER = {"top.reference": np.linspace(4.0, 14.0, 11).tolist()}
 BELT = closed_loop(compose(BlockOnBelt(belt_speed=1.55, damping=0.1, friction=Exponential(static=1.0, kinetic=0.5, decay=2.0))))
 BOX = {"block.position": (-2.0, 2.0), "block.speed": (0.0, 2.0)}
-
-
-def timed(call: Callable[[], Any]) -> tuple[Any, float]:
-    """(what a call returns, its processor time [s])."""
-    began = time.process_time()
-    return call(), time.process_time() - began
 
 
 def posteriors() -> None:
@@ -91,7 +84,7 @@ def basins(repeats: int, runs: int) -> None:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--runs", type=int, default=5000)
     given = parser.parse_args()

@@ -9,7 +9,6 @@ inertias that all rub, whose machine code is made anew, with the memory of the p
 
 from __future__ import annotations
 
-import argparse
 import os
 import resource
 import subprocess
@@ -18,15 +17,11 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from studies.command_line import parser_of
+
 TIMED = """
 import time
-def spent(call, turns=1):
-    least = float("inf")
-    for _ in range(turns):
-        began = time.process_time()
-        call()
-        least = min(least, time.process_time() - began)
-    return least
+from studies.timing import timed
 """
 
 FIRST = """
@@ -43,7 +38,7 @@ from toolbox import simulate
 import tempfile
 run = simulate(well(), 20.0)
 with tempfile.TemporaryDirectory() as folder:
-    print(spent(lambda: run.save(Path(folder) / "run.npz")))
+    print(timed(lambda: run.save(Path(folder) / "run.npz"))[1])
 """
 
 ONSET = """
@@ -60,7 +55,7 @@ def report(plant, law):
     return str(onset(closed_loop(plant, law, element="bit"), "top.reference", (4.0, 16.0)))
 """
 
-REPORT = "print(spent(lambda: report(string({string}), {law})))"
+REPORT = "print(timed(lambda: report(string({string}), {law}))[1])"
 
 MAP = """
 from controllers import StiffPI
@@ -68,7 +63,7 @@ from models import BitRock, wells
 from toolbox import closed_loop, compose, severity_map
 loop = closed_loop(compose(wells.JANSEN_2, BitRock()), StiffPI())
 over = {"top.reference": (4.0, 24.0), "bit.weight": (40_000.0, 160_000.0)}
-print(spent(lambda: severity_map(loop, over, shape=(30, 30))))
+print(timed(lambda: severity_map(loop, over, shape=(30, 30)))[1])
 """
 
 ERROR = """
@@ -79,8 +74,8 @@ rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 runs = []
 def run():
     runs.append(simulate(rig, 120.0, controller=PI(reference=12.0), sample_time=0.01))
-alone = spent(run, 7)
-print(min(spent(lambda run=run: run.error) for run in runs) / alone)
+alone = timed(run, 7)[1]
+print(min(timed(lambda run=run: run.error)[1] for run in runs) / alone)
 """
 
 CHAIN = """
@@ -92,7 +87,7 @@ def run(n):
 run(60)  # the event loop, which is compiled once for all machines
 with tempfile.TemporaryDirectory() as empty:
     os.environ["STICKSLIP_CACHE_DIR"] = empty
-    print(spent(lambda: run({n})))
+    print(timed(lambda: run({n}))[1])
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 """
 
@@ -157,7 +152,7 @@ ROWS: dict[str, Row | Study] = {
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--only", nargs="+", choices=list(ROWS), default=list(ROWS), metavar="ROW", help=f"some of: {', '.join(ROWS)}")
     parser.add_argument("--turns", type=int, choices=range(1, 100), metavar="N", default=3, help="turns of which the least counts (3)")
     given = parser.parse_args(arguments)

@@ -17,9 +17,7 @@ from tables that rub along the whole of their holes:
 
 from __future__ import annotations
 
-import argparse
 import math
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,6 +28,8 @@ from scipy.optimize import brentq
 
 from controllers import PI, ImplicitSlidingMode, Lifting, LinearMPC, SlidingMode, SoftTorque, StiffPI, SuperTwisting
 from models import BitRock, Coulomb, DrillString, Section, Survey, TorsionalChain, inner_diameter, wells
+from studies.command_line import parser_of
+from studies.timing import timed
 from toolbox import (
     ClosedLoop,
     HybridSystem,
@@ -298,9 +298,7 @@ HEAD = ("law", "loss", "way", "exact", "by runs", "end", "follow", "held", "cut"
 
 def row(case: Case) -> dict[str, Any]:
     """What the ways come to: borders [rad/s], and how far the others are from those of `onset` (`held`: the bracket)."""
-    began = time.process_time()
-    found = case.onset
-    seconds = time.process_time() - began
+    found, seconds = timed(lambda: case.onset)
     lost, ends = math.isfinite(found.loss), math.isfinite(found.end)
     return {
         "law": case.label,
@@ -318,7 +316,7 @@ def row(case: Case) -> dict[str, Any]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print a line per law and well."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--only", nargs="+", metavar="WORD", help="only cases whose label contains one of these")
     parser.add_argument("--wells", type=int, default=9, help="wells drawn at random (9)")
     parser.add_argument("--seed", type=int, default=1, help="of what is drawn (1)")

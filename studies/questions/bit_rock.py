@@ -22,7 +22,7 @@ from controllers import StiffPI
 from models import AxialChain, BitRock, DragBit, ElasticRock, HystereticBitRock, SmoothBitRock, TorsionalPendulum, wells
 from models.drag_bit import radau
 from models.smooth_bit_rock import smooth_torque
-from studies.folders import figure_folder
+from studies.command_line import figure_folder
 from toolbox import compose, measure, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.simulation.trajectory import Trajectory

@@ -24,19 +24,17 @@ and that of the disc brake at none.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from controllers.dither import widest
+from studies.command_line import folder, parser_of, write_rows
 from studies.questions import brakes, dither
-from studies.questions.drives import write_rows
 from toolbox import SimulationError, measure, simulate
 from toolbox.inputs import sine
 
@@ -291,8 +289,8 @@ def dither_table(rows: Sequence[Dithered]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make both tables, and with --out their csv."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--out", type=Path, help="folder for groan.csv and dither_margins.csv")
+    parser = parser_of(__doc__)
+    parser.add_argument("--out", type=folder, help="folder for groan.csv and dither_margins.csv")
     given = parser.parse_args(arguments)
     stops = [groan(label) for label in LABELS]
     print(groan_table(stops), flush=True)
@@ -300,7 +298,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     cured = [dithered(rig.label) for rig in dither.RIGS]
     print(f"\n{dither_table(cured)}")
     if given.out:
-        given.out.mkdir(parents=True, exist_ok=True)
         rows = [
             {"label": row.label, "error": word, "highest": each.deceleration, "ended by": each.ended}
             for row in stops

@@ -48,7 +48,6 @@ pad, to take the force back on the way to standstill, which takes way, or to cha
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -62,7 +61,8 @@ from controllers import BrakeForce, BrakeMPC, BrakePI, BrakeSlidingMode, NormalD
 from controllers.dither import LoadDither
 from models import DiscBrake
 from models.closed_forms import groan_growth
-from studies.questions.drives import update_times, write_rows
+from studies.command_line import folder, parser_of, write_rows
+from studies.questions.drives import update_times
 from toolbox import HybridSystem, Sampled, SimulationError, Trajectory, compose, simulate
 from toolbox.inputs import sine
 
@@ -345,8 +345,8 @@ def picture(path: Path) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the table, and with --out its csv and picture."""
     labels = [contender.label for contender in contenders()]
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--out", type=Path, help="folder for brakes.csv and brakes.png")
+    parser = parser_of(__doc__)
+    parser.add_argument("--out", type=folder, help="folder for brakes.csv and brakes.png")
     parser.add_argument("--only", nargs="+", choices=labels, default=labels, metavar="LABEL", help=f"some of: {', '.join(labels)}")
     given = parser.parse_args(arguments)
     rows = [verdict(contender) for contender in contenders() if contender.label in given.only]
@@ -356,7 +356,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         + ", ".join(f"{groan_growth(BRAKE, force):.1f} at {force} N" for force in (300, 750, 1500, 5000))
     )
     if given.out:
-        given.out.mkdir(parents=True, exist_ok=True)
         write_rows([_flat(row) for row in rows], given.out / "brakes.csv")
         picture(given.out / "brakes.png")
         print(f"Table and picture are in {given.out}")

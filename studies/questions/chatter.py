@@ -18,7 +18,6 @@ equivalent control; without its rate what is left of s is of first order in the 
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +28,7 @@ import numpy as np
 from controllers import ImplicitSlidingMode, SlidingMode, SuperTwisting
 from controllers.sliding_mode import SlidingSurface
 from models import BitRock, wells
+from studies.command_line import folder, parser_of
 from toolbox import Sampled, compose, simulate
 from toolbox.inputs import sine
 
@@ -144,14 +144,13 @@ def _drawn(found: dict[str, np.ndarray], path: Path) -> Any:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table, and with --out make the picture."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--out", type=Path, help="folder for chatter.png")
+    parser = parser_of(__doc__)
+    parser.add_argument("--out", type=folder, help="folder for chatter.png")
     given = parser.parse_args(arguments)
     found = changes()
     print(table(found))
     print(f"\n{late_table(late_torques())}")
     if given.out:
-        given.out.mkdir(parents=True, exist_ok=True)
         picture(found, given.out / "chatter.png")
         print(f"\nThe picture is in {given.out}")
 

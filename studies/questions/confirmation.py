@@ -19,7 +19,6 @@ its highest rate from the takeover on, both in parts of the weight.
 
 from __future__ import annotations
 
-import argparse
 import ctypes
 import math
 import shutil
@@ -33,6 +32,7 @@ from typing import Any
 import numpy as np
 
 from models import GaussianStribeck, wells
+from studies.command_line import parser_of
 from studies.protocol import DELAY, GROUPS, HIGHEST, LIMITS, PLANT, ROCK, ROCKS, STIFF
 from studies.questions import drives
 from toolbox import closed_loop, export_c
@@ -217,7 +217,7 @@ def _room(folder: str, reference: float) -> Path:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print a line per label, group and way."""
     cells = confirmed()
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     for option, names in (("--only", list(cells)), ("--groups", list(GROUPS)), ("--ways", list(WAYS))):
         parser.add_argument(option, nargs="+", choices=names, default=names, metavar="NAME", help=f"some of: {', '.join(names)}")
     parser.add_argument(

@@ -20,7 +20,8 @@ import numpy as np
 
 from controllers import StiffPI
 from models import BitRock, oscillators, wells
-from studies.folders import figure_folder
+from studies.command_line import figure_folder
+from studies.timing import timed
 from toolbox import closed_loop, compose, follow, limit_cycle, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.orbits import Branch, Cycle
@@ -108,9 +109,8 @@ def main() -> None:
     cycle = limit_cycle(settled)  # compiles
     times = []
     for _ in range(20):
-        began = time.perf_counter()
-        cycle = limit_cycle(settled)
-        times.append(time.perf_counter() - began)
+        cycle, spent = timed(lambda: limit_cycle(settled), clock=time.perf_counter)
+        times.append(spent)
     rough = limit_cycle(settled, accuracy=1e-12)
     print(cycle)
     print(

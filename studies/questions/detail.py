@@ -26,7 +26,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
-import time as clock
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -37,6 +36,7 @@ import numpy as np
 from controllers import PI
 from models import DrillString, Section, Transition, WhirlingCollar, read_sections, shaft_frequencies
 from models.shaft import chain_frequencies
+from studies.timing import timed
 from toolbox import compose, measure, simulate
 from toolbox.simulation.trajectory import Trajectory
 
@@ -119,9 +119,8 @@ def answers(elements: int, along: bool = True, collar: bool = False) -> Answers:
     element = f"chain.{elements}"
     spent: list[float] = []
     while len(spent) < 2 or (len(spent) < 9 and sum(spent) < 2.0):  # the first one compiles
-        began = clock.process_time()
-        run = simulate(plant, DURATION, controller=DRIVE, inputs={"top.reference": 60 * RPM})
-        spent.append(clock.process_time() - began)
+        run, seconds = timed(lambda: simulate(plant, DURATION, controller=DRIVE, inputs={"top.reference": 60 * RPM}))
+        spent.append(seconds)
     torque = measure.extent(run, "top.load", SETTLED)
     return Answers(
         elements,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from models import DiskStack
-from studies.folders import figure_folder
+from studies.command_line import figure_folder
 from studies.questions.disks import rest_of
 from toolbox import compose, measure, plot, simulate
 from toolbox.inputs import ramp

@@ -29,7 +29,6 @@ Columns, over the last half of 160 natural periods:
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -42,7 +41,7 @@ import numpy as np
 from controllers import ActiveDamping, NormalDither, PhasedDither, SquareDither, SweptDither, dither_map
 from controllers.dither import DitherMap
 from models import Absorber, BitRock, Block, DiscBrake, oscillators, tangential_dither, wells
-from studies.questions.drives import write_rows
+from studies.command_line import folder, parser_of, write_rows
 from toolbox import HybridSystem, Sampled, compose, measure, simulate
 from toolbox.inputs import sine
 
@@ -277,13 +276,12 @@ def picture(path: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table, and with --out write its csv and picture."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--out", type=Path, help="folder for dither.csv and dither.png")
+    parser = parser_of(__doc__)
+    parser.add_argument("--out", type=folder, help="folder for dither.csv and dither.png")
     given = parser.parse_args(arguments)
     rows = [row for rig in RIGS for row in outcomes(rig)]
     print(table(rows))
     if given.out:
-        given.out.mkdir(parents=True, exist_ok=True)
         write_rows(rows, given.out / "dither.csv")
         picture(given.out / "dither.png")
         print(f"Table and picture are in {given.out}")

@@ -22,7 +22,6 @@ of the bit over it;  99th percentile of the processor time of a sample.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import ctypes
 import math
@@ -30,7 +29,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -56,10 +55,10 @@ from controllers import (
 )
 from controllers.observers import Kalman
 from studies import gains
+from studies.command_line import folder, parser_of, write_rows
 from studies.protocol import CORNERS, DELAY, GROUPS, HIGHEST, LIMITS, LOWEST, NOISE, PLANT, WEIGHT, rock_torques, trial
 from toolbox import Controller, Sampled, Trajectory, plot, simulate, units
 from toolbox.figures.style import name_axis
-from toolbox.files import tables
 from toolbox.modelling.laws import designed
 from toolbox.robustness.groups import Group, Machine
 from toolbox.robustness.lowest_set_point import Cells, Held, borders
@@ -258,12 +257,6 @@ def rocks() -> str:
     return "\n".join(lines)
 
 
-def write_rows(rows: Sequence[Any], path: Path) -> None:
-    """Write rows of a verdict, dataclasses or mappings of one kind, as csv."""
-    made = [each if isinstance(each, dict) else asdict(each) for each in rows]
-    tables.write(path, list(made[0]), [list(each.values()) for each in made])
-
-
 def published() -> dict[str, dict[tuple[str, str], float]]:
     """{label: {(group, way): set-point [rad/s], nan for none}} of the cells of the table in the docs that were judged."""
     with TABLE.open(encoding="utf-8", newline="") as file:
@@ -356,8 +349,8 @@ def flat(each: Row) -> dict[str, Any]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the table, and with --out its csv; or tune."""
     every = laws()
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--out", type=Path, help="folder for drives.csv and for what is known of the cells")
+    parser = parser_of(__doc__)
+    parser.add_argument("--out", type=folder, help="folder for drives.csv and for what is known of the cells")
     parser.add_argument("--only", nargs="+", choices=list(every), default=list(every), metavar="LABEL", help=f"some of: {', '.join(every)}")
     parser.add_argument(
         "--groups", nargs="+", choices=list(GROUPS), default=list(GROUPS), metavar="NAME", help=f"some of: {', '.join(GROUPS)}"
@@ -371,8 +364,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--margin", type=float, default=0.0, help="disk margin that a set-point has to leave on every rig of its group (0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes that judge laws side by side (one a core)")
     given = parser.parse_args(arguments)
-    if given.out:
-        given.out.mkdir(parents=True, exist_ok=True)
     for label, found in zip(given.tune or (), _searched(given.tune or (), given.runs, given.out, given.jobs), strict=True):
         if given.out or given.keep:
             gains.store(label, found, gains.STORE if given.keep else given.out / "gains.json")

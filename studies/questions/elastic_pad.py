@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from models import Coulomb, ElasticPad, SquealingPad, block_mesh, body_of_mesh
-from studies.folders import figure_folder
+from studies.command_line import figure_folder
 from toolbox import Trajectory, compose, plot, simulate
 from toolbox.inputs import sine
 

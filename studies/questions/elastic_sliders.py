@@ -33,7 +33,7 @@ from models import (
     block_mesh,
     body_of_mesh,
 )
-from studies.folders import figure_folder
+from studies.command_line import figure_folder
 from studies.questions.sliders import ACCELERATION, adhesion_time
 from toolbox import Trajectory, compose, plot, simulate, time
 from toolbox.contacts import ContactProblem, ContactRun, press_contacts, step_contacts

@@ -17,9 +17,7 @@ A row takes from a second to some minutes.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -39,6 +37,8 @@ from studies.benchmarks.fmu_masters import (
     shift,
     switches_of,
 )
+from studies.command_line import parser_of
+from studies.timing import timed
 from toolbox import Scene, SceneError, export_fmu, simulate
 from toolbox.modelling.closed_loop import ClosedLoop
 
@@ -65,12 +65,10 @@ def cell(
     way: str, path: Path, duration: float, setting: float, wanted: Switches, changed: Sequence[Switches] = (), change: float = 0.0
 ) -> tuple[str, str]:
     """The answer of one master, with what its errors act as if there are runs of `simulate` under such a change, and where CVODE parts, if it does."""
-    begin = time.process_time()
     try:
-        switches = WAYS[way][1](path, duration, setting)
+        switches, spent = timed(lambda: WAYS[way][1](path, duration, setting))
     except Exception as failure:  # whatever an importer raises
         return "failed: " + " ".join(str(failure).split())[-40:], ""
-    spent = time.process_time() - begin
     found, all_, same, error = compared(switches, wanted)
     end = min([parted(switches, wanted), *(parted(each, wanted) for each in changed)])
     moved = np.median([shift(each, wanted, end) for each in changed]) if changed else 0.0
@@ -137,7 +135,7 @@ def row(loop: ClosedLoop, folder: Path, ways: Sequence[str], settings: Sequence[
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table, row by row."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     every = sorted(path.stem for path in SCENES.glob("*.toml"))
     parser.add_argument("scenes", nargs="*", default=every, metavar="SCENE", help="some of the shipped scenes; all without")
     parser.add_argument("--by", nargs="+", default=["cvode", "co-simulation"], choices=list(WAYS), help="masters")

@@ -13,8 +13,6 @@ over episodes of 40 s that begin at drawn speeds and twist. It is then judged on
 
 from __future__ import annotations
 
-import argparse
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,6 +22,8 @@ import numpy as np
 
 from controllers import LQG, SoftTorque, StiffPI
 from models import BitRock, wells
+from studies.command_line import parser_of
+from studies.timing import timed
 from toolbox import Controller, Sampled, Scene, Update, compose, state
 from toolbox.onsets.study import table, verdict_row
 
@@ -113,13 +113,12 @@ def verdicts(gains: Sequence[float]) -> dict[str, str]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Train, and print the tables."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--evaluations", type=int, default=400, help="evaluations of a policy, of four episodes each")
     parser.add_argument("--seed", type=int, default=1, help="of the search and of the episodes")
     given = parser.parse_args(arguments)
-    begin = time.process_time()
-    gains, trained, first = train(given.evaluations, given.seed)
-    print(f"a, b, c = {', '.join(f'{each:.4g}' for each in gains)} after {time.process_time() - begin:.0f} s of processor time;")
+    (gains, trained, first), spent = timed(lambda: train(given.evaluations, given.seed))
+    print(f"a, b, c = {', '.join(f'{each:.4g}' for each in gains)} after {spent:.0f} s of processor time;")
     print(f"mean square error of the bit speed on ten episodes that were not trained on: {trained:.3g} (before: {first:.3g}) rad2/s2")
     for text in verdicts(gains).values():
         print(f"\n{text}")

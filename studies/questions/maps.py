@@ -34,7 +34,7 @@ import numpy as np
 from controllers import StiffPI
 from models import BitRock, Coulomb, TwoDisks, WhirlingCollar, wells
 from models.oscillators import LEINE
-from studies.folders import figure_folder
+from studies.command_line import figure_folder
 from studies.questions.disks import braking_decision, critical_drop
 from toolbox import Component, Equations, HybridSystem, Quantity, Sampled, closed_loop, compose, plot, quantity, sweep, time, units
 from toolbox.figures.style import name_axis

@@ -29,7 +29,7 @@ import numpy as np
 
 from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, wells
-from studies.folders import figure_folder
+from studies.command_line import figure_folder
 from toolbox import ClosedLoop, closed_loop, compose, follow, limit_cycle, measure, onset, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.onsets.results import Onset

@@ -31,7 +31,7 @@ from models import (
     averaged_friction,
     oscillators,
 )
-from studies.folders import figure_folder
+from studies.command_line import figure_folder
 from studies.questions.lyapunov import lyapunov
 from toolbox import HybridSystem, Trajectory, compose, energy_audit, equilibrium, linearise, measure, simulate
 from toolbox.inputs import sine

@@ -22,7 +22,6 @@ With `--inside` another table in its place: the lowest set-points of the law ins
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,8 +32,9 @@ import numpy as np
 
 from controllers import PI, Lifting, SoftTorque
 from studies import gains
+from studies.command_line import folder, parser_of, write_rows
 from studies.protocol import GROUPS, LIMITS, PLANT, WEIGHT, trial
-from studies.questions.drives import BETWEEN, GENTLE, write_rows
+from studies.questions.drives import BETWEEN, GENTLE
 from toolbox import Controller, Sampled, Trajectory, inputs, measure, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.files.printing import columns
@@ -251,8 +251,8 @@ def picture(path: Path, shown: Sequence[str] = SHOWN) -> None:
 
 def main() -> None:
     """Print the table, and with --out write it and its picture."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--out", type=Path)
+    parser = parser_of(__doc__)
+    parser.add_argument("--out", type=folder)
     parser.add_argument("--only", nargs="+", choices=labels(), default=labels(), metavar="LABEL")
     parser.add_argument(
         "--below", nargs="+", type=float, default=BELOW, metavar="SPEED", help="set-points that laws may not hold [rad/s] (2 3)"
@@ -262,21 +262,19 @@ def main() -> None:
         "--inside", nargs="+", choices=list(GROUPS), metavar="GROUP", help="groups on which laws are held against those inside of them"
     )
     given = parser.parse_args()
+    asked = beside if given.inside else recovery
+    with Workers(given.jobs) as workers:
+        rows = list(workers.map(asked, given.only, [given.inside or tuple(given.below)] * len(given.only)))
     if given.inside:
-        with Workers(given.jobs) as workers:
-            found = [each for several in workers.map(beside, given.only, [given.inside] * len(given.only)) for each in several]
+        found = [each for several in rows for each in several]
         heads = ("law", "group", "way", "inside alone [rad/s]", "lifting [rad/s]")
         lines = [(each.label, each.group, each.way, f"{each.inside:.1f}", f"{each.lifting:.1f}") for each in found]
         print("\n".join(columns([heads, *lines], left=(0, 1, 2))))
         if given.out:
-            given.out.mkdir(parents=True, exist_ok=True)
             write_rows(found, given.out / "beside_inside.csv")
         return
-    with Workers(given.jobs) as workers:
-        rows = list(workers.map(recovery, given.only, [tuple(given.below)] * len(given.only)))
     print(table(rows))
     if given.out:
-        given.out.mkdir(parents=True, exist_ok=True)
         write_rows(rows, given.out / "recovery.csv")
         picture(given.out / "recovery.png")
         print(f"\nThe table and its picture are in {given.out}")

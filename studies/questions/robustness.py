@@ -25,7 +25,6 @@ Laws without a linear loop (super-twisting has no slope at its surface) have '-'
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -36,6 +35,7 @@ import numpy as np
 from controllers import LQG, PI, ActiveDamping, HInfinity, ImplicitSlidingMode, SlidingMode, SoftTorque, StiffPI, SuperTwisting, ZTorque
 from controllers.observers import Kalman
 from studies import gains
+from studies.command_line import folder, parser_of
 from studies.protocol import DELAY, PLANT, SINGLES, trial
 from toolbox import Sampled, closed_loop, margins, plot, units
 from toolbox.figures.style import name_axis
@@ -186,8 +186,8 @@ def picture(path: Path, absorbing: tuple[float, float], points: int = 25) -> Non
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the tables, and with --out the csv and the picture."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--out", type=Path, help="folder for robustness.csv and robustness.png")
+    parser = parser_of(__doc__)
+    parser.add_argument("--out", type=folder, help="folder for robustness.csv and robustness.png")
     parser.add_argument("--quick", action="store_true", help="the table of disk margins alone")
     given = parser.parse_args(arguments)
     found = disk_table()
@@ -200,7 +200,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         f"\nAn ideal absorber at the top reaches down to {absorbing[0]:.2f} rad/s, on the inertia of the drive to {absorbing[1]:.2f} rad/s."
     )
     if given.out:
-        given.out.mkdir(parents=True, exist_ok=True)
         headings = ["law", *(f"disk margin at {speed:g} rad/s" for speed in SPEEDS)]
         tables.write(given.out / "robustness.csv", headings, [[label, *row] for label, row in found.items()])
         picture(given.out / "robustness.png", absorbing)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from models import BristleContact, Coulomb, InclinedSlider, PlateContact, Slider
-from studies.folders import figure_folder
+from studies.command_line import figure_folder
 from studies.questions.critical_curve import critical_curve
 from toolbox import compose, plot, simulate
 from toolbox.inputs import ramp, sine

@@ -27,7 +27,7 @@ import numpy as np
 
 from controllers import SoftTorque
 from models import BitRock, oscillators, wells
-from studies.folders import figure_folder
+from studies.command_line import figure_folder
 from toolbox import ClosedLoop, closed_loop, compose, follow, limit_cycle, plot, simulate
 from toolbox.inputs import sine
 from toolbox.orbits import Branch, Cycle

@@ -24,7 +24,6 @@ says what is left on a rig whose inertias are off: `python -m studies drives` do
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,6 +32,7 @@ import numpy as np
 
 from controllers import LQG, PI, SlidingMode, SoftTorque
 from models import BitRock, WhirlingCollar, wells
+from studies.command_line import parser_of
 from studies.questions import whirl
 from studies.questions.drives import DELAY, LIMITS, NOISE, WEIGHT
 from toolbox import Sampled, Scene, Trajectory, compose, measure, tune
@@ -186,7 +186,7 @@ def _front(ax: Any, found: Tuned, label: str, style: dict[str, Any], marker: str
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Tune, print the tables and write the figure."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, default=FIGURES, help="folder for tune_drive.png")
     parser.add_argument("--runs", type=int, default=40, help="most points tried of each law (40)")
     parser.add_argument("--journals", type=Path, help="folder that keeps every point, so that the script goes on where it was stopped")

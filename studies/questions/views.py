@@ -9,7 +9,6 @@ string of Aarsnes and Shor, off bottom, its well, torque and drag, and modes.
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import time
 from pathlib import Path
@@ -20,6 +19,7 @@ import matplotlib
 import models
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, TorqueDrag, read_survey, torque_drag, wells
+from studies.command_line import parser_of
 from toolbox import Scene, closed_loop, compose, limit_cycle, simulate, units
 from toolbox.figures import film, spectrogram
 from toolbox.robustness import (
@@ -98,7 +98,7 @@ def photograph(path: Path) -> None:
 
 def main() -> None:
     """Write the figures."""
-    parser = argparse.ArgumentParser(prog="python -m studies views", description=(__doc__ or "").partition("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, default=FOLDER, help="folder of the figures")
     parser.add_argument("--page", action="store_true", help="also the page in a browser")
     asked = parser.parse_args()

@@ -23,7 +23,6 @@ from two phases with one seed for 80 s, which takes a minute or two for a well a
 
 from __future__ import annotations
 
-import argparse
 import csv
 import math
 import sys
@@ -40,8 +39,9 @@ from controllers import LQG, PI, Lifting, SoftTorque, StiffPI
 from models import BitRock, Coulomb, DrillString, Section, Survey, ToolJoint, TorsionalChain, inner_diameter
 from models.wells import JANSEN_2, NAVARRO_LOPEZ_4
 from studies import gains
+from studies.command_line import folder, parser_of, write_rows
 from studies.protocol import DELAY, NOISE, WEIGHT
-from studies.questions.drives import BETWEEN, LATE, write_rows
+from studies.questions.drives import BETWEEN, LATE
 from toolbox import Sampled, closed_loop, compose
 from toolbox.files.printing import columns
 from toolbox.robustness.groups import Group, Machine, machine_groups
@@ -225,14 +225,12 @@ def known(path: Path) -> dict[tuple[str, str], dict[str, Any]]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the table, and with --out its csv."""
-    parser = argparse.ArgumentParser(prog="python -m studies wells", description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--out", type=Path, help="folder for wells.csv and for what is known of single set-points")
+    parser = parser_of(__doc__)
+    parser.add_argument("--out", type=folder, help="folder for wells.csv and for what is known of single set-points")
     parser.add_argument("--only", nargs="+", choices=list(wells()), default=list(wells()), metavar="WELL", help=f"some of: {list(wells())}")
     parser.add_argument("--laws", nargs="+", choices=LABELS, default=list(LABELS), metavar="LABEL", help=f"some of: {list(LABELS)}")
     parser.add_argument("--full", action="store_true", help="all phases and seeds, and half an hour (hours)")
     given = parser.parse_args(arguments)
-    if given.out:
-        given.out.mkdir(parents=True, exist_ok=True)
     cells = Cells(given.out / "wells.jsonl" if given.out else None, lambda line: print(line, file=sys.stderr, flush=True))
     rows = known(given.out / "wells.csv") if given.out else {}
     for label in given.laws:

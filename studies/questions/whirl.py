@@ -30,7 +30,7 @@ import numpy as np
 
 from controllers import SlidingMode, StiffPI
 from models import BitRock, Exponential, WhirlingCollar, wells, whirl_ratio
-from studies.folders import figure_folder
+from studies.command_line import figure_folder
 from toolbox import HybridSystem, compose, measure, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.simulation.trajectory import Trajectory

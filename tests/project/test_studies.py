@@ -17,7 +17,7 @@ def test_every_study_that_can_be_run_is_listed_with_its_question(root):
 
 def test_a_study_is_run_by_its_name_with_its_own_arguments(root):
     done = command(root, "drives", "--help")
-    assert done.returncode == 0 and "usage: drives.py" in done.stdout
+    assert done.returncode == 0 and "usage: python -m studies drives" in done.stdout
 
 
 def test_an_unknown_study_is_refused_with_the_nearest_name(root):

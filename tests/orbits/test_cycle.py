@@ -52,6 +52,17 @@ def test_a_block_on_a_belt_with_constant_kinetic_friction_has_the_period_of_the_
     assert not cycle.forced
 
 
+def test_a_branch_goes_on_where_the_start_of_its_cycle_has_come_near_a_switch_and_is_moved():
+    kinetic, belt = 0.6, 0.1
+    cycle = limit_cycle(compose(BlockOnBelt(friction=Coulomb(static=1.0, kinetic=kinetic), belt_speed=belt)), 300.0)
+    branch = follow(cycle, "belt.friction.static", (0.65, 2.5), points=200, step=0.1)
+    assert (np.diff(branch.values) > 0.0).all() and branch.ended == "the end of the span at 2.5"
+    z = (np.array(branch.values) - kinetic) / belt  # the closed form above at w = k = 1
+    np.testing.assert_allclose(branch.periods, 2 * (math.pi - np.arctan(z)) + 2 * z, rtol=1e-8)
+    begins = np.array([point.start for point in branch.cycles])
+    assert np.linalg.norm(np.diff(begins, axis=0), axis=1).max() > 1.0  # once at least it was moved, by more than a step leads
+
+
 def test_a_stator_under_a_driven_rotor_has_the_period_of_the_closed_form():
     inertia, stiffness, drive, load, radius, z = 0.02, 2000.0, 2.0, 1000.0, 0.1, 1.0
     w = math.sqrt(stiffness / inertia)

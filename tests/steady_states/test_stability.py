@@ -16,6 +16,7 @@ from toolbox import Sampled, SceneError, closed_loop, compose, linearise, measur
 from toolbox.errors import NoSteadyState
 from toolbox.inputs import sine
 from toolbox.scenes.scene import Scene
+from toolbox.steady_states import hopf
 from toolbox.steady_states.equilibria import equilibria, flow_slopes
 from toolbox.steady_states.hopf import hopf_curve, hopf_points
 from toolbox.steady_states.poles import pole_locus
@@ -91,6 +92,24 @@ def test_under_a_pi_drive_the_quartic_of_hurwitz_agrees():
     assert a3 * a2 * a1 == pytest.approx(a4 * a1**2 + a0 * a3**2, rel=1e-9)
     assert point.frequency**2 == pytest.approx(a1 / a3, rel=1e-9)
     assert point.point["bit.speed"] == pytest.approx(point.value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("loop", "number", "between"),
+    [
+        (compose(*RIG), "top.torque", (3000.0, 40_000.0)),
+        (closed_loop(compose(*RIG), StiffPI()), "top.reference", (2.0, 9.0)),
+        (closed_loop(compose(*RIG, TopDrive(drive_lag=0.1)), SoftTorque()), "top.reference", (2.0, 9.0)),
+    ],
+    ids=["constant torque", "stiff PI", "soft torque by a slow drive"],
+)
+def test_from_a_guess_some_thousandths_away_newtons_steps_alone_lead_to_the_last_digits_of_a_hopf_point(monkeypatch, loop, number, between):
+    near, crossing = hopf_points(loop, number, between)[-1], hopf._crossing
+    monkeypatch.setattr(hopf, "_crossing", lambda *given: None if (value := crossing(*given)) is None else 1.003 * value)
+    monkeypatch.setattr(hopf, "searched", lambda *given: pytest.fail("a search from afar"))
+    far = hopf_points(loop, number, between)[-1]
+    assert far.residual < 1e-13
+    assert [far.value, far.frequency] == pytest.approx([near.value, near.frequency], rel=1e-11)
 
 
 def test_a_drive_that_gives_way_moves_the_hopf_point_down():

@@ -50,7 +50,8 @@ class Lifting(Controller):
 
     With `limit` the torque of the law inside is lowered, down to none, while the top turns faster than `limit` times what is asked and faster than L, as drives
     limit their speed: a law that follows a bit which is let go throws the top to more than twice what is asked. `first` must be below `limit` for that, and a
-    slower `rise` helps. The price: the string swings for longer, and weak laws are lifted higher in the end. Smooth running knows nothing of it.
+    slower `rise` helps. The price: the string swings for longer, and weak laws are lifted higher in the end. Smooth running knows nothing of it. A bit that is
+    let go turns as fast at a low set-point as at a high one, and a top that may not follow does not calm it: `least_limit` is a speed that is always allowed.
 
     With `relief` the law takes weight off as well, as an auto-driller can: while the set-point is lifted the weight goes down by that share at the rate
     `off`, and then comes back at `back`. A smaller, slower lift is then enough, such as `first=1.3, further=0.25, rise=0.2, relief=0.4`; the price is less
@@ -74,6 +75,7 @@ class Lifting(Controller):
     limit: OptionalQuantity = quantity(
         None, "1", "top speed from which on the torque is lowered, in parts of what is asked; none unless given", above=1
     )
+    least_limit: Quantity = quantity(0.0, "rad/s", "top speed up to which no limit lowers it, whatever is asked", at_least=0)
     relief: OptionalQuantity = quantity(None, "1", "share of the weight that is taken off; none unless given", above=0, at_most=1)
     off: Quantity = quantity(0.05, "1/s", "rate at which weight is taken off, in parts of it", above=0)
     back: Quantity = quantity(0.01, "1/s", "rate at which it comes back", above=0)
@@ -170,7 +172,8 @@ class Lifting(Controller):
         outputs = {**inside.outputs, "lifting.reference": (turn * lifted, "rad/s")}
         if self.limit is not None:
             drive, unit = inside.outputs["top.torque"]
-            over = ca.fmax(turn * speed - ca.fmax(self.limit * size, lifted), 0.0)
+            bar = ca.fmax(ca.fmax(self.limit * size, self.least_limit), lifted)
+            over = ca.fmax(turn * speed - bar, 0.0)
             kept = ca.fmax(turn * drive - BRAKE * self.string_impedance * over, ca.fmin(turn * drive, 0.0))
             outputs["top.torque"] = (turn * kept, unit)
         if self.relief is not None:

@@ -12,6 +12,7 @@ from models import BitRock, wells
 from studies import gains
 from toolbox import Sampled, SceneError, closed_loop, compose, inputs, margins, measure, simulate
 from toolbox.modelling import Takeover
+from toolbox.robustness.set_points import at_set_point
 
 RIG = compose(wells.JANSEN_2, BitRock())
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
@@ -225,3 +226,16 @@ def test_a_limit_of_the_speed_lowers_the_torque_above_it_and_nothing_else_knows_
     np.testing.assert_allclose(held.at(times)["top.speed"], free.at(times)["top.speed"], rtol=1e-6)  # the start from rest was braked
     found = [margins(closed_loop(RIG, sampled(Lifting(law=plain, reference=6.0, limit=each))), measured=False) for each in (None, 1.5)]
     assert found[0].disk_margin == pytest.approx(found[1].disk_margin, rel=1e-9)
+
+
+def test_a_least_limit_lets_the_top_follow_a_bit_that_is_let_go_at_a_low_set_point():
+    """It changes nothing where the limit is above it; below, the law inside may calm the bit, which the limit alone does not let it do."""
+    law = gains.FAMILIES["LQG"].of(gains.between("LQG", "LQG, lifting", 0.25))
+    last = {}
+    for speed in (3.2, 4.5):
+        for least in (0.0, 6.8):
+            gentle = {"first": 1.6, "rise": 0.3, "limit": 1.7, "least_limit": least}
+            run = inside(Lifting(at_set_point(law, speed), reference=speed, **gentle), reference=speed, parameters=None, until=120.0)
+            last[speed, least] = measure.stick_intervals(run, "bit")[-1][1] - 40.0
+    assert last[4.5, 6.8] == last[4.5, 0.0]
+    assert last[3.2, 6.8] < 16.0 < 22.0 < last[3.2, 0.0]

@@ -14,10 +14,11 @@ x 1.3, x 1.5   seconds of stick in the last 100 of the 350 that follow a step of
 weight off   mean share of the weight that is given up in the three minutes after a takeover, of laws that take weight off
 stall     highest top speed from 15 s after the end of a minute in which the weight is four times as high and the bit stands, in parts of what is asked
 
-With `--inside` another table in its place: the lowest set-points of the law inside alone and of the lifting law with the same gains, on groups of rigs.
+With `--inside` another table in its place: the lowest set-points of the law inside alone and of the lifting law with the same gains, on groups of rigs, judged
+as the rows of `python -m studies drives` are; a folder that holds cells of these spares them.
 
     python -m studies recovery [--out FOLDER] [--only LABEL ...] [--below SPEED ...] [--inside GROUP ...] [--jobs N]
-        (a minute of processor time; the table, recovery.csv, recovery.png; with --inside some minutes a law, and beside_inside.csv)
+        (some minutes of processor time; the table, recovery.csv, recovery.png; with --inside some minutes a law, beside_inside.csv and drives.jsonl)
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ import numpy as np
 from controllers import PI, Lifting, SoftTorque
 from studies import gains
 from studies.command_line import folder, parser_of, write_rows
-from studies.protocol import GROUPS, LIMITS, PLANT, WEIGHT, trial
+from studies.protocol import GROUPS, HIGHEST, LIMITS, LOWEST, PLANT, WEIGHT, trial
 from studies.questions.drives import BETWEEN, GENTLE
 from toolbox import Controller, Sampled, Trajectory, inputs, measure, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.files.printing import columns
 from toolbox.robustness.groups import Machine
-from toolbox.robustness.lowest_set_point import borders
+from toolbox.robustness.lowest_set_point import Cells, borders
 from toolbox.robustness.set_points import Trial
 from toolbox.sweeps.executors import Workers
 
@@ -58,6 +59,8 @@ HELD = 4.0
 """Factor of the weight in a stall: the torque at rest is more than the drive has."""
 RELIEVING = {"first": 1.3, "further": 0.25, "rise": 0.2, "relief": 0.4}
 """Numbers of a lift that takes weight off as well: it is smaller and slower than one that does not."""
+LIFTS = ", lifting"
+"""What the labels of their rows and families end with in the drive table."""
 RELIEF = ", weight off"
 """What the labels of these laws end with."""
 SHOWN = ("impedance, tuned", f"impedance, tuned{RELIEF}")
@@ -65,7 +68,8 @@ SHOWN = ("impedance, tuned", f"impedance, tuned{RELIEF}")
 
 def inner_laws() -> dict[str, Controller]:
     """The laws that are lifted, by label."""
-    tuned = {f"{name}, tuned": gains.tuned(f"{name}, lifting").law for name in ("Z-torque", "impedance", "LQG")}
+    families = [name.removesuffix(LIFTS) for name in gains.known() if name.endswith(LIFTS)]
+    tuned = {f"{name}, tuned": gains.tuned(f"{name}{LIFTS}").law for name in families}
     one = gains.FAMILIES["LQG, lifting"].of(gains.between("LQG", "LQG, lifting", BETWEEN)).law
     return {"soft torque": SoftTorque(**LIMITS), "PI": PI(**LIMITS), **tuned, "LQG, between": one}
 
@@ -140,7 +144,7 @@ def given_up(law: Trial, reference: float) -> tuple[float, float]:
     run = law.run(Machine("declared"), reference, seed=7, duration=at + 1800.0)
     flags = run.time[run["lifting.gave_up"] > 0.0]
     fast, late = run["lifting.reference"] > ABOVE * reference, run.time > run.end - 300.0
-    high = np.trapezoid(fast, run.time) / 1800.0
+    high = np.trapezoid(fast.astype(float), run.time) / 1800.0
     never = np.inf if fast[late].any() or run.time_in("bit", "stick", after=run.end - 300.0) > 0.0 else np.nan
     return float(flags[0]) - at if flags.size else never, float(high)
 
@@ -204,7 +208,7 @@ def table(rows: Sequence[Recovery]) -> str:
 
 @dataclass(frozen=True)
 class Beside:
-    """Lowest set-points [rad/s] of the law inside alone and of the lifting law around it, on a group of rigs, each judged for the window of its group."""
+    """Lowest set-points [rad/s] of the law inside alone and of the lifting law around it, on a group of rigs, each kept for half an hour."""
 
     label: str
     group: str
@@ -213,10 +217,14 @@ class Beside:
     lifting: float
 
 
-def beside(label: str, names: Sequence[str]) -> list[Beside]:
-    """What a lift with the same gains does to the lowest set-points of a law on some groups; half an hour is not asked for."""
-    laws = trial(label, inner_laws()[label.removesuffix(RELIEF)]), lifted(label)
-    alone, lifting = (borders(law, [GROUPS[name] for name in names], lasts=False) for law in laws)
+def beside(label: str, names: Sequence[str], known: Path | None = None) -> list[Beside]:
+    """What a lift with the same gains does to the lowest set-points of a law on some groups; known: file of cells, which those of the drive table may be."""
+    inner, groups = inner_laws()[label.removesuffix(RELIEF)], [GROUPS[name] for name in names]
+    row = label if label.endswith(RELIEF) else f"{label}{LIFTS}"
+    alone, lifting = (
+        borders(law, groups, cells=Cells(known), lower=LOWEST, higher=HIGHEST)
+        for law in (trial(label, inner), trial(row, lifted(label).clock.law))
+    )
     return [Beside(label, *key, held.speed, lifting[key].speed) for key, held in alone.items()]
 
 
@@ -262,17 +270,18 @@ def main() -> None:
         "--inside", nargs="+", choices=list(GROUPS), metavar="GROUP", help="groups on which laws are held against those inside of them"
     )
     given = parser.parse_args()
-    asked = beside if given.inside else recovery
-    with Workers(given.jobs) as workers:
-        rows = list(workers.map(asked, given.only, [given.inside or tuple(given.below)] * len(given.only)))
     if given.inside:
-        found = [each for several in rows for each in several]
+        count, known = len(given.only), given.out / "drives.jsonl" if given.out else None
+        with Workers(given.jobs) as workers:
+            found = [each for several in workers.map(beside, given.only, [given.inside] * count, [known] * count) for each in several]
         heads = ("law", "group", "way", "inside alone [rad/s]", "lifting [rad/s]")
         lines = [(each.label, each.group, each.way, f"{each.inside:.1f}", f"{each.lifting:.1f}") for each in found]
         print("\n".join(columns([heads, *lines], left=(0, 1, 2))))
         if given.out:
             write_rows(found, given.out / "beside_inside.csv")
         return
+    with Workers(given.jobs) as workers:
+        rows = list(workers.map(recovery, given.only, [tuple(given.below)] * len(given.only)))
     print(table(rows))
     if given.out:
         write_rows(rows, given.out / "recovery.csv")

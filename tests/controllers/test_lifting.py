@@ -80,7 +80,7 @@ def test_below_what_it_can_hold_it_gives_up_and_says_so_until_another_set_point_
     before = run.time < 1500.0
     assert (run["lifting.gave_up"][run.time > 440.0][0], run.at(1499.0)["lifting.gave_up"]) == (reference, reference)
     lifted = run["lifting.reference"][before] > 1.1 * reference
-    assert np.trapezoid(lifted, run.time[before]) < 0.15 * 1500.0
+    assert np.trapezoid(lifted.astype(float), run.time[before]) < 0.15 * 1500.0
     assert run.time_in("bit", "stick", after=1400.0, until=1500.0) > 5.0
     assert run["lifting.gave_up"][-1] == 0.0
     assert run.time_in("bit", "stick", after=1700.0) == 0.0

@@ -11,7 +11,7 @@ import pytest
 from controllers import PI, LinearMPC
 from studies import gains
 from studies.protocol import CORNERS, GROUPS, LIMITS, PLANT, SINGLES, rock_torques, trial
-from studies.questions.drives import BETWEEN, Row, flat, judged_rows, laws, picture, published, row, step_time, table
+from studies.questions.drives import BETWEEN, Row, best, flat, judged_rows, laws, picture, published, row, step_time, table
 from toolbox.modelling.laws import designed
 from toolbox.robustness.groups import Group, Machine
 from toolbox.robustness.lowest_set_point import Cells, lowest
@@ -172,6 +172,15 @@ def test_the_picture_shows_every_law_and_where_none_of_its_set_points_holds(tmp_
         {each.label: {name: pair[0] for name, pair in each.lowest.items()} for each in rows}, tmp_path / "drives.svg", shown=("LQG, tuned",)
     )
     assert (tmp_path / "drives.svg").read_text(encoding="utf-8").startswith("<?xml")
+
+
+def test_the_picture_has_the_best_row_of_each_kind_of_law_with_a_lift_and_without():
+    none = float("nan")
+    rows = {
+        "PI": {"declared": 9.6, "robust": 11.0}, "LQG": {"declared": 2.0, "robust": none}, "LQG, tuned": {"declared": 3.0, "robust": 7.0},
+        "LQG, tuned, lifting": {"declared": 3.1, "robust": 3.6}, "LQG, between, lifting": {"declared": 2.9, "robust": 3.6}, "linear MPC": {"declared": 2.5},
+    }  # fmt: skip
+    assert list(best(rows)) == ["PI", "LQG, tuned", "LQG, between, lifting", "linear MPC"]
 
 
 def test_the_cells_of_the_docs_are_read_with_none_for_what_was_not_found_and_without_what_was_not_judged():

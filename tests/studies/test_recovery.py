@@ -9,7 +9,7 @@ import pytest
 
 from controllers import Lifting, SoftTorque, StiffPI
 from studies.protocol import LIMITS, trial
-from studies.questions import recovery
+from studies.questions import drives, recovery
 from toolbox.robustness.groups import Machine
 from toolbox.robustness.lowest_set_point import Held
 
@@ -29,7 +29,7 @@ def test_a_recovery_is_told_as_its_run_shows_it_and_a_law_that_never_recovers_is
 
 def test_below_what_a_law_holds_the_flag_and_the_share_of_the_time_lifted_are_told():
     flag, lifted = recovery.given_up(recovery.lifted("soft torque"), 2.0)
-    assert 20.0 < flag < 400.0 and 0.01 < lifted < 0.15
+    assert 20.0 < flag < 400.0 and 0.02 < lifted < 0.15
     stubborn = recovery.given_up(recovery.lifted("soft torque", tries=1e6, highest=50.0), 2.0)
     assert stubborn[0] == np.inf and stubborn[1] > 0.4
 
@@ -44,16 +44,32 @@ def test_next_to_its_border_too_the_one_law_gives_up_and_its_top_stays_below_twi
     assert recovery.recovered(recovery.lifted("LQG, between", limit=None), 4.0, 0.125)[0] > 2.1
 
 
+def test_the_share_of_the_time_that_is_lifted_is_that_of_the_run():
+    law = recovery.lifted("soft torque")
+    run = law.run(Machine("declared"), 2.0, seed=7, duration=law.takeover(2.0) + 300.0)  # given up by then
+    times = np.arange(0.005, run.end, 0.01)
+    assert np.sum(run.at(times)["lifting.reference"] > 2.2) * 0.01 / 1800.0 == pytest.approx(recovery.given_up(law, 2.0)[1], rel=0.02)
+
+
 def test_a_lifting_law_is_held_against_the_law_inside_of_it(monkeypatch):
     asked = []
 
-    def borders(law, groups, lasts):
-        asked.append((type(law.clock.law), [group.name for group in groups], lasts))
+    def borders(law, groups, cells, **between):
+        asked.append((type(law.clock.law), law.label, [group.name for group in groups]))
         return {("robust", "direct"): Held(9.6 if len(asked) == 1 else 4.1, "")}
 
     monkeypatch.setattr(recovery, "borders", borders)
     assert recovery.beside("soft torque", ["robust"]) == [recovery.Beside("soft torque", "robust", "direct", 9.6, 4.1)]
-    assert asked == [(SoftTorque, ["robust"], False), (Lifting, ["robust"], False)]
+    assert asked == [
+        (SoftTorque, "soft torque", ["robust"]),
+        (Lifting, "soft torque, lifting", ["robust"]),
+    ]  # labels of the drive table, whose cells are taken
+
+
+def test_every_lifting_row_of_the_drive_table_is_among_the_laws_that_are_lifted():
+    rows = {label: law for label, law in drives.laws().items() if label.endswith(recovery.LIFTS)}
+    assert {f"{label}{recovery.LIFTS}" for label in recovery.inner_laws()} - {"PI, lifting"} == set(rows)
+    assert all(repr(law.clock.law) == repr(recovery.lifted(label.removesuffix(recovery.LIFTS)).clock.law) for label, law in rows.items())
 
 
 def test_steps_of_set_point_and_weight_and_a_stall_are_measured_on_the_run():

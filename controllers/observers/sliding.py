@@ -31,6 +31,10 @@ class SlidingObserver(StringObserver):
         """The switching injection [rad/s2]."""
         return self.size * ca.fmin(ca.fmax(error / self.layer, -1), 1) + self.reaching * error
 
+    def slope(self):
+        """What reaches large errors, where the switching part is bounded."""
+        return self.reaching
+
     def gains(self, A, B, row):
         """g with row g = 1 and zeros of row (s - A)^-1 g, the poles in sliding, all at -bandwidth."""
         n = A.shape[0]

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controllers import PI, StiffPI
+from controllers import LQG, PI, Lifting, StiffPI
 from controllers.observers import DisturbanceObserver, Kalman, SlidingObserver
+from controllers.observers.linear import one_step
+from controllers.on_estimates import OnEstimates
 from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, wells
-from toolbox import Sampled, SceneError, compose, simulate
+from toolbox import Sampled, SceneError, closed_loop, compose, simulate
 from toolbox.measure import stick_intervals
 from toolbox.modelling import Observed
 
@@ -63,6 +65,28 @@ def test_on_its_surface_the_sliding_observer_has_all_poles_at_its_bandwidth():
     assert C @ g == pytest.approx(1.0)
     found = np.poly(np.linalg.eigvals((np.eye(4) - np.outer(g, C)) @ A))
     np.testing.assert_allclose(found, np.append(np.poly(np.full(3, -3.0)), 0.0), rtol=1e-6, atol=1e-6)
+
+
+def test_samples_too_far_apart_for_the_steps_of_an_observer_are_refused_by_name():
+    # the fastest pole of the filter is at drive_walk / (J noise sqrt(period)), and Runge-Kutta steps of order four bear 2.785 / pole
+    fast = Kalman(drive_walk=491.9)
+    longest = 2.785 * RIG.parameter("chain.inertia")[0] * fast.speed_noise * fast.period**0.5 / fast.drive_walk
+    for law in (OnEstimates(PI(), fast, late=2), Observed(PI(), fast), Lifting(PI(), observer=fast), LQG(drive_walk=491.9)):
+        assert closed_loop(RIG, law, sample_time=0.95 * longest).system.updates
+        with pytest.raises(SceneError, match=f"`sample_time` must be at most 0.0{round(1000 * longest)}.* s for Kalman .* but it is 0.0"):
+            closed_loop(RIG, law, sample_time=1.05 * longest)
+    with pytest.raises(SceneError, match="for DisturbanceObserver with these numbers"):  # all poles at 30 rad/s
+        closed_loop(RIG, Observed(PI(), DisturbanceObserver(bandwidth=30.0)), sample_time=2.785 / 30.0 * 1.01)
+    with pytest.raises(SceneError, match="for SlidingObserver with these numbers"):
+        closed_loop(RIG, Observed(PI(), SlidingObserver(reaching=100.0)), sample_time=0.05)
+
+
+def test_what_is_refused_would_swing_ever_more():
+    law = Kalman(drive_walk=491.9).design(RIG)
+    A, L, C = matrices(law)
+    for period, swings in ((0.0115, False), (0.0125, True)):
+        step = one_step(lambda z: (A - np.outer(L, C)) @ z, np.eye(A.shape[0]), period)
+        assert (np.linalg.norm(np.linalg.matrix_power(step, 2000)) > 1.0) == swings
 
 
 # --- what they see

@@ -24,7 +24,7 @@ from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.components import Slot, check_fields, law_of, numbers_of, rebuilt, symbolic_copy
 from toolbox.modelling.elements import State, time
-from toolbox.modelling.laws import Controller, Sampled, names
+from toolbox.modelling.laws import Controller, Sampled, check_sampled, names
 from toolbox.modelling.observers import Observer
 from toolbox.steady_states.linear import control_name
 
@@ -94,6 +94,8 @@ def opened(law: Any, period: float | None, gains: bool = False) -> OpenLaw:
     if not isinstance(law, Controller):
         raise SceneError(f"The law must be held by casadi expressions, but {title} is designed as a Python callable.")
     check_fields(law)
+    if period is not None:
+        check_sampled(law, float(period))
     slots, numbers = list[Slot](), numbers_of(law)
     if gains:
         law = symbolic_copy(law, "", slots)

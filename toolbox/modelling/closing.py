@@ -13,7 +13,7 @@ from toolbox.modelling.components import Component, checked, numbers_of, structu
 from toolbox.modelling.composition import NEEDED, assembled, numbered
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.law_in_python import LawInPython, holds_python
-from toolbox.modelling.laws import Controller, Sampled, as_held_part, callable_law, designed, names
+from toolbox.modelling.laws import Controller, Sampled, as_held_part, callable_law, check_sampled, designed, names
 
 
 class Closed(NamedTuple):
@@ -98,6 +98,8 @@ def _part(law: Any, sampled: Sampled | None, declared: HybridSystem) -> Componen
     if isinstance(law, Controller):
         structure_of(law)  # the kinds of its fields, before `checked` compares their values
         checked(law)
+        if sampled is not None:
+            check_sampled(law, float(sampled.period))
         return law if sampled is None else as_held_part(sampled, law)
     if type(law).__module__.partition(".")[0] == "control":
         raise SceneError(

@@ -55,6 +55,9 @@ class Controller(Component):
         """The law as an update at every sample; `period` [s] is a symbol."""
         raise SceneError(f"{type(self).__name__} has no sampled form: {self._instead('continuous', 'leave out `sample_time`')}.")
 
+    def check_period(self, period: float) -> None:
+        """Raise SceneError where the sampled form of the designed law does not bear a sample time [s]; by default it bears any."""
+
     def _instead(self, form: str, remedy: str) -> str:
         """What to do where one form is missing; form: the other one."""
         if getattr(type(self), form) is getattr(Controller, form):  # what all are derived from, as a default that must be replaced
@@ -68,6 +71,14 @@ class Controller(Component):
             _check_driven(self, "continuous", equations.gives)
         _check_measured(self, "continuous", asked)
         return equations
+
+
+def check_sampled(law: Controller, period: float) -> None:
+    """Raise SceneError where a designed law, or a law or an observer that it holds, does not bear a sample time [s]."""
+    law.check_period(period)
+    for each in dataclasses.fields(law):
+        if isinstance(inside := getattr(law, each.name), Controller):
+            check_sampled(inside, period)
 
 
 def _noting(signal: Signal, asked: dict[str, bool]) -> Signal:

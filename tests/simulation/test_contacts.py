@@ -25,7 +25,7 @@ from toolbox import (
     simulate,
     state,
 )
-from toolbox.errors import ZenoError
+from toolbox.errors import NoModes, ZenoError
 from toolbox.inputs import sine
 from toolbox.modelling import Hysteresis
 
@@ -293,6 +293,8 @@ class Rod(Component):
     friction: float = quantity(1.0, "1")
     restitution: float | None = quantity(None, "1")
     stiffness: float | None = quantity(None, "N/m")
+    feed: float = quantity(0.0, "N s/m", "of what keeps the speed of its centre")
+    speed: float = quantity(0.0, "m/s", "at which that holds it")
 
     def equations(self, signal):
         x, y, angle = state("rod.x", "m"), state("rod.y", "m"), state("rod.angle", "rad")
@@ -308,7 +310,38 @@ class Rod(Component):
         )
         rub = DryFriction("rub", u + along * w, Coulomb(static=self.friction, kinetic=self.friction), load=tip.force)
         moment = along * rub.force - across * tip.force
-        return Equations(flow={x: u, y: v, angle: w, u: rub.force, v: tip.force - 9.81, w: 12.0 * moment}, elements=[tip, rub])
+        return Equations(
+            flow={x: u, y: v, angle: w, u: rub.force + self.feed * (self.speed - u), v: tip.force - 9.81, w: 12.0 * moment},
+            elements=[tip, rub],
+        )
+
+
+@pytest.mark.parametrize(
+    ("numbers", "angle", "speed", "spin", "kind", "words"),
+    [
+        ({"friction": 1.86525}, 0.555349, -4.567553, 2.961023, SimulationError, "The step size fell below what double precision resolves"),
+        ({"friction": 2.03214, "feed": 50.0, "speed": -2.32198}, 0.350625, -1.765102, 1.660099, ZenoError, "`rub` switches without end"),
+        (
+            {"friction": 2.08472, "feed": 50.0, "speed": -2.20907},
+            0.678772,
+            0.661492,
+            2.488907,
+            NoModes,
+            "No modes of the elements tip, rub",
+        ),
+    ],
+    ids=["into it", "about to slip", "at break-away"],
+)
+def test_a_rod_that_jams_on_its_way_is_told_that_it_jams(numbers, angle, speed, spin, kind, words):
+    start = {"rod.angle": angle, "rod.y": 0.5 * np.sin(angle), "rod.u": speed, "rod.v": 0.5 * np.cos(angle) * spin, "rod.spin": spin}
+    with pytest.raises(
+        kind, match=words + r".*: the machine jams .Painleve's paradox.\. .* rigid contact `tip` .* with a `stiffness` it has one"
+    ) as failed:
+        simulate(compose(Rod(restitution=0.0, **numbers)), 2.0, start=start)
+    assert "accuracy" not in str(failed.value)
+    # the factor of the ground's force (see below), with the sign of the friction of a tip that slides, or would, to the left
+    end = failed.value.run["rod.angle"][-1]
+    assert 1 + 3 * np.cos(end) * (np.cos(end) - numbers["friction"] * np.sin(end)) < 1e-6
 
 
 def test_a_sliding_slender_rod_meets_the_paradox_of_painleve_beyond_friction_of_four_thirds():

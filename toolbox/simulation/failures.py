@@ -92,6 +92,39 @@ def _below_zero(names: Sequence[str], pressing: int) -> str:
     return f"no force of the rigid contact `{names[pressing]}` agrees with this slip (Painleve's paradox); with a `stiffness` it has one."
 
 
+JAMMED = 1e-4
+"""Part of what a contact yields under its own force alone, below which its force with the friction that it presses has no bound to speak of."""
+
+
+def _paradox(program: Program, point: Any, work: Any, t: float, otherwise: str = ".") -> str:
+    """The end of a sentence where closed rigid contacts would have to pull, or to push without bound, while frictions that they press slide as they do, or are
+    about to. otherwise: the end where they would not.
+    """
+    elements, mode = program.system.elements, work.m
+    closed = [i for i, element in enumerate(elements) if element.rigid and mode[i] == 0.0]
+    pressed = [i for i, element in enumerate(elements) if element.slides and not element.second and int(program.attached[i]) in closed]
+    if not pressed:
+        return otherwise
+    wanted = ca.densify(ca.horzcat(program.system.switching.gain, ca.vertcat(*[element.sliding for element in elements])))
+    found = np.array(output_function(program, wanted)(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], mode))
+    gain, coefficients = found[:, :-1], found[:, -1]
+    alone = gain[np.ix_(closed, closed)]
+    yields = alone.copy()  # of the contacts to their forces, with the friction that goes with these
+    for i in pressed:
+        contact, force = int(program.attached[i]), float(np.ravel(point[f"{elements[i].name}.force"])[0])
+        slides = mode[i] or -np.sign(force) * (
+            abs(force) >= 0.99 * coefficients[i] * float(np.ravel(point[f"{elements[contact].name}.force"])[0])
+        )
+        yields[:, closed.index(contact)] += slides * coefficients[i] * gain[closed, i]
+    if not np.linalg.det(yields) <= JAMMED * np.linalg.det(alone):
+        return otherwise
+    worst = closed[int(np.argmin(np.diag(yields) / np.diag(alone)))]
+    return (
+        f": the machine jams (Painleve's paradox). With the friction that it presses no force of the rigid contact `{elements[worst].name}` agrees with the "
+        "slip, or only one without bound; with a `stiffness` it has one."
+    )
+
+
 def failure(status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> SimulationError:
     """The error of a run that the loop gave up, in words of the plant."""
     so_far = trajectory_so_far(run, program, work, began, answers)
@@ -117,7 +150,9 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
         i -= program.system.elements[i].second
         if (wrong := _rising_friction(program, [i], point, work, so_far)) is not None:
             return wrong
-        return ZenoError(f"Element `{names[i]}` switches without end at t = {t:.9g} s{_resolution(t)}.", so_far)
+        return ZenoError(
+            f"Element `{names[i]}` switches without end at t = {t:.9g} s{_resolution(t)}" + _paradox(program, point, work, t), so_far
+        )
     if status == work_layout.INCONSISTENT:
         inside = (
             [e.name for e in program.system.elements if e.rigid and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
@@ -128,7 +163,9 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
             return SimulationError(f"The closure of the rigid contact `{inside[0]}` must be <= 0 at the start, but it is inside.", so_far)
         if (wrong := _rising_friction(program, range(len(names)), point, work, so_far)) is not None:
             return wrong
-        words = f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s."
+        words = f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s" + _paradox(
+            program, point, work, t
+        )
         return NoModes(words + _sharing(program, point, work, t), so_far)
     labels = [name for name, (_, size, _) in program.system.states.items() for _ in range(size or 1)]
     finite = np.isfinite(work.k[: len(labels)])
@@ -144,7 +181,8 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
     largest = int(np.argmax(np.abs(work.x[: len(labels)])))
     if abs(work.x[largest]) > 1e12:
         return SimulationError(f"The run diverges: `{labels[largest]}` is {work.x[largest]:.3g} at t = {t:.9g} s.", so_far)
-    words = f"The step size fell below what double precision resolves at t = {t:.9g} s{_resolution(t)}; lower the accuracy asked."
+    words = f"The step size fell below what double precision resolves at t = {t:.9g} s{_resolution(t)}"
+    words += _paradox(program, point, work, t, "; lower the accuracy asked.")
     return SimulationError(words + _sharing(program, point, work, t), so_far)
 
 

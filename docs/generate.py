@@ -287,11 +287,12 @@ One step lower there may be little left: 0.003 at 2.9 rad/s, which is the lowest
 same borders on the declared, real, robust and corner rigs and on other rocks by a simulation that shares nothing with the toolbox, with other noise; it reads
 its set-points from this table and repeats any row but the predictive ones. The gains on either side hold less: those that are tuned without a lift leave
 0.033 on the robust rigs, and those that are tuned with it are unstable at 5.4 rad/s on other rocks. Z-torque on the same way leaves 0.021 at best, at its
-worst machine: low set-points on the declared rig ask for other gains than robust ones. The price is that of every lift: up to 66 s at more than 1.1 times
-what is asked, and a bit that turns at up to 5.4 times of it.
+worst machine: low set-points on the declared rig ask for other gains than robust ones. The price is that of every lift: at its border on the
+declared rig 27 s at more than 1.1 times what is asked, and a bit that turns at 3.75 times of it; on the machines of the other groups, taken over directly at
+theirs, up to 62 s and 5.2 times.
 
 What it costs, at 4 / 6 rad/s on the declared rig, each figure the worst of its runs (`python -m studies recovery --only "LQG, between"`; flags and
-shares with `--below 1.5 2 2.2 2.4 2.6 2.7 2.8`); the row "margin 0.05" is the same law, held at higher set-points:
+shares with `--below 1.5 2 2.2 2.4 2.6 2.7 2.8 2.85`); the row "margin 0.05" is the same law, held at higher set-points:
 
 | what happens | what is measured | found | wanted at most |
 |---|---|---|---|
@@ -300,20 +301,29 @@ shares with `--below 1.5 2 2.2 2.4 2.6 2.7 2.8`); the row "margin 0.05" is the s
 | | at the set-point after | 40 / 14 s | 60 s |
 | the set-point is doubled | highest top speed, in parts of the new one | 1.02 | 1.12 |
 | and halved again | stick | none | none |
-| set-points below its border: 1.5, 2.0, 2.2, 2.4, 2.6, 2.7, 2.8 rad/s | flag after | 45, 203, 236, 229, 251, 310, 440 s | 400 s |
-| | share of half an hour that is lifted | at most 7.2 % | 15 % |
+| set-points below its border: 1.5, 2.0, 2.2, 2.4, 2.6, 2.7, 2.8 rad/s | flag after | 55, 227, 201, 197, 207, 263, 392 s | 400 s |
+| | share of half an hour that is lifted | at most 5.5 % | 15 % |
 | the weight goes up by 1.3 / 1.5 at 6 rad/s | last stick after | 5 / 42 s | it holds |
 | the bit is held for a minute | highest top speed from 15 s after, in parts of what is asked | 1.89 | 2 |
 
-One figure is not what was wanted. At 2.8 rad/s steady drilling is hardly unstable: the bit sticks for the first time 125 s after the takeover, and again some
-130 s after each of two lifts. Nearer to the border it takes longer still: at 2.85 rad/s no flag comes within half an hour, of which 14.4 % are lifted.
+All of it is as wanted. At 2.8 rad/s steady drilling is hardly unstable, so that the flag comes late; nearer to the border it takes longer still: at
+2.85 rad/s 631 s.
 
-The lift is one to 1.6 times what is asked, at 0.3 rad/s2, and above 1.7 times what is asked the torque is lowered (`limit`). Without that, a lift to twice
-what is asked at 0.5 rad/s2 leaves a top of 2.46: the law inside follows the bit that is let go, and throws the top to 2.26 times what is asked without any
-lift. A smaller lift alone leaves 2.38 (`first` 1.3 or 1.5). The price of the limit is a string that swings for longer: the last stick at 4 rad/s comes 14 s
-after the takeover in place of 10, the top after a stall turns 1.89 times as fast as asked in place of 1.11, and below 3.6 rad/s the bit is once more let go,
-at up to 15 rad/s in place of 11.5. Weaker laws lose more by it than they gain: with a limit of 1.75 and a first lift of 1.5, soft torque and the tuned
-impedance stick for 38 and 28 s.
+The lift is one to 1.6 times what is asked, at 0.3 rad/s2, and while the top turns faster than 1.7 times what is asked and than 6.8 rad/s the torque is lowered
+(`limit`, `least_limit`). Without that, a lift to twice what is asked at 0.5 rad/s2 leaves a top of 2.46: the law inside follows the bit that is let go, and
+throws the top to 2.26 times what is asked without any lift. A smaller lift alone leaves 2.38 (`first` 1.3 or 1.5). The price of the limit is a string that
+swings for longer: the last stick at 4 rad/s comes 14 s after the takeover in place of 10, and the top after a stall turns 1.89 times as fast as asked in place
+of 1.11. Weaker laws lose more by it than they gain: with a limit of 1.75 and a first lift of 1.5, soft torque and the tuned impedance stick for 38 and 28 s.
+
+Why a least limit: a bit that is let go turns as fast at a low set-point as at a high one, and is calmed by a top that follows it. From eight phases, without /
+with the least of 6.8 rad/s; 6.4 lets the bit be let go once more at 3.6 rad/s, and with 7.3 the top reaches 2.06 at 4:
+
+| set-point [rad/s] | highest top, in parts of it | last stick after | at the set-point after | highest speed of the bit, in parts of it |
+|---|---|---|---|---|
+| 2.9 | 3.13 / 2.69 | 43 / 18 s | 87 / 48 s | 5.2 / 4.5 |
+| 3.6 | 2.38 / 2.17 | 25 / 12 s | 58 / 38 s | 4.2 / 3.9 |
+| 3.8 | 2.32 / 2.07 | 18 / 11 s | 51 / 37 s | 4.1 / 3.7 |
+| 4.0 | 1.96 / 1.96 | 14 / 14 s | 40 / 40 s | 3.6 / 3.6 |
 
 ## Dither of the weight
 

@@ -1,5 +1,6 @@
 """What commands print: JSON for other programs, nothing, or text that fits the terminal."""
 
+import contextlib
 import json
 import os
 import re
@@ -74,6 +75,31 @@ def test_every_command_says_what_it_found():
 
     for command in command_line.COMMANDS:
         assert "given.found" in inspect.getsource(command), command.__name__
+
+
+@pytest.mark.parametrize("command", ["simulate", "study"])
+def test_the_bar_of_a_command_moves_on_from_case_to_case_and_stays_before_its_end(belt, tmp_path, monkeypatch, command):
+    class Bar(contextlib.AbstractContextManager):
+        def __init__(self):
+            self.n, self.places = 0.0, []
+
+        def __exit__(self, *raised):
+            pass
+
+        def set_description_str(self, text, refresh):
+            self.places.append((self.n, text))
+
+        def update(self, moved):
+            self.n += moved
+            self.places[-1] = (self.n, self.places[-1][1])
+
+    bars = []
+    monkeypatch.setattr(terminal, "progress_bar", lambda total, *_, **looks: bars.append((total, Bar())) or bars[-1][1])
+    assert main([command, belt, "--out", str(tmp_path / "out")]) == 0
+    [(total, bar)] = bars
+    places = [place for place, _ in bar.places]
+    assert total == 2 and places == sorted(set(places)) and places[-1] < total
+    assert {text: place for place, text in bar.places}.items() >= {"one": 0.0, "two": 1.0}.items()
 
 
 def test_an_error_is_one_line_on_stderr_and_no_json(tmp_path, capsys):

@@ -1,11 +1,14 @@
 """Logs of every kind are read right with every flaw told, or refused with what to do."""
 
+import datetime
+
 import pytest
 
 from models import BitRock, wells
 from studies.benchmarks.dirty_logs import faults, made
 from toolbox import SceneError, compose
 from toolbox.calibration import Recording
+from toolbox.logs.cells import seconds_of
 from toolbox.logs.grids import of_text
 
 NAMES = (
@@ -57,3 +60,21 @@ def test_a_log_with_nothing_in_it_is_refused_with_what_it_lacks(tmp_path, lines,
     log.write_text("time [s],bit.speed [rad/s],top.torque [N m]\n" + lines.replace("\n", ",nan\n"))
     with pytest.raises(SceneError, match=said):
         Recording.of(log, compose(wells.JANSEN_2, BitRock()))
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        ["31.12.2024 23:59:59.5", "01.01.2025 00:00:02", "05.02.2025"],
+        ["31/12/24 23:59:59,5", "1/1/25 0:00:02", "5/2/25"],
+        ["12/31/2024 11:59:59.5 PM", "1/1/2025 12:00:02 AM", "2/5/2025"],
+        ["31-12-2024T23:59:59.5", "01-01-2025T00:00:02", "05-02-2025"],
+        ["2024-12-31 23:59:59.5", "2025-01-01T00:00:02", "2025-02-05"],
+    ],
+    ids=["points", "day first", "month first", "lines", "ISO"],
+)
+def test_a_date_is_the_same_moment_in_every_way_of_writing_it(cells):
+    moments = [datetime.datetime(2024, 12, 31, 23, 59, 59, 500_000), datetime.datetime(2025, 1, 1, 0, 0, 2), datetime.datetime(2025, 2, 5)]
+    found, words = seconds_of(cells, "A log")
+    assert found.tolist() == [(each - datetime.datetime(1970, 1, 1)).total_seconds() for each in moments]
+    assert words == "dates without a zone"

@@ -1,5 +1,7 @@
 """The chance of stick-slip, with bounds."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -12,6 +14,7 @@ from toolbox.onsets.coming_to import comes_to
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS
 from toolbox.probability import Chance, chance
 from toolbox.probability.bounds import clopper_pearson
+from toolbox.sweeps.designs import Variations
 
 OVER = {"top.reference": [6.0, 11.0]}
 UNCERTAIN = {"bit.weight": "70 kN +- 10 kN", "bit.friction.static": "0.8 +- 0.05"}
@@ -163,6 +166,16 @@ def test_the_same_call_goes_on_where_it_was(loop, tmp_path, monkeypatch):
 def test_what_makes_no_sense_is_refused(loop, over, more, words):
     with pytest.raises(SceneError, match=words):
         chance(loop, over, UNCERTAIN, **{"draws": 4, **more})
+
+
+def test_the_duration_that_is_said_to_be_enough_is_the_shortest_that_is_taken(loop):
+    points, known = Variations(("top.reference",), np.array([[8.0], [9.0]]), (2,)), Variations(("bit.weight",), np.array([[7e4]]), (1,))
+    with pytest.raises(SceneError, match="so that sticks can be counted") as refusal:
+        verb.Search(loop, points, known, 20.0, None, 1e-4)
+    shortest = float(re.search(r"at least (\S+) s", str(refusal.value))[1])
+    assert verb.Search(loop, points, known, 1.001 * shortest, None, 1e-4).duration == 1.001 * shortest
+    with pytest.raises(SceneError, match="so that sticks can be counted"):
+        verb.Search(loop, points, known, 0.999 * shortest, None, 1e-4)
 
 
 def test_pictures_show_curves_over_one_number_and_panels_over_two(loop):

@@ -70,6 +70,19 @@ def test_the_table_the_file_and_the_picture_hold_the_same(found, tmp_path):
     assert [each.axes[0].size for each in found.maps] == [9, 9]
 
 
+def test_the_legend_fits_on_a_figure_as_wide_as_the_text_of_a_page(found):
+    plt = pytest.importorskip("matplotlib.pyplot")
+    figure, axes = plt.subplots(1, 2, figsize=(6.3, 3.0), layout="constrained")
+    found.plot(axes)
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    words = [text.get_text() for text in legend.get_texts()]
+    assert words == ["free", "smooth only undisturbed", "smooth running is lost", "stick-slip ends", "working point"]
+    box = legend.get_window_extent()
+    plt.close(figure)
+    assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width
+
+
 def test_mistakes_are_told():
     with pytest.raises(SceneError, match="at least one depth"):
         windows(well, [], LAW, OVER)

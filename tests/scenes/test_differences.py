@@ -54,6 +54,10 @@ def test_what_cannot_be_compared_is_refused_by_name(runs):
     run = runs["slow"]
     with pytest.raises(SceneError, match=r"Argument `second` must be a run or a scene, and both of the same kind, but it is 3"):
         compare(run, 3)
+    with pytest.raises(SceneError, match="Argument `second` must be a run or a scene, and both of the same kind"):
+        compare(run, SCENE)
+    with pytest.raises(SceneError, match="Argument `first` must be a run or a scene, and both of the same kind"):
+        compare(SCENE, run)
     with pytest.raises(SceneError, match=r"There is no signal `bit.sped`"):
         compare(run, run, signals=["bit.sped"])
     with pytest.raises(SceneError, match="Argument `second` must have an element or a signal"):

@@ -17,6 +17,7 @@ from matplotlib.colors import to_hex, to_rgb
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, TorsionalChain, wells
 from toolbox import SceneError, Trajectory, compose, simulate
+from toolbox.figures.curves import draw_line
 from toolbox.figures.style import LINES, MANY_EVENTS, RESOLUTION, TONES
 from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.simulation.plot import comparison, phase_plane, traces
@@ -276,6 +277,16 @@ def test_a_part_has_its_colour_in_every_picture(rig_run):
     plane = phase_plane(rig_run, "chain.twist.0", "bit.speed")
     found = {alone.get_lines()[0].get_color(), compared.get_lines()[0].get_color(), to_hex(hairlines(plane)[0].get_colors()[0])}
     assert found == {of["bit speed"].get_color()}
+
+
+def test_a_curve_of_many_swings_is_thin_whatever_it_swings_about_and_round_off_is_no_swing():
+    time = np.linspace(0.0, 1.0, 20_001)
+    swings = np.sin(2.0 * np.pi * 60.0 * time)  # 120 turns, where 60 are drawn in full
+    _, ax = plt.subplots()
+    for values in (swings, 1000.0 + 0.1 * swings, 1000.0 + 1e-9 * swings):
+        draw_line(ax, time, values, "a", {"linewidth": 1.5})
+    about_zero, about_much, round_off = (line.get_linewidth() for line in ax.get_lines())
+    assert about_zero == about_much == pytest.approx(0.75, rel=0.02) and round_off == 1.5
 
 
 def test_a_peak_of_an_instant_does_not_flatten_the_rest_and_is_named():

@@ -102,8 +102,8 @@ def series_pass(made: Pass) -> Value:
     armed = [value.differs(0.0) for value in was["armed"]]
     guards = Guards(runs, never, series.side, armed, hits, odd, never, never, never, seen.located, [])
     rejected = was["rejected"].differs(0.0)
-    logarithm = Value(body, body.rough_log2(largest(end.error, 1e-10).name))
-    factor = Value(body, body.rough_exp2(smallest(largest(-made.program.formulas.power * logarithm, -900.0), 900.0).name))
+    logarithm = Value(body, body.rough_log2(end.error.name))  # of lanes whose step is refused alone, whose error is above 1
+    factor = Value(body, body.rough_exp2((-made.program.formulas.power * logarithm).name))
     shrunk = end.h * (end.error < 1e30).choose(largest(0.9 * factor, 0.1), 0.1)
     numbers = {
         "wanted": refused.choose(shrunk, moves.choose(series.reach, was["wanted"])),

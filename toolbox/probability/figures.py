@@ -27,7 +27,9 @@ def _curves(found: Any, ax: Any) -> Any:
         ax.axhline(0.05, color="0.5", linewidth=0.7, linestyle=":")
         ax.set(ylim=(-0.02, 1.02), ylabel="chance of stick-slip [1]")
         name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.asked)
-        ax.legend(frameon=False)
+        ax.figure.legend(
+            loc="outside lower center", ncols=3, frameon=False
+        )  # inside it hides curves: those of some laws go through every corner
         return ax
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from models import BitRock, Block, BlockOnBelt, DiscBrake, Guide, RateAndState, wells
 from toolbox import compose, energy_audit, equilibrium, hopf_points, linearise, measure, simulate
+from toolbox.errors import NoSteadyState
 
 LAW = RateAndState(base=0.6, direct=0.010, evolving=0.015, distance=1e-5, speed=1e-6)
 HEAVY = Block(mass=1e22, stiffness=0.0)  # moves at the speed it starts with, whatever rubs on it
@@ -59,6 +60,21 @@ def test_a_slider_on_a_spring_loses_its_steady_sliding_at_the_critical_stiffness
     assert found.value == pytest.approx(expected, rel=1e-9)
     assert found.stable == "above"
     assert found.frequency == pytest.approx(math.sqrt(0.5) * 1e-5 / 1e-5, rel=1e-6)
+
+
+@pytest.mark.parametrize("load", [1e4, 1e6])
+def test_under_a_large_load_a_creeping_contact_below_a_block_that_moves_is_no_steady_state(load):
+    # on rock of 10 kN and more the slope of creep is 1e14 N s/m: its round-off is a force, and says nothing of how fast the block moves
+    expected, guess = critical(10.0, 1e-4, load)
+    for law in (LAW, dataclasses.replace(LAW, ageing=False)):
+        block = compose(BlockOnBelt(mass=10.0, stiffness=expected, belt_speed=1e-4, load=load, friction=law))
+        (found,) = hopf_points(block, "block.stiffness", (0.3 * expected, 3 * expected), guess=guess)
+        assert found.value == pytest.approx(expected, rel=1e-9)
+        try:
+            rest = equilibrium(block)
+        except NoSteadyState:
+            continue
+        assert abs(rest["block.speed"]) < 1e-12 * 1e-4
 
 
 @pytest.mark.parametrize("mass", [0.01, 1e5])

@@ -114,14 +114,14 @@ def steady_state(
             return size
 
         x = newton(equations, slopes, begin, 12, CONTRACTION)  # from near a zero, as along a branch, a search from afar costs more
-        if not vanishes(equations(x), terms(x)):
+        if not vanishes(equations(x), terms(x), slopes(x), x.size):
             x = searched(equations, slopes, begin, "lm" if sticking.any() else "hybr")
         clean = np.where(np.abs(x) > 1e-13 * np.abs(x).max(initial=0.0), x, 0.0)  # what should be zero shows as zero
         if np.abs(equations(clean)).sum() <= np.abs(equations(x)).sum() + 1e-300:
             x = clean
         found = equations(x)
         size = terms(x)
-        if not vanishes(found, size):
+        if not vanishes(found, size, slopes(x), x.size):
             worst = int(np.nanargmax(np.abs(found[: x.size]) / size[: x.size])) if np.isfinite(found).any() else 0
             label, unit = state_labels(plant)[worst]
             reason = f"the search stops where `{label}` still changes by {found[worst]:.3g} {unit} per second"

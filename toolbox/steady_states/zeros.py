@@ -90,6 +90,28 @@ def contradictory(equations: Any, slopes: Any, x: np.ndarray) -> bool:
     return bool(np.abs(a @ step + b).max(initial=0.0) > 1e-9 * max(np.abs(step).max(initial=0.0), np.abs(b).max(initial=0.0)))
 
 
-def vanishes(residual: np.ndarray, size: np.ndarray) -> bool:
-    """Whether a residual is the round-off of terms of that size."""
-    return bool(np.isfinite(residual).all() and (np.abs(residual) <= 1e-9 * size + 1e-13 * size.max()).all())
+def vanishes(residual: np.ndarray, size: np.ndarray, slopes: np.ndarray, states: int) -> bool:
+    """Whether a residual is the round-off of the terms of its equations.
+
+    Besides its own terms an equation such as x' = v shows the round-off of its unknowns, which other equations have fixed: at rest v is no exact zero. How
+    surely the largest of these fixes it is what is granted, and never more than the largest terms of all have: those of other units may be anything.
+
+    Parameters
+    ----------
+    residual
+        The residual, shape (m,).
+    size
+        Sizes of what cancels in every equation, shape (m,).
+    slopes
+        Jacobian of the equations, shape (m, n).
+    states
+        Number of equations of the flow, which come first; those behind them repeat some of these.
+    """
+    if not (np.isfinite(residual).all() and np.isfinite(slopes).all()):
+        return False
+    slopes = np.abs(slopes)
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # 0 times inf is where an unknown is none of an equation
+        sure = np.where(slopes > 0.0, size[:, None] / slopes, 0.0)[:states].max(axis=0, initial=0.0)
+        sure[(slopes[:states] > 0.0).sum(axis=0) < 2] = np.inf  # nothing else fixes it
+        shown = np.where(slopes > 0.0, slopes * sure, 0.0).max(axis=1, initial=0.0)
+    return bool((np.abs(residual) <= 1e-9 * size + 1e-13 * np.minimum(shown, size.max())).all())

@@ -46,7 +46,7 @@ from toolbox import Sampled, closed_loop, compose
 from toolbox.files.printing import columns
 from toolbox.robustness.groups import Group, Machine, machine_groups
 from toolbox.robustness.lowest_set_point import Cells, Held, borders
-from toolbox.robustness.margins import margins
+from toolbox.robustness.margins import disk_margin
 from toolbox.robustness.set_points import WAYS, Trial
 
 LIMITS: dict[str, Any] = {"lowest_torque": 0.0, "highest_torque": 40_000.0}
@@ -141,7 +141,7 @@ class WithMargins(Trial):
 
 @cache
 def _disk_margin(tried: Trial, machine: Machine, reference: float) -> float:
-    return float(margins(tried.steady(machine, reference), measured=False).disk_margin)
+    return disk_margin(tried.steady(machine, reference))
 
 
 def trial(chain: TorsionalChain, label: str) -> Trial:

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
 
 from controllers import PI, Lifting, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, wells
-from toolbox import Sampled, SceneError, closed_loop, compose, lowest_set_point, onset, simulate
+from toolbox import Controller, Sampled, SceneError, closed_loop, compose, lowest_set_point, onset, simulate
 from toolbox.commands.command_line import main
 from toolbox.modelling import Takeover
 from toolbox.robustness import Group, LowestSetPoints, Machine, Varying, machine_groups
-from toolbox.robustness.lowest_set_point import borders
-from toolbox.robustness.set_points import Trial, verdict
+from toolbox.robustness.lowest_set_point import Cells, Held, borders, lowest
+from toolbox.robustness.set_points import Outcome, Trial, verdict
 
 PLANT = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 LOOP = closed_loop(PLANT, Sampled(SoftTorque(), "10 ms", delay="30 ms"))
@@ -134,6 +137,7 @@ def test_lifts_are_counted_and_their_price_is_told():
         (LOOP, {"groups": ["robus"]}, "There is no group `robus`: did you mean `robust`"),
         (LOOP, {"ways": ["straight"]}, "There is no way `straight`"),
         (LOOP, {"step": -1.0}, "step"),
+        (LOOP, {"executor": 2}, "Argument `executor` must be a concurrent.futures.Executor"),
         (LOOP, {"between": (5.0, 4.0)}, "between"),
         (LOOP.with_parameters({"pi.proportional": 400.0}), {}, "must be given to the law itself"),
         (closed_loop(compose(BlockOnBelt())), {}, "one sampled law that drives `top.torque`"),
@@ -159,7 +163,8 @@ def test_the_command_writes_the_table_and_goes_on_where_it_was(tmp_path, capsys)
     assert main(call) == 0
     out, progress = capsys.readouterr()
     assert "under stiff PI" in out and "lowest [rpm]" in out and "`constant torque` must be one law" in out
-    assert "softer PI, 100 Hz, declared, direct, 100 rpm: holds" in progress
+    assert "cell 1 of 1: softer PI, 100 Hz, declared, direct, 100 rpm: holds" in progress
+    assert progress.startswith("constant torque takes no part")  # said before the first run
     assert {each.name for each in (tmp_path / "drives").iterdir()} == {
         "drives.txt",
         "drives.csv",
@@ -170,7 +175,22 @@ def test_the_command_writes_the_table_and_goes_on_where_it_was(tmp_path, capsys)
     }
     assert main(call) == 0
     again, progress = capsys.readouterr()
-    assert again == out and progress == ""
+    assert again == out and "cell" not in progress
+    assert main([*call, "--quiet", "--step", "10 rpm"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_table_leaves_out_what_no_law_does_and_says_up_to_where_none_was_found(found):
+    result, _, _ = found
+    assert "lifts" not in str(result) and any("lifts" in head for head in result.rows[0])
+    none = dataclasses.replace(result, entries={("SoftTorque", "declared", "direct"): Held(np.nan, "stuck")})
+    assert str(none).splitlines()[-1].split("direct")[1].split() == ["none", "up", "to", "110", "rpm:", "stuck"]
+
+
+def test_the_command_says_at_once_which_law_takes_no_part(capsys):
+    call = ["drives", "studies/scenes/jansen_2.toml", "--controller", "ideal sliding mode", "--group", "declared"]
+    assert main(call) == 2
+    assert "`ideal sliding mode` must have a sampled form to take part, but IdealSlidingMode has none" in capsys.readouterr().err
 
 
 def test_a_law_that_takes_weight_off_is_tried_on_machines_with_other_weights_and_its_price_is_told():
@@ -211,6 +231,149 @@ def test_the_command_raises_borders_to_a_disk_margin_and_refuses_one_that_no_loo
     assert main([*call, "--margin", "1.99"]) == 0
     told = capsys.readouterr().out
     row = next(line for line in told.splitlines() if line.strip().startswith("softer PI, 100 Hz"))
-    assert "declared: disk margin" in row and row.split("direct")[1].split()[0] == "-"
+    assert "declared: disk margin" in row and row.split("direct")[1].split()[0] == "none"
     assert main([*call, "--margin", "2.5"]) == 2
     assert "--margin" in capsys.readouterr().err
+
+
+# --- who does the runs, and how far it is
+SEARCH = {"ways": ["direct"], "between": ("62 rpm", "110 rpm"), "step": "4 rpm"}
+
+
+class Counted(ThreadPoolExecutor):
+    """Threads that count what they are given."""
+
+    def __init__(self):
+        super().__init__(2)
+        self.given = 0
+
+    def submit(self, *arguments, **named):
+        self.given += 1
+        return super().submit(*arguments, **named)
+
+
+def test_an_executor_does_the_runs_and_finds_the_same(found):
+    with Counted() as pool:
+        assert repr(lowest_set_point(LOOP, StiffPI(), [BRIEF], **SEARCH, executor=pool)) == repr(found[0])
+    assert pool.given >= len(found[2])
+
+
+@contextmanager
+def processes():
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        yield pool
+
+
+@contextmanager
+def dask():
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client.get_executor()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("executor", [processes, dask])
+def test_other_processes_find_the_same(found, executor):
+    with executor() as pool:
+        assert repr(lowest_set_point(LOOP, StiffPI(), [BRIEF], **SEARCH, executor=pool)) == repr(found[0])
+
+
+@dataclasses.dataclass(frozen=True)
+class InPython(Controller):
+    """u = 900 (reference - y) + 8900, which holds the bit there, at every sample by a call into Python."""
+
+    reference: float = 9.0
+    measures = ("top.speed",)
+    drives = ("top.torque",)
+
+    def design(self, plant):
+        return Called(self.reference)
+
+
+class Called:
+    """`InPython`, designed."""
+
+    measures, drives, dt = ("top.speed",), ("top.torque",), 0.1
+
+    def __init__(self, reference):
+        self.reference = reference
+
+    def design(self, plant):
+        return self
+
+    def __call__(self, t, y):
+        return 900.0 * (self.reference - y[0]) + 8900.0
+
+
+@pytest.mark.slow
+def test_runs_of_a_law_in_python_travel_too():
+    class Local(Called):
+        pass
+
+    class Hidden(InPython):
+        def design(self, plant):
+            return Local(self.reference)
+
+    law = closed_loop(PLANT, Sampled(InPython(), 0.1))
+    here = Trial(law, StiffPI()).outcome(BRIEF, 9.0)
+    with processes() as pool:
+        assert repr(Trial(law, StiffPI(), pool).outcome(BRIEF, 9.0)) == repr(here)
+        with pytest.raises(SceneError, match="must be importable"):
+            Trial(closed_loop(PLANT, Sampled(Hidden(), 0.1)), StiffPI(), pool).outcome(BRIEF, 9.0)
+
+
+def test_a_law_in_python_is_tried_on_another_plant_too():
+    other = compose(wells.JANSEN_2, BitRock(weight=97_347.0, friction=Coulomb(0.8, 0.5)))
+    trial, machine = Trial(closed_loop(PLANT, Sampled(InPython(), 0.1)), StiffPI()), Machine("Coulomb", plant=other)
+    loop, _ = trial.takes_over(machine, BRIEF, 9.0, "direct", 0, trial.takeover(9.0))
+    (law,) = loop.designed
+    assert isinstance(law.inside[0], Called)
+
+
+class Told(Trial):
+    """A trial of which is told at which set-points it fails, and at which smooth running grows, and that notes what it is asked."""
+
+    def outcome(self, group, reference, way="direct"):
+        self.asked.append((reference, group.judged))
+        return Outcome(reference not in (*self.failing, *(self.growing if group.judged > 80.0 else ())), "fails")
+
+    def growth(self, machines, reference):
+        return (1.0 if reference in self.growing else -1.0), "declared"
+
+    def disk_margins(self, machines, reference):
+        return 1.0, 1.0, "declared"
+
+
+def told(failing, growing=()):
+    trial = Told(LOOP, StiffPI())
+    trial.__dict__.update(failing=failing, growing=growing, asked=[])
+    return trial
+
+
+def test_the_end_of_the_range_is_tried_where_nothing_fails_above_it():
+    trial = told(())
+    assert lowest(trial, BRIEF, lower=3.0, higher=6.0, step=1.0).speed == 3.0
+    held = lowest(told((3.0,)), BRIEF, lower=3.0, higher=6.0, step=1.0)
+    assert (held.speed, held.why) == (4.0, "fails")
+    asked = told((4.0,))
+    assert lowest(asked, BRIEF, lower=3.0, higher=6.0, step=1.0).speed == 5.0
+    assert 3.0 not in [reference for reference, _ in asked.asked]
+
+
+def test_a_set_point_at_which_smooth_running_grows_is_not_confirmed_above_it():
+    trial = told((3.0,), growing=(4.0,))
+    held = lowest(trial, BRIEF, lower=2.0, higher=9.0, step=1.0)
+    assert (held.speed, held.why) == (5.0, "fails")
+    assert (6.0, 80.0) not in trial.asked[: trial.asked.index((4.0, 1800.0))]
+    assert {reference for reference, judged in trial.asked if judged > 80.0} == {4.0, 5.0}
+
+
+def test_how_far_a_search_is_stands_in_every_line():
+    said = []
+    cells = Cells(say=said.append)
+    borders(told((3.0,)), [BRIEF, dataclasses.replace(BRIEF, name="mine")], ["direct", "raised"], cells, 3.0, higher=6.0, step=1.0)
+    assert [line.split(": ")[0] for line in said if "6 rad/s: holds" in line] == [f"cell {k} of 4" for k in (1, 2, 3, 4)]
+    assert all(line.startswith("cell ") for line in said)

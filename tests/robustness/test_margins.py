@@ -32,6 +32,7 @@ from toolbox import (
 )
 from toolbox.robustness.disk_margins import LoopMargins, joint_margins, loop_margins, scaled_norm
 from toolbox.robustness.loop import LinearLoop
+from toolbox.robustness.margins import disk_margin
 from toolbox.robustness.measured import measured_margins, with_delay, with_gain
 from toolbox.robustness.steady_loop import steady_loop
 
@@ -462,3 +463,17 @@ def test_a_law_that_lifts_runs_steadily_at_what_is_asked_and_not_while_it_lifts(
     plain, lifting = (margins(closed_loop(rig, Sampled(law, "10 ms", delay="30 ms"))) for law in (inner, lifts))
     assert lifting.signals["top.torque"] == pytest.approx(plain.signals["top.torque"], rel=1e-9)
     assert lifting.disk_margin == pytest.approx(plain.disk_margin, rel=1e-6)
+
+
+def test_the_disk_margin_alone_is_that_of_all_margins():
+    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+    laws = (
+        PI(reference=6.0),  # smooth running is stable
+        Sampled(PI(reference=2.0), 0.01),  # it is not
+        Sampled(SoftTorque(reference=6.0), 0.01, 0.03),
+        SlidingMode(),
+    )
+    found = [disk_margin(closed_loop(rig, law)) for law in laws]
+    np.testing.assert_array_equal(found, [margins(closed_loop(rig, law), measured=False).disk_margin for law in laws])
+    assert found[1] == 0.0 and found[0] > 0.0 and found[2] > 0.0
+    assert math.isnan(disk_margin(closed_loop(rig, IdealSlidingMode())))

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +38,9 @@ def add(commands: Any) -> None:
         help="lowest set-point at which every controller of a drill string ends stick-slip, on this machine and on others",
         description="One controller of a scene has the string in stick-slip; every other one takes over from it, on the declared machine, with noise, with "
         "errors of the model, with other rocks and under a weight that varies. Printed is the lowest set-point at which it ends the stick-slip and keeps it "
-        "ended for half an hour, with the disk margin there, what the recovery costs, and what fails below. Where numbers are known as distributions only "
-        "(--uncertain, --posterior), a group of machines is drawn: a set-point that frees all 72 is free with 95 %.",
+        "ended for half an hour, with the disk margin there, what the recovery costs, and what fails below. A law, a group and a way take from seconds to "
+        "minutes, which grow with the machine: a long search wants --out, with which the same call goes on where it was stopped. Where numbers are known as "
+        "distributions only (--uncertain, --posterior), a group of machines is drawn: a set-point that frees all 72 is free with 95 %.",
         epilog="example: stickslip drives studies/scenes/jansen_2.toml --before 'stiff PI' --controller 'soft torque' --group declared --group robust "
         "--from '15 rpm' --to '120 rpm' --step '1 rpm' --out drives",
     )
@@ -58,10 +60,15 @@ def add(commands: Any) -> None:
     )
     table.add_argument("--way", action="append", choices=WAYS, metavar="WAY", help=f"only this one of: {', '.join(WAYS)}; may be repeated")
     table.add_argument(
-        "--from", dest="low", default="1.5", metavar="LOW", help="begin of the range of set-points: rad/s, or such as '15 rpm' (1.5)"
+        "--from", dest="low", default="1.5", metavar="LOW", help="lowest set-point that is looked at: rad/s, or such as '15 rpm' (1.5)"
     )
-    table.add_argument("--to", dest="high", default="14", metavar="HIGH", help="end of the range (14)")
-    table.add_argument("--step", default="0.1", metavar="X", help="distance of the set-points that are tried (0.1)")
+    table.add_argument("--to", dest="high", default="14", metavar="HIGH", help="highest one; a law that fails there has none (14)")
+    table.add_argument(
+        "--step",
+        default="0.1",
+        metavar="X",
+        help="distance of the set-points; about ten are tried for a law, a group and a way (0.1)",
+    )
     table.add_argument(
         "--margin", default="0", metavar="M", help="disk margin that a border has to leave on every machine of its group, such as 0.05 (0)"
     )
@@ -73,8 +80,6 @@ def add(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Find the lowest set-points. Returns the exit code."""
     from toolbox.modelling.laws import Sampled
-    from toolbox.robustness.lowest_set_point import LowestSetPoints, chosen_groups, lowest_set_point
-    from toolbox.robustness.set_points import WAYS, Trial
     from toolbox.scenes.scene import Scene
     from toolbox.sweeps.store import folder_of
 
@@ -89,30 +94,16 @@ def run(given: argparse.Namespace) -> int:
     drive = law_of(scene, first, TAKES_PART)
     before: Any = drive.law if isinstance(drive, Sampled) else drive
     groups = _groups(given, scene[first])
-    found: LowestSetPoints | None = None
     failures: dict[str, Exception] = {}
     if given.out:
         folder_of(given.out)
-    for label in labels:
-        try:
-            law = law_of(scene, label, TAKES_PART)
-            loop = scene[label].with_laws([law if isinstance(law, Sampled) else Sampled(law, period, delay)])
-            loop = replace(loop, label=label)
-            with _keeping(given.out):
-                one = lowest_set_point(
-                    loop,
-                    before,
-                    chosen_groups(Trial(loop, before), groups, margin=margin),
-                    ways=given.way or WAYS,
-                    between=(plain(given.low), plain(given.high)),
-                    step=plain(given.step),
-                    known=given.out / "cells.jsonl" if given.out else None,
-                    say=lambda line: print(line, file=sys.stderr, flush=True),
-                )
-        except (SceneError, SimulationError) as error:
-            failures[label] = error
-            continue
-        found = replace(one, before=first) if found is None else found.joined(one)
+    loops = _taking_part(scene, labels, period, delay, failures)
+    if not given.quiet:
+        for label, error in failures.items():
+            _tell(f"{label} takes no part: ", str(error))
+    found = _searched(given, loops, before, groups, margin, failures)
+    if found is not None:
+        found = replace(found, before=first)
     check_some(failures, labels)
     given.found = {"table": found, "failed": {label: str(error) for label, error in failures.items()}}
     text = "\n".join([scene.title, *([str(found)] if found else []), *(f"{label}: {error}" for label, error in failures.items())]) + "\n"
@@ -126,6 +117,62 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\nTable, figure and what is known of single set-points are in {given.out}")
     return 0 if found is not None else 1
+
+
+def _taking_part(scene: Any, labels: list[str], period: float, delay: float, failures: dict[str, Exception]) -> dict[str, Any]:
+    """The loops of controllers by label; those that take no part are told among the failures."""
+    loops = {}
+    for label in labels:
+        try:
+            loops[label] = _sampled(scene, label, period, delay)
+        except SceneError as error:
+            failures[label] = error
+    return loops
+
+
+def _tell(place: str, line: str) -> None:
+    print(f"{place}{line}", file=sys.stderr, flush=True)
+
+
+def _sampled(scene: Any, label: str, period: float, delay: float) -> Any:
+    """The loop of a controller of a scene whose one law is sampled, as the scene says or so. Raises SceneError for one that takes no part."""
+    from toolbox.modelling.laws import Controller, Sampled, designed
+
+    law = law_of(scene, label, TAKES_PART)
+    given = law if isinstance(law, Sampled) else Sampled(law, period, delay)
+    made = designed(given.law, scene[label].plant)
+    if isinstance(made, Controller) and type(made).sampled is Controller.sampled:
+        raise SceneError(f"Controller `{label}` must have a sampled form to take part, but {type(made).__name__} has none.")
+    return replace(scene[label].with_laws([given]), label=label)
+
+
+def _searched(
+    given: argparse.Namespace, loops: dict[str, Any], before: Any, groups: list[Any], margin: float, failures: dict[str, Exception]
+) -> Any:
+    """The lowest set-points of all laws, or None where each fails; why they do is told among the failures."""
+    from toolbox.robustness.lowest_set_point import LowestSetPoints, chosen_groups, lowest_set_point
+    from toolbox.robustness.set_points import WAYS, Trial
+
+    found: LowestSetPoints | None = None
+    for k, (label, loop) in enumerate(loops.items(), 1):
+        say = partial(_tell, f"law {k} of {len(loops)}, " if len(loops) > 1 else "")
+        try:
+            with _keeping(given.out):
+                one = lowest_set_point(
+                    loop,
+                    before,
+                    chosen_groups(Trial(loop, before), groups, margin=margin),
+                    ways=given.way or WAYS,
+                    between=(plain(given.low), plain(given.high)),
+                    step=plain(given.step),
+                    known=given.out / "cells.jsonl" if given.out else None,
+                    say=None if given.quiet else say,
+                )
+        except (SceneError, SimulationError) as error:
+            failures[label] = error
+            continue
+        found = one if found is None else found.joined(one)
+    return found
 
 
 @contextmanager

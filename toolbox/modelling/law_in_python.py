@@ -19,6 +19,7 @@ from toolbox.modelling.components import Signal, Update, fields_of, is_nested
 from toolbox.modelling.elements import state, time
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, names
+from toolbox.modelling.numeric import NumericFunction
 from toolbox.modelling.remembering import offers_memory
 
 
@@ -75,10 +76,12 @@ class LawInPython:
         memory, following = (ca.vertcat(ca.SX(0, 1), *map(ca.SX, rows)) for rows in (update.memory, update.memory.values()))
         answers = ca.vertcat(ca.SX(0, 1), *(symbol for each in inside for symbol in each.given))
         symbols = [time, memory, ca.vertcat(ca.SX(0, 1), *(asked[name] for name in (*self.measures, *self.defaults))), answers]
-        self.asks = [
-            ca.Function("asks", symbols, [ca.vertcat(*map(ca.SX, each.asked)), update.memory[each.count] - each.count]) for each in inside
-        ]
-        self.step = ca.Function("step", symbols, [following, ca.vertcat(*(ca.SX(update.outputs[name][0]) for name in self.drives))])
+
+        def function(name: str, *results: ca.SX) -> NumericFunction:
+            return NumericFunction(ca.Function(name, symbols, list(map(ca.densify, results))))
+
+        self.asks = [function("asks", ca.vertcat(*map(ca.SX, each.asked)), update.memory[each.count] - each.count) for each in inside]
+        self.step = function("step", following, ca.vertcat(*(ca.SX(update.outputs[name][0]) for name in self.drives)))
         self.memory, self.answers = np.zeros(memory.numel()), np.zeros(answers.numel())
         if not all(offers_memory(each) for each in self.inside):
             self.get_memory = None  # type: ignore[assignment, method-assign]
@@ -87,12 +90,12 @@ class LawInPython:
         first = 0
         for law, size, ask in zip(self.inside, self.sizes, self.asks, strict=True):
             wanted, samples = ask(t, self.memory, y, self.answers)
-            if float(samples) > 0.5:
-                self.answers[first : first + size] = np.ravel(law(t, np.array(wanted).ravel()))
+            if samples.item() > 0.5:
+                self.answers[first : first + size] = np.ravel(law(t, wanted.ravel()))
             first += size
         memory, commands = self.step(t, self.memory, y, self.answers)
-        self.memory = np.array(memory).ravel()
-        return np.array(commands).ravel()
+        self.memory = memory.ravel()
+        return commands.ravel()
 
     def get_memory(self) -> FloatArray:
         """What it and the laws inside remember."""

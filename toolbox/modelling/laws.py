@@ -130,7 +130,8 @@ def designed(law: Any, plant: HybridSystem) -> Any:
         raise SceneError(f"A control law must be a Controller, but it is {law!r}.")
     if type(law).design is Controller.design:
         return law
-    check_fields(law)
+    if dataclasses.is_dataclass(law):  # else one that is designed as a callable
+        check_fields(law)
     try:
         with np.errstate(all="ignore"):  # what is not finite is an error here or, as a gain, in the table of parameters
             made = law.design(plant)

@@ -28,7 +28,7 @@ from toolbox.modelling.closing import described
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.onsets.map_loop import SMOOTH
 from toolbox.onsets.severity_map import MapSide, SeverityMap, severity_map
-from toolbox.robustness.margins import margins
+from toolbox.robustness.margins import disk_margin
 
 HALVINGS = 4
 """How often an edge of the grid across a border is halved: a grid of 13 by 7 points then has the borders of one of 25 by 13 whose edges are halved thrice."""
@@ -197,7 +197,7 @@ def windows(
         found = severity_map(loop, over, shape=shape, halvings=HALVINGS, out=folder)
         maps.append(found)
         points.append(found.at)
-        disks.append(margins(loop, measured=False).disk_margin)
+        disks.append(disk_margin(loop))
     assert loop is not None
     second = loop.number(maps[0].names[1])
     low, high = maps[0].axes[1][[0, -1]]

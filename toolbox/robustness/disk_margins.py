@@ -118,6 +118,17 @@ def peak(function: Callable[[np.ndarray], np.ndarray], grid: np.ndarray) -> tupl
     return best, where
 
 
+def largest_disk(loop: LinearLoop, grid: np.ndarray) -> tuple[float, float]:
+    """(1 / alpha, its frequency [rad/s]) of a stable loop of one command; grid: its `frequencies`."""
+
+    def size(w: np.ndarray) -> np.ndarray:
+        gain = loop.transfer(w)[:, 0, 0]
+        return np.abs((1 - gain) / (1 + gain)) / 2
+
+    found, far = peak(size, grid), -float(loop.D[0, 0])
+    return found if loop.period is not None else max(found, (abs((1 - far) / (1 + far)) / 2, math.inf))
+
+
 def loop_margins(loop: LinearLoop, delayed: Callable[[float], LinearLoop] | None = None) -> LoopMargins:
     """Margins of a loop of one command. delayed: the loop with some delay [s] more, where that is more than a shift of phase: in samples."""
     if not loop.stable:
@@ -128,10 +139,9 @@ def loop_margins(loop: LinearLoop, delayed: Callable[[float], LinearLoop] | None
         return loop.transfer(w)[:, 0, 0]
 
     at, far = gain(grid), -float(loop.D[0, 0])
-    disk, disk_at = peak(lambda w: np.abs((1 - gain(w)) / (1 + gain(w))) / 2, grid)
+    disk, disk_at = largest_disk(loop, grid)
     sensitivity, sensitivity_at = peak(lambda w: 1 / np.abs(1 + gain(w)), grid)
     if loop.period is None:  # there the frequencies have no end
-        disk, disk_at = max((disk, disk_at), (abs((1 - far) / (1 + far)) / 2, math.inf))
         sensitivity, sensitivity_at = max((sensitivity, sensitivity_at), (1 / abs(1 + far), math.inf))
     low, high = _gains(gain, grid, at)
     phase, delay = _phase(gain, grid, at)

@@ -5,7 +5,9 @@ How a law is tried at a set-point is told in `toolbox.robustness.set_points`, on
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
+import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -24,9 +26,12 @@ from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Controller
 from toolbox.robustness.groups import LASTING, NAMES, Group, machine_groups
 from toolbox.robustness.set_points import WAYS, Outcome, Trial
+from toolbox.sweeps.executors import check_executor
 
 ABOVE = (0.3, 0.8, 2.0)
 """How far above a border [rad/s] it is confirmed."""
+UNTRIED = "not tried below"
+"""What is said of a border below which nothing was tried."""
 HELP = 0.5
 """How far below the border of the declared machine [rad/s] those of others are looked for."""
 
@@ -35,11 +40,12 @@ class Cells:
     """Outcomes that are known, kept in a file of JSON lines, so that a search that was stopped goes on where it was.
 
     path: of the file, or None for none.  A line that was not finished is left out. The machine and the numbers of the laws are part of the key: another law of
-    the same label is judged anew.  say: called with a line of text for each new outcome;  asked: {unit: unit in which it tells}.
+    the same label is judged anew.  say: called with a line of text, behind `place`, for each new outcome;  asked: {unit: unit in which it tells}.
     """
 
     def __init__(self, path: Path | None = None, say: Callable[[str], None] | None = None, asked: Mapping[str, str] | None = None):
         self.path, self.say, self.asked = path, say, asked
+        self.place = ""
         self.known: dict[str, Outcome] = {}
         if path is not None and path.exists():
             for line in path.read_text(encoding="utf-8").splitlines():
@@ -52,7 +58,7 @@ class Cells:
 
     def outcome(self, trial: Trial, group: Group, reference: float, way: str) -> Outcome:
         """The outcome at a set-point, known or new."""
-        key = json.dumps([trial.key(reference), repr(group), way, reference])
+        key = _key(trial, group, reference, way)
         if key not in self.known:
             found = trial.outcome(group, reference, way)
             self.known[key] = found
@@ -63,8 +69,17 @@ class Cells:
                 lasts = f" for {group.judged:g} s" if group.judged >= LASTING else ""
                 said = f"holds{lasts}" if found.passed else f"fails: {found.why}"
                 factor, unit = reading("rad/s", self.asked)
-                self.say(f"{trial.label}, {group.name}, {way}, {reference * factor:.4g} {unit}: {said}")
+                self.say(f"{self.place}{trial.label}, {group.name}, {way}, {reference * factor:.4g} {unit}: {said}")
         return self.known[key]
+
+    def grows(self, trial: Trial, group: Group, reference: float, way: str) -> bool:
+        """Whether a small disturbance of smooth running grows on a machine of a group, for which no run is needed."""
+        known = self.known.get(_key(trial, group, reference, way))
+        return (known.growth if known is not None else trial.growth(group.machines, reference)[0]) > 0.0
+
+
+def _key(trial: Trial, group: Group, reference: float, way: str) -> str:
+    return json.dumps([trial.key(reference), repr(group), way, reference])
 
 
 @dataclass(frozen=True)
@@ -120,10 +135,11 @@ def lowest(
     step: float = 0.1,
     lasts: bool = True,
 ) -> Held:
-    """The lowest set-point by bisection between `lower` (taken to fail) and `higher`, confirmed at three above it and, with `lasts`, for half an hour.
+    """The lowest set-point by bisection between `lower` and `higher`, confirmed at three above it and, with `lasts`, for half an hour.
 
-    Where one of these fails, or the border leaves a smaller disk margin than the group wants, the search goes on above it: what is given is the lowest from
-    which on nothing that was tried failed. All in rad/s.
+    `lower` is taken to fail, and tried only where nothing above it does. With `lasts`, smooth running that is not stable confirms nothing either. Where one of
+    these fails, or the border leaves a smaller disk margin than the group wants, the search goes on above it: what is given is the lowest from which on
+    nothing that was tried failed. All in rad/s.
     """
     cells = cells or Cells()
 
@@ -136,27 +152,27 @@ def lowest(
     why = fails(high)
     if why:
         return Held(math.nan, why)
-    below = "not tried below"
+    below = UNTRIED
     while True:
-        while high - low > 1:
-            middle = (low + high) // 2
-            said = fails(middle)
-            low, high, below = (middle, high, said) if said else (low, middle, below)
-        above = sorted({min(high + round(each / step), top) for each in ABOVE})
+        low, high, below = _halved(fails, low, high, below)
+        speed = round(high * step, 6)
+        grows = lasts and cells.grows(trial, group.lasting, speed, way)
+        above = sorted({min(high + round(each / step), top) for each in ABOVE}) if not grows else []
         broken = [(k, said) for k in above if (said := fails(k))]
         if broken:
             low, below = broken[-1]
             high = top
             continue
-        speed = round(high * step, 6)
-        short = f"{said} within half an hour" if lasts and (said := fails(high, group.lasting)) else ""
+        short = fails(high, group.lasting) if lasts else ""
+        if short and not grows:
+            short += " within half an hour"
         if not short:
             declared, margin, weakest = trial.disk_margins(group.machines, speed)
             if not min(declared, margin) < group.margin:
-                found = cells.outcome(trial, group.lasting if lasts else group, speed, way)
-                names = [each.name for each in dataclasses.fields(Outcome) if each.name not in ("passed", "why", "runs")]
-                told = {name: getattr(found, name) for name in names}
-                return Held(speed, below, **told, margin=margin, margin_declared=declared, weakest=weakest)
+                found = dataclasses.asdict(cells.outcome(trial, group.lasting if lasts else group, speed, way))
+                for name in ("passed", "why", "runs"):
+                    del found[name]
+                return Held(speed, below, **found, margin=margin, margin_declared=declared, weakest=weakest)
             short = f"{weakest if margin <= declared else 'declared'}: disk margin {min(declared, margin):.3f}"
         low, below = high, short
         if high == top:
@@ -166,16 +182,29 @@ def lowest(
             low, below, high = high, said, high + 1
 
 
+def _halved(fails: Callable[[int], str], low: int, high: int, below: str) -> tuple[int, int, str]:
+    """(what fails, one above, why) by bisection between what fails and what does not; where nothing failed, `low` itself is tried."""
+    while high - low > 1:
+        middle = (low + high) // 2
+        said = fails(middle)
+        low, high, below = (middle, high, said) if said else (low, middle, below)
+    if below != UNTRIED or low <= 0:
+        return low, high, below
+    said = fails(low)
+    return (low, high, said) if said else (low - 1, low, below)
+
+
 def borders(
     trial: Trial, groups: Sequence[Group], ways: Sequence[str] = WAYS, cells: Cells | None = None, lower: float = 1.5, **searched: Any
 ) -> dict[tuple[str, str], Held]:
     """{(group, way): the lowest set-point}; noise and errors are not expected to help by more than `HELP`. searched: further arguments of `lowest`."""
     found: dict[tuple[str, str], Held] = {}
-    for group in groups:
-        for way in ways:
-            known = found["declared", way].speed if ("declared", way) in found else math.nan
-            low = lower if math.isnan(known) else max(known - HELP, lower)
-            found[group.name, way] = lowest(trial, group, way, cells, low, **searched)
+    cells = cells or Cells()
+    for k, (group, way) in enumerate(itertools.product(groups, ways), 1):
+        cells.place = f"cell {k} of {len(groups) * len(ways)}: "
+        known = found["declared", way].speed if ("declared", way) in found else math.nan
+        low = lower if math.isnan(known) else max(known - HELP, lower)
+        found[group.name, way] = lowest(trial, group, way, cells, low, **searched)
     return found
 
 
@@ -214,24 +243,31 @@ class LowestSetPoints(Result):
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text."""
         speed, torque = reading("rad/s", self.asked), reading("N m", self.asked)
-        heads = ("law", "group", "way", f"lowest [{speed.unit}]", "disk margin", "declared", "above", "recovery", f"bit [{speed.unit}]")
+        heads = ("law", "group", "way", f"lowest [{speed.unit}]", "disk margin", "of declared", "above", "recovery", f"bit [{speed.unit}]")
         price = (f"torque [{torque.unit}]", "lifts", "lifts / h", "weight off", "disturbance", "what fails below")
         lines: list[tuple[str, ...]] = [(*heads, *price)]
         for key, each in self.entries.items():
             said = [
-                shown(each.speed * speed.factor, ".3g"), shown(each.margin, ".2f"), shown(each.margin_declared, ".2f"),
+                "none" if math.isnan(each.speed) else f"{each.speed * speed.factor:.3g}",
+                shown(each.margin, ".2f"), shown(each.margin_declared, ".2f"),
                 shown(100.0 * each.above, ".1f", " %"), shown(each.recovery, ".0f", " s"), shown(each.fastest * speed.factor, ".3g"),
                 shown(each.torque * torque.factor, ".3g"), shown(each.lifts, ".0f"), shown(each.again, ".0f"),
                 shown(100.0 * each.relief, ".1f", " %"), told_growth(each.growth),
             ]  # fmt: skip
-            lines.append((*key, *said, each.why))
+            up_to = f"up to {self.between[1] * speed.factor:.3g} {speed.unit}: " if math.isnan(each.speed) else ""
+            lines.append((*key, *said, up_to + each.why))
         return lines
 
     def __str__(self) -> str:
         factor, unit = reading("rad/s", self.asked)
         low, high, step = (f"{value * factor:.3g}" for value in (*self.between, self.step))
         title = f"Lowest set-points at which a law ends the stick-slip under {self.before} ({low} to {high} {unit}, steps of {step} {unit})"
-        return "\n".join([title, *columns(self.rows, left=(0, 1, 2, 14))])
+        lines = self.rows
+        told = [
+            k for k, column in enumerate(zip(*lines[1:], strict=True)) if set(column) != {"-"}
+        ]  # such as no lifts of laws that do not lift
+        left = [told.index(k) for k in (0, 1, 2, len(lines[0]) - 1)]
+        return "\n".join([title, *columns([tuple(row[k] for k in told) for row in lines], left=left)])
 
     def _table(self) -> HeadedRows:
         """One row per law, group and way."""
@@ -284,6 +320,7 @@ def lowest_set_point(
     lasts: bool = True,
     known: str | Path | None = None,
     say: Callable[[str], None] | None = None,
+    executor: concurrent.futures.Executor | None = None,
 ) -> LowestSetPoints:
     """Find the lowest set-point at which a law ends a stick-slip that exists, and keeps it ended, on the declared drill string and on others.
 
@@ -315,6 +352,9 @@ def lowest_set_point(
         Path of a file (JSON lines) in which the outcomes of single set-points are kept, so that a search that was stopped goes on.
     say
         Called with a line of text for every new outcome.
+    executor
+        Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`), which does the runs at a set-point side by side. By
+        default one thread per core, and one run after the other for a law in Python.
 
     Returns
     -------
@@ -324,13 +364,14 @@ def lowest_set_point(
     Raises
     ------
     SceneError
-        If the loop is no drill string with one sampled law, a group or a way is unknown, or a number is none.
+        If the loop is no drill string with one sampled law, a group or a way is unknown, a number is none, or a law cannot travel to an executor.
 
     Notes
     -----
     The figures hold for the machine, the noise and the seeds that are declared. A law in Python begins at rest, and costs hundreds of times as much.
     """
-    trial = Trial(loop, before)
+    check_executor(executor)
+    trial = Trial(loop, before, executor)
     typed = numbers("between", between, "rad/s")
     low, high = checked_range(typed, "between", "rad/s")
     asked = {"rad/s": asked_in(typed, "rad/s")}

@@ -17,7 +17,7 @@ from toolbox.files.units import NumberOrText
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import all_described
-from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
+from toolbox.robustness.disk_margins import JointMargins, LoopMargins, frequencies, joint_margins, largest_disk, loop_margins
 from toolbox.robustness.loop import LinearLoop, NoDerivative
 from toolbox.robustness.measured import MeasuredMargins, measured_margins
 from toolbox.robustness.steady_loop import smooth_start, steady_loop
@@ -203,6 +203,18 @@ def margins(
     begin = dict(found.start) if found is not None else mapping("guess", guess) or smooth_start(loop)
     bears = measured_margins(loop.but(start=begin), duration=float(duration), inertia=inertia)
     return Margins(**{**result.__dict__, "measured": bears})
+
+
+def disk_margin(loop: ClosedLoop) -> float:
+    """`margins(loop, measured=False).disk_margin` alone, in about a third of the time."""
+    try:
+        linear = steady_loop(loop, None).loop(0.0)
+    except NoDerivative:
+        return math.nan
+    if len(linear.drives) > 1:
+        return joint_margins(linear).disk_margin
+    alone = linear.alone(0)
+    return 1 / largest_disk(alone, frequencies(alone))[0] if alone.stable else 0.0
 
 
 def _set_points(loop: ClosedLoop) -> dict[str, float]:

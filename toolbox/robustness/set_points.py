@@ -13,10 +13,11 @@ again; where the weight varies it may, but not above 1.1 times what is asked for
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -142,11 +143,12 @@ class Trial:
     """How a law is tried: its loop, and the drive that it takes over from.
 
     loop: of the declared plant with one sampled law of `top.torque`; at a set-point its law has that `reference`, is designed on that plant, and acts on the
-    machines of a group.  before: a law, at whose set-point likewise the string sticks and slips.
+    machines of a group.  before: a law, at whose set-point likewise the string sticks and slips.  executor: does the runs; None for the cores of this machine.
     """
 
     loop: ClosedLoop
     before: Controller
+    executor: concurrent.futures.Executor | None = field(default=None, repr=False, compare=False)
 
     @cached_property
     def clock(self) -> Sampled:
@@ -165,6 +167,11 @@ class Trial:
     @cached_property
     def _manners(self) -> dict[Any, Any]:
         """How runs of one kind are done, by what tells the kinds apart."""
+        return {}
+
+    @cached_property
+    def _growths(self) -> dict[Any, tuple[float, str]]:
+        """What is known of `growth`, by machines and set-point."""
         return {}
 
     @property
@@ -300,13 +307,13 @@ class Trial:
                 numbers = self._numbers(loop, machines)
                 names = [f"{each.name}, seed {seed}, phase {phase:g}" for seed in seeds for each in machines for phase in group.phases]
                 found: Iterable[Any]
-                if asleep:  # a law in Python: one run after the other, up to the first that fails
-                    found = (
-                        _measured(self.takes_over(machines[0], group, reference, way, seeds[0], at)[0], each, end, asked)
+                if asleep:  # a law in Python: up to the first run that fails
+                    given = (
+                        (self.takes_over(machines[0], group, reference, way, seeds[0], at)[0], each, end, asked)
                         for each in numbers
                         for at in times
                     )
-                    found = ({name: np.array([value]) for name, value in row.items()} for row in found)
+                    found = ({name: np.array([value]) for name, value in row.items()} for row in self._in_turn(given))
                 else:
                     rows = [{"takeover.at": at, **each} for each in numbers for at in times]
                     found = [self._together(loop, rows, machines, seeds, group, duration=end, measures=asked)]
@@ -319,6 +326,17 @@ class Trial:
                     names = names[count:]
                     measured["recovery"] = measured["recovery"] * (after - begun)
                     yield failed, measured
+
+    def _in_turn(self, given: Iterable[tuple[Any, ...]]) -> Iterator[dict[str, float]]:
+        """What is measured of each run of a law in Python, in their order: one after the other, or side by side where there is an executor."""
+        if self.executor is None:
+            yield from (_measured(*each) for each in given)
+            return
+        from toolbox.sweeps.executors import travelling
+
+        each = list(given)
+        with travelling(each[:1]):
+            yield from self.executor.map(_measured, *zip(*each, strict=True))
 
     def _numbers(self, loop: ClosedLoop, machines: Sequence[Machine]) -> list[dict[str, float]]:
         """The numbers of machines that are alike, all under the same names; the weight is among them unless it varies."""
@@ -339,7 +357,7 @@ class Trial:
         alike = (machines[0].plant, tuple(type(value) for value in loop.inputs.values()), kind and kind.noise)
         if alike not in self._manners:
             self._manners[alike] = courses.manner()
-        return courses.measured(self._manners[alike], SEARCHED * group.runs, round(courses.duration / self.period))
+        return courses.measured(self._manners[alike], SEARCHED * group.runs, round(courses.duration / self.period), self.executor)
 
     def steady(self, machine: Machine, reference: float) -> ClosedLoop:
         """The loop of the law alone on a machine at a set-point, without noise and with a constant weight."""
@@ -350,17 +368,20 @@ class Trial:
         """The largest rate [1/s] at which a small disturbance of smooth running grows at a set-point, and on which machine; nan where none is known."""
         from toolbox.onsets.coming_to import Settled
 
-        found = [(Settled.of(self.steady(each, reference), "bit", "bit.speed", 0.0), each.name) for each in machines]
-        rates = [(settled.rate, name) for settled, name in found if settled is not None]
-        return max((each for each in rates if not math.isnan(each[0])), default=(math.nan, ""))
+        key = (tuple(machines), reference)
+        if key not in self._growths:
+            found = [(Settled.of(self.steady(each, reference), "bit", "bit.speed", 0.0), each.name) for each in machines]
+            rates = [(settled.rate, name) for settled, name in found if settled is not None]
+            self._growths[key] = max((each for each in rates if not math.isnan(each[0])), default=(math.nan, ""))
+        return self._growths[key]
 
     def disk_margins(self, machines: Sequence[Machine], reference: float) -> tuple[float, float, str]:
         """The disk margin on the declared machine at a set-point [rad/s], the smallest over others, and of which; nan where the law has no slope."""
-        from toolbox.robustness.margins import margins
+        from toolbox.robustness.margins import disk_margin
 
         found = []
         for machine in (Machine(""), *machines):
-            found.append((margins(self.steady(machine, reference), measured=False).disk_margin, machine.name))
+            found.append((disk_margin(self.steady(machine, reference)), machine.name))
             if np.isnan(found[0][0]):
                 return math.nan, math.nan, ""
         return found[0][0], *min(found[1:], default=found[0])
@@ -458,8 +479,8 @@ def _watched(plant: HybridSystem, watch: Watch) -> HybridSystem:
 
 @cache
 def _bare(loop: ClosedLoop) -> ClosedLoop:
-    """The loop without its law, set-point and start."""
-    return replace(loop.bare, start={})
+    """The loop without its law, set-point, start and label: laws that take over from the same drive find its cycle once."""
+    return replace(loop.bare, start={}, label="")
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -56,14 +57,14 @@ class Courses:
         """How such runs are done alone: by a method that the middle one chooses."""
         return probed(self.task()[0])
 
-    def measured(self, manner: Manner, runs: int, steps: int) -> dict[str, np.ndarray]:
+    def measured(self, manner: Manner, runs: int, steps: int, executor: concurrent.futures.Executor | None = None) -> dict[str, np.ndarray]:
         """{name of a measure: its values in all runs, nan where one failed}.
 
         manner: of such runs;  runs, steps: of all that are to come of the same kind, and in each, by which it is decided whether lanes pay. They do not for so
-        few runs at a time that most lanes stand empty.
+        few runs at a time that most lanes stand empty.  executor: as of `sweep`.
         """
         task, broken = self.task()
         task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method))
         lanes = runs_in_lanes(task) and 2 * len(task.numbers) >= lanes_of(task) and runs * work_alone(task, steps) > LANES_WORK
-        values, _, _ = evaluated(task, broken, manner=dataclasses.replace(manner, lanes=lanes))
+        values, _, _ = evaluated(task, broken, executor, manner=dataclasses.replace(manner, lanes=lanes))
         return dict(zip(self.measures, values.T, strict=True))

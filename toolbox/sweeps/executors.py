@@ -96,13 +96,14 @@ def evaluated(
     columns = Columns.empty(total, len(task.measures)) if store is None else store.columns()
     manner = Manner.noted(store.settings, task.run) if store is not None and store.settings is not None else manner or probed(task, broken)
     task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method), lanes=manner.lanes)
-    size = manner.together(total, lanes_of(task) if manner.lanes else 1)
+    lanes = lanes_of(task) if manner.lanes else 1
+    size = manner.together(total, lanes)
     if store is not None and store.settings is None:
         store.begin(manner.notes, size)
     left = int((columns.status == WAITING).sum())
     if not left:
         return columns.values, columns.errors, 0.0
-    chunks = _chunks(columns.status, store.ranges if store is not None else [(0, total)], size)
+    chunks = _chunks(columns.status, store.ranges if store is not None else [(0, total)], size, lanes)
 
     def take(outcome: Outcome) -> None:
         first, last = outcome.first, outcome.first + len(outcome.values)
@@ -204,12 +205,16 @@ def _kept(
                 store.flush(columns)
 
 
-def _chunks(status: np.ndarray, ranges: list[tuple[int, int]], size: int) -> Iterator[tuple[int, int]]:
-    """(first, behind the last) of runs that wait, about `size` of them each, none across the borders of the ranges."""
+def _chunks(status: np.ndarray, ranges: list[tuple[int, int]], size: int, lanes: int) -> Iterator[tuple[int, int]]:
+    """(first, behind the last) of runs that wait, about `size` of them each, none across the borders of the ranges.
+
+    All but the last fill their lanes: runs that are equally long would leave most of them empty at the end of every chunk.
+    """
     for first, last in ranges:
         edges = np.flatnonzero(np.diff(np.concatenate([[False], status[first:last] == WAITING, [False]])))
         for a, b in edges.reshape(-1, 2).tolist():
-            cuts = np.linspace(a, b, max(1, round((b - a) / size)) + 1).astype(int).tolist()
+            even = np.linspace(0, b - a, max(1, round((b - a) / size)) + 1).astype(int)
+            cuts = np.unique(np.minimum(a - even // -lanes * lanes, b)).tolist()
             yield from ((first + low, first + high) for low, high in itertools.pairwise(cuts))
 
 

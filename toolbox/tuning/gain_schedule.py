@@ -29,7 +29,7 @@ from toolbox.modelling.closing import described
 from toolbox.modelling.components import numbers_of, rebuilt
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.robustness.depth_windows import closed_at
-from toolbox.robustness.margins import margins
+from toolbox.robustness.margins import disk_margin
 from toolbox.robustness.worst_case import Trials, cycle_phases, percent
 from toolbox.simulation.simulate import simulate
 
@@ -233,7 +233,7 @@ def schedule(
         settled = trials.known.get("declared")
         found.append(
             CheckedDepth(
-                depth, depth in places, margins(closed, measured=False).disk_margin, math.nan if settled is None else settled.rate, failed,
+                depth, depth in places, disk_margin(closed), math.nan if settled is None else settled.rate, failed,
                 len(outcomes.outcomes), worst.stuck, worst.mean_error, worst.ripple,
             )
         )  # fmt: skip

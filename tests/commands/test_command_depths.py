@@ -101,6 +101,15 @@ def test_the_windows_are_those_of_the_verb_and_the_report_reads_them(root, tmp_p
     assert "Windows over depth" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("command", ["schedule", "windows"])
+def test_a_number_of_the_law_that_the_scene_gives_as_an_input_is_refused_by_its_name(root, tmp_path, capsys, command):
+    shutil.copy((root / WELL).with_suffix(".csv"), tmp_path)
+    (tmp_path / "given.toml").write_text((root / WELL).read_text() + '\n[inputs]\n"top.reference" = "110 rpm"\n')
+    axes = ["--x", "top.reference=90 rpm:150 rpm", "--y", "bit.weight=60 kN:100 kN"] if command == "windows" else []
+    assert main([command, str(tmp_path / "given.toml"), "--depths", "1km", "2km", *axes]) == 2
+    assert "Argument `top.reference` must be a number of the law itself" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -12,7 +12,7 @@ from toolbox import Component, DryFriction, Equations, compose, simulate, state
 from toolbox.compilation import bodies, implicit_step
 from toolbox.compilation.banded_systems import factor_text, solve_text, split
 from toolbox.compilation.emitter import compiled, function_text, inline
-from toolbox.compilation.rolled import rolled_body, rolled_slope
+from toolbox.compilation.rolled import Rolled, rolled_body, rolled_slope
 from toolbox.compilation.vector_emitter import VectorBody
 from toolbox.compilation.vector_emitter import function_text as vector_text
 from toolbox.modelling import elimination
@@ -59,6 +59,14 @@ def coupled(n):
     moving = p @ p.T + ca.diag(x * x)
     first, second = masked_solve(constant, ca.sin(x) + t), masked_solve(moving, x)
     return ca.Function("coupled", [t, x, ca.vec(p), m], [ca.vertcat(first, second, ca.jtimes(second, x, first))]), constant
+
+
+@pytest.mark.parametrize("n", [3, 37])
+def test_what_one_row_alone_needs_is_computed_in_its_loop_and_what_all_need_once_before_it(n):
+    t, x, p = ca.SX.sym("t"), ca.SX.sym("x", n), ca.SX.sym("p", n)
+    rolled = Rolled(ca.Function("f", [t, x, p], [(ca.exp(-x) * ca.sin(x) + p) * ca.exp(p[0])]), ("%t", "%x", "%p"))
+    assert [len(group.roots) for group in rolled.groups] == [1, n]
+    assert rolled.size == n + 1  # the results, and the one number that they share
 
 
 @pytest.mark.parametrize("n", [3, 37])

@@ -72,6 +72,7 @@ def test_the_figure_of_a_run_shows_shares_the_face_at_four_instants_and_its_fiel
         assert changes[np.flatnonzero(run.time[1:] < instant - 1e-9)].max(initial=0) < part * changes[-1]
     np.testing.assert_allclose(axes[8].collections[0].get_array(), 1e9 * run.rubbed[-1])
     assert {text.get_text() for text in axes[9].get_legend().get_texts()} >= {"slip", "open"}
+    assert all(ax.title.get_fontsize() <= ax.xaxis.label.get_fontsize() for ax in axes if ax.get_title())
 
 
 def test_the_figure_of_a_run_without_places_shows_shares_and_forces(run):

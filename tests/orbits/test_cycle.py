@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -33,6 +34,8 @@ from toolbox import (
 from toolbox.inputs import sine, step
 from toolbox.modelling import Hysteresis
 from toolbox.orbits import CycleError
+from toolbox.orbits.arclength import ArcWalk
+from toolbox.orbits.sensitivity import placed
 from toolbox.steady_states import pole_locus
 
 
@@ -61,6 +64,21 @@ def test_a_branch_goes_on_where_the_start_of_its_cycle_has_come_near_a_switch_an
     np.testing.assert_allclose(branch.periods, 2 * (math.pi - np.arctan(z)) + 2 * z, rtol=1e-8)
     begins = np.array([point.start for point in branch.cycles])
     assert np.linalg.norm(np.diff(begins, axis=0), axis=1).max() > 1.0  # once at least it was moved, by more than a step leads
+
+
+def test_newtons_steps_that_grow_more_than_threefold_are_given_up_after_the_fourth(monkeypatch):
+    cycle = limit_cycle(compose(BlockOnBelt(friction=Coulomb(static=1.0, kinetic=0.6))), 300.0)
+    free = cycle.run.run.loop.acting("block.belt_speed", "follow")
+    walk = ArcWalk(dataclasses.replace(cycle, run=placed(cycle.run, [free])), free, (0.01, 3.0))
+    shots, matrix, shot = [], ArcWalk._matrix, ArcWalk._shot
+    monkeypatch.setattr(ArcWalk, "_shot", lambda self, u: shots.append(u) or shot(self, u))
+    guess = walk.here.u + 1e-4 * np.eye(walk.here.u.size)[0]
+    found = walk._corrected(guess, None, None)
+    assert found.u == pytest.approx(walk.here.u, abs=1e-9) and len(shots) <= 3
+    # slopes of the wrong sign and five times too flat: what is left is six times as much after every step
+    monkeypatch.setattr(ArcWalk, "_matrix", lambda self, *given: -0.2 * matrix(self, *given))
+    shots.clear()
+    assert walk._corrected(guess, None, None) is None and len(shots) == 4
 
 
 def test_a_stator_under_a_driven_rotor_has_the_period_of_the_closed_form():

@@ -1,0 +1,123 @@
+"""Impacts of several rigid contacts at once, against all ways of them enumerated."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from models import Coulomb
+from toolbox import Component, DryFriction, Equations, UnilateralContact, compose, quantity, simulate, state
+
+SIZE = 6
+GAP = 1e-3
+
+
+@dataclass(frozen=True)
+class Corner(Component):
+    """A point of mass 1 in six dimensions that slides along all of its walls but the first, which it meets."""
+
+    normals: tuple[float, ...] = quantity(tuple(np.eye(6)[:3].ravel().tolist()), "1", "of the walls, one after the other")
+    tangents: tuple[float, ...] = quantity(tuple(np.eye(6)[3:].ravel().tolist()), "1", "ways along which they rub")
+    push: tuple[float, ...] = quantity((0.0,) * SIZE, "m/s2", "what holds the point at the walls")
+    friction: tuple[float, ...] = quantity((0.0,) * 3, "1")
+    restitution: float = quantity(0.5, "1")
+    walls: int = 3
+    rough: bool = True
+
+    def equations(self, signal):
+        x, v = state("point.x", "m", SIZE), state("point.v", "m/s", SIZE)
+        rate, elements = ca.vertcat(*self.push), []
+        for i in range(self.walls):
+            normal, tangent = (ca.vertcat(*given[SIZE * i : SIZE * (i + 1)]) for given in (self.normals, self.tangents))
+            wall = UnilateralContact(f"wall{i}", ca.dot(normal, x) - GAP * (i == 0), ca.dot(normal, v), restitution=self.restitution)
+            elements.append(wall)
+            rate -= normal * wall.force
+            if self.rough:
+                rub = DryFriction(
+                    f"rub{i}", ca.dot(tangent, v), Coulomb(static=self.friction[i], kinetic=self.friction[i]), load=wall.force
+                )
+                elements.append(rub)
+                rate += tangent * rub.force
+        return Equations(flow={x: v, v: rate}, elements=elements)
+
+
+@cache
+def corner(walls, rough):
+    return compose(Corner(walls=walls, rough=rough))
+
+
+def agree(normals, tangents, friction, before, after, wanted, close=1e-9):
+    """Whether a point has after an impact a speed that Coulomb's law and a restitution allow; wanted: slowest speeds into the walls.
+
+    The impulses follow from the change of speed, as normals and tangents are independent.
+    """
+    found = np.linalg.lstsq(np.hstack([-normals.T, tangents.T]), after - before, rcond=None)[0]
+    push, rub = np.split(found, [len(normals)])
+    into, slip = normals @ after, tangents @ after
+    good = (push > -close).all() and (into < wanted + close).all() and (np.abs(push * (into - wanted)) < close).all()
+    if len(tangents):
+        slides = (rub * slip < close) & (np.abs(rub) > friction * push - close)
+        good &= bool(((np.abs(rub) < friction * push + close) & ((np.abs(slip) < close) | slides)).all())
+    return good and np.allclose(before + np.hstack([-normals.T, tangents.T]) @ found, after, atol=close)
+
+
+def solutions(normals, tangents, friction, before, wanted):
+    """All speeds after an impact that agree: every wall held or let go, its friction holding or sliding one way or the other."""
+    found = []
+    for ways in itertools.product(("free", 0, 1, -1) if len(tangents) else ("free", 0), repeat=len(normals)):
+        held = [i for i, way in enumerate(ways) if way != "free"]
+        stuck = [i for i in held if ways[i] == 0] if len(tangents) else []
+        columns = [-normals[i] - (ways[i] * friction[i] * tangents[i] if ways[i] else 0.0) for i in held] + [tangents[i] for i in stuck]
+        after = before
+        if held:
+            rows, acting = np.array([normals[i] for i in held] + [tangents[i] for i in stuck]), np.array(columns).T
+            right = np.array([wanted[i] for i in held] + [0.0] * len(stuck)) - rows @ before
+            after = before + acting @ np.linalg.solve(rows @ acting, right)
+        if agree(normals, tangents, friction, before, after, wanted, 1e-8):
+            found.append(after)
+    return found
+
+
+def impacts(count, walls, rough, seed):
+    """(normals, tangents, friction, restitution, speed before, speed after) of impacts at random, of which every second one is in a narrow corner."""
+    random = np.random.default_rng(seed)
+    while count:
+        both = random.standard_normal((2, 3, SIZE)) + random.standard_normal(SIZE) * (count % 2)
+        both[0, 1:, 2:] = 0.0  # so that a point without speed in the first two dimensions slides along these walls, without round-off
+        normals, tangents = both / np.linalg.norm(both, axis=2)[:, :, None]
+        if abs(np.linalg.det(normals[1:, :2])) < 0.3:  # so near to parallel that friction may jam the point between them
+            continue
+        friction, restitution = random.uniform(0, 0.3, 3), random.choice([0.0, random.uniform(0, 1)])
+        now = normals[:walls]
+        speed = random.standard_normal(SIZE)
+        speed[:2] = 0.0
+        speed += normals[0] * (np.arange(SIZE) > 1) * (1.0 - normals[0] @ speed) / (normals[0, 2:] @ normals[0, 2:])
+        numbers = {
+            "point.normals": normals.ravel(), "point.tangents": tangents.ravel(), "point.restitution": restitution, "point.friction": friction,
+            "point.push": np.linalg.pinv(now) @ (0.5 - 0.5 * np.eye(walls)[0]),
+        }  # fmt: skip
+        run = simulate(corner(walls, rough), 4 * GAP, start={"point.v": speed}, parameters=numbers, accuracy=1e-10)
+        jumps = [i for i in np.flatnonzero(np.diff(run.time) == 0.0) if np.abs(run["point.v"][i + 1] - run["point.v"][i]).max() > 1e-6]
+        before, after = run["point.v"][jumps[0]], run["point.v"][jumps[0] + 1]
+        if not np.abs((now @ before)[1:]).max() < 1e-9:  # friction has taken the point off a wall
+            continue
+        count -= 1
+        yield now, tangents[: walls if rough else 0], friction[:walls], restitution, before, after
+
+
+@pytest.mark.parametrize("walls", [2, 3])
+@pytest.mark.parametrize("rough", [False, True])
+def test_impulses_agree_with_all_contacts_as_one_of_all_ways_does(walls, rough):
+    for normals, tangents, friction, restitution, before, after in impacts(75, walls, rough, seed=walls):
+        into = np.maximum(normals @ before, 0.0) * (np.arange(walls) == 0)
+        elastic, plastic = (
+            [each for each in solutions(normals, tangents, friction, before, wanted) if each @ each <= before @ before * (1 + 1e-9)]
+            for wanted in (-restitution * into, 0.0 * into)
+        )
+        assert any(np.allclose(after, each, atol=1e-7) for each in elastic or plastic)
+        assert rough or len(elastic) == 1

@@ -2,7 +2,7 @@
 
 A drill string of two inertias with a PI drive, 60 s from rest at accuracy 1e-6, for 10 000 pairs of weight on bit and set-point; then seven other
 plants, and laws sampled at 100 Hz on the drill string. One by one is the scalar loop, called from machine code for one scenario after another, with
-nothing recorded and no `Trajectory` made: what the run itself costs. In lanes is the whole of `toolbox.lanes.lanes.run_lanes`, by explicit steps and,
+nothing recorded and no `Trajectory` made: what the run itself costs. In lanes is the whole of `toolbox.lanes.lanes.Lanes`, by explicit steps and,
 where no law is sampled, by Taylor series. Swept is what a run of a sweep costs that asks for the extrema and the mean of one signal, one by one and in
 lanes. All are timed in turns, as processor time of one thread, and the least of five counts. Switches of the first scenarios are compared one by one;
 errors are those of the last states, in parts of the largest of the same unit among all scenarios, against explicit lanes at a thousandth of the accuracy.
@@ -33,7 +33,7 @@ from studies.timing import timed
 from toolbox import Controller, HybridSystem, Sampled, closed_loop, compose
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import program_of
-from toolbox.lanes.lanes import has_series, run_lanes
+from toolbox.lanes.lanes import Lanes, has_series
 from toolbox.lanes.loop import begin
 from toolbox.measuring import measures
 from toolbox.simulation.carry_out import formulas_of
@@ -167,12 +167,12 @@ def compared(run: Run, spread: dict[str, tuple[float, float]], count: int) -> Wa
     task = Task(run, numbers, asked, starts[: len(numbers)])
     ways: dict[str, tuple[Callable[[], object], int]] = {
         "alone": (alone, few),
-        "lanes": (lambda: run_lanes(run, parameters, starts), count),
+        "lanes": (lambda: Lanes(run).run(parameters, starts), count),
         "swept": (lambda: finished(task), len(numbers)),
         "measured": (lambda: finished(dataclasses.replace(task, lanes=True)), len(numbers)),
     }
     if by_series is not None:
-        ways["series"] = lambda: run_lanes(by_series, parameters, starts), count
+        ways["series"] = lambda: Lanes(by_series).run(parameters, starts), count
         ways["measured_series"] = lambda: finished(dataclasses.replace(task, run=by_series, lanes=True)), len(numbers)
     seconds = dict.fromkeys(("alone", "lanes", "series", "swept", "measured", "measured_series"), math.nan)
     for turn in range(TURNS + 1):
@@ -181,12 +181,12 @@ def compared(run: Run, spread: dict[str, tuple[float, float]], count: int) -> Wa
             way()
             spent = (time.thread_time() - began) / runs
             seconds[name] = min(spent, seconds[name]) if turn > 1 else spent  # the first turn compiles
-    exact = run_lanes(dataclasses.replace(run, accuracy=run.accuracy / 1000), parameters[:few], starts[:few]).states
+    exact = Lanes(dataclasses.replace(run, accuracy=run.accuracy / 1000)).run(parameters[:few], starts[:few]).states
     same, late, errors = np.ones(few, bool), 0.0, {"lanes": math.nan, "series": math.nan}
     for name, method in (("lanes", run), ("series", by_series)):
         if method is None:
             continue
-        found = run_lanes(method, parameters[:few], starts[:few], most_events=ROOM)
+        found = Lanes(method).run(parameters[:few], starts[:few], most_events=ROOM)
         errors[name] = error(run, found.states, exact)
         same &= (found.switches == switches) & (found.statuses == statuses)
         for s in np.flatnonzero(same):
@@ -212,12 +212,12 @@ def equal_row(title: str, run: Run, spread: dict[str, tuple[float, float]], coun
     parameters, starts = scenarios(run, spread, count)
     few = min(COMPARED, count)
     first = parameters[:few], starts[:few]
-    exact = run_lanes(dataclasses.replace(run, method=Explicit(), accuracy=1e-10), *first).states
+    exact = Lanes(dataclasses.replace(run, method=Explicit(), accuracy=1e-10)).run(*first).states
     ways: list[tuple[Run, float]] = []
     for method in (Explicit(), TaylorSeries()):
         for accuracy in SETTINGS:
             way = dataclasses.replace(run, method=method, accuracy=accuracy)
-            own = error(run, run_lanes(way, *first).states, exact)
+            own = error(run, Lanes(way).run(*first).states, exact)
             if own <= TARGET:
                 ways.append((way, own))
                 break
@@ -227,7 +227,7 @@ def equal_row(title: str, run: Run, spread: dict[str, tuple[float, float]], coun
     for _ in range(2 * TURNS):
         for i, (way, _) in enumerate(ways):
             began = time.thread_time()
-            run_lanes(way, parameters, starts)
+            Lanes(way).run(parameters, starts)
             seconds[i] = min(seconds[i], (time.thread_time() - began) / count)
     cells = "".join(f"{way.accuracy:11.1e}{own:10.1e}{1e6 * spent:9.1f}" for (way, own), spent in zip(ways, seconds, strict=True))
     return f"{title:<30}{cells}{seconds[0] / seconds[1]:8.2f}"

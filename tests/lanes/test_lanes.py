@@ -31,7 +31,7 @@ from toolbox import (
 from toolbox.compilation import taylor
 from toolbox.compilation.work_layout import INCONSISTENT, NO_SERIES, UNDERFLOW
 from toolbox.inputs import sine
-from toolbox.lanes.lanes import Lanes, run_lanes
+from toolbox.lanes.lanes import Lanes
 from toolbox.measuring import measures
 from toolbox.measuring.measure import extent
 from toolbox.modelling import Hysteresis
@@ -89,7 +89,7 @@ def batch(plant, duration, parameters=None, count=1, start=None, *, measures=(),
     for name, value in (start or {}).items():
         place_start(run.system, first, name, value)
     starts = np.tile(first, (count, 1))
-    return run_lanes(run, values, starts, measures=measures, most_events=most_events, threads=threads, width=width)
+    return Lanes(run, measures, width).run(values, starts, most_events=most_events, threads=threads)
 
 
 CHAIN = TorsionalChain(
@@ -353,11 +353,11 @@ def test_what_lanes_do_not_carry_is_refused_by_name():
         batch(RIG, 1.0, controller=lambda t, y: 0.0, sample_time=0.01)
     run = Request(closed_loop(RIG), 1.0).checked()
     with pytest.raises(SceneError, match="`starts`"):
-        run_lanes(run, run.system.values[None], np.zeros((2, 3)))
+        Lanes(run).run(run.system.values[None], np.zeros((2, 3)))
     with pytest.raises(SceneError, match="scalar"):
         batch(RIG, 1.0, measures=[measures.mean("chain.speed")])
     with pytest.raises(SceneError, match="`parameters`"):
-        run_lanes(run, run.system.values[None, :-1], np.zeros((1, 3)))
+        Lanes(run).run(run.system.values[None, :-1], np.zeros((1, 3)))
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------ Taylor series

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from toolbox.compilation.emitter import inline
 from toolbox.compilation.program import Program
 from toolbox.compilation.vector_emitter import VectorBody
 from toolbox.compilation.work_layout import RIGID, SWITCH
 from toolbox.lanes.layout import EVENT
-from toolbox.lanes.trial_step import explicit_formulas
-from toolbox.lanes.vectors import Rows, Truth, Value, largest, smallest
+from toolbox.lanes.trial_step import Pass, explicit_formulas
+from toolbox.lanes.vectors import Rows, Truth, Value, called, largest, smallest
 
 
 def carries_events(program: Program) -> bool:
@@ -22,40 +20,20 @@ def carries_events(program: Program) -> bool:
     return program.kernel.elements > 0 and bool((program.kind != RIGID).all() and (program.loader < 0).all())
 
 
-class Event:
-    """The settling of an event under construction: functions of the closed system, and where the lanes stand.
+class Event(Pass):
+    """The settling of an event under construction, beside a pass, and where the lanes stand.
 
     was: the rows of the block;  t, m, end: time, modes before the event and duration;  zero: in every lane.
     """
 
-    def __init__(
-        self, program: Program, width: int, rows: dict[str, int], lengths: dict[str, int | None], functions: tuple[ca.Function, ...]
-    ) -> None:
-        form, system, kernel = program.form, program.system, program.kernel
-        self.program, self.rows, self.lengths = program, rows, lengths
-        self.rhs, self.field, self.projected = functions
-        self.n, self.ne, self.ng, self.own = kernel.states, kernel.elements, kernel.guards, system.x.numel()
-        arguments = [system.t, ca.vertcat(system.x, ca.SX.sym("hidden", self.n - self.own)), program.expressions[0], system.m]
+    def __init__(self, made: Pass) -> None:
+        vars(self).update(vars(made), body=VectorBody(made.body.width))
+        form = self.program.form
         pace = ca.diag(form.gain) * form.static
-        self.probe = ca.Function("probe", arguments, [ca.vertcat(*map(ca.densify, (form.slip_rate, form.force, form.static, pace)))])
-        self.burden = ca.Function("burden", arguments, [ca.densify(form.burden)])
-        self.body = VectorBody(width)
-        self.was = self.loaded()
-        was = self.was
+        self.probe = ca.Function("probe", self.arguments, [ca.vertcat(*map(ca.densify, (form.slip_rate, form.force, form.static, pace)))])
+        self.burden = ca.Function("burden", self.arguments, [ca.densify(form.burden)])
+        self.was = was = self.loaded()
         self.t, self.m, self.end, self.zero = was["time"], was["m"][:], was["end"], was["time"] * 0.0
-
-    def loaded(self) -> Rows:
-        """All rows as they are in the block, loaded where they are asked for."""
-        return Rows(self.body, self.rows, self.lengths)
-
-    def call(self, function: ca.Function, now: Value, x: Iterable[Value], p: Iterable[Value], modes: list[Value]) -> list[Value]:
-        """What a function of (t, x, p, modes) gives."""
-        values = [[now.name], *([value.name for value in column] for column in (x, p, modes))]
-        return [Value(self.body, name) for name in inline(self.body, function, values)[0]]
-
-    def root(self, value: Value) -> Value:
-        """Square root."""
-        return Value(self.body, self.body.intrinsic("sqrt", value.name))
 
 
 @dataclass(frozen=True)
@@ -88,31 +66,26 @@ class Renewed:
     settled: Truth
 
 
-def settling(
-    program: Program, width: int, rows: dict[str, int], lengths: dict[str, int | None], functions: tuple[ca.Function, ...]
-) -> VectorBody:
+def settling(other: Pass) -> VectorBody:
     """What `toolbox.stepping.event_stepper` does at an event, for the lanes that have stepped to one: modes by force, slopes, guards, round-off, first step.
 
     A lane whose modes need more than one correction keeps its flag.
     """
-    made = Event(program, width, rows, lengths, functions)
+    made = Event(other)
     firing = _fired(made)
-    x = made.call(made.projected, made.t, made.was["x"], made.was["p"], firing.caught) + made.was["x"][made.own :]
+    x = called(made.projected, made.t, made.was["x"], made.was["p"], firing.caught) + made.was["x"][made.own :]
     chosen, settled = _modes_by_force(made, firing, x)
     was = made.loaded()
     renewed = _renewed(made, was, firing, x, chosen, settled)
     noise = _round_off(made, was, x, chosen, renewed)
-    series = program.formulas.series  # the next step follows from its own coefficients
+    series = made.program.formulas.series  # the next step follows from its own coefficients
     columns = {"x": x, "k": renewed.k, "m": chosen, "g": renewed.g, "side": firing.side, "armed": renewed.armed, "guard_scale": renewed.guard_scale,
                "other_scale": renewed.other_scale, "scale": renewed.scale, "group_scale": renewed.group_scale, "noise": noise}  # fmt: skip
-    body, was = made.body, made.loaded()
-    for name, column in columns.items():
-        for i, value in enumerate(column):
-            body.store(renewed.settled.choose(value, was[name][i]).name, "%lanes", rows[name] + i)
+    was = made.loaded()
+    made.store({name: [renewed.settled.choose(value, was[name][i]) for i, value in enumerate(column)] for name, column in columns.items()})
     numbers = {"flag": made.zero} if series else {"wanted": _first_step(made, x, chosen, renewed), "step_old": made.zero, "flag": made.zero}
-    for name, value in numbers.items():
-        body.store(renewed.settled.choose(value, was[name]).name, "%lanes", rows[name])
-    return body
+    made.store({name: [renewed.settled.choose(value, was[name])] for name, value in numbers.items()})
+    return made.body
 
 
 def _fired(made: Event) -> Firing:
@@ -164,7 +137,7 @@ def _inconsistent(made: Event, zeros: list[Truth | None], modes: list[Value], fo
 def _modes_by_force(made: Event, firing: Firing, x: list[Value]) -> tuple[list[Value], Truth]:
     """Modes by force, all consistent at once, or one that cannot stick slides; and the lanes in which that settles it."""
     ne, p = made.ne, made.was["p"]
-    first = made.call(made.probe, made.t, x, p, firing.modes)
+    first = called(made.probe, made.t, x, p, firing.modes)
     wrong, count, sound = _inconsistent(made, firing.zeros, firing.modes, first), made.zero, firing.unbroken
     chosen = list(firing.modes)
     for i, (bad, forced) in enumerate(zip(wrong, firing.forced, strict=True)):
@@ -172,7 +145,7 @@ def _modes_by_force(made: Event, firing: Firing, x: list[Value]) -> tuple[list[V
             count = count + bad.choose(1.0, 0.0)
             sound &= ~(bad & forced)
             chosen[i] = bad.choose((first[ne + i] > 0.0).choose(-1.0, 1.0), firing.modes[i])
-    again = _inconsistent(made, firing.zeros, chosen, made.call(made.probe, made.t, x, p, chosen))
+    again = _inconsistent(made, firing.zeros, chosen, called(made.probe, made.t, x, p, chosen))
     for bad in again:
         if bad is not None:
             sound &= ~bad
@@ -182,7 +155,7 @@ def _modes_by_force(made: Event, firing: Firing, x: list[Value]) -> tuple[list[V
 def _renewed(made: Event, was: Rows, firing: Firing, x: list[Value], chosen: list[Value], settled: Truth) -> Renewed:
     """Slopes, guards and sizes in the new modes."""
     program, m, n, ne, side, zeros = made.program, made.m, made.n, made.ne, firing.side, firing.zeros
-    values = made.call(made.field, made.t, x, was["p"], chosen)
+    values = called(made.field, made.t, x, was["p"], chosen)
     k, g = values[:n], values[n:]
     scale = [largest(abs(a), b) for a, b in zip(x, was["scale"], strict=True)]
     group_scale = list(was["group_scale"])
@@ -212,8 +185,8 @@ def _round_off(made: Event, was: Rows, x: list[Value], chosen: list[Value], rene
     t, n = made.t, made.n
     nudged = [value * (1.0 + 1e-7 * (1.0 - 0.3 * (i % 5))) for i, value in enumerate(x)]
     nudged_p = [value * (1.0 + 1e-7 * (0.9 - 0.37 * (i % 7))) for i, value in enumerate(was["p"])]
-    moved = made.call(made.field, t * (1.0 + 1e-7), nudged, nudged_p, chosen)[:n]
-    cancelled = made.call(made.burden, t, x, was["p"], chosen) + [made.zero] * (n - made.program.form.burden.numel())
+    moved = called(made.field, t * (1.0 + 1e-7), nudged, nudged_p, chosen)[:n]
+    cancelled = called(made.burden, t, x, was["p"], chosen) + [made.zero] * (n - made.program.form.burden.numel())
     return [(1e7 * abs(a - b) + c) * (32.0 * 2.220446049250313e-16) for a, b, c in zip(moved, renewed.k, cancelled, strict=True)]
 
 
@@ -229,13 +202,13 @@ def _first_step(made: Event, x: list[Value], chosen: list[Value], renewed: Renew
         weights.append(1.0 / (rtol * size))
         a, b = x[i] * weights[i], k[i] * weights[i]
         d0, d1 = d0 + a * a, d1 + b * b
-    h0 = ((d0 < 1e-10) | (d1 < 1e-10)).choose(1e-6, 0.01 * made.root(d0 / d1))
+    h0 = ((d0 < 1e-10) | (d1 < 1e-10)).choose(1e-6, 0.01 * (d0 / d1).root())
     h0 = smallest(h0, end - t)
-    ahead = made.call(made.rhs, t + h0, [a + h0 * b for a, b in zip(x, k, strict=True)], was["p"], chosen)
+    ahead = called(made.rhs, t + h0, [a + h0 * b for a, b in zip(x, k, strict=True)], was["p"], chosen)
     for i in range(n):
         a = (ahead[i] - k[i]) * weights[i]
         d2 = d2 + a * a
-    top = largest(made.root(d1 * (1 / n)), (h0 > 0.0).choose(made.root(d2 * (1 / n)) / h0, 0.0))
+    top = largest((d1 * (1 / n)).root(), (h0 > 0.0).choose((d2 * (1 / n)).root() / h0, 0.0))
     order = explicit_formulas(made.program).order
     h1 = Value(body, body.rough_exp2((Value(body, body.rough_log2((0.01 / largest(top, 1e-15)).name)) * (1 / order)).name))
     h1 = (top > 1e-15).choose(h1, largest(h0 * 1e-3, 1e-6))

@@ -8,6 +8,8 @@ long for what the signal does in it: its lane is marked as doubtful.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import reduce
+from operator import or_
 from typing import Any
 
 import casadi as ca
@@ -16,8 +18,9 @@ import numpy as np
 from toolbox.compilation.emitter import inline
 from toolbox.compilation.explicit_step import RungeKutta
 from toolbox.compilation.runge_kutta import DOP853_DENSE, DOP853_MORE_A, DOP853_MORE_C
+from toolbox.compilation.vector_emitter import VectorBody
 from toolbox.lanes.polynomials import value_at
-from toolbox.lanes.vectors import Rows, Truth, Value, largest, when_any
+from toolbox.lanes.vectors import Rows, Truth, Value, called, largest, when_any
 
 
 class Rule:
@@ -45,10 +48,7 @@ def measure_step(
     A step belongs to the windows (after, until) in which it begins: the loop ends steps on their edges.
     """
     body = path.t.body
-    inside = [moves & (path.t >= after) & (path.t < until) for after, until in windows]
-    somewhere = inside[0]
-    for each in inside[1:]:
-        somewhere |= each
+    inside, somewhere = steps_inside(windows, path.t, moves)
 
     def write() -> None:
         path.begin()
@@ -58,15 +58,34 @@ def measure_step(
             doubtful |= doubt
             for w, within in enumerate(inside):
                 place = rows["measured"] + 3 * (q * len(windows) + w)
-                lowest, highest, so_far = (Value(body, body.load("%lanes", place + i)) for i in range(3))
-                merged = ((within & (low < lowest)).choose(low, lowest), (within & (high > highest)).choose(high, highest),
-                          so_far + within.choose(integral, 0.0))  # fmt: skip
-                for i, value in enumerate(merged):
-                    body.store(value.name, "%lanes", place + i)
+                add_step(within, place, so_far(body, place), low, high, integral)
         before = Value(body, body.load("%lanes", rows["doubt"]))
         body.store((somewhere & doubtful).choose(1.0, before).name, "%lanes", rows["doubt"])
 
     when_any(somewhere, write)
+
+
+def steps_inside(windows: list[tuple[Value, Value]], t: Value, moves: Truth) -> tuple[list[Truth], Truth]:
+    """Where a step that begins at t belongs to each window, and where to any."""
+    inside = [moves & (t >= after) & (t < until) for after, until in windows]
+    return inside, reduce(or_, inside)
+
+
+def so_far(body: VectorBody, place: int) -> list[Value]:
+    """Minimum, maximum and integral of a signal in a window, from the rows at a place on."""
+    return [Value(body, body.load("%lanes", place + i)) for i in range(3)]
+
+
+def add_step(within: Truth, place: int, before: list[Value], low: Value, high: Value, integral: Value) -> None:
+    """Write to the rows at a place what a step adds to what was there before."""
+    lowest, highest, total = before
+    merged = (
+        (within & (low < lowest)).choose(low, lowest),
+        (within & (high > highest)).choose(high, highest),
+        total + within.choose(integral, 0.0),
+    )
+    for i, value in enumerate(merged):
+        within.body.store(value.name, "%lanes", place + i)
 
 
 class Path:
@@ -87,7 +106,7 @@ class Path:
     ) -> None:
         assert formulas.interpolates
         self.rhs, self.t, self.h, self.start, self.slope = rhs, t, h, was["x"], was["k"]
-        self.others = [[value.name for value in was[name]] for name in ("p", "m")]
+        self.others = [was[name][:] for name in ("p", "m")]
         self.slopes, self.x, self.k = slopes, x, k
         self.terms: list[list[Value]] = []
 
@@ -98,7 +117,7 @@ class Path:
         names = [value.name for value in self.start]
         for c, row in zip(DOP853_MORE_C, DOP853_MORE_A, strict=True):
             stage = [body.combination(names[i], h.name, row, [k[i] for k in stages_so_far]) for i in range(len(x))]
-            stages_so_far += inline(body, self.rhs, [[(t + c * h).name], stage, *self.others])
+            stages_so_far += inline(body, self.rhs, [[(t + c * h).name], stage, *([each.name for each in other] for other in self.others)])
         for i in range(len(x)):
             rise, first = x[i] - self.start[i], h * self.slope[i]
             last = [Value(body, body.combination("", h.name, row, [k[i] for k in stages_so_far])) for row in DOP853_DENSE]
@@ -114,8 +133,8 @@ class Path:
                 value = terms[-1] * fraction
                 for i, term in enumerate(reversed(terms[:-1])):
                     value = (value + term) * (rest if i % 2 == 0 else fraction)
-                x.append((value + start).name)
-            return Value(self.t.body, inline(self.t.body, observe, [[(self.t + self.h * fraction).name], x, *self.others])[0][which])
+                x.append(value + start)
+            return called(observe, self.t + self.h * fraction, x, *self.others)[which]
 
         return at
 
@@ -127,7 +146,7 @@ class SeriesPath:
 
     def __init__(self, states: list[list[Value]], t: Value, h: Value, was: Rows) -> None:
         self.states, self.t, self.h = states, t, h
-        self.others = [[value.name for value in was[name]] for name in ("p", "m")]
+        self.others = [was[name][:] for name in ("p", "m")]
 
     def begin(self) -> None:
         """Write nothing: the coefficients are there."""
@@ -137,8 +156,7 @@ class SeriesPath:
 
         def at(fraction: Any) -> Value:
             s = self.h * fraction
-            x = [value_at(c, s).name for c in self.states]
-            return Value(self.t.body, inline(self.t.body, observe, [[(self.t + s).name], x, *self.others])[0][which])
+            return called(observe, self.t + s, [value_at(c, s) for c in self.states], *self.others)[which]
 
         return at
 

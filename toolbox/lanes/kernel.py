@@ -16,7 +16,7 @@ from toolbox.compilation.emitter import function_text as scalar_text
 from toolbox.compilation.program import Program
 from toolbox.compilation.vector_emitter import VectorBody, function_text
 from toolbox.compilation.work_layout import CUT_SHORT
-from toolbox.lanes.arrival import Verdicts, emit_arrival, emit_flags
+from toolbox.lanes.arrival import Verdicts, emit_arrival
 from toolbox.lanes.events import carries_events, settling
 from toolbox.lanes.extrema import Path, measure_step
 from toolbox.lanes.layout import SAMPLE
@@ -25,7 +25,7 @@ from toolbox.lanes.samples import POINTERS, sampling
 from toolbox.lanes.searches import Guards, emit_dips, emit_guards, emit_search
 from toolbox.lanes.series_pass import series_pass
 from toolbox.lanes.trial_step import Pass, Step, emit_step, explicit_formulas
-from toolbox.lanes.vectors import Rows, Truth, Value, largest, smallest
+from toolbox.lanes.vectors import Rows, Value, largest, smallest
 from toolbox.measuring.quintics import with_derivatives
 from toolbox.stepping.step_control import LEAP, LEAP_OF_SETTLED, SETTLED
 
@@ -35,15 +35,12 @@ LARGE = 200_000
 
 @dataclass(frozen=True)
 class Block:
-    """A compiled pass, the settling of events, the signals measured and the samples (0 where there are none), for blocks of shape (size, width).
+    """A compiled pass for blocks of shape (size, width).
 
-    rows: the first row of every item.
+    code: addresses of it and of the settling of events, the signals measured and the samples, 0 where there are none;  rows: the first row of every item.
     """
 
-    address: int
-    settle: int
-    observe: int
-    sample: int
+    code: tuple[int, ...]
     width: int
     rows: dict[str, int]
     size: int
@@ -71,12 +68,11 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
         body.store_bits((~flag.differs(float(SAMPLE))).name, "%lanes", rows["due"])
     bodies = {"advance": body}
     if carries_events(program):
-        bodies["settle"] = settling(program, width, rows, made.lengths, (made.rhs, made.field, made.projected))
+        bodies["settle"] = settling(made)
     if program.updates:
-        bodies["sample"] = sampling(program, width, rows, late)
+        bodies["sample"] = sampling(made, late)
     found = _machine_code(made, bodies)
-    settle, observing, sample = (found.get(name, 0) for name in ("settle", "observe", "sample"))
-    return Block(found["advance"], settle, observing, sample, width, rows, made.size)
+    return Block(tuple(found.get(name, 0) for name in ("advance", "settle", "observe", "sample")), width, rows, made.size)
 
 
 def _explicit_pass(made: Pass) -> Value:
@@ -86,14 +82,13 @@ def _explicit_pass(made: Pass) -> Value:
     verdicts = _emit_verdicts(made, step, guards)
     continues, lost = emit_search(made, step, guards, verdicts.begins, verdicts.goes_on)
     was = made.loaded()
-    numbers, rejected = _emit_step_size(made, was, step, guards, verdicts, continues)
-    numbers["time"], columns = emit_arrival(made, was, step, guards, verdicts)
+    found = _step_size(made, was, step, verdicts) | {"searching": [continues.choose(1.0, 0.0)]}
+    found |= emit_arrival(made, was, step, guards.located, verdicts, lost)
     if made.count and not made.program.updates:
         path = Path(explicit_formulas(made.program), made.rhs, step.t, step.h, was, step.slopes, step.x, step.k)
         measure_step(made.observe, path, verdicts.moves, made.windows(was), made.rows, was["rtol"])
-    numbers["flag"] = emit_flags(made, was, step, verdicts, rejected, numbers["accepted"], lost)
-    made.store({name: [value] for name, value in numbers.items()} | columns)
-    return numbers["flag"]
+    made.store(found)
+    return found["flag"][0]
 
 
 def _machine_code(made: Pass, bodies: dict[str, VectorBody]) -> dict[str, int]:
@@ -144,13 +139,9 @@ def _emit_verdicts(made: Pass, step: Step, guards: Guards) -> Verdicts:
     return Verdicts(accepted, arrives, moves, refused, begins, goes_on, meets, too_long, odd)
 
 
-def _emit_step_size(
-    made: Pass, was: Rows, step: Step, guards: Guards, verdicts: Verdicts, continues: Truth
-) -> tuple[dict[str, Value], Truth]:
-    """The numbers of a lane after the pass, its next step size among them, and whether the step before was refused."""
-    body, h, error = made.body, step.h, step.error
-    accepted, refused, moves = verdicts.accepted, verdicts.refused, verdicts.moves
-    new: dict[str, Value] = {}
+def _step_size(made: Pass, was: Rows, step: Step, verdicts: Verdicts) -> dict[str, list[Value]]:
+    """The next step size of a lane, and what is remembered of this one."""
+    body, h, error, accepted = made.body, step.h, step.error, verdicts.accepted
     power = float(explicit_formulas(made.program).power)
     logarithm = Value(body, body.rough_log2(largest(error, 1e-10).name))
     prediction = Value(body, body.rough_log2((h / was["step_old"]).name)) + power * (was["error_old"] - logarithm)
@@ -158,19 +149,14 @@ def _emit_step_size(
     growth = growth + (was["step_old"] > 0.0).choose(smallest(prediction, 0.0), 0.0)
     exponent = smallest(largest(accepted.choose(growth, -power * logarithm), -900.0), 900.0)
     factor = Value(body, body.rough_exp2(exponent.name))
-    rejected = was["rejected"].differs(0.0)
     most = (h < SETTLED * was["step_old"]).choose(LEAP_OF_SETTLED, LEAP)
-    grown = h * smallest(largest(0.85 * factor, 0.2), rejected.choose(1.0, most))
+    grown = h * smallest(largest(0.85 * factor, 0.2), was["rejected"].differs(0.0).choose(1.0, most))
     grown = (h < step.wanted).choose(largest(grown, step.wanted), grown)
     cut = h * CUT_SHORT <= step.wanted
     grown = cut.choose(was["wanted"], grown)
     shrunk = h * verdicts.too_long.choose(0.5, (error < 1e30).choose(largest(0.9 * factor, 0.1), 0.1))
-    new["wanted"] = accepted.choose(grown, refused.choose(shrunk, was["wanted"]))
-    new["error_old"] = accepted.choose(largest(logarithm, -13.3), was["error_old"])
-    new["step_old"] = accepted.choose(cut.choose(0.0, h), was["step_old"])
-    new["rejected"] = refused.choose(1.0, moves.choose(0.0, was["rejected"]))
-    new["searching"] = continues.choose(1.0, 0.0)
-    new["located"] = verdicts.arrives.choose(guards.located, was["located"])
-    new["accepted"] = was["accepted"] + moves.choose(1.0, 0.0)
-    new["refused"] = was["refused"] + refused.choose(1.0, 0.0)
-    return new, rejected
+    return {
+        "wanted": [accepted.choose(grown, verdicts.refused.choose(shrunk, was["wanted"]))],
+        "error_old": [accepted.choose(largest(logarithm, -13.3), was["error_old"])],
+        "step_old": [accepted.choose(cut.choose(0.0, h), was["step_old"])],
+    }

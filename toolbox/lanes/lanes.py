@@ -98,8 +98,7 @@ class Lanes:
         self.duration = run.duration
         self.held = self.work.p[self.program.held_slot : self.program.held_slot + system.held.numel()].copy()
         self.rows = np.array([self.block.rows[name] for name in ITEMS], np.int64)
-        made = self.block
-        self.code = np.array([made.address, made.settle, made.observe, made.sample, loop_of(self.work).address], np.int64)
+        self.code = np.array([*self.block.code, loop_of(self.work).address], np.int64)
         announced("loop of lanes", lanes_loop.run)
         lanes_loop.run.ready()
 
@@ -183,20 +182,6 @@ class Lanes:
             found.states, found.modes, found.statuses, steps, refused, switches, merged, alone, self.layout.values(readings), found.doubtful,
             np.asarray(self.layout.negative(readings).any(axis=-1)), found.event_times, found.event_elements, found.event_modes,
         )  # fmt: skip
-
-
-def run_lanes(
-    run: Run,
-    parameters: np.ndarray,
-    starts: np.ndarray,
-    *,
-    measures: Sequence[Measure] = (),
-    most_events: int = 0,
-    threads: int = 1,
-    width: int | None = None,
-) -> Batch:
-    """Run n scenarios of a checked run in lanes: see `Lanes` and `Lanes.run`."""
-    return Lanes(run, measures, width).run(parameters, starts, most_events=most_events, threads=threads)
 
 
 def has_series(run: Run) -> bool:

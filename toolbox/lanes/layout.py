@@ -13,30 +13,10 @@ GOES_ON, EVENT, ALONE, ROUND_OFF, STOP, SAMPLE = range(6)
 (TIME_ROW, WANTED_ROW, STOP_ROW, ERROR_OLD_ROW, STEP_OLD_ROW, REJECTED_ROW, SEARCHING_ROW, WHOLE_ROW, LOW_ROW, HIGH_ROW, FRACTION_ROW, TRIES_ROW,
  LONGEST_ROW, END_ROW, RTOL_ROW, ACCEPTED_ROW, REFUSED_ROW, FLAG_ROW, LOCATED_ROW, WAITING_ROW) = range(20)  # fmt: skip
 """Rows of a block with one number per lane, as `SCALARS` of `toolbox.lanes.trial_step` names them."""
-(
-    X,
-    K,
-    P,
-    M,
-    G,
-    SIDE,
-    ARMED,
-    GUARD_SCALE,
-    SCALE,
-    GROUP_SCALE,
-    NOISE,
-    OTHER_SCALE,
-    EDGES,
-    MEASURED,
-    DOUBT,
-    CALENDAR,
-    DUE,
-    SAMPLES,
-    MEMORY,
-    COURSE,
-) = range(20)
+X, K, P, M, G, SIDE, ARMED, GUARD_SCALE, SCALE, GROUP_SCALE = range(10)
+NOISE, OTHER_SCALE, EDGES, MEASURED, DOUBT, CALENDAR, SAMPLES, MEMORY, COURSE = range(10, 19)
 ITEMS = ("x", "k", "p", "m", "g", "side", "armed", "guard_scale", "scale", "group_scale", "noise", "other_scale", "edges", "measured", "doubt",
-         "calendar", "due", "samples", "memory", "course")  # fmt: skip
+         "calendar", "samples", "memory", "course")  # fmt: skip
 """Items of a block whose first rows the loop is told, in this order."""
 ENDLESS_FLAG = 9
 """Why a lane waits whose events do not end."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from toolbox.compilation.emitter import inline
-from toolbox.lanes.vectors import Truth, Value, largest, smallest, when_any, where_any
+from toolbox.lanes.extrema import add_step, so_far, steps_inside
+from toolbox.lanes.vectors import Truth, Value, called, largest, smallest, when_any, where_any
 
 SHORTEST = 2.0**-12
 """Part of the longest step below which no step is refused for a signal: its lane is doubtful then."""
@@ -32,28 +32,19 @@ def measure_quintics(
     signals: (t, x, p, m) -> values, slopes, curvatures;  ends: (t, x) where the step begins and ends;  others: p and m during the step. A step belongs to
     the windows (after, until) in which it begins.
     """
-    (t, x), (t_end, x_end) = ends
+    (t, _), (t_end, _) = ends
     body = t.body
     count = signals.numel_out(0) // 3
     jumps = _without_slope(signals, count)
     h = t_end - t
-    inside = [moves & (t >= after) & (t < until) for after, until in windows]
-    somewhere = inside[0]
-    for each in inside[1:]:
-        somewhere |= each
+    inside, somewhere = steps_inside(windows, t, moves)
 
     def measured() -> tuple[Truth]:
         own = signals.numel_in(1)
-        left, right = (
-            [
-                Value(body, name)
-                for name in inline(body, signals, [[at.name], *([v.name for v in column] for column in (state[:own], *others))])[0]
-            ]
-            for at, state in ((t, x), (t_end, x_end))
-        )
+        left, right = (called(signals, at, state[:own], *others) for at, state in ends)
         tolerance = smallest(10.0 * numbers["rtol"], 1e-5)
         places = [[rows["measured"] + 3 * (q * len(windows) + w) for w in range(len(windows))] for q in range(count)]
-        before = [[[Value(body, body.load("%lanes", place + i)) for i in range(3)] for place in of_signal] for of_signal in places]
+        before = [[so_far(body, place) for place in of_signal] for of_signal in places]
         misfit = moves & (t < t)
         doubtful = misfit
         pieces = []
@@ -76,11 +67,8 @@ def measure_quintics(
         for piece, of_signal, earlier in zip(pieces, places, before, strict=True):
             f0, d0, c0, f1, d1, c1 = piece
             integral = h * (0.5 * (f0 + f1) + 0.1 * (d0 - d1) + (c0 + c1) * (1 / 120.0))
-            for within, place, (lowest, highest, so_far) in zip(sound, of_signal, earlier, strict=True):
-                low, high = smallest(f0, f1), largest(f0, f1)
-                body.store((within & (low < lowest)).choose(low, lowest).name, "%lanes", place)
-                body.store((within & (high > highest)).choose(high, highest).name, "%lanes", place + 1)
-                body.store((so_far + within.choose(integral, 0.0)).name, "%lanes", place + 2)
+            for within, place, old in zip(sound, of_signal, earlier, strict=True):
+                add_step(within, place, old, smallest(f0, f1), largest(f0, f1), integral)
             for which, sign in ((0, -1.0), (1, 1.0)):
                 _raise_to_peak(tuple(sign * value for value in piece), sign, sound, [place + which for place in of_signal])
         doubt = Value(body, body.load("%lanes", rows["doubt"]))

@@ -18,12 +18,11 @@ import casadi as ca
 import numpy as np
 
 from toolbox.compilation import work_layout
-from toolbox.compilation.emitter import inline
-from toolbox.compilation.program import Program
 from toolbox.compilation.vector_emitter import VectorBody
 from toolbox.compilation.work_layout import FRICTION, RIGID
 from toolbox.lanes.layout import GOES_ON, ROUND_OFF, SAMPLE, STOP
-from toolbox.lanes.vectors import Truth, Value, largest, smallest
+from toolbox.lanes.trial_step import Pass
+from toolbox.lanes.vectors import Rows, Truth, Value, called, largest, smallest
 
 POINTERS = ("clocks", "noise", "queue")
 """Arrays that a sample reads beside the block: see `clock_numbers`, `noise_table`, and the outputs of late laws on their way, (law, slot, output, lane)."""
@@ -63,38 +62,25 @@ def _channel(key: np.uint64, count: int) -> np.ndarray:
     return channel.numbers
 
 
-class Sample:
-    """The sampling of the laws of a program under construction: the body that is written, and what the lanes hold.
+class Sample(Pass):
+    """The sampling of the laws of a program under construction, beside a pass, and what the lanes hold.
 
-    late: which laws have a delay;  waits: lanes that wait at a sample;  acts: those of them at which nothing else is due;  refreshed: slopes, guards, and slip,
-    force and bound of every element.
+    late: which laws have a delay;  was: the rows of the block;  waits: lanes that wait at a sample;  acts: those of them at which nothing else is due;
+    refreshed: slopes, guards, and slip, force and bound of every element.
     """
 
-    def __init__(self, program: Program, width: int, rows: dict[str, int], late: tuple[bool, ...]) -> None:
-        form, system, kernel = program.form, program.system, program.kernel
-        self.program, self.width, self.rows, self.late = program, width, rows, late
-        self.n, self.ne, self.ng = kernel.states, kernel.elements, kernel.guards
-        hidden = ca.SX.sym("hidden", self.n - system.x.numel())
-        self.arguments = [system.t, ca.vertcat(system.x, hidden), program.expressions[0], system.m]
+    def __init__(self, made: Pass, late: tuple[bool, ...]) -> None:
+        vars(self).update(vars(made), body=VectorBody(made.body.width))
+        form = self.program.form
         anew = (form.field, form.guards, form.guard_rates, form.slip, form.force, form.static)
-        self.refreshed = ca.Function("refreshed", self.arguments, [ca.vertcat(*map(ca.densify, anew))])
-        self.body = VectorBody(width)
-        loaded, ne, ng = self.loaded, self.ne, self.ng
-        (self.t,), (self.stop,), (self.calendar,), (self.flag,), (self.steps,) = map(
-            loaded, ("time", "stop", "calendar", "flag", "accepted")
-        )
-        self.x, self.k, self.p, self.m = loaded("x", self.n), loaded("k", self.n), loaded("p", program.p_size), loaded("m", ne)
-        self.g, self.side, self.armed = loaded("g", 2 * ng), loaded("side", ng), loaded("armed", ng)
-        self.sizes, self.others = loaded("guard_scale", ng), loaded("other_scale", 2 * ne)
+        self.late, self.refreshed = late, ca.Function("refreshed", self.arguments, [ca.vertcat(*map(ca.densify, anew))])
+        self.was = was = Rows(self.body, self.rows, self.every)
+        self.t, self.flag, (self.calendar,) = was["time"], was["flag"], was["calendar"]
+        self.states, self.p, self.m = was["x"][:], was["p"][:], was["m"][:]
         self.waits = ~self.flag.differs(float(SAMPLE))
         self.acts = self.waits & (self.t < self.calendar)
-        self.given = [[self.t.name], *([value.name for value in column] for column in (self.x, self.p, self.m))]
 
-    def loaded(self, name: str, count: int = 1, first: int = 0) -> list[Value]:
-        """Rows of an item."""
-        return [Value(self.body, self.body.load("%lanes", self.rows[name] + first + i)) for i in range(count)]
-
-    def store(self, name: str, i: int, where: Truth, value: Any, old: Value) -> None:
+    def replace(self, name: str, i: int, where: Truth, value: Any, old: Value) -> None:
         """Write a row of an item in the lanes where it is true."""
         self.body.store(where.choose(value, old).name, "%lanes", self.rows[name] + i)
 
@@ -103,7 +89,7 @@ class Sample:
         body = self.body
         one = body.value(f"load double, ptr {body.value(f'getelementptr double, ptr %clocks, i64 {place}')}")
         first = body.value(f"insertelement {body.type} poison, double {one}, i64 0")
-        return Value(body, body.value(f"shufflevector {body.type} {first}, {body.type} poison, <{self.width} x i32> zeroinitializer"))
+        return Value(body, body.value(f"shufflevector {body.type} {first}, {body.type} poison, <{body.width} x i32> zeroinitializer"))
 
     def instant(self, count: Value, period: Value, delay: Value | None = None) -> Value:
         """count period + delay, rounded as the scalar loop rounds it."""
@@ -126,29 +112,29 @@ class Taken:
     counts: list[Value]
 
 
-def sampling(program: Program, width: int, rows: dict[str, int], late: tuple[bool, ...]) -> VectorBody:
+def sampling(other: Pass, late: tuple[bool, ...]) -> VectorBody:
     """Write the function (block, clocks, noise, queue) that evaluates the sampled laws and applies held outputs for lanes stopped at a sample.
 
     late: which laws have a delay. Writes the row `due`: bits of the lanes that wait at another instant too near to be stepped to.
     """
-    made = Sample(program, width, rows, late)
-    body, acts = made.body, made.acts
+    made = Sample(other, late)
+    body, acts, was, rows = made.body, made.acts, made.was, made.rows
     taken = _samples_taken(made)
     done = _refreshed(made, taken)
     for i, (value, old) in enumerate(zip(taken.held, made.p, strict=True)):
         if value is not old:
-            made.store("p", i, done, value, old)
+            made.replace("p", i, done, value, old)
     for i, value, old in taken.memory:
-        made.store("memory", i, done, value, old)
+        made.replace("memory", i, done, value, old)
     for i, value in enumerate(taken.counts):
-        made.store("samples", i, done, value, made.loaded("samples", 1, i)[0])
+        made.replace("samples", i, done, value, was["samples"][i])
 
     # --- the next stop, or one too near to be stepped to
     near = done & (taken.following - made.t < 1e-14 * abs(made.t))
-    made.store("time", 0, near, taken.following, made.t)
-    made.store("stop", 0, done, taken.following, made.stop)
-    every = Value(body, body.intrinsic("floor", (made.steps * (1 / 128)).name)) * 128.0
-    goes_on = (~every.differs(made.steps)).choose(float(ROUND_OFF), float(GOES_ON))
+    made.replace("time", 0, near, taken.following, made.t)
+    made.replace("stop", 0, done, taken.following, was["stop"])
+    every = Value(body, body.intrinsic("floor", (was["accepted"] * (1 / 128)).name)) * 128.0
+    goes_on = (~every.differs(was["accepted"])).choose(float(ROUND_OFF), float(GOES_ON))
     flag = (made.waits & ~acts).choose(float(STOP), (acts & ~done).choose(float(STOP), made.flag))
     flag = near.choose(float(SAMPLE), done.choose(goes_on, flag))
     body.store(flag.name, "%lanes", rows["flag"])
@@ -163,21 +149,21 @@ def _samples_taken(made: Sample) -> Taken:
     updates = program.updates
     laws = len(updates)
     queue = [made.number(2 * laws + i) for i in range(3)]
-    (course,) = made.loaded("course")
+    (course,) = made.was["course"]
     found = Taken(list(p), acts & (t < t), made.calendar, [], [])
     place, widest = 0, max(outputs.numel() for _, _, outputs in updates)
     for c, ((z, update, outputs), law) in enumerate(zip(updates, program.system.updates, strict=True)):
         period, delay = made.number(2 * c), made.number(2 * c + 1) if made.late[c] else None
-        taken, applied = made.loaded("samples", 2, 2 * c)
+        taken, applied = made.was["samples"][2 * c : 2 * c + 2]
         takes = acts & (made.instant(taken, period) <= t)
         states, first = law.memory.numel(), program.held_slot + law.first_held
-        memory = made.loaded("memory", states, place)
+        memory = made.was["memory"][place : place + states]
         noise = []
         for i in range(states, z.numel()):
             at = made.body.as_integers((taken + (course + float(place + i)) * queue[2]).name)
-            noise.append(made.body.gather("%noise", at, takes.name))
+            noise.append(Value(made.body, made.body.gather("%noise", at, takes.name)))
         function = ca.Function("update", [*made.arguments, z], [ca.densify(ca.vertcat(update, outputs))])
-        values = [Value(made.body, name) for name in inline(made.body, function, [*made.given, [*(v.name for v in memory), *noise]])[0]]
+        values = called(function, t, made.states, p, made.m, [*memory, *noise])
         found.memory += [(place + i, takes.choose(value, old), old) for i, (value, old) in enumerate(zip(values, memory, strict=False))]
         place += z.numel()
         more = takes.choose(taken + 1.0, taken)
@@ -207,16 +193,14 @@ def _queue_place(made: Sample, c: int, widest: int, queue: list[Value], count: V
     """Where output i of sample `count` of law c waits for its delay, in every lane. queue: see `clock_numbers`."""
     inverse, depth, _ = queue
     slot = count - depth * Value(made.body, made.body.intrinsic("floor", ((count + 0.5) * inverse).name))
-    row = ((slot + float(c) * depth) * float(widest) + float(i)) * float(made.width)
-    return made.body.as_integers((row + Value(made.body, _lane_numbers(made.width))).name)
+    row = ((slot + float(c) * depth) * float(widest) + float(i)) * float(made.body.width)
+    return made.body.as_integers((row + Value(made.body, _lane_numbers(made.body.width))).name)
 
 
 def _refreshed(made: Sample, taken: Taken) -> Truth:
     """Store slopes and guards with what is held now; a contact that would not hold is left to the scalar loop. Returns the lanes that are done."""
     program, acts, t, m, n, ne, ng = made.program, made.acts, made.t, made.m, made.n, made.ne, made.ng
-    given = made.given
-    (found,) = inline(made.body, made.refreshed, [given[0], given[1], [value.name for value in taken.held], given[3]])
-    new = [Value(made.body, name) for name in found]
+    was, new = made.was, called(made.refreshed, t, made.states, taken.held, m)
     k_new, g_new = new[:n], new[n : n + 2 * ng]
     slip, force, static = (new[n + 2 * ng + q * ne : n + 2 * ng + (q + 1) * ne] for q in range(3))
     wrong = acts & (t < t)
@@ -228,17 +212,17 @@ def _refreshed(made: Sample, taken: Taken) -> Truth:
             wrong |= sticks & ~(abs(force[i]) <= static[i] * (1.0 + 1e-9))
             wrong |= ~sticks & (m[i] * slip[i] < 0.0)
         else:
-            wrong |= g_new[2 * i] < -2e-9 * largest(largest(abs(g_new[2 * i]), made.sizes[2 * i]), made.others[2 * i])
+            wrong |= g_new[2 * i] < -2e-9 * largest(largest(abs(g_new[2 * i]), was["guard_scale"][2 * i]), was["other_scale"][2 * i])
     done = acts & ~(taken.changed & wrong)
     renewed = done & taken.changed
     for i in range(n):
-        made.store("k", i, renewed, k_new[i], made.k[i])
+        made.replace("k", i, renewed, k_new[i], was["k"][i])
     for j in range(2 * ng):
-        made.store("g", j, renewed, g_new[j], made.g[j])
+        made.replace("g", j, renewed, g_new[j], was["g"][j])
     for j in range(ng):
-        size = largest(abs(g_new[j]), made.sizes[j])
-        made.store("guard_scale", j, renewed, size, made.sizes[j])
-        made.store("armed", j, renewed, (made.side[j] * g_new[j] > 1e-13 * size).choose(1.0, 0.0), made.armed[j])
+        size = largest(abs(g_new[j]), was["guard_scale"][j])
+        made.replace("guard_scale", j, renewed, size, was["guard_scale"][j])
+        made.replace("armed", j, renewed, (was["side"][j] * g_new[j] > 1e-13 * size).choose(1.0, 0.0), was["armed"][j])
     return done
 
 

@@ -49,13 +49,12 @@ def emit_guards(made: Pass, step: Step) -> Guards:
     """What the guards do over the step."""
     program, ne, ng = made.program, made.ne, made.ng
     was, h = step.was, step.h
-    side = [*[None] * (2 * ne), *was["side"][2 * ne :]]
+    side, armed = made.sides(was)
     runs = ~was["flag"].differs(float(GOES_ON))
     nothing = h < -1.0
     hit, odd, near, below, maybe = nothing, nothing, nothing, nothing, nothing
     dips: list[Dip] = []
     located = h * 0.0
-    armed = [value.differs(0.0) for value in was["armed"]]
     for j in reversed(range(ng)):
         a, da, b, db = (signed(side, values, i) for values in (was["g"], step.g) for i in (j, ng + j))
         guard_scale = was["guard_scale"][j]
@@ -164,11 +163,9 @@ def emit_search(made: Pass, step: Step, guards: Guards, begins: Truth, goes_on: 
 
 def hermite_minimum(a: Value, da: Value, b: Value, db: Value) -> tuple[Value, Value]:
     """Place and value of the minimum of a cubic between a falling start and a rising end: see `toolbox.stepping.crossings.hermite_minimum`."""
-    body = a.body
     c2 = 3.0 * (b - a) - 2.0 * da - db
     c3 = 2.0 * (a - b) + da + db
-    root = Value(body, body.intrinsic("sqrt", largest(c2 * c2 - 3.0 * c3 * da, 0.0).name))
-    s = -da / (c2 + root)
+    s = -da / (c2 + largest(c2 * c2 - 3.0 * c3 * da, 0.0).root())
     s = ((s > 0.0) & (s < 1.0)).choose(s, 0.5)
     return s, a + s * (da + s * (c2 + s * c3))
 

@@ -10,17 +10,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from toolbox.compilation.emitter import inline
 from toolbox.compilation.formulas import ClosedEquations
 from toolbox.compilation.power_series import LOOK_AHEAD
 from toolbox.compilation.recurrences import solved
-from toolbox.lanes.arrival import Verdicts, emit_arrival, emit_flags
+from toolbox.lanes.arrival import Verdicts, emit_arrival
 from toolbox.lanes.extrema import SeriesPath, measure_step
 from toolbox.lanes.layout import GOES_ON
 from toolbox.lanes.polynomials import Falls, powers, scaled, stays_positive, total, turn, value_and_slope, value_at
-from toolbox.lanes.searches import Guards
 from toolbox.lanes.trial_step import Pass, Step
-from toolbox.lanes.vectors import Rows, Slot, Truth, Value, constant, largest, repeat_while_any, smallest, when_any
+from toolbox.lanes.vectors import Rows, Slot, Truth, Value, called, constant, largest, repeat_while_any, smallest, when_any
 from toolbox.stepping.series_steps import GUARD_SHARE, SHARE, SLACK
 
 POLISHES = 3
@@ -99,26 +97,16 @@ def series_pass(made: Pass) -> Value:
         was, series.t, end.h, series.stop, series.reach, series.to_stop, never, never, never, series.unresolved, series.given, [], names, end.x, end.k, end.g,
         end.error,
     )  # fmt: skip
-    armed = [value.differs(0.0) for value in was["armed"]]
-    guards = Guards(runs, never, series.side, armed, hits, odd, never, never, never, seen.located, [])
-    rejected = was["rejected"].differs(0.0)
     logarithm = Value(body, body.rough_log2(end.error.name))  # of lanes whose step is refused alone, whose error is above 1
     factor = Value(body, body.rough_exp2((-made.program.formulas.power * logarithm).name))
     shrunk = end.h * (end.error < 1e30).choose(largest(0.9 * factor, 0.1), 0.1)
-    numbers = {
-        "wanted": refused.choose(shrunk, moves.choose(series.reach, was["wanted"])),
-        "rejected": refused.choose(1.0, moves.choose(0.0, was["rejected"])),
-        "located": verdicts.arrives.choose(seen.located, was["located"]),
-        "accepted": was["accepted"] + moves.choose(1.0, 0.0),
-        "refused": was["refused"] + refused.choose(1.0, 0.0),
-    }
-    numbers["time"], columns = emit_arrival(made, was, step, guards, verdicts)
+    found = emit_arrival(made, was, step, seen.located, verdicts, never)
+    found["wanted"] = [refused.choose(shrunk, moves.choose(series.reach, was["wanted"]))]
     if made.count:
         path = SeriesPath(series.states, series.t, end.h, was)
         measure_step(made.observe, path, moves, made.windows(was), made.rows, was["rtol"])
-    numbers["flag"] = emit_flags(made, was, step, verdicts, rejected, numbers["accepted"], never)
-    made.store({name: [value] for name, value in numbers.items()} | columns)
-    return numbers["flag"]
+    made.store(found)
+    return found["flag"][0]
 
 
 def _expanded(made: Pass) -> Expansion:
@@ -133,7 +121,7 @@ def _expanded(made: Pass) -> Expansion:
     function = ClosedEquations(program.system.t, made.x, program.expressions[0], program.system.elements, program.form).with_guards
     table = solved(body, function, t.name, look.name, [given[0], *given[2:]], order)
     columns = [[Value(body, row[i] or body.number(0.0)) for row in table] for i in range(n + ng)]
-    side = [*[None] * (2 * made.ne), *was["side"][2 * made.ne :]]
+    side, _ = made.sides(was)
     guards = [c if sign is None else [sign * value for value in c] for c, sign in zip(columns[n:], side, strict=True)]
     last = constant(body, 0.0)
     for column in columns:
@@ -268,13 +256,13 @@ def _checked(made: Pass, series: Expansion, seen: Crossings, fresh: Truth, hits:
     place, error = Slot(turning.choose(middle, size)), Slot(constant(body, 0.0))
     stage = Slot(turning.choose(0.0, 1.0))  # at a turn; at the end; polished so many times
     found: list[End] = []
+    others = [[Value(body, name) for name in column] for column in series.given[2:]]
 
     def look() -> Truth:
         h, now = place.get(), stage.get()
         ends = [value_and_slope(c, h) for c in series.states]
         x = [value for value, _ in ends]
-        names = [[(series.t + h).name], [value.name for value in x], *series.given[2:]]
-        field = [Value(body, name) for name in inline(body, made.field, names)[0]]
+        field = called(made.field, series.t + h, x, *others)
         k, g = field[:n], field[n:]
         shown = [value_at(c, h) for c in series.guards]
         parts = _defect(made, series, h, (x, [slope for _, slope in ends]), shown, (k, g))

@@ -26,8 +26,8 @@ guard, the minimum expected, and value and slope at the end of the step.
 class Pass:
     """A pass under construction: the functions of its program, the rows of a block, and the body that is written.
 
-    signals, windows: as in `block`;  x: symbols of the states;  count: of the rows measured;  never: false in every lane;  probes: whether a step may be
-    tried to the minimum of a guard.
+    signals, windows: as in `block`;  x, arguments: symbols of the states, and of what functions take;  count: of the rows measured;  every, lengths: of the
+    items of a block, all and most;  probes: whether a step may be tried to the minimum of a guard.
     """
 
     def __init__(self, program: Program, width: int, signals: tuple[str, ...], windows: int):
@@ -38,6 +38,7 @@ class Pass:
         self.x = x = ca.vertcat(system.x, ca.SX.sym("hidden", n - self.own))
         p = program.expressions[0]
         arguments = [system.t, x, p, system.m]
+        self.arguments = arguments
         self.rhs = ca.Function("rhs", arguments, [ca.densify(form.field)])
         self.field = ca.Function("field", arguments, [ca.vertcat(*map(ca.densify, (form.field, form.guards, form.guard_rates)))])
         self.projected = ca.Function("projected", arguments, [ca.densify(form.projected[: self.own])])
@@ -53,12 +54,16 @@ class Pass:
                    "memory": sum(z.numel() for z, _, _ in program.updates)}  # fmt: skip
         for name, length in [*((name, 1) for name in SCALARS), *vectors.items()]:
             self.rows[name], self.size = self.size, self.size + length
-        for name in ("measured", "doubt", "calendar", "due", "samples", "memory", "course"):  # only of steps inside a window, and samples
-            del vectors[name]
-        self.lengths: dict[str, int | None] = {**dict.fromkeys(SCALARS), **vectors}
+        self.every: dict[str, int | None] = {**dict.fromkeys(SCALARS), **vectors}
+        seldom = ("measured", "doubt", "calendar", "due", "samples", "memory", "course")  # only of steps inside a window, and samples
+        self.lengths = {name: length for name, length in self.every.items() if name not in seldom}
         self.body = VectorBody(width)
-        self.never = Truth(self.body, "zeroinitializer")
         self.probes = self.count > 0  # where nothing is measured, a step of the scalar loop costs less than what this adds to every pass
+
+    @property
+    def never(self) -> Truth:
+        """False in every lane."""
+        return Truth(self.body, "zeroinitializer")
 
     def loaded(self) -> Rows:
         """All rows as they are in the block, loaded where they are asked for."""
@@ -69,6 +74,10 @@ class Pass:
         for name, values in columns.items():
             for i, value in enumerate(values):
                 self.body.store(value.name, "%lanes", self.rows[name] + i)
+
+    def sides(self, was: Rows) -> tuple[list[Value | None], list[Truth]]:
+        """Signs of the guards, None for +1, and which of them are armed."""
+        return [*[None] * (2 * self.ne), *was["side"][2 * self.ne :]], [value.differs(0.0) for value in was["armed"]]
 
     def windows(self, was: Rows) -> list[tuple[Value, Value]]:
         """(begin, end) of the windows that are measured."""
@@ -140,7 +149,6 @@ def scaled_error(program: Program, was: Rows, h: Value, x_new: list[Value], esti
     hidden = program.excited.size
     n = len(x_new)
     own, two = n - hidden, bool(estimates[1])
-    body = h.body
     zero = h * 0.0
     share = largest(was["rtol"] * smallest(h / was["end"], 0.1), (was["rtol"] > 1e-14).choose(1e-14, 2e-15))
     sums = [zero, zero]
@@ -150,15 +158,11 @@ def scaled_error(program: Program, was: Rows, h: Value, x_new: list[Value], esti
         for which in range(1 + two):
             ratio = estimates[which][i] * tolerance
             sums[which] = sums[which] + ratio * ratio
-
-    def root(value: Value) -> Value:
-        return Value(body, body.intrinsic("sqrt", value.name))
-
     if two:
         bottom = sums[0] + 0.01 * sums[1]
-        error = bottom.differs(0.0).choose(sums[0] / root(bottom * float(own)), 0.0)
+        error = bottom.differs(0.0).choose(sums[0] / (bottom * float(own)).root(), 0.0)
     else:
-        error = root(sums[0] * (1.0 / max(own, 1)))
+        error = (sums[0] * (1.0 / max(own, 1))).root()
     for q, element in enumerate(program.excited.tolist()):
         bound = was["m"][element].differs(0.0).choose(was["other_scale"][2 * element], was["guard_scale"][2 * element])
         size = largest(largest(bound, 1e-3 * was["end"] * abs(was["k"][own + q])), 1e-300)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, overload
 
+import casadi as ca
+
+from toolbox.compilation.emitter import inline
 from toolbox.compilation.vector_emitter import VectorBody
 
 
@@ -42,6 +45,10 @@ class Value:
 
     def __abs__(self) -> Value:
         return Value(self.body, self.body.intrinsic("fabs", self.name))
+
+    def root(self) -> Value:
+        """Square root."""
+        return Value(self.body, self.body.intrinsic("sqrt", self.name))
 
     def _compare(self, how: str, other: Any) -> Truth:
         return Truth(self.body, self.body.compare(how, self.name, self._of(other)))
@@ -132,6 +139,13 @@ class Truth:
 def constant(body: VectorBody, number: float) -> Value:
     """A number in every lane."""
     return Value(body, body.number(number))
+
+
+def called(function: ca.Function, *arguments: Value | Iterable[Value]) -> list[Value]:
+    """What a function gives, of a vector or a column of vectors for each argument."""
+    columns = [[given] if isinstance(given, Value) else list(given) for given in arguments]
+    body = columns[0][0].body
+    return [Value(body, name) for name in inline(body, function, [[value.name for value in column] for column in columns])[0]]
 
 
 def largest(a: Value, b: Any) -> Value:

@@ -144,7 +144,7 @@ def outputs_due(w, t, every_node):
     return GO_ON
 
 
-def outputs_before(w, end, t_new):
+def outputs_before(w, t_new):
     """Record the output times inside the step (t, t_new) by stepping to each of them."""
     t = w.reals[layout.TIME]
     while w.ints[layout.OUTPUT] < w.out_t.size and w.out_t[w.ints[layout.OUTPUT]] < t_new:

@@ -275,7 +275,7 @@ def advance(w, series):
                     spread_round_off(w, w.reals[layout.STEP_OLD])
             rejected = True
             continue
-        if not outputs_before(w, t, t_new):
+        if not outputs_before(w, t_new):
             return layout.RECORDS_FULL
 
         # --- accepted

@@ -62,6 +62,17 @@ def test_the_chart_has_the_growth_of_the_poles_and_no_margin_where_they_grow():
     plt.close(ax.figure)
 
 
+def test_a_chart_that_is_stable_all_over_is_shaded_no_further_than_it_was_looked_at():
+    over = {"pi.proportional": (1500.0, 2500.0), "pi.integral": (300.0, 450.0)}
+    chart = stability_chart(PI_LOOP, over, shape=(3, 3))
+    assert (chart.growth < 0).all()
+    ax = chart.plot()
+    shaded = ax.collections[0].get_datalim(ax.transData)
+    assert (shaded.x0, shaded.x1, shaded.y0, shaded.y1) == (1500.0, 2500.0, 300.0, 450.0)
+    assert ax.get_facecolor() == (1.0, 1.0, 1.0, 1.0) and ax.get_xlim()[0] == 1000.0  # the declared point is shown, beside it
+    plt.close(ax.figure)
+
+
 def test_without_an_integral_part_there_is_no_steady_running_to_judge():
     chart = stability_chart(PI_LOOP, {"pi.proportional": (500.0, 1500.0), "pi.integral": (0.0, 1000.0)}, shape=(3, 3))
     assert np.isnan(chart.growth[:, 0]).all() and np.isfinite(chart.growth[:, 1:]).all()

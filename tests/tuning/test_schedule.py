@@ -91,6 +91,13 @@ def test_the_drive_gets_a_table_and_the_report_a_picture(found, tmp_path):
     assert "every run succeeds at every depth" in text and "depth [km]" in text and "between" in text
     axes = found.plot()
     assert len(axes) == 2 and axes[0].lines[0].get_ydata().tolist() == found.gains[:, 0].tolist()
+    assert axes[-1].get_xlabel() == "depth [km]" and axes[0].lines[0].get_xdata().tolist() == [
+        1.0,
+        2.0,
+        3.0,
+        5.0,
+    ]  # as the depths were typed
+    assert "from smooth running (a stick-slip that exists: `before`)" in text
 
 
 @pytest.mark.skipif(shutil.which("cc") is None or sys.platform != "linux", reason="the C is compiled with `cc`, which is not here")

@@ -107,11 +107,10 @@ def stability_diagram(found: Any, ax: Any = None) -> Any:
     with drawn_on(ax, height=0.62 * WIDTH, width=0.8 * WIDTH) as ax:
         x, y = found.axes
         held = np.ma.masked_invalid(found.growth.T)
-        if held.min() < 0.0 < held.max():
+        if held.min() < 0.0:  # shaded no further than was looked at
             ax.contourf(x, y, held, levels=[min(-1.0, held.min()) * 2, 0.0], colors=["#d7ebf7"])
+        if held.min() < 0.0 < held.max():
             ax.contour(x, y, held, levels=[0.0], colors="black", linewidths=1.6)
-        elif held.max() <= 0.0:
-            ax.set_facecolor("#d7ebf7")
         margin = np.ma.masked_invalid(found.disk_margin.T)
         levels = [level for level in (0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.5, 1.8) if level < np.nanmax(found.disk_margin)]
         if levels:

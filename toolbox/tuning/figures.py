@@ -84,16 +84,22 @@ def tuning_diagram(
 
 
 def schedule_diagram(
-    labels: Sequence[str], depths: np.ndarray, gains: np.ndarray, found: Sequence[tuple[float, bool, float, bool]], axes: Any = None
+    labels: Sequence[str],
+    depths: np.ndarray,
+    gains: np.ndarray,
+    found: Sequence[tuple[float, bool, float, bool]],
+    axes: Any = None,
+    unit: str = "m",
 ) -> Any:
     """Every gain over depth, and the disk margin at the depths that were checked, with those at which runs fail. Returns the axes.
 
     Parameters
     ----------
     labels: of the gains, with their units.
-    depths, gains: rows of the table [m], shape (depths, gains).
+    depths, gains: rows of the table, shape (depths, gains).
     found: (depth, whether the table has a row there, disk margin, whether every run succeeds).
     axes: one more axes than gains; None makes a figure.
+    unit: of depths.
 
     Returns
     -------
@@ -110,12 +116,13 @@ def schedule_diagram(
         last.plot(depth, margin, **{**LINES[0], "linewidth": 0.8})
         for where, fill, label in ((rows, LINES[0]["color"], "designed"), (~rows, "white", "interpolated")):
             last.plot(
-                depth[where], margin[where], marker="o", markersize=4.5, color=LINES[0]["color"], markerfacecolor=fill, linestyle="none", label=label
+                depth[where], margin[where], marker="o", markersize=4.5, color=LINES[0]["color"], markerfacecolor=fill, linestyle="none", clip_on=False,
+                label=label,
             )  # fmt: skip
         if not good.all():
             bad = np.where(np.isfinite(margin[~good]), margin[~good], 0.0)
             last.plot(depth[~good], bad, marker="X", markersize=8.0, color=LINES[1]["color"], linestyle="none", label="runs fail")
-        last.set(xlabel="depth [m]", ylabel="disk margin\n[1]")
+        last.set(xlabel=f"depth [{unit}]", ylabel="disk margin\n[1]")
         last.set_ylim(bottom=0.0)
         last.legend(frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
     return axes

@@ -37,6 +37,10 @@ PHASES = 4
 """Phases of a stick-slip that exists from which a law is tried at a depth."""
 
 
+SMOOTH = "smooth running (a stick-slip that exists: `before`)"
+"""Where runs begin that no drive before is given for."""
+
+
 @dataclass(frozen=True)
 class CheckedDepth:
     """What the gains of a depth do on the machine of that depth.
@@ -156,9 +160,11 @@ class Schedule(Told, Result):
         """Gains and disk margin over depth; see `toolbox.tuning.figures.schedule_diagram`. Returns the axes."""
         from toolbox.tuning.figures import schedule_diagram
 
-        labels = [f"{name} [{unit}]" for name, unit in zip(self.names, self.units, strict=True)]
-        found = [(each.depth, each.designed, each.disk_margin, not each.failed) for each in self.checked]
-        return schedule_diagram(labels, np.array(self.depths), self.gains, found, axes=axes)
+        deep, *read = (reading(unit, self.asked) for unit in ("m", *self.units))
+        labels = [f"{name} [{each.unit}]" for name, each in zip(self.names, read, strict=True)]
+        found = [(each.depth * deep.factor, each.designed, each.disk_margin, not each.failed) for each in self.checked]
+        gains = self.gains * np.array([each.factor for each in read])
+        return schedule_diagram(labels, np.array(self.depths) * deep.factor, gains, found, axes, deep.unit)
 
 
 def schedule(
@@ -228,7 +234,7 @@ def schedule(
         closed = loop.but(laws=(_law_at(base, places, every, depth),))
         trials = Trials.of(closed, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))
         outcomes = trials.of_cases({"declared": {}})
-        worst, way = outcomes.worst, trials.way
+        worst, way = outcomes.worst, (trials if before is not None else dataclasses.replace(trials, begun=SMOOTH)).way
         failed = sum(outcome.excess > 1.0 or math.isnan(outcome.excess) for outcome in outcomes.outcomes)
         settled = trials.known.get("declared")
         found.append(

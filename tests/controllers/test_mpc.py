@@ -9,7 +9,7 @@ import control
 import numpy as np
 import pytest
 
-from controllers import LinearMPC, NonlinearMPC, StiffPI, quadratic_program
+from controllers import LinearMPC, NonlinearMPC, StiffPI, condensing, quadratic_program
 from controllers.predictive import Record
 from controllers.quadratic_program import SOLVERS, QuadraticProgram, residuals
 from controllers.string_model import drilling_point
@@ -71,6 +71,23 @@ def test_the_cost_of_a_longer_iteration_is_never_above_that_of_a_single_one():
         assert law.record.programs <= iterations
     assert values[0] >= values[1] >= values[2]
     assert values[2] < values[0]
+
+
+def test_the_plan_of_the_regulator_rests_at_its_steady_state_and_goes_by_its_gain_elsewhere():
+    law = NonlinearMPC(reference=8.0, adapt=False, **LIMITS, **STATES).design(RIG)
+    weights, N, n = law.weights, law.law.horizon, 3
+    x_s, u_s = (np.array(each) for each in drilling_point(RIG, 8.0)[1:3])
+    weights.x_s[:], weights.numbers[condensing.STEADY], weights.numbers[condensing.LAST] = x_s, u_s, u_s
+    rest = law.rollout.motion(x_s, np.empty((N, 1)))
+    condensing.regulated(rest, weights)
+    np.testing.assert_allclose(rest.U, u_s, rtol=1e-8)
+    np.testing.assert_allclose(rest.X, np.tile(x_s, (N + 1, 1)), rtol=1e-8)
+    weights.numbers[condensing.LAST] = before = u_s + 700.0
+    moved = law.rollout.motion(x_s + np.array([0.5, -0.7, 0.3]), np.empty((N, 1)))
+    condensing.regulated(moved, weights)
+    for x, u in zip(moved.X, moved.U[:, 0], strict=False):
+        assert u == pytest.approx(before - weights.gain[:n] @ (x - x_s) - weights.gain[n] * (before - u_s), rel=1e-9)
+        before = u
 
 
 def test_the_predicted_motion_is_what_simulate_gives_for_the_planned_torques():

@@ -18,6 +18,7 @@ from toolbox.commands.command_line import main
 from toolbox.files.origin import Origin, hashes
 from toolbox.files.printing import columns
 from toolbox.files.results import as_data
+from toolbox.scenes.scene import Scene
 
 BELT = """
 title = "belt"
@@ -237,6 +238,25 @@ def test_every_command_that_writes_a_folder_is_tried_below():
     assert writing - {"export"} == set(EVERY)  # what is exported is a program, not a result
     for name, verb in commands.items():
         assert {"--json", "--quiet", "--units"} <= {word for each in verb._actions for word in each.option_strings}, name
+
+
+@pytest.mark.parametrize("command", [*EVERY, "export"])
+def test_a_folder_that_cannot_be_written_is_refused_before_any_work(command, root, tmp_path, monkeypatch, capsys):
+    """A search of hours would be lost at its end."""
+
+    def read(*_, **__):
+        raise AssertionError("It was begun.")
+
+    monkeypatch.setattr(Scene, "load", read)
+    (tmp_path / "taken").write_text("mine")
+    words = [
+        str(tmp_path / f"{word}.toml") if word.isupper() and word.isalpha() else word
+        for word in EVERY.get(command, ["RIG", "--part", "law"])
+    ]
+    for place, why in ((tmp_path / "taken" / "out", "cannot: Not a directory."), (tmp_path / "taken", "is something else.")):
+        assert main([command, *words, "--out", str(place)]) == 2
+        told = capsys.readouterr().err
+        assert told.startswith("stickslip: Argument `--out` must be a folder") and told.endswith(f"{why}\n") and told.count("\n") == 1
 
 
 @pytest.fixture(scope="module")

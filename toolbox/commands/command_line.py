@@ -47,6 +47,7 @@ from toolbox.commands import (
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.commands.terminal import complaint
 from toolbox.errors import SceneError, UnusualValue
+from toolbox.files.atomic import check_folder
 from toolbox.files.interrupts import GATE
 from toolbox.files.unit_systems import SYSTEMS, units
 from toolbox.messages import sign_of_life
@@ -83,6 +84,8 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
         given.line = shlex.join(["stickslip", *(sys.argv[1:] if arguments is None else arguments)])
         words = given.words(given)
         environment.check()
+        if getattr(given, "out", None) is not None:
+            check_folder(given.out)
         if watch is not None:
             watch.words = words
         for path in given.load:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import json
 import os
 import re
@@ -120,10 +121,7 @@ def whole_folder(path: Path, names: Sequence[str], left_by: Callable[[Path], set
     Raises SceneError, before the block runs, where `path` cannot be written and where a file in the way is not from an earlier study.
     """
     path = path.absolute()
-    if os.path.lexists(path) and not path.is_dir():
-        raise SceneError(f"Argument `--out` must be a folder, but `{path}` is something else.")
-    exists = path.is_dir()
-    ground = path if exists else next(parent for parent in path.parents if parent.exists())
+    ground, exists = check_folder(path), path.is_dir()
     for parent in (path, *path.parents):  # one that was killed may have made the folders below that in which it began
         if os.access(parent, os.W_OK):
             clear_left(parent)
@@ -146,6 +144,22 @@ def whole_folder(path: Path, names: Sequence[str], left_by: Callable[[Path], set
             else:
                 _moved_in(shelter / "new", path)
             GATE.placed = last
+
+
+def check_folder(path: Path) -> Path:
+    """The lowest folder that there is on the way to one that is to be written, or it itself.
+
+    Raises SceneError where nothing can be written there: who asks before a long work does not lose what comes of it.
+    """
+    path = path.absolute()
+    if os.path.lexists(path) and not path.is_dir():
+        raise SceneError(f"Argument `--out` must be a folder, but `{path}` is something else.")
+    ground = path if path.is_dir() else next(parent for parent in path.parents if parent.exists())
+    if not ground.is_dir() or not os.access(ground, os.W_OK | os.X_OK):
+        frozen = os.name == "posix" and bool(os.statvfs(ground).f_flag & os.ST_RDONLY)
+        reason = os.strerror(errno.ENOTDIR if not ground.is_dir() else errno.EROFS if frozen else errno.EACCES)
+        raise SceneError(f"Argument `--out` must be a folder that can be written, but `{path}` cannot: {reason}.")
+    return ground
 
 
 def clear_left(folder: Path) -> None:

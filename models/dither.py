@@ -104,7 +104,8 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     law = _AtNumbers(speed, ca.substitute(ca.SX(element.law.sliding(speed)), plant.p, ca.SX(plant.values)))
 
     def slope(amplitude: float) -> float:
-        width = 1e-3 * slip
+        # at B = v the slip begins to turn round, and the slope jumps: a difference across that would see it too early
+        width = min(1e-3 * slip, max(abs(amplitude - slip) / 2.0, 1e-6 * slip))
         rise = averaged_friction(law, slip + width, amplitude) - averaged_friction(law, slip - width, amplitude)
         return load * rise / (2.0 * width) + drag
 

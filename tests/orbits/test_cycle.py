@@ -81,6 +81,12 @@ def test_newtons_steps_that_grow_more_than_threefold_are_given_up_after_the_four
     assert walk._corrected(guess, None, None) is None and len(shots) == 4
 
 
+def test_a_run_of_thousands_of_rounds_ends_in_one_round_and_not_in_four():
+    # slip by 2 pi - 2 atan(1), stick by 2, where the kinetic swing and the belt are as fast as each other
+    block = compose(BlockOnBelt(friction=Coulomb(static=0.6, kinetic=0.4)))
+    assert limit_cycle(block, 50_000.0).period == pytest.approx(1.5 * math.pi + 2.0, rel=1e-12)
+
+
 def test_a_stator_under_a_driven_rotor_has_the_period_of_the_closed_form():
     inertia, stiffness, drive, load, radius, z = 0.02, 2000.0, 2.0, 1000.0, 0.1, 1.0
     w = math.sqrt(stiffness / inertia)

@@ -56,8 +56,9 @@ HABITS = {
     "lbf/ft": "lb/ft",
     "ppf": "lb/ft",
     "ppg": "lb/gal",
+    "gpm": "gal/min",
 }
-"""What drillers write for a speed of rotation, a force, a torque, the weight of a pipe or that of mud, where that is what is wanted."""
+"""What drillers write for a speed of rotation, a force, a torque, the weight of a pipe or that of mud, or a flow, where that is what is wanted."""
 
 MISTAKEN = {
     "rad/s": ("rpm",), "rad": ("deg",), "m": ("mm", "in"), "N": ("kN", "klbf"), "N m": ("kN m", "klbf ft"), "N m/rad": ("kN m/rad",),

@@ -35,6 +35,12 @@ from toolbox.simulation.trajectory import Trajectory
 CROSSED = 20
 """Halvings of a sample's time in which a run crosses its mid-level: long runs are sampled coarsely."""
 
+LAST_ROUNDS = 25
+"""Crossings of mid-level among which the last round is looked for."""
+
+FEW_STEPS = 1500
+"""Steps of a run that 6000 instants resolve: a machine may swing within a few."""
+
 
 @sign_of_life("limit_cycle is at work")
 def limit_cycle(
@@ -161,16 +167,23 @@ def _dies_out(run: Trajectory, orbit: Orbit) -> bool:
 
 def _round(run: Trajectory, orbit: Orbit, guess: float | None) -> tuple[float, float]:
     """Begin and length of the last round that a settled run makes: between crossings of mid-level by the state that swings most."""
-    times = np.linspace(run.begin + (run.end - run.begin) / 3, run.end, 6000)
-    states = run.at(times).states[:, orbit.returning]
-    swing = np.ptp(states, axis=0)
-    size = np.abs(states).max(axis=0) + 1e-300
+    # instants farther apart than the steps of the run may miss rounds, so that some of them pass for one: as long as the end alone has rounds enough, it tells
+    whole = (run.end - run.begin) * 2 / 3
+    length = whole if guess is not None else min(whole, FEW_STEPS * (run.end - run.begin) / max(run.steps[0], 1))
+    while True:
+        times = np.linspace(run.end - length, run.end, 6000)
+        states = run.at(times).states[:, orbit.returning]
+        swing = np.ptp(states, axis=0)
+        size = np.abs(states).max(axis=0) + 1e-300
+        best = int(np.argmax(np.where(size > 1e-9 * size.max(), swing / size, 0.0)))
+        level = (states[:, best].max() + states[:, best].min()) / 2
+        y = states[:, best] - level
+        up = np.flatnonzero((y[:-1] <= 0) & (y[1:] > 0))[-LAST_ROUNDS:]
+        if length >= whole or up.size >= LAST_ROUNDS:
+            break
+        length = min(4.0 * length, whole)
     if not (swing > 1e-6 * size).any():
         raise CycleError("The run comes to rest, so that there is no cycle at its end.", run)
-    best = int(np.argmax(np.where(size > 1e-9 * size.max(), swing / size, 0.0)))
-    level = (states[:, best].max() + states[:, best].min()) / 2
-    y = states[:, best] - level
-    up = np.flatnonzero((y[:-1] <= 0) & (y[1:] > 0))[-25:]
     if up.size < 2:
         raise CycleError(
             "The run must come round at least twice in its last two thirds for a cycle to be seen: it comes to rest, or must settle longer.",

@@ -204,7 +204,7 @@ class Fading(Component):
 @METHODS
 def test_the_instant_of_a_release_is_as_near_to_the_closed_form_as_the_accuracy_asks(method):
     frequency = np.linspace(0.36, 0.5, 33)
-    for accuracy, most in ((1e-6, 1e-10), (1e-9, 1e-13)):
+    for accuracy, most in ((1e-6, 1e-10), (1e-9, 1e-12)):
         found = batch(compose(Fading()), 3.0, {"mass.frequency": frequency}, 33, most_events=4, method=method, accuracy=accuracy)
         # the bound is met where 2 cos(w t) = 1; it is looked for to 1e-5 of the accuracy
         np.testing.assert_allclose(found.event_times[:, 0], math.pi / (3 * frequency), rtol=most)

@@ -104,7 +104,8 @@ def hopf_points(
     """Find every Hopf point of steady running in a range of one parameter or input, in order and exact to round-off.
 
     A law keeps the design that it has on the declared plant. Values without a steady state are skipped; where steady running ends inside the range, that end
-    is one more value that is looked at.
+    is one more value that is looked at. Range: a pair whose frequency is below 1e-9 of the fastest pole is taken for two real poles and shows no Hopf point, as
+    under a slow creep on rock: a larger mass, which counts for nothing there, shows it.
 
     Parameters
     ----------

@@ -480,7 +480,7 @@ const met = (name, here, along) => along ? crossings(map.borders[name].map((segm
 
 // What to do, in a sentence, from the nearest border of stick-slip along one of both numbers: it ends above it, or below it.
 function advice(here, names, along) {
-  const ends = met("sticking", here, along), unit = map.units[along] === "1" ? "" : " " + map.units[along], about = map.last ? "" : "about ";
+  const ends = met("sticking", here, along), unit = map.units[along] === "1" ? "" : " " + map.units[along], about = "about ";  // a map knows its borders to a part of a cell
   if (!ends.length) return "";
   const end = ends[nearest(ends, here[along])], column = map.axes[along], j = nearest(map.axes[1 - along], here[1 - along]);
   const free = (i) => map.regions[along ? map.where[j][i] : map.where[i][j]] === "free";

@@ -148,6 +148,14 @@ def test_every_number_that_acts_is_a_control_once_with_its_value_in_range(page, 
     assert weight["unit"] == "kN" and weight["first"]
 
 
+def test_controls_stand_in_the_order_in_which_they_are_turned_with_start_values_last(scene):
+    controls = controls_of(scene["soft torque"], {})
+    starts = [each.number.kind == "start" for each in controls]
+    assert 0 < sum(starts) < len(starts) and starts == sorted(starts)
+    places = {each.number.name: k for k, each in enumerate(controls)}
+    assert places["bit.weight"] < places["bit.friction.static"] < places["chain.stiffness.0"]
+
+
 def settings(page, count, seed):
     """Settings drawn at random, over laws, numbers and the ranges of their sliders."""
     draw, laws = random.Random(seed), ask(page, "scene")["laws"]

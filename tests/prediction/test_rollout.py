@@ -36,6 +36,21 @@ def test_a_rollout_with_exact_modes_is_the_motion_that_simulate_finds_through_re
     assert errors[1] < errors[0] / 8  # order four over forty seconds, events included: 16 but for round-off
 
 
+def test_a_machine_a_million_times_as_fast_moves_alike_in_its_own_time():
+    """Time in other units: masses by the square, damping and the friction's speeds by the factor, forces and positions as they were."""
+    motions = []
+    for unit in (1.0, 2.0**-20, 2.0**20):
+        belt = BlockOnBelt(
+            mass=unit**2, damping=0.05 * unit, belt_speed=0.2 / unit, friction=Exponential(static=1.0, kinetic=0.5, decay=3.0 * unit)
+        )
+        X, M = Rollout(compose(belt), ["block.force"], 0.1 * unit, 4).states(np.zeros(2), 0.3 * np.sin(np.arange(300.0))[:, None])
+        motions.append((X * [1.0, unit], M))
+    (X, M), *others = motions
+    assert (M == 0).any() and (M != 0).any()  # it sticks and slips
+    for other, modes in others:
+        assert np.array_equal(modes, M) and np.abs(other - X).max() < 1e-9
+
+
 @pytest.mark.parametrize("regularisation", [None, regularised(0.05)], ids=["exact", "smooth"])
 def test_a_law_with_kinks_is_rolled_out_over_them(regularisation):
     """Kinks of fmax are guards of the event loop, and none of a prediction: its numbers are those of modes alone."""

@@ -11,6 +11,7 @@ from models import BlockOnBelt
 from studies.benchmarks.beside_the_rig import PERIOD, REGIMES, RIG, case, followed, judged, onset_of, scores
 from toolbox import Sampled, SceneError, closed_loop, compose, hopf_points, simulate
 from toolbox.probability import EnsembleFilter, Estimates, Knowledge, estimate
+from toolbox.probability.ensemble import ASTRAY
 
 
 @pytest.mark.slow
@@ -21,6 +22,20 @@ def test_the_bit_speed_is_known_better_than_by_the_best_observer_with_bands_that
         print(f"{regime}: mean {mean:.3f}, worst {worst:.3f}, cover {cover:.4f}")
     assert found["stick-slip"][0] <= 0.45 and found["stick-slip"][1] <= 0.8 and found["smooth"][0] <= 0.5
     assert all(0.9 <= cover <= 0.995 for _, _, cover in found.values())
+
+
+def test_an_ensemble_that_went_astray_is_widened_by_half_of_what_was_known():
+    known = Knowledge(speed_noise=1e6)  # a sample that says nothing
+    made = EnsembleFilter(RIG, known, members=2000)
+    made.step(PERIOD, 9e3, 8.0)
+    before, made.surprise = made.logs, 2.0 * ASTRAY
+    made.step(0.0, 9e3, 8.0)
+    wider = (made.logs - before) / (0.5 * np.array([known.inertia, known.inertia, known.stiffness, known.strength]))
+    assert np.abs(wider.mean(axis=0)).max() < 5.0 / math.sqrt(2000) and np.abs(wider.std(axis=0) - 1.0).max() < 5.0 / math.sqrt(4000)
+    assert made.surprise == 1.0
+    after = made.logs
+    made.step(0.0, 9e3, 8.0)
+    assert np.abs(made.logs - after).max() < 1e-9  # once
 
 
 @pytest.mark.slow

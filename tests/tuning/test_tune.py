@@ -1,5 +1,6 @@
 """Tuning: optima and fronts that are known in closed form, and a search that can be killed and goes on."""
 
+import contextlib
 import dataclasses
 import itertools
 import json
@@ -11,6 +12,7 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from scipy.optimize import OptimizeResult
 
 from controllers import LQG, PI, ActiveDamping, SoftTorque, StiffPI, ZTorque
 from models import BitRock, Block, TorsionalChain, wells
@@ -121,6 +123,15 @@ def test_the_best_damped_pi_drive_on_a_free_string_is_the_optimum_of_jansen_and_
     assert optimum <= found.counted(found.best)[0] < 0.98 * optimum
     assert found.law.integral == pytest.approx(spring, rel=0.05) and found.law.proportional == pytest.approx(damper, rel=0.05)
     assert found.counted(found.before)[0] > 0.2 * optimum  # the drive as given hardly damps
+
+
+@pytest.mark.parametrize(
+    ("values", "ends"),
+    [([2.0, 2.0001], True), ([-2.0, -2.0001], True), ([2.0, 2.1], False), ([0.5, 1.0], False), ([search.WORST] * 2, False)],
+)
+def test_an_evolution_ends_where_all_its_members_are_as_good_as_the_best_and_not_where_all_fail(values, ends):
+    with pytest.raises(StopIteration) if ends else contextlib.nullcontext():
+        search._gathered(OptimizeResult(population_energies=np.array(values)))
 
 
 def test_the_front_of_two_distances_is_all_that_lies_between_their_zeros():

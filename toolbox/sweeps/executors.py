@@ -121,7 +121,7 @@ def evaluated(
         future.add_done_callback(arrived.put)
 
     try:
-        with GATE.kept(), travelling(task.part(slice(0, 1))), progress_bar(total, "sweep", done=total - left) as bar:
+        with GATE.kept(), travelling(task.run, task.measures), progress_bar(total, "sweep", done=total - left) as bar:
             for chunk in itertools.islice(chunks, AHEAD):
                 submit(chunk)
             while waiting:

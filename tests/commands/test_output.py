@@ -259,6 +259,30 @@ def test_a_folder_that_cannot_be_written_is_refused_before_any_work(command, roo
         assert told.startswith("stickslip: Argument `--out` must be a folder") and told.endswith(f"{why}\n") and told.count("\n") == 1
 
 
+@pytest.mark.skipif(os.name != "posix", reason="closes what POSIX calls 1")
+@pytest.mark.parametrize("output", ["closed", "full"])
+def test_results_are_whole_where_nothing_can_be_printed(output, tmp_path):
+    for name, speed in (("one", 95), ("other", 96)):
+        (tmp_path / f"{name}.toml").write_text(RIG.replace("95 rpm", f"{speed} rpm"))
+    if output == "full" and not os.path.exists("/dev/full"):
+        pytest.skip("this system has no device that is full")
+    begin = {"closed": 'exec "$@" >&-', "full": 'exec "$@" >/dev/full'}[output]
+    command = [
+        sys.executable,
+        "-m",
+        "toolbox",
+        "compare",
+        str(tmp_path / "one.toml"),
+        str(tmp_path / "other.toml"),
+        "--json",
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    ended = subprocess.run(["sh", "-c", begin, "sh", *command], stderr=subprocess.PIPE, text=True, check=False, timeout=100)
+    assert (ended.returncode, ended.stderr) == ((0, "") if output == "closed" else (1, "stickslip: Output: No space left on device.\n"))
+    assert "96" in (tmp_path / "out" / "compare.txt").read_text() and (tmp_path / "out" / "second.toml").exists()
+
+
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory):
     """A scene and a log of its machine."""

@@ -45,7 +45,7 @@ from toolbox.commands import (
     windows,
 )
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
-from toolbox.commands.terminal import complaint
+from toolbox.commands.terminal import complaint, printing
 from toolbox.errors import SceneError, UnusualValue
 from toolbox.files.atomic import check_folder
 from toolbox.files.interrupts import GATE
@@ -103,7 +103,8 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
             if given.json:
                 from toolbox.files.results import as_data
 
-                print(json.dumps(as_data(given.found), indent=1, allow_nan=False))
+                with printing():
+                    print(json.dumps(as_data(given.found), indent=1, allow_nan=False))
             return code
     except SceneError as error:
         return complaint(_by_option(str(error), given), 2)
@@ -134,6 +135,9 @@ def _by_option(text: str, given: argparse.Namespace) -> str:
 
 def script(watch: Watch | None = None) -> NoReturn:
     """Run the command line as a process. watch: what looks after its interrupts already."""
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by who began the process; its number would go to the first file that is opened
+            setattr(sys, name, open(os.devnull, "r+", encoding="utf-8"))  # noqa: SIM115 (for as long as the process lives)
     if "_ARGCOMPLETE" in os.environ:  # a shell asks what could be typed next
         import argcomplete
 

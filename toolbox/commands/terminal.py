@@ -139,13 +139,26 @@ def file_stems(labels: Sequence[str]) -> list[str]:
     return [f"{i:02d}_{word}".rstrip("_") for i, word in enumerate(plain, 1)]
 
 
+@contextmanager
+def printing() -> Iterator[None]:
+    """The block prints: an error of that, such as of a full disk, names the output, and none of the files that are written beside it."""
+    try:
+        yield
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, "Output") from None
+
+
 def show(text: str) -> None:
     """Print a text; on a terminal, tables that are wider than it come in parts, each with the first column, and longer lines are broken between words.
 
     A broken line goes on under the column in which its last one begins.
     """
     if not sys.stdout.isatty():
-        print(text)
+        with printing():
+            print(text)
         return
     width = shutil.get_terminal_size().columns
     blocks = (list(lines) for _, lines in groupby(text.split("\n"), key=bool))

@@ -185,6 +185,9 @@ def test_a_table_leaves_out_what_no_law_does_and_says_up_to_where_none_was_found
     assert "lifts" not in str(result) and any("lifts" in head for head in result.rows[0])
     none = dataclasses.replace(result, entries={("SoftTorque", "declared", "direct"): Held(np.nan, "stuck")})
     assert str(none).splitlines()[-1].split("direct")[1].split() == ["none", "up", "to", "110", "rpm:", "stuck"]
+    ax = none.plot()  # the mark of what has none stands beside the axes, below a word that says so
+    assert [text.get_text() for text in ax.texts] == ["none"] and ax.lines[0].get_xdata()[0] > ax.get_xlim()[1]
+    assert not result.plot().texts
 
 
 def test_the_command_says_at_once_which_law_takes_no_part(capsys):

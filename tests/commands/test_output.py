@@ -75,7 +75,8 @@ def test_every_command_says_what_it_found():
     import inspect
 
     for command in command_line.COMMANDS:
-        assert "given.found" in inspect.getsource(command), command.__name__
+        source = inspect.getsource(command)
+        assert "given.found" in source or "answer(given" in source, command.__name__  # `answer` keeps what was found
 
 
 @pytest.mark.parametrize("command", ["simulate", "study"])

@@ -6,11 +6,9 @@ import argparse
 import dataclasses
 from typing import Any
 
-from toolbox.commands.recording import results, write_found
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, plain, ranges, show
+from toolbox.commands.recording import answer
+from toolbox.commands.terminal import common, complaint, plain, ranges
 from toolbox.errors import SimulationError
-
-FILES = ("basin.txt", "basin.csv", "basin.npz", "basin.png", "scene.toml")
 
 
 def add(commands: Any) -> None:
@@ -51,11 +49,4 @@ def run(given: argparse.Namespace) -> int:
         found = basin(loop, box, given.runs, duration=given.duration, accuracy=given.accuracy, confidence=given.confidence, seed=given.seed)
     except SimulationError as error:
         return complaint(str(error), 1)
-    given.found = found = dataclasses.replace(found, title=scene.title)
-    with results(given, drawn_as(FILES, given.format), earlier("basin.txt", "^Basin of ", FILES)) as folder:
-        if folder is not None:
-            write_found(folder, "basin", found, scene, given.format)
-    show(str(found))
-    if given.out:
-        print(f"\nReport, table and figure are in {given.out}")
-    return 0
+    return answer(given, "basin", dataclasses.replace(found, title=scene.title), scene, "^Basin of ", "Report, table and figure are")

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import numbers
-from toolbox.commands.recording import results, write_found
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, plain, ranges, show
+from toolbox.commands.recording import answer
+from toolbox.commands.terminal import common, complaint, pairs, plain, ranges
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.unit_systems import asked_in
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from toolbox.probability.distributions import Draws
     from toolbox.scenes.scene import Scene
 
-FILES = ("chance.txt", "chance.csv", "chance.npz", "chance.png", "scene.toml")
 
 GOES_ON = "interrupted; the same call goes on from here."
 
@@ -122,14 +121,7 @@ def run(given: argparse.Namespace) -> int:
     except SimulationError as error:
         return complaint(str(error), 1)
     found = dataclasses.replace(found, title=scene.title, asked={**found.asked, **asked})
-    given.found = found
-    with results(given, drawn_as(FILES, given.format), earlier("chance.txt", "^Chance of stick-slip: ", FILES), last=False) as folder:
-        if folder is not None:
-            write_found(folder, "chance", found, scene, given.format)
-    show(str(found))
-    if given.out:
-        print(f"\nTable, figure and data are in {given.out}")
-    return 0
+    return answer(given, "chance", found, scene, "^Chance of stick-slip: ", "Table, figure and data are", last=False)
 
 
 def with_numbers(

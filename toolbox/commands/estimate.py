@@ -8,10 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import number
-from toolbox.commands.recording import results, write_found
-from toolbox.commands.terminal import common, drawn_as, earlier, pairs, plain, show
-
-FILES = ("estimate.txt", "estimate.csv", "estimate.npz", "estimate.png", "scene.toml")
+from toolbox.commands.recording import answer
+from toolbox.commands.terminal import common, pairs, plain
 
 
 def add(commands: Any) -> None:
@@ -58,11 +56,4 @@ def run(given: argparse.Namespace) -> int:
     }
     columns = dict(pairs("--column", "SIGNAL=HEADING", given.column))
     found = estimate(loop, given.data, columns=columns or None, knowledge=Knowledge(**noises), members=given.members, seed=given.seed)
-    given.found = found = dataclasses.replace(found, title=scene.title)
-    with results(given, drawn_as(FILES, given.format), earlier("estimate.txt", "^Estimates of ", FILES)) as folder:
-        if folder is not None:
-            write_found(folder, "estimate", found, scene, given.format)
-    show(str(found))
-    if given.out:
-        print(f"\nReport, table and figure are in {given.out}")
-    return 0
+    return answer(given, "estimate", dataclasses.replace(found, title=scene.title), scene, "^Estimates of ", "Report, table and figure are")

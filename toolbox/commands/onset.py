@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from toolbox.arguments import number, whole
 from toolbox.commands import figures
 from toolbox.commands.chance import add_uncertain, left_out, uncertain_of, with_numbers
-from toolbox.commands.recording import results, write_found
+from toolbox.commands.recording import answer, results
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, plain, progress, show
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import asked_in
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
 
 ONSET_FILES = ("onset.png", "onset.txt", "scene.toml")
-DRAWN = ("drawn_onset.png", "drawn_onset.txt", "drawn_onset.csv", "drawn_onset.npz", "scene.toml")
 TABLES = ("onset.csv", "borders.csv", "onset.npz")
 
 
@@ -109,14 +108,8 @@ def _uncertain(
     )
     unit = loops[next(iter(loops))].number(given.parameter).unit
     asked = {unit: typed} if (typed := asked_in((number("--from", plain(given.low), unit),), "")) else {}
-    given.found = found = dataclasses.replace(found, title=scene.title, asked={**found.asked, **asked})
-    with results(given, drawn_as(DRAWN, given.format), earlier("drawn_onset.txt", "Onset of stick-slip over", DRAWN)) as folder:
-        if folder is not None:
-            write_found(folder, "drawn_onset", found, scene, given.format)
-    show(str(found))
-    if given.out:
-        print(f"\nReport, figure and tables are in {given.out}")
-    return 0
+    found = dataclasses.replace(found, title=scene.title, asked={**found.asked, **asked})
+    return answer(given, "drawn_onset", found, scene, "Onset of stick-slip over", "Report, figure and tables are")
 
 
 def _save(scene: Scene, onsets: Mapping[str, Onset], stems: Mapping[str, str], folder: Path, picture: str) -> None:

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import whole
 from toolbox.commands import figures
 from toolbox.commands.chance import DISTRIBUTIONS, GOES_ON, distributions
-from toolbox.commands.recording import results, write_found
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, plain, ranges, show
+from toolbox.commands.recording import answer
+from toolbox.commands.terminal import common, complaint, pairs, plain, ranges, show
 from toolbox.errors import SceneError, SimulationError
 
 if TYPE_CHECKING:
     from toolbox.calibration.recording import Recording
     from toolbox.modelling.closed_loop import ClosedLoop
+    from toolbox.probability.predictions import Prediction
 
-FILES = ("posterior.txt", "posterior.csv", "posterior.npz", "posterior.png", "scene.toml")
 BANDS = ("bands.csv", "bands.png")
 """What is written beside them where signals are compared: what the draws predict of these."""
 
@@ -116,22 +117,20 @@ def run(given: argparse.Namespace) -> int:
         )
     except SimulationError as error:
         return complaint(str(error), 1)
-    given.found = found = dataclasses.replace(found, title=scene.title)
-    shown = None
+    found = dataclasses.replace(found, title=scene.title)
+    more = None
     if recording is not None:
         signals = {name: 0.0 for name, _ in pairs("--compare", "SIGNAL=DEVIATION", given.compare)}
-        shown = predict(loop, found.drawn, signals, recording=recording, accuracy=given.accuracy, seed=given.seed)
-    names = FILES if shown is None else (*FILES, *BANDS)
-    with results(given, drawn_as(names, given.format), earlier("posterior.txt", "^Posterior of ", (*FILES, *BANDS)), last=False) as folder:
-        if folder is not None:
-            write_found(folder, "posterior", found, scene, given.format)
-            if shown is not None:
-                shown.save(folder / "bands.csv")
-                figures.draw_found(shown, scene.title, folder / f"bands.{given.format}")
-    show(str(found))
-    if given.out:
-        print(f"\nReport, draws and figures are in {given.out}")
-    return 0
+        bands = predict(loop, found.drawn, signals, recording=recording, accuracy=given.accuracy, seed=given.seed)
+        more = functools.partial(_write_bands, bands, scene.title, given.format)
+    told = "Report, draws and figures are"
+    return answer(given, "posterior", found, scene, "^Posterior of ", told, also=BANDS, more=more, last=False)
+
+
+def _write_bands(bands: Prediction, title: str, ending: str, folder: Path) -> None:
+    """Write table and figure of the bands around what was measured."""
+    bands.save(folder / "bands.csv")
+    figures.draw_found(bands, title, folder / f"bands.{ending}")
 
 
 def _compared(given: argparse.Namespace, loop: ClosedLoop) -> tuple[ClosedLoop, dict[str, Any], dict[str, Any], Recording]:

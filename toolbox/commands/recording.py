@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from toolbox.commands import figures
+from toolbox.commands.terminal import drawn_as, earlier, show
 from toolbox.files.atomic import whole_folder
 from toolbox.files.origin import ORIGIN, Origin, hashes, versions
 
@@ -54,13 +55,39 @@ def results(
         Origin(given.line, began.isoformat(timespec="seconds"), seconds, versions(), read, files).write(folder)
 
 
-def write_found(folder: Path, name: str, found: Any, scene: Any, ending: str) -> None:
-    """Write what a command found into its folder, as text, table, data and figure of one name, and the scene."""
-    (folder / f"{name}.txt").write_text(f"{found}\n", encoding="utf-8")
-    found.save(folder / f"{name}.csv")
-    found.save(folder / f"{name}.npz")
-    figures.draw_found(found, scene.title, folder / f"{name}.{ending}")
-    scene.save(folder / "scene.toml")
+def answer(
+    given: argparse.Namespace,
+    name: str,
+    found: Any,
+    scene: Any,
+    mark: str,
+    told: str,
+    *,
+    also: Sequence[str] = (),
+    more: Callable[[Path], object] | None = None,
+    last: bool = True,
+) -> int:
+    """Write what a command found into its folder, as text, table, data and figure of one name, with the scene; print it, and say where it is. Returns 0.
+
+    mark: regular expression of what an earlier report holds;  told: what stands before "in" and the folder;  also: names of files that a call may have
+    beside these, and more: function of the folder that writes them, where this one has them;  last: whether the command has nothing to do after it.
+    """
+    given.found = found
+    files = (*(f"{name}.{ending}" for ending in ("txt", "csv", "npz", "png")), "scene.toml")
+    names = drawn_as((*files, *(also if more else ())), given.format)
+    with results(given, names, earlier(f"{name}.txt", mark, (*files, *also)), last=last) as folder:
+        if folder is not None:
+            (folder / f"{name}.txt").write_text(f"{found}\n", encoding="utf-8")
+            found.save(folder / f"{name}.csv")
+            found.save(folder / f"{name}.npz")
+            figures.draw_found(found, scene.title, folder / f"{name}.{given.format}")
+            scene.save(folder / "scene.toml")
+            if more:
+                more(folder)
+    show(str(found))
+    if given.out:
+        print(f"\n{told} in {given.out}")
+    return 0
 
 
 def untimed(run: Timed) -> Timed:

@@ -8,11 +8,10 @@ from functools import cache
 from typing import Any
 
 from toolbox.arguments import number
-from toolbox.commands.recording import results, write_found
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, plain, show
+from toolbox.commands.recording import answer
+from toolbox.commands.terminal import common, complaint, plain
 from toolbox.errors import SceneError, SimulationError
 
-FILES = ("schedule.txt", "schedule.csv", "schedule.npz", "schedule.png", "scene.toml")
 DRIVE = ("drive.c", "drive.h", "drive_depth.c")
 """The law in C, and its table."""
 
@@ -56,24 +55,9 @@ def run(given: argparse.Namespace) -> int:
         found = schedule(well, given.depths, law, duration, before=before)
     except SimulationError as error:
         return complaint(str(error), 1)
-    given.found = found
-    written = DRIVE if isinstance(law, Sampled) else ()
-    with results(
-        given, drawn_as([*FILES, *written], given.format), earlier("schedule.txt", "^Gains over depth", [*FILES, *DRIVE])
-    ) as folder:
-        if folder is not None:
-            write_found(folder, "schedule", found, scene, given.format)
-            if written:
-                export_schedule(found, well(found.depths[0]), folder / "drive")
-    show(str(found))
-    if given.out:
-        told = (
-            "Report, table, figure and C for the drive are"
-            if written
-            else "There is no C of a continuous law. Report, table and figure are"
-        )
-        print(f"\n{told} in {given.out}")
-    return 0
+    drive = (lambda folder: export_schedule(found, well(found.depths[0]), folder / "drive")) if isinstance(law, Sampled) else None
+    told = "Report, table, figure and C for the drive are" if drive else "There is no C of a continuous law. Report, table and figure are"
+    return answer(given, "schedule", found, scene, "^Gains over depth", told, also=DRIVE, more=drive)
 
 
 def law_of(scene: Any, label: str, must: str = "be one law to be looked at over depth") -> Any:

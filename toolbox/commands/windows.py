@@ -5,13 +5,11 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from toolbox.commands.recording import results, write_found
+from toolbox.commands.recording import answer
 from toolbox.commands.schedule import depths_of_well, law_and_well
 from toolbox.commands.sweep import GOES_ON, shape_of
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, plain, ranges, show
+from toolbox.commands.terminal import common, complaint, plain, ranges
 from toolbox.errors import SimulationError
-
-FILES = ("windows.txt", "windows.csv", "windows.npz", "windows.png", "scene.toml")
 
 
 def add(commands: Any) -> None:
@@ -59,11 +57,5 @@ def run(given: argparse.Namespace) -> int:
         found = windows(well, given.depths, law, over, along=along, shape=shape, out=given.out)
     except SimulationError as error:
         return complaint(str(error), 1)
-    given.found = found
-    with results(given, drawn_as(FILES, given.format), earlier("windows.txt", "^Windows over depth", FILES), last=False) as folder:
-        if folder is not None:
-            write_found(folder, "windows", found, scene, given.format)
-    show(str(found))
-    if given.out:
-        print(f"\nReport, table, data, figure and the maps of all depths are in {given.out}")
-    return 0
+    told = "Report, table, data, figure and the maps of all depths are"
+    return answer(given, "windows", found, scene, "^Windows over depth", told, last=False)

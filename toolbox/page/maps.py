@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
+from toolbox.halving import halved
 from toolbox.messages import at_every_step
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.onsets.map_loop import STICK_SLIP
@@ -98,13 +99,10 @@ def ranges(controls: Mapping[str, Control], names: Sequence[str], loop: ClosedLo
 def _borne(loop: ClosedLoop, name: str, end: float) -> float:
     """The end of a range, or where the machine does not bear it, the value next to it that it bears, to a hundredth of its way from the setting."""
     value = loop.number(name).value
-    low, high = 0.0, 1.0  # parts of the way
     if not math.isfinite(value) or _bears(loop, name, end):
         return end
-    while high - low > 0.01:
-        part = 0.5 * (low + high)
-        low, high = (part, high) if _bears(loop, name, value + part * (end - value)) else (low, part)
-    return value + low * (end - value)
+    part, _ = halved(lambda part: not _bears(loop, name, value + part * (end - value)), 0.0, 1.0, 0.0, 0.01)
+    return value + part * (end - value)
 
 
 def _bears(loop: ClosedLoop, name: str, value: float) -> bool:

@@ -91,6 +91,24 @@ def root():
     return ROOT
 
 
+@pytest.fixture
+def closed_figures():
+    """No figure stays open behind a test."""
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    yield
+    pyplot.close("all")
+
+
+@pytest.fixture
+def empty(tmp_path, monkeypatch):
+    """A machine without any compiled code, kept or shipped, and the folder where it would be."""
+    from toolbox.translation import compiled
+
+    monkeypatch.setenv("STICKSLIP_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(compiled, "SHIPPED", tmp_path / "objects")
+    return tmp_path
+
+
 @pytest.fixture(scope="session", autouse=True)
 def event_loop():
     """The event loop and the reader of measures, compiled once per machine outside the time of any test, and what is said of it."""

@@ -13,6 +13,7 @@ import time
 import numpy as np
 import pytest
 
+from tests.commands.conftest import BELT
 from toolbox.commands import figures, terminal
 from toolbox.commands.command_line import main
 from toolbox.errors import ZenoError
@@ -38,8 +39,6 @@ law = "SoftTorque"
 sample_time = "10 ms"
 """
 
-BELT = 'title = "belt"\nduration = 40\n[[plant]]\npart = "BlockOnBelt"\n[[controllers]]\nlabel = "one"\n[[controllers]]\nlabel = "two"\n'
-
 BELT_FILES = {
     "study.txt",
     "origin.json",
@@ -48,14 +47,6 @@ BELT_FILES = {
     "comparison.png",
     *(f"0{i}_{word}{tail}" for i, word in ((1, "one"), (2, "two")) for tail in (".npz", ".png", "_phase.png")),
 }
-
-
-@pytest.fixture
-def belt(tmp_path):
-    """A scene of two equal runs that take no time."""
-    path = tmp_path / "belt.toml"
-    path.write_text(BELT)
-    return path
 
 
 @pytest.fixture

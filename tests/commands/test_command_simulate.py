@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from tests.commands.test_command_line import one_line
 from toolbox import Scene
 from toolbox.calibration import Recording
 from toolbox.commands import figures
@@ -30,13 +31,6 @@ FILES = {"simulate.txt", "scene.toml", "origin.json", *(stem + tail for stem in 
 
 
 @pytest.fixture
-def belt(tmp_path):
-    path = tmp_path / "belt.toml"
-    path.write_text(BELT)
-    return path
-
-
-@pytest.fixture
 def no_figures(monkeypatch):
     monkeypatch.setattr(figures, "draw_found", lambda found, title, path: path.touch())
 
@@ -45,12 +39,6 @@ def columns(path):
     with path.open(newline="") as file:
         headings, *rows = csv.reader(file)
     return dict(zip(headings, np.array(rows, float).T, strict=True))
-
-
-def one_line(capsys):
-    text = capsys.readouterr().err
-    assert text.endswith("\n") and text.count("\n") == 1, text
-    return text
 
 
 def test_every_case_is_printed_with_its_measured_error_and_nothing_is_written_without_out(belt, tmp_path, capsys):

@@ -7,19 +7,11 @@ import pytest
 from matplotlib.figure import Figure
 
 from models import BlockOnBelt
-from tests.commands.test_command_line import BELT
 from toolbox import Trajectory, compose, simulate
 from toolbox.commands import figures as figures_of_commands
 from toolbox.commands.command_line import main
 
 BEGINNINGS = {"png": b"\x89PNG", "pdf": b"%PDF-", "svg": b"<?xml"}
-
-
-@pytest.fixture
-def belt(tmp_path):
-    path = tmp_path / "belt.toml"
-    path.write_text(BELT)
-    return path
 
 
 def figures(folder):

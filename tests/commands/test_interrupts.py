@@ -13,9 +13,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.commands.conftest import BELT
+
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals")
 
-BELT = 'title = "belt"\nduration = 40\n[[plant]]\npart = "BlockOnBelt"\n[[controllers]]\nlabel = "one"\n[[controllers]]\nlabel = "two"\n'
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])}
 NOTHING = "stickslip: interrupted, and nothing was written."
 

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
@@ -43,12 +38,6 @@ def made(stuck=False):
     borders = {"smooth": lost_border, "sticking": lasts_border}
     return SeverityMap("rig", ("top.reference", "bit.weight"), ("rad/s", "N"), AXES, "bit", "bit.speed", smooth, sticking, np.where(lost, 1.0, -1.0), borders,
                        100.0, 1e-6, 0.125, 200)  # fmt: skip
-
-
-@pytest.fixture
-def closed_figures():
-    yield
-    plt.close("all")
 
 
 def test_outlines_fill_a_region_exactly_up_to_its_border():

@@ -7,7 +7,6 @@ import json
 import math
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 import pytest
 from scipy import optimize
@@ -32,7 +31,6 @@ from toolbox.onsets.borders import Edges, border
 from toolbox.onsets.carried import Job
 from toolbox.onsets.severity_map import SMOOTH, STICK_SLIP, SeverityMap
 
-matplotlib.use("Agg")
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 OVER = {"top.reference": (3.0, 14.0), "bit.weight": (50e3, 110e3)}
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"

@@ -85,18 +85,6 @@ def browser():
         started.close()
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return Scene.load(SCENES / "jansen_2.toml")
-
-
-@pytest.fixture(scope="module")
-def page(scene):
-    served = explore(scene, port=0)
-    yield served
-    served.close()
-
-
 @pytest.fixture
 def tab(browser, page):
     with Tab(browser, page.address) as opened:

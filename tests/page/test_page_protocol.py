@@ -34,18 +34,6 @@ from toolbox.simulation.run import Budget
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return Scene.load(SCENES / "jansen_2.toml")
-
-
-@pytest.fixture(scope="module")
-def page(scene):
-    served = explore(scene, port=0)
-    yield served
-    served.close()
-
-
 def request(page, question, body=None, path=None, **headers):
     """(status, headers, bytes) of one request of a browser that has the address."""
     host = f"127.0.0.1:{page.server.server_address[1]}"

@@ -16,13 +16,6 @@ from toolbox.translation.compiled import Compiled
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture
-def empty(tmp_path, monkeypatch):
-    monkeypatch.setenv("STICKSLIP_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(compiled, "SHIPPED", tmp_path / "objects")
-    return tmp_path
-
-
 def made_anew(loop):
     return Compiled(loop.py_func, *loop.arguments, gives=loop.gives)
 

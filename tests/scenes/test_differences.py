@@ -14,13 +14,6 @@ from toolbox.commands.command_line import main
 RIG = compose(wells.JANSEN_2, BitRock())
 
 
-@pytest.fixture
-def closed_figures():
-    plt = pytest.importorskip("matplotlib.pyplot")
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def runs():
     return {"slow": simulate(RIG, 40.0, controller=PI(reference=6.0)), "fast": simulate(RIG, 30.0, controller=PI(reference=20.0))}

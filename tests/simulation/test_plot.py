@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 
 import matplotlib
-
-matplotlib.use("Agg")
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -23,12 +20,6 @@ from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.simulation.plot import comparison, phase_plane, traces
 
 pytestmark = pytest.mark.usefixtures("closed_figures")
-
-
-@pytest.fixture
-def closed_figures():
-    yield
-    plt.close("all")
 
 
 @pytest.fixture(scope="module")

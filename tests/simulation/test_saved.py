@@ -15,14 +15,6 @@ from toolbox.errors import BudgetError
 from toolbox.simulation import EventExact, Smoothing, saved_run
 from toolbox.simulation.saved_run import interpolated, points
 
-
-@pytest.fixture
-def closed_figures():
-    plt = pytest.importorskip("matplotlib.pyplot")
-    yield
-    plt.close("all")
-
-
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 NUMBERS = {"reference": 8.0, "lowest_torque": 0.0, "highest_torque": 20_000.0}
 RUNS = {

@@ -12,7 +12,9 @@ import pytest
 from scipy.special import j0
 
 from controllers import PI, StiffPI
-from models import BitRock, BlockOnBelt, Coulomb, DiscBrake, TorsionalChain, wells
+from models import BitRock, BlockOnBelt, Coulomb, DiscBrake, wells
+from tests.lanes.test_lanes_sample import CHAIN
+from tests.sweeps.test_sweep import Growth
 from tests.together import together
 from toolbox import Component, DryFriction, Equations, Sampled, closed_loop, compose, measure, quantity, simulate, state, sweep, time
 from toolbox.lanes.lanes import Lanes
@@ -23,10 +25,6 @@ from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes
 from toolbox.sweeps.variants import shared_run, varied_numbers
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
-CHAIN = TorsionalChain(
-    inertia=(900.0, 300.0, 400.0), stiffness=(2000.0, 1200.0), damping=(40.0, 30.0), top_drag=300.0,
-    friction=Coulomb(static=1.0, kinetic=0.8), friction_load=(1500.0, 300.0, 900.0),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -39,17 +37,6 @@ class Oscillator(Component):
     def equations(self, signal):
         x, v = state("mass.position", "m"), state("mass.speed", "m/s")
         return Equations(flow={x: v, v: -(self.frequency**2) * x}, gives={"mass.wave": (ca.cos(self.waves * x), "1")})
-
-
-@dataclass(frozen=True)
-class Growth(Component):
-    """x' = a x^2, so that x = 1/(1/x_0 - a t)."""
-
-    rate: float = quantity(1.0, "1/s", "rate a", at_least=0)
-
-    def equations(self, signal):
-        x = state("growth.size", "1")
-        return Equations(flow={x: self.rate * x**2})
 
 
 @dataclass(frozen=True)

@@ -127,13 +127,6 @@ def arrays(seed=3):
     )  # fmt: skip
 
 
-@pytest.fixture
-def empty(tmp_path, monkeypatch):
-    monkeypatch.setenv("STICKSLIP_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(compiled, "SHIPPED", tmp_path / "objects")
-    return tmp_path
-
-
 @pytest.mark.parametrize(
     ("function", "kinds", "gives"),
     [(arithmetic, "ff", "f"), (divided, "ii", "i"), (extremes, "ff", "f"), (minutely, "f", "i"), (chosen, "ii", "f"), (looped, "ii", "f")],

@@ -318,6 +318,18 @@ def test_a_full_disk_is_one_line_and_nothing_is_written(tmp_path, belt, capsys, 
     assert [path.name for path in tmp_path.iterdir()] == ["belt.toml"]
 
 
+@pytest.mark.parametrize("said", [[], ["--json"], ["--quiet"]], ids=["text", "json", "quiet"])
+def test_a_search_whose_simulation_fails_is_one_line_and_nothing_is_written(said, tmp_path, belt, capsys, monkeypatch):
+    def failing(*arguments):
+        raise ZenoError("Element `belt` switches without end at t = 3 s.")
+
+    monkeypatch.setattr("toolbox.scenes.work_precision.work_precision", failing)
+    assert main(["tradeoff", str(belt), "--out", str(tmp_path / "out"), *said]) == 1
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err) == ("", "stickslip: Element `belt` switches without end at t = 3 s.\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["belt.toml"]
+
+
 def test_a_controller_that_fails_is_recorded_and_does_not_stop_the_others(tmp_path, belt, no_figures, monkeypatch, capsys):
     run = Scene.run
 

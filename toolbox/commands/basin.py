@@ -7,8 +7,7 @@ import dataclasses
 from typing import Any
 
 from toolbox.commands.recording import answer
-from toolbox.commands.terminal import common, complaint, plain, ranges
-from toolbox.errors import SimulationError
+from toolbox.commands.terminal import common, plain, ranges
 
 
 def add(commands: Any) -> None:
@@ -45,8 +44,5 @@ def run(given: argparse.Namespace) -> int:
     scene = Scene.load(given.scene)
     loop = scene[given.controller or scene.labels[0]]
     box = ranges("--box", given.box)
-    try:
-        found = basin(loop, box, given.runs, duration=given.duration, accuracy=given.accuracy, confidence=given.confidence, seed=given.seed)
-    except SimulationError as error:
-        return complaint(str(error), 1)
+    found = basin(loop, box, given.runs, duration=given.duration, accuracy=given.accuracy, confidence=given.confidence, seed=given.seed)
     return answer(given, "basin", dataclasses.replace(found, title=scene.title), scene, "^Basin of ", "Report, table and figure are")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from toolbox.arguments import numbers
 from toolbox.commands.recording import answer
 from toolbox.commands.terminal import common, complaint, pairs, plain, ranges
-from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_in
 
 if TYPE_CHECKING:
@@ -106,20 +106,17 @@ def run(given: argparse.Namespace) -> int:
         over[name] = np.linspace(ends[0], ends[1], count).tolist()
         if unit := asked_in(ends, ""):
             asked[first.number(name).unit] = unit
-    try:
-        found = chance(
-            loops,
-            over,
-            uncertain_of(given),
-            draws=given.draws,
-            duration=given.duration,
-            accuracy=given.accuracy,
-            confidence=given.confidence,
-            seed=given.seed,
-            out=given.out,
-        )
-    except SimulationError as error:
-        return complaint(str(error), 1)
+    found = chance(
+        loops,
+        over,
+        uncertain_of(given),
+        draws=given.draws,
+        duration=given.duration,
+        accuracy=given.accuracy,
+        confidence=given.confidence,
+        seed=given.seed,
+        out=given.out,
+    )
     found = dataclasses.replace(found, title=scene.title, asked={**found.asked, **asked})
     return answer(given, "chance", found, scene, "^Chance of stick-slip: ", "Table, figure and data are", last=False)
 

@@ -46,7 +46,7 @@ from toolbox.commands import (
 )
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.commands.terminal import complaint, printing
-from toolbox.errors import SceneError, UnusualValue
+from toolbox.errors import SceneError, SimulationError, UnusualValue
 from toolbox.files.atomic import check_folder
 from toolbox.files.interrupts import GATE
 from toolbox.files.unit_systems import SYSTEMS, units
@@ -108,6 +108,8 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
             return code
     except SceneError as error:
         return complaint(_by_option(str(error), given), 2)
+    except SimulationError as error:
+        return complaint(str(error), 1)
     except BrokenPipeError:  # whoever read the output has had enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1

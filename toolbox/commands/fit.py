@@ -10,7 +10,7 @@ from typing import Any
 from toolbox.arguments import number, numbers, whole
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, pairs, plain, ranges, show
+from toolbox.commands.terminal import common, drawn_as, earlier, pairs, plain, ranges, show
 from toolbox.errors import SceneError
 
 FIT_FILES = ("fit.txt", "fit.csv", "fit.npz", "fit.png", "scene.toml")
@@ -82,7 +82,6 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.calibration.recording import Recording
     from toolbox.calibration.shifts import is_shift
     from toolbox.calibration.windows import Search, Window
-    from toolbox.errors import SimulationError
     from toolbox.scenes.scene import Scene
 
     scene = Scene.load(given.scene)
@@ -105,18 +104,15 @@ def run(given: argparse.Namespace) -> int:
     )
     recording = recording.shifted(shifts) if shifts else recording
     with results(given, drawn_as(FIT_FILES, given.format), earlier("fit.txt", "\nFit of ", FIT_FILES)) as folder:
-        try:
-            found = fit(
-                loop,
-                recording,
-                list(free),
-                bounds,
-                window=windows or None,
-                contact=given.contact,
-                starts=Search(starts, robust=robust),
-            )
-        except SimulationError as error:
-            return complaint(str(error), 1)
+        found = fit(
+            loop,
+            recording,
+            list(free),
+            bounds,
+            window=windows or None,
+            contact=given.contact,
+            starts=Search(starts, robust=robust),
+        )
         given.found = found
         text = f"{scene.title}\n\n{found}\n\n{recording}\n"
         if folder is not None:

@@ -12,8 +12,8 @@ from toolbox.arguments import whole
 from toolbox.commands import figures
 from toolbox.commands.chance import DISTRIBUTIONS, GOES_ON, distributions
 from toolbox.commands.recording import answer
-from toolbox.commands.terminal import common, complaint, pairs, plain, ranges, show
-from toolbox.errors import SceneError, SimulationError
+from toolbox.commands.terminal import common, pairs, plain, ranges, show
+from toolbox.errors import SceneError
 
 if TYPE_CHECKING:
     from toolbox.calibration.recording import Recording
@@ -103,20 +103,17 @@ def run(given: argparse.Namespace) -> int:
         length = float(recording.time[-1])
     else:
         data, measures, length, recording = distributions("--measured", given.measured), {}, None, None
-    try:
-        found = posterior(
-            loop,
-            data,
-            distributions("--prior", given.prior),
-            length if given.duration is None else plain(given.duration),
-            measures=measures,
-            draws=given.draws,
-            accuracy=given.accuracy,
-            seed=given.seed,
-            out=given.out,
-        )
-    except SimulationError as error:
-        return complaint(str(error), 1)
+    found = posterior(
+        loop,
+        data,
+        distributions("--prior", given.prior),
+        length if given.duration is None else plain(given.duration),
+        measures=measures,
+        draws=given.draws,
+        accuracy=given.accuracy,
+        seed=given.seed,
+        out=given.out,
+    )
     found = dataclasses.replace(found, title=scene.title)
     more = None
     if recording is not None:

@@ -9,8 +9,8 @@ from typing import Any
 
 from toolbox.arguments import number
 from toolbox.commands.recording import answer
-from toolbox.commands.terminal import common, complaint, plain
-from toolbox.errors import SceneError, SimulationError
+from toolbox.commands.terminal import common, plain
+from toolbox.errors import SceneError
 
 DRIVE = ("drive.c", "drive.h", "drive_depth.c")
 """The law in C, and its table."""
@@ -51,10 +51,7 @@ def run(given: argparse.Namespace) -> int:
     scene, law, well = law_and_well(given)
     before = None if given.before is None else law_of(scene, given.before)
     duration = scene.duration if given.duration is None else number("--duration", plain(given.duration), "s", above=0)
-    try:
-        found = schedule(well, given.depths, law, duration, before=before)
-    except SimulationError as error:
-        return complaint(str(error), 1)
+    found = schedule(well, given.depths, law, duration, before=before)
     drive = (lambda folder: export_schedule(found, well(found.depths[0]), folder / "drive")) if isinstance(law, Sampled) else None
     told = "Report, table, figure and C for the drive are" if drive else "There is no C of a continuous law. Report, table and figure are"
     return answer(given, "schedule", found, scene, "^Gains over depth", told, also=DRIVE, more=drive)

@@ -8,7 +8,7 @@ from typing import Any
 
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import common, complaint, drawn_as, earlier, heading, plain, show
+from toolbox.commands.terminal import common, drawn_as, earlier, heading, plain, show
 from toolbox.files.units import parse
 
 TRADE_FILES = ("tradeoff.txt", "tradeoff.png", "tradeoff.csv", "tradeoff.npz", "scene.toml")
@@ -34,7 +34,6 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Measure error against time. Returns the exit code."""
-    from toolbox.errors import SimulationError
     from toolbox.scenes.scene import Scene
     from toolbox.scenes.work_precision import Point, work_precision
 
@@ -42,11 +41,8 @@ def run(given: argparse.Namespace) -> int:
     loop = scene[given.controller or scene.labels[0]]
     left_by = earlier("tradeoff.csv", heading(Point), TRADE_FILES)
     with results(given, drawn_as(TRADE_FILES, given.format), left_by) as folder:
-        try:
-            duration = None if given.duration is None else parse(given.duration, "s", "--duration")
-            found = dataclasses.replace(work_precision(loop, duration), title=f"{scene.title}: {loop.label}")
-        except SimulationError as error:
-            return complaint(str(error), 1)
+        duration = None if given.duration is None else parse(given.duration, "s", "--duration")
+        found = dataclasses.replace(work_precision(loop, duration), title=f"{scene.title}: {loop.label}")
         given.found = found
         if folder is not None:
             (folder / "tradeoff.txt").write_text(f"{found}\n", encoding="utf-8")

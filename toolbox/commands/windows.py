@@ -8,8 +8,7 @@ from typing import Any
 from toolbox.commands.recording import answer
 from toolbox.commands.schedule import depths_of_well, law_and_well
 from toolbox.commands.sweep import GOES_ON, shape_of
-from toolbox.commands.terminal import common, complaint, plain, ranges
-from toolbox.errors import SimulationError
+from toolbox.commands.terminal import common, plain, ranges
 
 
 def add(commands: Any) -> None:
@@ -53,9 +52,6 @@ def run(given: argparse.Namespace) -> int:
     along = None if given.along is None else [plain(value) for value in given.along]
     if given.out:
         folder_of(given.out)
-    try:
-        found = windows(well, given.depths, law, over, along=along, shape=shape, out=given.out)
-    except SimulationError as error:
-        return complaint(str(error), 1)
+    found = windows(well, given.depths, law, over, along=along, shape=shape, out=given.out)
     told = "Report, table, data, figure and the maps of all depths are"
     return answer(given, "windows", found, scene, "^Windows over depth", told, last=False)

@@ -22,6 +22,7 @@ from toolbox import (
     onset,
     severity_map,
     simulate,
+    sweep,
     tune,
     work_precision,
     worst_case,
@@ -57,6 +58,7 @@ from toolbox.robustness.describing import DescribingFunction, describing_functio
 from toolbox.robustness.responses import FrequencyResponse, frequency_response
 from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.steady_states.shapes import ModeShapes, mode_shapes
+from toolbox.sweeps import Sweep
 from toolbox.tuning import Schedule, schedule
 from toolbox.tuning.results import Tuned
 
@@ -71,6 +73,11 @@ def of_onset():
 def of_comparison():
     found = of_onset()
     return Comparison({"PI": found}, {"another": "it failed"})
+
+
+def of_sweep():
+    found = sweep(BELT, {"block.mass": [0.5, 1.0], "belt.friction.decay": [2.0, 3.0]}, 20.0, measures=("severity", "stuck"))
+    return dataclasses.replace(found, seconds=0.0)  # files do not hold it
 
 
 def of_severity_map():
@@ -183,7 +190,7 @@ def of_basin():
 
 
 MADE = {
-    Onset: of_onset, SeverityMap: of_severity_map,
+    Sweep: of_sweep, Onset: of_onset, SeverityMap: of_severity_map,
     Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, LowestSetPoints: of_lowest_set_point,
     SmallestError: of_smallest_error, WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit, Chance: of_chance, Posterior: of_posterior,
     Schedule: of_schedule, Windows: of_windows, Estimates: of_estimate, Basin: of_basin,
@@ -274,6 +281,14 @@ def test_what_belongs_to_the_machine_is_asked_for(tmp_path):
         with pytest.raises(SceneError, match=r"loop.at\(name, fit\[name\]\)"):
             getattr(read, name)
     assert read["block.stiffness"] == fitted["block.stiffness"]
+
+
+def test_arrays_in_a_file_are_named_by_where_they_stand(tmp_path):
+    found, swept = of_severity_map(), of_sweep()
+    with np.load(found.save(tmp_path / "map.npz")) as data:
+        assert same(data["array.sticking.severity"], found.sticking.severity) and same(data["array.axes.1"], found.axes[1])
+    with np.load(swept.save(tmp_path / "sweep.npz")) as data:
+        assert same(data["array.measures.severity"], swept["severity"]) and same(data["array.points"], swept.points)
 
 
 def test_a_function_of_the_users_own_is_refused(tmp_path):

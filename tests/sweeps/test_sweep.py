@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import errno
+import json
 import math
 import os
 import re
@@ -339,8 +340,27 @@ def test_what_is_saved_comes_back(tmp_path):
     assert data["bit.weight"].attrs["units"] == "N"
     assert float(data["severity"].sel({"bit.weight": 97e3, "pi.reference": 12.0})) == found["severity"][1, 2]
     (tmp_path / "text.npz").write_text("nothing")
-    with pytest.raises(SceneError, match="File `.*text.npz` must be a sweep written by `Sweep.save`"):
+    with pytest.raises(SceneError, match="File `.*text.npz` must be a file written by `Sweep.save`"):
         Sweep.load(tmp_path / "text.npz")
+
+
+@pytest.mark.parametrize("grid", [True, False])
+def test_a_file_of_an_earlier_version_comes_back(grid, tmp_path):
+    masses = {"block.mass": [1.0, 2.0]} if grid else [{"block.mass": 1.0}, {"block.mass": 2.0}]
+    found = dataclasses.replace(sweep(compose(BlockOnBelt()), masses, duration=5.0), seconds=0.0, errors={1: "it failed"})
+    told = {name: getattr(found, name) for name in ("title", "names", "units", "measure_units", "duration", "accuracy")}
+    told |= {"grid": grid, "errors": {"1": "it failed"}}
+    arrays = {"points": found.points} | {f"axis.{name}": axis for name, axis in zip(found.names, found.axes, strict=False)}
+    arrays |= {f"measure.{name}": values for name, values in found.measures.items()}
+    np.savez_compressed(tmp_path / "sweep.npz", sweep=np.array(json.dumps(told)), **arrays)
+    back = Sweep.load(tmp_path / "sweep.npz")
+    assert str(back) == str(dataclasses.replace(found, asked={})) and back.shape == found.shape and back.errors == found.errors
+    for name in found.measures:
+        np.testing.assert_array_equal(back[name], found[name])
+    told["errors"] = {"2": "it failed"}
+    np.savez_compressed(tmp_path / "sweep.npz", sweep=np.array(json.dumps(told)), **arrays)
+    with pytest.raises(SceneError, match="sweep.npz` must be .*: it has an error of a run that it does not have"):
+        Sweep.load(tmp_path / "sweep.npz")
 
 
 KILLED = """

@@ -130,24 +130,25 @@ def as_data(value: Any) -> Any:
     return value if value is None or isinstance(value, bool | int | str) else getattr(value, "__qualname__", None) or str(value)
 
 
-def written(value: Any, arrays: dict[str, np.ndarray]) -> Any:
-    """A value for JSON; its arrays are added under names of their own."""
+def written(value: Any, arrays: dict[str, np.ndarray], name: str = "array") -> Any:
+    """A value for JSON; its arrays are added under names that tell where they stand, such as `array.smooth.severity`."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, np.ndarray):
-        name = f"array.{len(arrays)}"
         arrays[name] = value
         return name
     if isinstance(value, complex):
         return [value.real, value.imag]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {
-            each.name: written(getattr(value, each.name), arrays) for each in dataclasses.fields(value) if each.metadata.get("saved", True)
+            each.name: written(getattr(value, each.name), arrays, f"{name}.{each.name}")
+            for each in dataclasses.fields(value)
+            if each.metadata.get("saved", True)
         }
     if isinstance(value, Mapping):
-        return [[written(key, arrays), written(each, arrays)] for key, each in value.items()]
+        return [[written(key, arrays), written(each, arrays, f"{name}.{key}")] for key, each in value.items()]
     if isinstance(value, tuple | list):
-        return [written(each, arrays) for each in value]
+        return [written(each, arrays, f"{name}.{i}") for i, each in enumerate(value)]
     if callable(value):
         name = f"{value.__module__}.{value.__qualname__}"
         if FUNCTIONS.get(name) is not value:

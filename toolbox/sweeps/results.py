@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Mapping
@@ -13,10 +14,9 @@ import numpy as np
 
 from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError, suggest
-from toolbox.files import tables
-from toolbox.files.archives import Shape, arrays, check_notes, check_shapes, understood
-from toolbox.files.atomic import replaced
+from toolbox.files.archives import Shape, check_notes, check_shapes, understood
 from toolbox.files.printing import Rows, Told
+from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import reading
 from toolbox.sweeps import store
 
@@ -25,7 +25,7 @@ _LEFT = (0, 3, 5)
 
 
 @dataclass(frozen=True)
-class Sweep(Told):
+class Sweep(Told, Result):
     """Result of a sweep: `found["severity"]` is an array of its shape, nan where a run failed.
 
     Attributes
@@ -136,47 +136,45 @@ class Sweep(Told):
     def save(self, path: str | Path) -> Path:
         """Write to `path`, whole or not at all: a zarr store where it ends with .zarr (see `toolbox.sweeps.store`), a table for .csv, else npz without pickle.
 
-        Keys of the npz: `sweep` (JSON: names, units, errors), `points`, `axis.<name>` for a grid, and one array per measure. A table has one row per run
-        in SI units with its error, and is for other programs: `load` does not read it.
+        A table has one row per run in SI units with its error, and is for other programs: `load` does not read it.
         """
-        path = Path(path)
-        if path.suffix == ".csv":
-            self._write_table(path)
-            return path
-        if path.suffix == ".zarr":
-            store.saved(self, path)
-            return path
-        notes = {
-            "title": self.title, "names": self.names, "units": self.units, "measure_units": self.measure_units, "grid": bool(self.axes),
-            "errors": {str(i): text for i, text in self.errors.items()}, "duration": self.duration, "accuracy": self.accuracy,
-            "asked": self.asked,
-        }  # fmt: skip
-        written: dict[str, np.ndarray] = {"sweep": np.array(json.dumps(notes)), "points": self.points}
-        written |= {f"axis.{name}": axis for name, axis in zip(self.names, self.axes, strict=False)}
-        written |= {f"measure.{name}": values for name, values in self.measures.items()}
-        with replaced(path) as file:
-            np.savez_compressed(file, **written)  # type: ignore[arg-type]
-        return path
+        if Path(path).suffix == ".zarr":
+            store.saved(self, Path(path))
+            return Path(path)
+        return super(Sweep, dataclasses.replace(self, seconds=0.0)).save(path)
 
-    def _write_table(self, path: Path) -> None:
+    def _table(self) -> HeadedRows:
+        """One row per run: what was varied, what was measured, and why it failed."""
         units = [*self.units, *self.measure_units.values()]
         headings = [*(f"{name} [{unit}]" for name, unit in zip((*self.names, *self.measures), units, strict=True)), "error"]
         columns = [*self.points.T, *(values.ravel() for values in self.measures.values())]
-        tables.write(path, headings, ([*map(float, row), self.errors.get(i, "")] for i, row in enumerate(zip(*columns, strict=True))))
+        return headings, [[*map(float, row), self.errors.get(i, "")] for i, row in enumerate(zip(*columns, strict=True))]
 
-    @staticmethod
-    def load(path: str | Path) -> Sweep:
+    @classmethod
+    def load(cls, path: str | Path) -> Sweep:
         """Read what `save` wrote, or what a finished sweep left with `out=`.
 
         Raises SceneError for anything else, and for a sweep that is not finished.
         """
-        path, what = Path(path), "a sweep written by `Sweep.save`"
-        with understood(path, what):
-            found = Sweep(**(store.loaded(path) if path.is_dir() else _fields(arrays(path, what))))
-            found._check()
+        path = Path(path)
+        if not path.is_dir():
+            return super().load(path)
+        with understood(path, "a sweep written by `Sweep.save`"):
+            found = cls(**store.loaded(path))
+            found.check_loaded()
             return found
 
-    def _check(self) -> None:
+    @classmethod
+    def _earlier(cls, found: Mapping[str, np.ndarray]) -> Mapping[str, Any]:
+        notes = json.loads(str(found["sweep"]))
+        axes = [f"axis.{name}" for name in notes["names"]] if notes.pop("grid") else []
+        shape = [found[axis].size for axis in axes] or [len(found["points"])]
+        pairs = {name: [*notes.get(name, {}).items()] for name in ("measure_units", "asked")}
+        measures = [[name, f"measure.{name}"] for name in notes["measure_units"]]
+        errors = [[int(i), text] for i, text in notes["errors"].items()]
+        return {**notes, **pairs, "points": "points", "axes": axes, "shape": shape, "measures": measures, "errors": errors}
+
+    def check_loaded(self) -> None:
         """Raise ValueError or TypeError where what was read does not fit together."""
         kinds = {"title": "text", "names": "texts", "units": "texts", "measure_units": "by name", "asked": "by name"}
         check_notes(self, {**kinds, **dict.fromkeys(("duration", "accuracy", "seconds"), "number")})
@@ -193,15 +191,3 @@ class Sweep(Told):
             raise ValueError("its arrays do not fit to one another")
         if not all(0 <= index < self.runs and isinstance(text, str) for index, text in self.errors.items()):
             raise ValueError("it has an error of a run that it does not have")
-
-
-def _fields(data: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """The arguments of a sweep from the arrays of its file."""
-    notes = json.loads(str(data["sweep"]))
-    axes = tuple(data[f"axis.{name}"] for name in notes["names"]) if notes["grid"] else ()
-    return {
-        "title": notes["title"], "names": tuple(notes["names"]), "units": tuple(notes["units"]), "points": data["points"], "axes": axes,
-        "shape": tuple(axis.size for axis in axes) or (len(data["points"]),), "measures": {name: data[f"measure.{name}"] for name in
-        notes["measure_units"]}, "measure_units": notes["measure_units"], "errors": {int(i): text for i, text in notes["errors"].items()},
-        "duration": notes["duration"], "accuracy": notes["accuracy"], "asked": notes.get("asked", {}),
-    }  # fmt: skip

@@ -116,15 +116,16 @@ def onset_panels(onsets: Mapping[str, Any]) -> Any:
         _, axes = plt.subplots(
             len(onsets), 1, sharex=True, sharey=True, squeeze=False, figsize=(WIDTH, 0.9 + 1.7 * len(onsets)), layout="constrained"
         )
-        panels = axes[:, 0]
+        panels, shown = axes[:, 0], dict[str, Any]()
         for i, (ax, (label, found)) in enumerate(zip(panels, onsets.items(), strict=True)):
             onset_diagram(found, ax=ax)
             legend = ax.get_legend()
-            if i:
-                legend.remove()
-            ax.text(0.99, 0.94, label, transform=ax.transAxes, ha="right", va="top", fontsize=9.0)
+            shown.update(zip((text.get_text() for text in legend.get_texts()), legend.legend_handles, strict=True))
+            legend.remove()
+            ax.set_title(label, loc="left", fontsize=9.0)  # inside it would hide a branch that ends there
             if i < len(onsets) - 1:
                 ax.set_xlabel("")
+        panels[0].figure.legend([*shown.values()], [*shown], loc="outside lower center", ncols=3, frameon=False)
     return panels
 
 

@@ -425,7 +425,7 @@ def test_natural_frequencies_and_damping_ratios_are_those_of_the_poles(page, sce
     assert answered["spectrum"]["tone"] == pytest.approx(1.0 / answered["period"], rel=0.01)
     found = dict(answered["measures"])
     seen = measure.extent(scene.run("stiff PI"), "bit.speed", scene.after)
-    assert found["bit.speed"] == " to ".join(f"{value * 30 / math.pi:.3g}" for value in (seen.minimum, seen.maximum)) + " rpm"
+    assert found["bit.speed"] == " to ".join(f"{value * 30 / math.pi:z.3g}" for value in (seen.minimum, seen.maximum)) + " rpm"
 
 
 def test_a_brake_that_is_held_at_a_speed_has_a_map_of_its_groan(monkeypatch):

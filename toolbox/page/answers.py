@@ -293,7 +293,7 @@ def _swing(loop: ClosedLoop, run: Trajectory, asked: Mapping[str, str]) -> list[
         return []
     seen = extent(run, loop.signal, loop.after or 0.0)
     factor, unit = reading_of(run.unit(loop.signal), max(abs(seen.minimum), abs(seen.maximum)), asked)
-    return [loop.signal, f"{seen.minimum * factor:.3g} to {seen.maximum * factor:.3g} {unit}"]
+    return [loop.signal, f"{seen.minimum * factor:z.3g} to {seen.maximum * factor:z.3g} {unit}"]
 
 
 # ------------------------------------------------------------------------------------------------------------------------- what may follow

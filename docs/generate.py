@@ -250,7 +250,8 @@ under 97.3 kN; laws see the top speed alone, are sampled every 10 ms, and their 
 - Disk margin: at the direct set-point of the declared machine / at that of the robust group, of its worst machine; `-` for a law without a slope.
 - Recovery: time with the top 10 % above what is asked, and highest speed of the bit in parts of it, on the declared machine, taken over directly.
 - Tuned with: points that a search of the gains tried (`python -m studies drives --tune FAMILY --runs N`).
-- Predictive laws cost hundreds of times as much, and their rows say what they were judged by; the others: all phases and seeds, and half an hour.
+- Predictive laws cost hundreds of times as much, and their rows say what they were judged by, the weight by one course of each kind; the
+  others: all phases and seeds, and half an hour.
 - The row of the dithered weight is one for a hoist that no rig has ([below](#dither-of-the-weight)).
 
 """
@@ -329,8 +330,8 @@ with the least of 6.8 rad/s; 6.4 lets the bit be let go once more at 3.6 rad/s, 
 
 Does a lift ever cost set-points? The laws inside of `LQG, between`, `LQG, tuned`, `Z-torque, tuned` and `impedance, tuned`, alone and with the same gains,
 were tried 0.2 rad/s below what their lifting row holds, on all six groups, taken over directly and raised. In 47 of the 48 cells some run fails within the
-judged window; in one (`LQG, tuned`, other rocks, raised, 6.0 rad/s) smooth running is unstable, so that it does not last, with the lift or without. So no row
-is worse than the law inside of it by more than 0.1 rad/s on any group. `python -m studies recovery --inside GROUP ...` finds the borders of both.
+judged window; in one (`LQG, tuned`, other rocks, raised, 6.0 rad/s) smooth running is unstable, so that it does not last, with the lift or without. So none
+of these rows is worse than the law inside of it by more than 0.1 rad/s on any group. `python -m studies recovery --inside GROUP ...` finds the borders of both.
 
 ## Below what a law holds
 

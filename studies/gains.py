@@ -51,6 +51,7 @@ from controllers.dither import declared_load
 from controllers.observers import Kalman
 from studies.protocol import CORNERS, DELAY, GROUPS, LIMITS, NOISE, SINGLES, trial
 from toolbox import Controller, Quantity, SceneError, SimulationError, Update, quantity
+from toolbox.files.atomic import replaced
 from toolbox.files.journal import Journal
 from toolbox.modelling import OptionalQuantity
 from toolbox.robustness.groups import Group, Machine
@@ -374,7 +375,8 @@ def store(label: str, found: Found, path: Path = STORE) -> None:
         "processor seconds": None if math.isnan(found.seconds) else round(found.seconds),
         "front": [{**numbers, "failures": each.rigs, "failures under weight": each.weights, "margin": round(each.margin, 4)} for numbers, each in found.front],
     }  # fmt: skip
-    path.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+    with replaced(path) as file:  # whole at every instant: processes that search other families read it
+        file.write((json.dumps(rows, indent=2) + "\n").encode())
 
 
 def stored(label: str, path: Path = STORE) -> dict[str, float]:

@@ -305,7 +305,7 @@ def picture(rows: Mapping[str, Mapping[str, float]], path: Path, shown: Sequence
         some = any(lowest[name] != lowest[name] for lowest in rows.values() for name in marks if name in lowest)
         if some:
             left.axvspan(HIGHEST + 0.5, HIGHEST + 3.1, facecolor=plot.BAND, linewidth=0, zorder=0)
-            left.text(HIGHEST + 1.8, -1.3, f"none up to\n{HIGHEST * 30 / math.pi:.0f} rpm", ha="center", va="bottom", fontsize=8.0)
+            left.text(HIGHEST + 1.8, -1.3, f"not even at\n{HIGHEST * 30 / math.pi:.0f} rpm", ha="center", va="bottom", fontsize=8.0)
         for name, style in marks.items():
             left.plot([], [], linestyle="", label=name, **style)
         left.set(

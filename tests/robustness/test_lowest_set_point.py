@@ -180,11 +180,11 @@ def test_the_command_writes_the_table_and_goes_on_where_it_was(tmp_path, capsys)
     assert capsys.readouterr() == ("", "")
 
 
-def test_a_table_leaves_out_what_no_law_does_and_says_up_to_where_none_was_found(found):
+def test_a_table_leaves_out_what_no_law_does_and_says_where_it_was_tried_if_none_was_found(found):
     result, _, _ = found
     assert "lifts" not in str(result) and any("lifts" in head for head in result.rows[0])
     none = dataclasses.replace(result, entries={("SoftTorque", "declared", "direct"): Held(np.nan, "stuck")})
-    assert str(none).splitlines()[-1].split("direct")[1].split() == ["none", "up", "to", "110", "rpm:", "stuck"]
+    assert str(none).splitlines()[-1].split("direct")[1].split() == ["none", "at", "110", "rpm:", "stuck"]
     ax = none.plot()  # the mark of what has none stands beside the axes, below a word that says so
     assert [text.get_text() for text in ax.texts] == ["none"] and ax.lines[0].get_xdata()[0] > ax.get_xlim()[1]
     assert not result.plot().texts

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import concurrent.futures
+import csv
 import json
 from dataclasses import replace
 
@@ -11,6 +13,7 @@ import pytest
 from controllers import PI, LinearMPC
 from studies import gains
 from studies.protocol import CORNERS, GROUPS, LIMITS, PLANT, SINGLES, rock_torques, trial
+from studies.questions import drives
 from studies.questions.drives import BETWEEN, Row, best, flat, judged_rows, laws, picture, published, row, step_time, table
 from toolbox.modelling.laws import designed
 from toolbox.robustness.groups import Group, Machine
@@ -183,10 +186,21 @@ def test_the_picture_has_the_best_row_of_each_kind_of_law_with_a_lift_and_withou
     assert list(best(rows)) == ["PI", "LQG, tuned", "LQG, between, lifting", "linear MPC"]
 
 
-def test_the_cells_of_the_docs_are_read_with_none_for_what_was_not_found_and_without_what_was_not_judged():
+def test_the_cells_of_the_docs_are_read_with_none_for_what_was_not_found_and_without_what_was_not_judged(tmp_path, monkeypatch):
     cells = published()
     assert np.isnan(cells["sliding mode"]["robust", "direct"]) and cells["soft torque"]["declared", "direct"] > 7.0
-    assert ("weight", "direct") not in cells["nonlinear MPC"]
+    with drives.TABLE.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    with (tmp_path / "drives.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows({**row, "weight direct": ""} for row in rows)
+    monkeypatch.setattr(drives, "TABLE", tmp_path / "drives.csv")
+    left = published()
+    assert ("weight", "direct") not in left["soft torque"] and {
+        **left["soft torque"],
+        ("weight", "direct"): cells["soft torque"]["weight", "direct"],
+    } == cells["soft torque"]
 
 
 @pytest.mark.slow
@@ -209,6 +223,12 @@ def test_gains_are_stored_with_the_command_that_found_them_and_their_front(tmp_p
     ]
     gains.store("LQG", gains.Found(*points[0], points, {"top_size": 5.0}, 1, 3.0), path)
     assert gains.stored("LQG", path) == {"top_size": 2.0}
+    stored = gains.Found(*points[0], points, {"top_size": 5.0}, 1, 3.0)
+    with concurrent.futures.ThreadPoolExecutor(1) as other:  # searches of other families read it at any instant
+        writing = other.submit(lambda: [gains.store("LQG", stored, path) for _ in range(200)])
+        while not writing.done():
+            assert gains.begun("LQG", path) == {"top_size": 2.0}
+        writing.result()
     assert [each["top_size"] for each in json.loads(path.read_text())["LQG"]["front"]] == [2.0, 3.0]
     impedance = gains.FAMILIES["impedance"]
     stiff = {"proportional": 4000.0, "integral": 300.0}

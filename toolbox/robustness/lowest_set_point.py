@@ -254,8 +254,8 @@ class LowestSetPoints(Result):
                 shown(each.torque * torque.factor, ".3g"), shown(each.lifts, ".0f"), shown(each.again, ".0f"),
                 shown(100.0 * each.relief, ".1f", " %"), told_growth(each.growth),
             ]  # fmt: skip
-            up_to = f"up to {self.between[1] * speed.factor:.3g} {speed.unit}: " if math.isnan(each.speed) else ""
-            lines.append((*key, *said, up_to + each.why))
+            at_top = f"at {self.between[1] * speed.factor:.3g} {speed.unit}: " if math.isnan(each.speed) else ""
+            lines.append((*key, *said, at_top + each.why))
         return lines
 
     def __str__(self) -> str:
@@ -343,7 +343,7 @@ def lowest_set_point(
     ways
         `direct`, `raised` or both.
     between, step
-        Range of set-points that is searched [rad/s], and the distance of its grid.
+        Range of set-points that is searched [rad/s], and the distance of its grid. Where the highest does not hold there is none, and lower ones are not tried.
     later
         By how much commands come later on one of the robust machines [s].
     lasts

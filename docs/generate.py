@@ -393,12 +393,13 @@ With the travel of the wave nothing is left of its lead over `LQG, between, lift
   brings a fifth to a third, taken over directly. The implicit one answers the noise of the measured speed with a torque that ripples by 6 %, where at most 5
   % count as smooth.
 - *Super-twisting* (Levant) is a continuous sliding mode with the same want; on the error of an impedance, with gains that are searched, it holds robust
-  rigs too.
+  rigs too. Lifted it is the lowest law of the torque on the robust rigs and the corners, at 3.4 and 3.7 rad/s. Its slope at zero has no end, so that no disk
+  margin is told; its half hours are run, not read from a matrix.
 - *H-infinity* (Doyle, Glover, Khargonekar and Francis) makes the worst amplification of disturbances and noise small: good on the declared rig, but three
   errors at once take it to more than twice its set-point.
 - *LQG* (Kalman's filter and feedback of its states) reaches lowest of the laws that neither plan nor lift on the declared rig, and keeps next to no margin
   there.
-- *Lifting* (drillers' practice of more speed against stick-slip) makes every law inside it robust, at the price above.
+- *Lifting* (drillers' practice of more speed against stick-slip) makes nearly every law inside it robust, at the price above; H-infinity gains least.
 - *Linear predictive control* (Rawlings, Mayne and Diehl) plans 4 s on a linear string: low on the declared rig, and about where H-infinity is on others.
 - *Nonlinear predictive control* (Diehl, Bock and Schlöder) plans through stick and slip, and reaches lowest of all laws of the torque on the declared rig
   where the set-point is raised, judged for 80 s only. Under a weight that varies nothing holds that was tried: at 6 rad/s it sticks under the noise of 5 %,

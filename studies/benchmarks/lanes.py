@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ import numpy as np
 from controllers import IdealSlidingMode, SlidingMode, SoftTorque
 from models import BitRock, BlocksOnBelt, DiscBrake, SquealingPad, wells
 from studies.benchmarks.cases import DRIVE, cases
+from studies.command_line import parser_of
 from studies.questions.maps import string_map
 from studies.timing import timed
 from toolbox import Controller, HybridSystem, Sampled, closed_loop, compose
@@ -292,14 +292,17 @@ def map_row(shape: tuple[int, int] = (50, 50)) -> str:
 
 def main() -> None:
     """Print the table."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
+    parser = parser_of(__doc__)
+    parser.add_argument("count", nargs="?", type=int, default=10_000, help="scenarios of a machine (10000)")
+    parser.add_argument("words", nargs="*", help="only machines in whose title one of these stands")
+    given = parser.parse_args()
+    count, words = given.count, given.words
     print(f"{'':<30}{'nothing measured':^43}{'switches':^36}{'error, 99 %':^20}{'swept':^36}")
     print(
         f"{'':<30}{'alone':>9}{'DOP853':>9}{'Taylor':>9}{'over it':>8}{'ratio':>8}{'a run':>9}{'same':>15}{'apart':>10}"
         f"{'DOP853':>10}{'Taylor':>9}{'alone':>10}{'DOP853':>9}{'Taylor':>9}{'ratio':>8}"
     )
     print(f"{'':<30}{'[us]':>9}{'[us]':>9}{'[us]':>9}{'':>16}{'':>24}{'[s]':>10}{'':>19}{'[us]':>10}{'[us]':>9}{'[us]':>9}")
-    words = sys.argv[2:]
     for title, (run, spread, part) in plants().items():
         if not words or any(word in title for word in words):
             print(row(title, run, spread, count // part), flush=True)

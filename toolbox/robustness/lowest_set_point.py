@@ -293,12 +293,12 @@ class LowestSetPoints(Result):
         return dataclasses.replace(self, entries={**self.entries, **other.entries})
 
 
-def chosen_groups(trial: Trial, groups: Sequence[str | Group], later: float = 0.03, margin: float | None = None) -> list[Group]:
+def chosen_groups(trial: Trial, groups: Sequence[str | Group], margin: float | None = None) -> list[Group]:
     """The groups of a trial by their names, with the noise of its loop; those that its machine does not have are left out, groups of one's own stay.
 
-    later: by how much commands come later on one of the robust machines [s].  margin: disk margin that their borders have to leave.
+    margin: disk margin that their borders have to leave.
     """
-    every = machine_groups(trial.loop, dict(trial.clock.noise).get("top.speed", 0.01), later)
+    every = machine_groups(trial.loop, dict(trial.clock.noise).get("top.speed", 0.01))
     chosen = []
     for each in groups:
         if isinstance(each, str) and each not in NAMES:
@@ -316,7 +316,6 @@ def lowest_set_point(
     ways: Sequence[str] = WAYS,
     between: tuple[NumberOrText, NumberOrText] = (1.5, 14.0),
     step: NumberOrText = 0.1,
-    later: NumberOrText = 0.03,
     lasts: bool = True,
     known: str | Path | None = None,
     say: Callable[[str], None] | None = None,
@@ -339,13 +338,12 @@ def lowest_set_point(
         Names of groups, or groups of your own: `declared` (without noise), `real` (weight + 10 %, 20 seeds of noise), `robust` (one error of 10 and 20 % at a
         time, and late commands), `corners` (three errors at once), `rocks` (half the decay of the friction with speed), `weight` (noise of 2 and 5 %, a sine of
         5 % at 0.17 Hz, a heave of 10 % at 0.1 Hz, ten courses of each). The noise is that of the loop on `top.speed`, or 0.01 rad/s.
-        `rocks` is left out for another friction law.
+        `rocks` is left out for another friction law. Commands come 30 ms later on one of the robust machines; `machine_groups(loop, late=...)` of
+        `toolbox.robustness` gives the groups with another delay.
     ways
         `direct`, `raised` or both.
     between, step
         Range of set-points that is searched [rad/s], and the distance of its grid. Where the highest does not hold there is none, and lower ones are not tried.
-    later
-        By how much commands come later on one of the robust machines [s].
     lasts
         Whether a border is confirmed for half an hour.
     known
@@ -376,7 +374,7 @@ def lowest_set_point(
     low, high = checked_range(typed, "between", "rad/s")
     asked = {"rad/s": asked_in(typed, "rad/s")}
     grid = number("step", step, "rad/s", above=0)
-    chosen = chosen_groups(trial, groups, number("later", later, "s", at_least=0))
+    chosen = chosen_groups(trial, groups)
     for way in ways:
         if way not in WAYS:
             raise SceneError(f"There is no way `{way}` of taking over: {suggest(way, WAYS)}")

@@ -13,10 +13,10 @@ import pytest
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, Drop, HystereticBitRock, TorsionalChain, TwoDisks, wells
 from studies.benchmarks.cases import cases
+from tests.fading_brake import FadingBrake
 from tests.together import together
 from toolbox import (
     Component,
-    DryFriction,
     Equations,
     Sampled,
     SceneError,
@@ -26,7 +26,6 @@ from toolbox import (
     quantity,
     simulate,
     state,
-    time,
 )
 from toolbox.compilation import taylor
 from toolbox.compilation.work_layout import INCONSISTENT, NO_SERIES, UNDERFLOW
@@ -189,23 +188,11 @@ def test_a_guard_that_only_comes_near_zero_needs_no_step_of_the_scalar_loop_wher
     np.testing.assert_allclose(found.event_times, usual.event_times, atol=1e-9)
 
 
-@dataclass(frozen=True)
-class Fading(Component):
-    """A mass under a force of 1 N, held by friction whose bound is 2 cos(w t)."""
-
-    frequency: float = quantity(0.3, "rad/s", at_least=0)
-
-    def equations(self, signal):
-        v = state("mass.speed", "m/s")
-        brake = DryFriction("brake", v, Coulomb(static=1.0, kinetic=1.0), load=2.0 * ca.cos(self.frequency * time))
-        return Equations(flow={v: 1.0 + brake.force}, elements=[brake])
-
-
 @METHODS
 def test_the_instant_of_a_release_is_as_near_to_the_closed_form_as_the_accuracy_asks(method):
     frequency = np.linspace(0.36, 0.5, 33)
     for accuracy, most in ((1e-6, 1e-10), (1e-9, 1e-12)):
-        found = batch(compose(Fading()), 3.0, {"mass.frequency": frequency}, 33, most_events=4, method=method, accuracy=accuracy)
+        found = batch(compose(FadingBrake()), 3.0, {"mass.frequency": frequency}, 33, most_events=4, method=method, accuracy=accuracy)
         # the bound is met where 2 cos(w t) = 1; it is looked for to 1e-5 of the accuracy
         np.testing.assert_allclose(found.event_times[:, 0], math.pi / (3 * frequency), rtol=most)
 

@@ -12,11 +12,12 @@ import pytest
 from scipy.special import j0
 
 from controllers import PI, StiffPI
-from models import BitRock, BlockOnBelt, Coulomb, DiscBrake, wells
+from models import BitRock, BlockOnBelt, DiscBrake, wells
+from tests.fading_brake import FadingBrake
 from tests.lanes.test_lanes_sample import CHAIN
 from tests.sweeps.test_sweep import Growth
 from tests.together import together
-from toolbox import Component, DryFriction, Equations, Sampled, closed_loop, compose, measure, quantity, simulate, state, sweep, time
+from toolbox import Component, Equations, Sampled, closed_loop, compose, measure, quantity, simulate, state, sweep
 from toolbox.lanes.lanes import Lanes
 from toolbox.measuring import measures
 from toolbox.modelling.inputs import sine
@@ -37,18 +38,6 @@ class Oscillator(Component):
     def equations(self, signal):
         x, v = state("mass.position", "m"), state("mass.speed", "m/s")
         return Equations(flow={x: v, v: -(self.frequency**2) * x}, gives={"mass.wave": (ca.cos(self.waves * x), "1")})
-
-
-@dataclass(frozen=True)
-class FadingBrake(Component):
-    """A mass under a force of 1 N and friction whose bound is 2 cos(w t): negative from the time pi/(2 w) on."""
-
-    frequency: float = quantity(1.0, "rad/s", at_least=0)
-
-    def equations(self, signal):
-        v = state("mass.speed", "m/s")
-        brake = DryFriction("brake", v, Coulomb(static=1.0, kinetic=1.0), load=2.0 * ca.cos(self.frequency * time))
-        return Equations(flow={v: 1.0 + brake.force}, elements=[brake])
 
 
 TORQUE = ([0.0, 9.0, 9.0, 20.0], [0.0, 12e3, 9e3, 14e3])

@@ -192,30 +192,22 @@ def _driving(part: Any, row: np.ndarray, first: int, places: Sequence[int], rows
     free, known = [place - first for place in places], row[first : first + symbols.numel()]
     fixed = [i for i in range(symbols.numel()) if i not in free]
     found = np.zeros(len(rows), bool)
-    for law, mine in _friction_laws(whole, slots):
-        if any(i in free for i in mine):
+    owners = [slot.owner for slot in slots for _ in range(slot.size or 1)]
+    for law in _friction_laws(whole):
+        if any(owners[i] is law for i in free):
             numbers = np.empty((len(rows), symbols.numel()))
             numbers[:, fixed], numbers[:, free] = known[fixed], rows
             found |= not_opposing(law, symbols, numbers)
     return found
 
 
-def _friction_laws(node: Any, slots: Sequence[Slot]) -> Iterator[tuple[FrictionLaw, list[int]]]:
-    """The friction laws in a part whose numbers are symbols, each with the places of its numbers among those of the part."""
+def _friction_laws(node: Any) -> Iterator[FrictionLaw]:
+    """The friction laws in a part."""
     if isinstance(node, FrictionLaw):
-        sizes = [slot.size or 1 for slot in slots]
-        yield (
-            node,
-            [
-                i
-                for slot, end, size in zip(slots, np.cumsum(sizes), sizes, strict=True)
-                if slot.owner is node
-                for i in range(end - size, end)
-            ],
-        )
+        yield node
     for each in fields_of(type(node)):
         if is_nested(value := getattr(node, each.name)):
-            yield from _friction_laws(value, slots)
+            yield from _friction_laws(value)
 
 
 def passing(part: Any, row: np.ndarray, first: int, places: Sequence[int]) -> Callable[[Sequence[float]], bool]:

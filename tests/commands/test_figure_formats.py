@@ -38,7 +38,6 @@ def test_a_figure_is_drawn_once_for_its_file_and_is_the_one_that_matplotlib_draw
     assert len(drawn) == 1
     figure = run.plot()[0].figure
     figure.savefig(tmp_path / "theirs.png", dpi=figures_of_commands.DPI)
-    plt.close(figure)
     assert len(drawn) > 2 and (plt.imread(tmp_path / "ours.png") == plt.imread(tmp_path / "theirs.png")).all()
 
 

@@ -29,12 +29,6 @@ def run():
     return step_contacts(problem, 0.1, step=2e-3, inputs={"press": 10.0, "plate": ramp(0.0, 0.02, 0.0, 0.1)})
 
 
-@pytest.fixture(autouse=True)
-def closed():
-    yield
-    plt.close("all")
-
-
 def test_the_shares_over_time_are_drawn_and_add_up_to_one(run):
     ax = run.plot_share()
     drawn = {line.get_label(): line.get_ydata() for line in ax.get_lines()}

@@ -30,14 +30,12 @@ def test_the_loudest_line_of_stick_slip_is_the_rate_of_its_sticks(run):
     sticks = stick_intervals(run, "bit", 40.0)
     rate = (len(sticks) - 1) / (sticks[-1][0] - sticks[0][0])
     assert "bit speed" in ax.get_ylabel() and loudest(ax) == pytest.approx(rate, abs=1 / 20.0)
-    plt.close(ax.figure)
 
 
 def test_a_string_that_swings_freely_shows_its_own_frequency():
     chain = compose(TorsionalChain(inertia=(2.0, 2.0), stiffness=(4.0,), damping=(0.0,)))
     ax = spectrogram(simulate(chain, "200 s", start={"chain.twist.0": 1.0}), "chain.speed.0", window="50 s")
     assert loudest(ax) == pytest.approx(2.0 / (2 * np.pi), abs=1 / 50)  # sqrt(2 k / J)
-    plt.close(ax.figure)
 
 
 def test_what_is_no_number_of_the_run_is_refused(run):

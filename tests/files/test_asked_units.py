@@ -102,7 +102,6 @@ def test_a_run_is_reported_and_drawn_in_the_units_of_its_inputs_parameters_and_l
     assert "rpm" in str(found) and "kN m" in str(found) and "rad/s" not in str(found)
     with units("si"):
         assert "rpm" not in str(saved) and "kN" not in str(found)
-    plt.close("all")
 
 
 def test_axes_that_are_shared_have_one_unit():
@@ -116,7 +115,6 @@ def test_axes_that_are_shared_have_one_unit():
     plot.traces(typed, "top.torque", ax=left)
     plot.traces(plain, "top.torque", ax=right)
     assert left.get_ylabel() == right.get_ylabel() == "top torque [kN m]" and right.yaxis.get_major_formatter()(9_000.0) == "9"
-    plt.close("all")
 
 
 def test_every_run_of_a_scene_answers_in_the_units_of_the_scene():
@@ -191,7 +189,6 @@ def test_a_map_answers_on_each_axis_in_its_unit(tmp_path):
     axes = again.plot()
     assert str(again) == str(found) and axes[0].get_xlabel() == "top reference [rpm]" and axes[0].get_ylabel() == "bit weight [kN]"
     assert axes[0].get_xlim() == pytest.approx((30, 140))
-    plt.close("all")
 
 
 def test_a_tuning_answers_in_the_units_of_its_bounds():

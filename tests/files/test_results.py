@@ -231,7 +231,6 @@ def test_every_result_that_was_read_is_drawn(result, tmp_path):
     if hasattr(result, "plot"):
         lines, others = ([line.get_xydata() for ax in np.ravel(each.plot()) for line in ax.lines] for each in (result, again))
         assert lines and same([np.asarray(each) for each in lines], [np.asarray(each) for each in others])
-        plt.close("all")
 
 
 def test_a_path_that_ends_with_csv_is_a_table(result, tmp_path):

@@ -101,7 +101,6 @@ def test_an_onset_answers_in_rpm():
     places = picture.get_xticks()
     assert np.allclose(np.array(places) / RPM, shown, rtol=1e-9) and all(number % 5 == 0 for number in shown)
     assert picture.get_xlim() == pytest.approx((60 * RPM, 140 * RPM))  # data stay SI
-    plt.close("all")
 
 
 def test_figures_of_a_run_are_read_in_the_chosen_units():
@@ -114,7 +113,6 @@ def test_figures_of_a_run_are_read_in_the_chosen_units():
     assert np.nanmax(speed.lines[0].get_ydata()) == pytest.approx(measure.extent(run, "top.speed").maximum, rel=1e-3)
     plain = run.plot("top.speed")
     assert plain[0].get_ylabel() == "top speed [rad/s]"
-    plt.close("all")
 
 
 def test_a_study_table_and_every_command_take_units(capsys):

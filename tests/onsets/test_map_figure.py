@@ -62,7 +62,6 @@ def test_opposite_corners_of_a_cell_are_two_pieces_as_the_border_goes():
         assert area(outlines(axes, ~where, np.empty((0, 2, 2)))) == pytest.approx(0.875)
 
 
-@pytest.mark.usefixtures("closed_figures")
 def test_no_place_outside_of_the_border_is_shaded_and_every_place_inside_is():
     found = made()
     axes = found.plot()
@@ -76,7 +75,6 @@ def test_no_place_outside_of_the_border_is_shaded_and_every_place_inside_is():
     axes[0].figure.canvas.draw()
 
 
-@pytest.mark.usefixtures("closed_figures")
 @pytest.mark.parametrize("stuck", [False, True])
 def test_the_legend_says_what_each_region_that_there_is_means(stuck, tmp_path):
     found = made(stuck)

@@ -26,4 +26,3 @@ def test_every_panel_has_its_name_above_and_one_legend_holds_what_is_in_any_of_t
         (legend,) = panels[0].figure.legends
         words = [text.get_text() for text in legend.get_texts()]
         assert "Hopf point" in words and len(words) == len(set(words))
-        plt.close(panels[0].figure)

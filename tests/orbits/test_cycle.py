@@ -498,4 +498,3 @@ def test_cycle_and_branch_print_and_draw_themselves():
     assert "6 cycles" in str(branch)
     assert branch.plot("block.position").get_xlabel() == "block.belt_speed [m/s]"
     cycle.plot("block.position", "block.speed")
-    plt.close("all")

@@ -89,7 +89,6 @@ def test_the_cycle_that_there_is_stands_beside_it_and_both_are_drawn():
     assert "attracts, sticks" in text and text.splitlines()[-1].split()[:2] == ["exact", f"{cycle.period:.4g}"] and "[rpm]" in text
     gains, plane = found.plot()
     assert len(gains.lines) == 5 and len(plane.lines) == 4
-    plt.close("all")
 
 
 def test_what_has_no_describing_function_is_refused():

@@ -48,7 +48,6 @@ def test_the_pictures_show_the_margins(tmp_path):
     assert np.loadtxt(found.to_csv(tmp_path / "response.csv"), delimiter=",", skiprows=1)[:, 1] == pytest.approx(
         np.abs(found.values["top.torque"])
     )
-    plt.close("all")
 
 
 def test_the_chart_has_the_growth_of_the_poles_and_no_margin_where_they_grow():
@@ -59,7 +58,6 @@ def test_the_chart_has_the_growth_of_the_poles_and_no_margin_where_they_grow():
     assert (chart.growth > 0).any() and ((chart.growth < 0) == (chart.disk_margin > 0)).all()
     ax = chart.plot()
     assert any(line.get_marker() == "o" and line.get_xydata().tolist() == [[1000.0, 500.0]] for line in ax.lines)
-    plt.close(ax.figure)
 
 
 def test_a_chart_that_is_stable_all_over_is_shaded_no_further_than_it_was_looked_at():
@@ -70,7 +68,6 @@ def test_a_chart_that_is_stable_all_over_is_shaded_no_further_than_it_was_looked
     shaded = ax.collections[0].get_datalim(ax.transData)
     assert (shaded.x0, shaded.x1, shaded.y0, shaded.y1) == (1500.0, 2500.0, 300.0, 450.0)
     assert ax.get_facecolor() == (1.0, 1.0, 1.0, 1.0) and ax.get_xlim()[0] == 1000.0  # the declared point is shown, beside it
-    plt.close(ax.figure)
 
 
 def test_without_an_integral_part_there_is_no_steady_running_to_judge():

@@ -79,7 +79,6 @@ def test_the_legend_fits_on_a_figure_as_wide_as_the_text_of_a_page(found):
     words = [text.get_text() for text in legend.get_texts()]
     assert words == ["free", "smooth only undisturbed", "smooth running is lost", "stick-slip ends", "working point"]
     box = legend.get_window_extent()
-    plt.close(figure)
     assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width
 
 

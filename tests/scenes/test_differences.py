@@ -73,7 +73,6 @@ def test_scenes_differ_in_the_keys_that_were_changed():
     } == {"plant.BitRock 2.name"}
 
 
-@pytest.mark.usefixtures("closed_figures")
 def test_overlaid_runs_have_a_colour_each_and_a_panel_per_signal(runs, tmp_path):
     saved = {label: Trajectory.load(run.save(tmp_path / f"{label}.npz")) for label, run in runs.items()}
     for shown in (runs, {"slow": runs["slow"], "fast": saved["fast"]}):

@@ -162,5 +162,3 @@ def test_the_figure_of_the_command_says_its_title_once_and_within_the_figure(tra
     figure = drawn[1]
     box = figure._suptitle.get_window_extent(figure.canvas.get_renderer())
     assert box.x0 > 0 and box.x1 < figure.bbox.x1
-    for each in drawn:
-        plt.close(each)

@@ -19,8 +19,6 @@ from toolbox.figures.style import LINES, MANY_EVENTS, RESOLUTION, TONES
 from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.simulation.plot import comparison, phase_plane, traces
 
-pytestmark = pytest.mark.usefixtures("closed_figures")
-
 
 @pytest.fixture(scope="module")
 def belt_run():

@@ -106,7 +106,6 @@ def test_impacts_and_standstill_are_measured_on_a_run_read_back(tmp_path):
     assert measure.standstill(again, "block.speed") == pytest.approx(measure.standstill(stop, "block.speed"), rel=1e-5)
 
 
-@pytest.mark.usefixtures("closed_figures")
 @pytest.mark.parametrize("case", ["sampled drive", "bounces", "smoothed", "no switch"])
 def test_a_run_read_back_plots_the_same_curves(case, tmp_path):
     plant, duration, arguments = RUNS[case]

@@ -38,7 +38,6 @@ def test_the_picture_tells_the_frequencies(tmp_path):
     words = [text.get_text() for text in ax.get_legend().get_texts()]
     assert len(words) == 3 and words[0].startswith(f"{found.frequencies[0]:.3g} Hz")
     assert "mode" in str(found) and found.to_csv(tmp_path / "modes.csv").read_text().count("\n") == N
-    plt.close(ax.figure)
 
 
 def test_what_has_no_shapes_is_refused():

@@ -36,8 +36,7 @@ def answer():
         path = next(path for path in scripts() if path.stem.startswith(name))
         return runpy.run_path(str(path))["answer"]
 
-    yield run
-    plt.close("all")
+    return run
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,6 +1,5 @@
 """Spectrograms show the frequencies that a motion has."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 

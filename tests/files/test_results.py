@@ -5,7 +5,6 @@ import json
 import math
 import zipfile
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 

@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 import pytest
-from matplotlib import pyplot as plt
 
 from controllers import PI, StiffPI
 from models import BitRock, wells

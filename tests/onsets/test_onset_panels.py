@@ -6,7 +6,6 @@ import matplotlib
 
 matplotlib.use("Agg")
 
-import matplotlib.pyplot as plt
 
 from models import BlockOnBelt, Exponential
 from toolbox import compose, onset

@@ -1,6 +1,5 @@
 """The describing function of a contact against closed forms, balances of torque, and the unstable cycle of the machine itself."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 

@@ -10,6 +10,8 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from controllers import PI, Lifting, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, wells
@@ -120,6 +122,26 @@ def test_a_group_stops_where_nothing_holds_and_says_why(monkeypatch):
     found = borders(trial, [BRIEF], ["direct"], higher=3.0, lower=2.0, step=0.5)
     held = found["declared", "direct"]
     assert np.isnan(held.speed) and held.why.startswith("declared, seed 0, phase 0: stuck")
+
+
+@given(st.integers(16, 129), st.integers(10, 123))
+@settings(max_examples=40)
+def test_a_window_of_a_rad_per_second_is_found_below_a_highest_set_point_that_fails(first, width):
+    class Window(Cells):
+        """A law that holds from one set-point to another, both on the grid, below 14 rad/s."""
+
+        def outcome(self, trial, group, reference, way):
+            return Outcome(first <= round(10.0 * reference) <= min(first + width, 139), why=f"at {reference:g}")
+
+    held = lowest(Trial(LOOP, StiffPI()), BRIEF, cells=Window(), lower=1.5, higher=14.0, step=0.1, lasts=False)
+    assert held.range == pytest.approx((first / 10.0, min(first + width, 139) / 10.0)) and held.why == f"at {first / 10.0 - 0.1:g}"
+
+
+def test_a_window_is_told_and_drawn_with_both_ends():
+    window = Held(5.0, "stuck below", until=9.0)
+    found = LowestSetPoints("StiffPI", {("PI", "declared", "direct"): window, ("PI", "real", "direct"): Held(5.0, "")}, (1.5, 14.0), 0.1)
+    assert "5 to 9 " in str(found) and str(found).count(" to 9") == 1
+    assert [line.get_xdata().tolist() for line in found.plot().lines if len(line.get_xdata()) == 2] == [[5.0, 9.0]]
 
 
 def test_lifts_are_counted_and_their_price_is_told():

@@ -1,6 +1,5 @@
 """Frequency responses and charts over two gains against the transfer functions and poles that python-control gives."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 

@@ -1,6 +1,5 @@
 """Modes of strings against closed forms."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 

@@ -4,7 +4,6 @@ import json
 import math
 import runpy
 
-import matplotlib.pyplot as plt
 import pytest
 
 from studies.notebooks.__main__ import FOLDER, scripts

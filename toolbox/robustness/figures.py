@@ -154,20 +154,23 @@ def window_diagram(
 MARKS = ("o", "D", "^", "s", "v", "P", "X", "*")
 
 
-def set_point_diagram(rows: Sequence[tuple[str, str, str, float]], highest: float, unit: str, ax: Any = None) -> Any:
+def set_point_diagram(rows: Sequence[tuple[str, str, str, float, float]], highest: float, unit: str, ax: Any = None) -> Any:
     """Lowest set-points as marks, one line per law, one kind of mark per group, filled for a direct takeover. Returns the ax.
 
-    rows: (law, group, way, set-point or nan for none, whose marks stand at the right);  highest: set-point up to which it was searched.
+    rows: (law, group, way, set-point or nan for none, whose marks stand at the right, highest one where a higher one fails or nan), the last joined to the mark
+    by a line;  highest: set-point up to which it was searched.
     """
     laws, groups = list(dict.fromkeys(row[0] for row in rows)), list(dict.fromkeys(row[1] for row in rows))
     with drawn_on(ax, height=1.1 + 0.42 * len(laws)) as ax:
-        for law, group, way, speed in rows:
+        for law, group, way, speed, until in rows:
             k = groups.index(group)
             place = laws.index(law) + 0.7 * ((k + 0.5) / len(groups) - 0.5)
             color = LINES[k % len(LINES)]["color"]
             filled: Any = {"markerfacecolor": color if way == "direct" else "white", "markeredgecolor": color}
             if math.isnan(speed):
                 speed = (1.05 if way == "direct" else 1.08) * highest
+            elif not math.isnan(until):
+                ax.plot([speed, until], [place, place], marker="|", markevery=[1], color=color, linewidth=0.8)
             ax.plot(speed, place, marker=MARKS[k % len(MARKS)], markersize=5.0, linestyle="none", clip_on=False, **filled)
         if any(math.isnan(row[3]) for row in rows):
             ax.text(1.065 * highest, -0.55, "none", fontsize=8.0, ha="center", va="bottom")

@@ -32,6 +32,8 @@ ABOVE = (0.3, 0.8, 2.0)
 """How far above a border [rad/s] it is confirmed."""
 UNTRIED = "not tried below"
 """What is said of a border below which nothing was tried."""
+APART = 1.0
+"""How far apart set-points [rad/s] are tried, from the highest down, where that does not hold."""
 HELP = 0.5
 """How far below the border of the declared machine [rad/s] those of others are looked for."""
 
@@ -91,7 +93,9 @@ class Held:
     speed
         Lowest set-point [rad/s]; nan where none is held.
     why
-        Which run fails one step below it.
+        Which run fails one step below it, or at the highest set-point where none is held.
+    until
+        Highest set-point that holds [rad/s], where the law fails again above it; nan where nothing that was tried above does.
     above
         Largest share of half an hour after the recovery with the top 10 % above what is asked [1].
     recovery
@@ -112,6 +116,7 @@ class Held:
 
     speed: float
     why: str
+    until: float = math.nan
     above: float = math.nan
     recovery: float = math.nan
     fastest: float = math.nan
@@ -123,6 +128,11 @@ class Held:
     margin: float = math.nan
     margin_declared: float = math.nan
     weakest: str = ""
+
+    @property
+    def range(self) -> tuple[float, ...]:
+        """The lowest set-point and, where there is one, the highest [rad/s]."""
+        return (self.speed,) if math.isnan(self.until) else (self.speed, self.until)
 
 
 def lowest(
@@ -137,7 +147,8 @@ def lowest(
 ) -> Held:
     """The lowest set-point by bisection between `lower` and `higher`, confirmed at three above it and, with `lasts`, for half an hour.
 
-    `lower` is taken to fail, and tried only where nothing above it does. With `lasts`, smooth running that is not stable confirms nothing either. Where one of
+    `lower` is taken to fail, and tried only where nothing above it does. Where `higher` fails, the next lower one that holds is looked for in steps of `APART`,
+    and the highest that does takes its place: a window. With `lasts`, smooth running that is not stable confirms nothing either. Where one of
     these fails, or the border leaves a smaller disk margin than the group wants, the search goes on above it: what is given is the lowest from which on
     nothing that was tried failed. All in rad/s.
     """
@@ -148,11 +159,15 @@ def lowest(
         return "" if found.passed else found.why
 
     low, high = round(lower / step), round(higher / step)
+    until, below = math.nan, UNTRIED
+    if why := fails(high):
+        apart = max(round(APART / step), 1)
+        holds = next((k for k in range(high - apart, low, -apart) if not fails(k)), None)
+        if holds is None:
+            return Held(math.nan, why)
+        high, _, _ = _halved(lambda k: "" if fails(k) else "it holds", holds, holds + apart, "it holds")
+        until = round(high * step, 6)
     top = high
-    why = fails(high)
-    if why:
-        return Held(math.nan, why)
-    below = UNTRIED
     while True:
         low, high, below = _halved(fails, low, high, below)
         speed = round(high * step, 6)
@@ -172,7 +187,7 @@ def lowest(
                 found = dataclasses.asdict(cells.outcome(trial, group.lasting if lasts else group, speed, way))
                 for name in ("passed", "why", "runs"):
                     del found[name]
-                return Held(speed, below, **found, margin=margin, margin_declared=declared, weakest=weakest)
+                return Held(speed, below, until, **found, margin=margin, margin_declared=declared, weakest=weakest)
             short = f"{weakest if margin <= declared else 'declared'}: disk margin {min(declared, margin):.3f}"
         low, below = high, short
         if high == top:
@@ -248,7 +263,7 @@ class LowestSetPoints(Result):
         lines: list[tuple[str, ...]] = [(*heads, *price)]
         for key, each in self.entries.items():
             said = [
-                "none" if math.isnan(each.speed) else f"{each.speed * speed.factor:.3g}",
+                "none" if math.isnan(each.speed) else " to ".join(f"{value * speed.factor:.3g}" for value in each.range),
                 shown(each.margin, ".2f"), shown(each.margin_declared, ".2f"),
                 shown(100.0 * each.above, ".1f", " %"), shown(each.recovery, ".0f", " s"), shown(each.fastest * speed.factor, ".3g"),
                 shown(each.torque * torque.factor, ".3g"), shown(each.lifts, ".0f"), shown(each.again, ".0f"),
@@ -285,7 +300,7 @@ class LowestSetPoints(Result):
         from toolbox.robustness.figures import set_point_diagram
 
         factor, unit = reading("rad/s", self.asked)
-        rows = [(label, group, way, each.speed * factor) for (label, group, way), each in self.entries.items()]
+        rows = [(label, group, way, each.speed * factor, each.until * factor) for (label, group, way), each in self.entries.items()]
         return set_point_diagram(rows, self.between[1] * factor, unit, ax)
 
     def joined(self, other: LowestSetPoints) -> LowestSetPoints:
@@ -343,7 +358,8 @@ def lowest_set_point(
     ways
         `direct`, `raised` or both.
     between, step
-        Range of set-points that is searched [rad/s], and the distance of its grid. Where the highest does not hold there is none, and lower ones are not tried.
+        Range of set-points that is searched [rad/s], and the distance of its grid. Where the highest does not hold, lower ones are tried in steps of 1 rad/s,
+        so that a window of set-points that hold is found where it is wider than that.
     lasts
         Whether a border is confirmed for half an hour.
     known

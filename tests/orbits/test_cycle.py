@@ -489,7 +489,6 @@ def test_a_swing_that_dry_friction_wears_down_is_no_cycle(settle):
 
 
 def test_cycle_and_branch_print_and_draw_themselves():
-
     cycle = limit_cycle(closed_loop(compose(BlockOnBelt()), start={"block.position": 1.2}), 60.0)
     assert "Stable cycle of 12.00" in str(cycle)
     assert "sticks 64.20 %" in str(cycle)

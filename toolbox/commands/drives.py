@@ -62,7 +62,9 @@ def add(commands: Any) -> None:
     table.add_argument(
         "--from", dest="low", default="1.5", metavar="LOW", help="lowest set-point that is looked at: rad/s, or such as '15 rpm' (1.5)"
     )
-    table.add_argument("--to", dest="high", default="14", metavar="HIGH", help="highest one; where a law fails there, lower ones are tried in steps of 1 rad/s (14)")
+    table.add_argument(
+        "--to", dest="high", default="14", metavar="HIGH", help="highest one; where a law fails there, lower ones are tried (14)"
+    )
     table.add_argument(
         "--step",
         default="0.1",

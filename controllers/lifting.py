@@ -21,9 +21,9 @@ SLOW, FAST = 0.35, 0.5
 """Bit speeds in parts of the set-point: below the first it dips, above the second the next dip counts as another one."""
 SWING, STILL = 0.8, 0.5
 """Amplitudes of the string's torque over its impedance, in parts of the set-point: from the first on a dip may be a stick, below the second the bit is calm."""
-APART, STUCK, CALM, WATCHED = 20.0, 1.0, 0.5, 54.0
-"""Periods of the string: between two dips that are one evidence, of a dip that is one by itself, of calm until the set-point comes down, and until a relapse is
-a new event."""
+APART, STUCK, CALM, WATCHED, VAIN = 20.0, 1.0, 0.5, 54.0, 36.0
+"""Periods of the string: between two dips that are one evidence, of a dip that is one by itself, of calm until the set-point comes down, until a relapse is a
+new event, and for which the set-point may be lifted or bit or top stand beyond the time that they do not."""
 BRAKE = 8.0
 """What is taken off the torque above a limit of the speed, in impedances of the string times what the speed is above it."""
 CHANGED = 0.05
@@ -40,8 +40,9 @@ class Lifting(Controller):
     the string. Two dips within 20 periods are the evidence, or one that lasts a period, which only a bit that sticks makes. L then rises to `first` times what
     is asked; more of it adds `further` each time. Once the amplitude stays below half of L for half a period, L comes down. Evidence on the way down, or
     within 54 periods after it, is a relapse: L rises to what calmed the bit before, and after n relapses it comes down 1 + n^2 / 2 times more slowly. At the
-    next relapse after `tries`, at the last of these where the set-point had been reached again, or where `highest` does not help, the law gives up: it comes
-    down and lifts no more until what is asked changes by 5 %. A weight that varies is no evidence: it makes no dips with so large a swing.
+    next relapse after `tries`, at the last of these where the set-point had been reached again, where `highest` does not help, or where for 36
+    periods more than not the set-point has been lifted or bit or top have stood, the law gives up: it comes down, and lifts no more until what is asked changes
+    by 5 %. A weight that varies is no evidence: it makes no dips with so large a swing.
     Another set-point is followed at the same rates, so that a step of it is none either. To the left it does the same; a string that is to stop dips by right.
 
     Why: a stick-slip that lives beside smooth running at one set-point does not at a higher one, where the rock is flatter. The price is speed: while
@@ -113,7 +114,7 @@ class Lifting(Controller):
         x = state("lifting.string", "1", len(self.observer.gain or ()))
         mean, square = state("lifting.mean", "rad/s"), state("lifting.square", "rad2/s2")
         armed = state("lifting.armed", "1")  # 1 for the next dip; below, minus the periods for which a dip has lasted
-        left, calm, watch = (state(f"lifting.{name}", "s") for name in ("left", "calm", "watch"))
+        left, calm, watch, vain = (state(f"lifting.{name}", "s") for name in ("left", "calm", "watch", "vain"))
         extra, level, held, gave_up = (state(f"lifting.{name}", "rad/s") for name in ("speed", "level", "held", "gave_up"))
         relapses, lifts = state("lifting.relapses", "1"), state("lifting.lifts", "1")
         turn = ca.if_else(
@@ -142,7 +143,9 @@ class Lifting(Controller):
         there = ca.fabs(wanted - asked) <= CHANGED * ca.fabs(wanted)  # what happens on the way to another set-point says nothing of it
         relapse = evidence * (1.0 - up) * watches * there
         back = (extra <= nothing) * (taken <= 0.0)  # all is as it is asked: no slower way there would have helped
-        ends = evidence * ca.if_else(up, level >= most, relapse * (relapses + back >= self.tries))
+        ends = (
+            evidence * ca.if_else(up, level >= most, relapse * (relapses + back >= self.tries)) + (vain > VAIN * self.string_period) > 0.5
+        )
         lifts_now = evidence * (1.0 - ends)
         higher_by = ca.if_else(up, level + self.further * size, ca.if_else(relapse, held, (self.first - 1.0) * size))
         calms = up * (calm <= 0.0) * (1.0 - evidence)
@@ -151,6 +154,7 @@ class Lifting(Controller):
         slower = self.fall / (1.0 + 0.5 * relapses * relapses)
         moved = ca.if_else(rises, ca.fmin(extra + self.rise * period, aim), ca.fmax(extra - slower * period, aim))
         busy = (extra > nothing) + (aim > nothing)
+        stands = (ca.fmin(bit, turn * speed) < SLOW * lifted) * (turn * wanted > nothing) * there
         memory = {
             x: self.observer.moved(x, torque, period, speed),
             asked: asked + turn * ca.fmin(ca.fmax(turn * (wanted - asked), -self.fall * period), self.rise * period),
@@ -161,6 +165,7 @@ class Lifting(Controller):
             calm: ca.if_else(
                 (aim > nothing) * ((swings > (STILL * lifted) ** 2) + rises), CALM * self.string_period, ca.fmax(calm - period, 0.0)
             ),
+            vain: (1.0 - ends) * ca.fmax(vain + ca.if_else(busy + stands > 0.5, period, -period), 0.0),
             watch: ca.if_else(busy, WATCHED * self.string_period, watches * (watch - period)),
             extra: moved,
             level: aim,

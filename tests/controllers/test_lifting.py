@@ -86,6 +86,19 @@ def test_below_what_it_can_hold_it_gives_up_and_says_so_until_another_set_point_
     assert run.time_in("bit", "stick", after=1700.0) == 0.0
 
 
+def test_what_it_lifts_in_vain_and_a_string_that_stands_are_told_after_36_periods():
+    period = Lifting().design(RIG).string_period
+    weak = PI(reference=6.0, lowest_torque=0.0, highest_torque=2000.0)  # less than the rock has at rest
+    run = simulate(RIG, 300.0, controller=sampled(Lifting(law=weak, reference=6.0)))
+    told = run.time[run["lifting.gave_up"] == 6.0]
+    assert run["lifting.lifts"].max() == 0.0 and 36.0 * period < told[0] < 40.0 * period and told[-1] == 300.0
+    off = Lifting(law=PI(reference=1.8, **LIMITS), reference=1.8, first=1.3, further=0.25, rise=0.2, relief=0.4)
+    run = inside(off, reference=1.8, parameters=None, until=340.0)
+    told, late = run.time[run["lifting.gave_up"] == 1.8], run.time > 300.0
+    assert run["lifting.lifts"].max() > 0.0 and 36.0 * period < told[0] - 40.0 < 45.0 * period
+    assert (run["lifting.reference"][late] == 1.8).all()
+
+
 @pytest.mark.parametrize(
     ("asked", "weight"),
     [
@@ -195,8 +208,8 @@ def test_to_the_left_it_does_the_same_to_the_last_bit():
 
 def test_a_string_that_is_to_stop_is_not_lifted():
     law = Sampled(Lifting(law=SoftTorque()), 0.01, delay=0.03)
-    run = simulate(RIG, 300.0, controller=law, inputs={"top.reference": ((0.0, 100.0, 100.0, 300.0), (8.0, 8.0, 0.0, 0.0))})
-    assert run["lifting.lifts"][-1] == 0.0 and run.time_in("bit", "stick", after=250.0) == 50.0
+    run = simulate(RIG, 400.0, controller=law, inputs={"top.reference": ((0.0, 100.0, 100.0, 400.0), (8.0, 8.0, 0.0, 0.0))})
+    assert run["lifting.lifts"][-1] == run["lifting.gave_up"].max() == 0.0 and run.time_in("bit", "stick", after=250.0) == 150.0
 
 
 def test_a_bit_that_sticks_once_for_longer_than_a_period_of_the_string_is_lifted():

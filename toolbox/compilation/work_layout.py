@@ -58,7 +58,8 @@ class Work(NamedTuple):
     parameters and modes;  y, z: output of machine code;
     x_other, p_other, m_other: another point for machine code, such as one moved by round-off, one along a step, or modes that are tried; m_other holds
     slips before a jump too, and in an impact the elements that take part without sliding, then 1 for restitution;
-    scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
+    scale, noise: size of each state so far and round-off of its slope, and behind all slopes that of the guards;
+    group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
     side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
     kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;

@@ -51,6 +51,7 @@ def gather_history(b, lane, w):
     for j in range(2 * ng):
         w.guard_scale[j] = 0.0
     for j in range(ng):
+        w.noise[n + j] = 0.0  # of another lane
         w.armed[j] = b.block[b.rows[layout.ARMED] + j, lane] != 0.0
         w.slot[j] = j + ng if j < 2 * ne and w.m[j // 2] == 0.0 else j
         w.guard_scale[w.slot[j]] = b.block[b.rows[layout.GUARD_SCALE] + j, lane]

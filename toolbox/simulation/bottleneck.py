@@ -55,7 +55,7 @@ def _largest_error(program: Program, work: Any) -> str:
     step(float(reals[work_layout.TIME]), h, *(array.ctypes.data for array in (work.x, work.k, work.p, work.m, out)))
     size = np.maximum(np.maximum(work.scale, 1e-10 * work.group_scale[work.group]), 1e-14)
     share = max(reals[work_layout.RTOL] * min(h / reals[work_layout.HORIZON], 0.1), 1e-14)
-    errors = np.abs(out[base : base + n]) / (share * size + work.noise * h)
+    errors = np.abs(out[base : base + n]) / (share * size + work.noise[:n] * h)
     lowest = base + n if ints[work_layout.TWO_ERRORS] else base
     elements = [program.system.elements[int(i)].name for i in work.excited]
     in_stick = 2 * np.array(work.excited, int) + int(ints[work_layout.NG])

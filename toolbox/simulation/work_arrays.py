@@ -71,7 +71,7 @@ def work_arrays(run: Run, program: Program) -> Any:
     return work_layout.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(kernel.slopes), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room),
         x_other=np.zeros(n), p_other=np.zeros(p.size), m_other=np.zeros(2 * ne + 1),
-        scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
+        scale=np.zeros(n), noise=np.zeros(n + ng), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
         kind=program.kind, initial=initial, attached=program.attached, loader=program.loader, bound=_bounds(program), bounced=np.zeros(ne, np.bool_),

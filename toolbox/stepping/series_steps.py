@@ -205,7 +205,7 @@ def defect(w, t, h):
     for j in range(ng):
         size = max(guard_size(w, j), abs(w.z[2 * n + j]))
         if size > 0.0:
-            off = abs(w.z[2 * n + j] - w.y[2 * n + j]) / (w.reals[layout.RTOL] * size)
+            off = abs(w.z[2 * n + j] - w.y[2 * n + j]) / (w.reals[layout.RTOL] * size + w.noise[n + j])
             error = off if not off <= error else error
     if error <= 1.0:
         for i in range(n - w.excited.size):

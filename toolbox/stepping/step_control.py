@@ -51,13 +51,16 @@ def tolerance(w, i):
 
 
 def measure_round_off(w):
-    """Size of round-off in every slope, from what small changes do to it and from the forces that cancel in it."""
+    """Size of round-off in every slope and guard, from what small changes do to it, and in slopes from the forces that cancel in it."""
+    n = w.ints[layout.N]
     nudge(w)
     call(w.ints[layout.FIELD], w.reals[layout.TIME] * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
-    for i in range(w.ints[layout.N]):
-        w.noise[i] = 1e7 * abs(w.z[w.ints[layout.N] + i] - w.k[i]) * 32.0 * layout.EPS
+    for i in range(n):
+        w.noise[i] = 1e7 * abs(w.z[n + i] - w.k[i]) * 32.0 * layout.EPS
+    for j in range(w.ints[layout.NG]):
+        w.noise[n + j] = 1e7 * abs(w.z[2 * n + j] - w.g[j]) * 32.0 * layout.EPS
     call(w.ints[layout.BURDEN], w.reals[layout.TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
-    for i in range(w.ints[layout.N]):
+    for i in range(n):
         w.noise[i] += w.z[i] * 32.0 * layout.EPS
 
 

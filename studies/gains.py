@@ -58,7 +58,7 @@ from toolbox.robustness.groups import Group, Machine
 from toolbox.tuning.results import front_of
 
 STORE = Path(__file__).parent / "data" / "gains.json"
-LADDER = (6.5, 5.5, 4.5, 4.0)
+LADDER = (9.0, 6.5, 5.5, 4.5, 4.0)
 """Set-points [rad/s] that a law is tuned at, the easiest first."""
 LIFTED = (9.0, 5.0, 4.3, 4.0, 3.8)
 """Those of a law that lifts its own set-point: at the first the top swings least while the bit sticks."""

@@ -51,6 +51,15 @@ EXACT = [
     ("30 %", "1", 0.3),
     ("0.8", "1", 0.8),
     ("20 degC", "K", 293.15),
+    ("5 7/8 in", "m", 0.149225),  # as drillers write the size of a bit or a casing
+    ("9-5/8 in", "m", 0.244475),
+    ("7/8 in", "m", 0.022225),
+    ("-1 1/2 ft", "m", -0.4572),
+    ("5 1/s", "1/s", 5.0),  # no fraction of the number, but a unit
+    ("2 1/2 1/s", "1/s", 2.5),
+    ("3 deg/30m", "rad/m", math.pi / 1800),  # severity of a dogleg
+    ("3 ° / 30 m", "rad/m", math.pi / 1800),
+    ("3 deg/100 ft", "rad/m", math.pi / 1828.8),
 ]
 
 
@@ -141,6 +150,21 @@ def test_text_that_is_no_quantity_is_an_error(text):
 def test_a_value_that_is_no_finite_number_is_an_error(value):
     with pytest.raises(SceneError, match="`weight`"):
         parse(value, "N", "weight")
+
+
+@pytest.mark.parametrize("text", ["5 7/0 in", "5 8/7 in", "5.5 7/8 in", "1/0 in", "5..2 7/8 in"])
+def test_a_fraction_that_is_none_is_refused_with_one_that_is(text):
+    with pytest.raises(SceneError, match=rf"`size` must be .* but `{text}` has no fraction such as the one of `5 7/8 in`"):
+        parse(text, "m", "size")
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [("5 7/8 in/ft2", "m"), ("5 7/8 kg", "m"), ("5 7/8", "m"), ("3 deg/0m", "rad/m"), ("3 deg/30m", "rad"), ("3 m/30m", "1")],
+)
+def test_a_fraction_or_a_dogleg_of_the_wrong_unit_is_refused(text, unit):
+    with pytest.raises(SceneError, match="must be"):
+        parse(text, unit)
 
 
 def test_a_part_that_declares_an_unknown_unit_still_takes_plain_numbers():

@@ -32,7 +32,8 @@ else:
 USUAL = (
     "1", "%", "rad", "deg", "s", "ms", "min", "h", "Hz", "kHz", "rad/s", "rad/s2", "deg/s", "rpm", "m", "mm", "km", "ft", "in", "m/s", "mm/s", "ft/s",
     "ft/h", "m/s2", "kg", "t", "lb", "N", "kN", "MN", "lbf", "klbf", "N/m", "kN/m", "N s/m", "N m", "kN m", "lbf ft", "klbf ft", "N m/rad", "kN m/rad",
-    "N m/deg", "N m s/rad", "kN m s/rad", "kg m2", "Pa", "kPa", "MPa", "bar", "psi", "s/rad", "s/m", "1/s", "J", "W", "kW", "hp", "K",
+    "N m/deg", "rad/m", "deg/30m", "deg/100ft", "N m s/rad", "kN m s/rad", "kg m2", "Pa", "kPa", "MPa", "bar", "psi", "s/rad", "s/m", "1/s",
+    "J", "W", "kW", "hp", "K",
 )  # fmt: skip
 """Units that an error message may suggest."""
 
@@ -71,6 +72,12 @@ LONGEST = 400
 """Characters that a quantity may have: the longest number that is finite has 309 digits."""
 
 _QUANTITY = re.compile(r"\s*([+-]?(?:[0-9][0-9_]*\.?[0-9_]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?)(?![0-9.])(.*)", re.DOTALL)
+_FRACTION = re.compile(r"\s*([+-]?)(?:([0-9.]+)(?:\s+|\s*-\s*))?([0-9]+)/([0-9]+)(?![0-9.])(.*)", re.DOTALL)
+"""A fraction, or a whole number and a fraction, and its unit: 7/8 in, 5 7/8 in, 5-7/8 in."""
+
+_DOGLEG = re.compile(r"(deg|rad|°)\s*/\s*([1-9][0-9]{0,3})\s*(m|ft)")
+"""An angle over so many metres or feet, as the severity of a dogleg is given."""
+
 _UNIT = re.compile(r"[A-Za-zµμ°%_0-9\s*/^().·²³⁻¹-]*")
 _SPELLINGS = [
     (r"\b(?:tonnes?|t)[- ]force\b", "force_metric_ton"),
@@ -230,11 +237,7 @@ def _words(unit: str) -> str:
 def _converted(text: str, unit: str, name: str) -> float:
     if len(text) > LONGEST:
         raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is a text of {len(text)} characters, `{text[:20]}...`.")
-    match = _QUANTITY.fullmatch(text.replace("\N{MINUS SIGN}", "-"))  # as text that was copied from a page has it
-    if match is None:
-        raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is `{text}`.")
-    number = Decimal(match[1].replace("_", ""))
-    given = match[2].strip()
+    number, given = _parted(text, unit, name)
     if re.match(r",\s?[0-9]", given):
         raise SceneError(
             f"Argument `{name}` must be {_words(unit)}, but `{text}` has a comma: a decimal point is written `.`, thousands without a mark."
@@ -269,6 +272,22 @@ def _converted(text: str, unit: str, name: str) -> float:
     if not math.isfinite(result):
         raise SceneError(f"Argument `{name}` must be finite, but it is `{text}`.")
     return result if unit == "1" or offset else TypedNumber(result, unit, unit if factor == target else _usual(meant))
+
+
+def _parted(text: str, unit: str, name: str) -> tuple[Decimal, str]:
+    """(number, what stands behind it) of a text, whose number may be a fraction."""
+    written = text.replace("\N{MINUS SIGN}", "-")  # as text that was copied from a page has it
+    if (match := _FRACTION.fullmatch(written)) is not None:
+        sign, whole, upper, lower, given = match.groups()
+        if int(lower) == 0 or (whole is not None and ("." in whole or int(upper) >= int(lower))):
+            raise SceneError(
+                f"Argument `{name}` must be {_words(unit)}, but `{text}` has no fraction such as the one of `5 7/8 in`: a whole number and a part of 1."
+            )
+        size = Decimal(whole or 0) + Decimal(upper) / Decimal(lower)
+        return (-size if sign == "-" else size), given.strip()
+    if (match := _QUANTITY.fullmatch(written)) is None:
+        raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is `{text}`.")
+    return Decimal(match[1].replace("_", "")), match[2].strip()
 
 
 @cache
@@ -335,6 +354,9 @@ def _roots(unit: str) -> tuple[tuple[Decimal, Decimal], dict[str, Decimal]]:
     text = unit.strip()
     if not _UNIT.fullmatch(text):
         raise _UnknownUnit(unit)
+    if (dogleg := _DOGLEG.fullmatch(text)) is not None:
+        (factor, _), powers = _roots(f"{dogleg[1]}/{dogleg[3]}")
+        return ((factor / int(dogleg[2])).normalize(_DIGITS), Decimal(0)), powers
     for pattern, replacement in _SPELLINGS:
         text = re.sub(pattern, replacement, text)
     known = plain(text)

@@ -17,7 +17,12 @@ from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import numbers_of
 from toolbox.modelling.hybrid_system import HybridSystem, Parameter
 from toolbox.modelling.numbers import Number
-from toolbox.sweeps.variants import passing
+from toolbox.sweeps.variants import driving, passing
+
+
+def _both(passes: Callable[[Sequence[float]], bool], drives: Callable[[np.ndarray], np.ndarray]) -> Callable[[list[float]], bool]:
+    """Whether a part passes its checks with some numbers and none of its friction laws drives."""
+    return lambda values: passes(values) and not drives(np.array([values]))[0]
 
 
 class Misfit:
@@ -129,15 +134,18 @@ class ContactMisfit(Misfit):
         return self._last[1]
 
     @cached_property
-    def _entries(self) -> tuple[list[Parameter], list[tuple[list[int], Callable[[Sequence[float]], bool]]]]:
-        """The parameters that are free, and for every part that has some of them their places among these and whether it passes its checks with others."""
+    def _entries(self) -> tuple[list[Parameter], list[tuple[list[int], Callable[[list[float]], bool]]]]:
+        """The parameters that are free, and for every part that has some of them their places among these and whether it passes its checks with others,
+        of which one is that its friction laws oppose their slip.
+        """
         entries = [self.plant._parameter(number.name) for number in self.numbers if number.kind == "parameter"]
         checks = []
         for part, first in zip(self.plant.parts, self.plant._offsets(), strict=True):
             last = first + len(numbers_of(part))
             own = [i for i, entry in enumerate(entries) if first <= entry.offset < last]
             if own:
-                checks.append((own, passing(part, self.plant.values, first, [entries[i].offset for i in own])))
+                given = part, self.plant.values, first, [entries[i].offset for i in own]
+                checks.append((own, _both(passing(*given), driving(*given))))
         return entries, checks
 
     def _force_signal(self, recording: Recording, symbols: ca.SX) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -53,18 +54,22 @@ def _negative(law: FrictionLaw) -> tuple[float, float] | None:
     return speed, float(friction[below].min())
 
 
-def not_opposing(law: FrictionLaw, numbers: ca.SX, rows: np.ndarray) -> np.ndarray:
-    """Whether the friction of a law is below zero at some speed, with each row of numbers in place of its symbols.
+def driving_of(law: FrictionLaw, numbers: ca.SX) -> Callable[[np.ndarray], np.ndarray]:
+    """A function that says of rows of numbers, shape (n, k), whether the friction of a law with them is below zero at some speed, shape (n,).
 
-    law: with symbols for its numbers;  numbers: these, shape (k,);  rows: shape (n, k).  Returns shape (n,): False where numbers do not tell it.
+    law: with symbols for its numbers;  numbers: these, shape (k,). It says False where numbers do not tell it.
     """
     try:
         speeds = ca.SX(SPEEDS)
         friction = ca.Function("friction", [numbers], [law.sliding(speeds, *(speeds >= ca.SX(place) for place in law.breaks()))])
+    except Exception:  # whatever the code of a user does with symbols, which composing a plant tells in its own words
+        return lambda rows: np.zeros(len(rows), bool)
+
+    def drives(rows: np.ndarray) -> np.ndarray:
         parts = np.split(rows, range(ROWS, len(rows), ROWS))
         return np.concatenate([_below(np.array(friction(part.T))).any(axis=0) for part in parts])
-    except Exception:  # whatever the code of a user does with symbols, which composing a plant tells in its own words
-        return np.zeros(len(rows), bool)
+
+    return drives
 
 
 def _below(friction: np.ndarray) -> np.ndarray:

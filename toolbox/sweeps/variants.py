@@ -19,7 +19,7 @@ from toolbox.modelling.input_kinds import extremes
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Controller
 from toolbox.modelling.numbers import Number, designed_law, is_remembered
-from toolbox.modelling.opposing import not_opposing
+from toolbox.modelling.opposing import driving_of
 from toolbox.modelling.start import place_starts
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
@@ -76,9 +76,9 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
 def _contradictions(part: Any, row: np.ndarray, first: int, places: Sequence[int], points: np.ndarray) -> Iterator[tuple[int, str]]:
     """(run, why) where numbers of a part, other ones at some places in each run, contradict each other. row: all numbers, which is written over."""
     rows, which = np.unique(points, axis=0, return_inverse=True)
-    passes, driving = passing(part, row, first, places), _driving(part, row, first, places, rows)
+    passes, drives = passing(part, row, first, places), driving(part, row, first, places)(rows)
     for k, values in enumerate(rows):
-        if not driving[k] and passes(values.tolist()):
+        if not drives[k] and passes(values.tolist()):
             continue
         row[list(places)] = values
         try:
@@ -184,21 +184,24 @@ def _has_check(part: Any) -> bool:
     return any(is_nested(value) and _has_check(value) for value in (getattr(part, f.name) for f in fields_of(type(part))))
 
 
-def _driving(part: Any, row: np.ndarray, first: int, places: Sequence[int], rows: np.ndarray) -> np.ndarray:
-    """Whether the friction of a law in a part is below zero at some speed, for each of the rows of numbers at some places; shape (n,)."""
+def driving(part: Any, row: np.ndarray, first: int, places: Sequence[int]) -> Callable[[np.ndarray], np.ndarray]:
+    """A function that says of rows of numbers at some places, shape (n, k), whether the friction of a law in a part is below zero at some speed, shape (n,).
+
+    row: all numbers, of which those of the part begin at `first`.
+    """
     slots: list[Slot] = []
     whole = symbolic_copy(part, "", slots)
     symbols = ca.vertcat(*(slot.symbol for slot in slots))
-    free, known = [place - first for place in places], row[first : first + symbols.numel()]
-    fixed = [i for i in range(symbols.numel()) if i not in free]
-    found = np.zeros(len(rows), bool)
+    free, known = [place - first for place in places], row[first : first + symbols.numel()].copy()
     owners = [slot.owner for slot in slots for _ in range(slot.size or 1)]
-    for law in _friction_laws(whole):
-        if any(owners[i] is law for i in free):
-            numbers = np.empty((len(rows), symbols.numel()))
-            numbers[:, fixed], numbers[:, free] = known[fixed], rows
-            found |= not_opposing(law, symbols, numbers)
-    return found
+    laws = [driving_of(law, symbols) for law in _friction_laws(whole) if any(owners[i] is law for i in free)]
+
+    def drives(rows: np.ndarray) -> np.ndarray:
+        numbers = np.tile(known, (len(rows), 1))
+        numbers[:, free] = rows
+        return functools.reduce(np.logical_or, (law(numbers) for law in laws), np.zeros(len(rows), bool))
+
+    return drives
 
 
 def _friction_laws(node: Any) -> Iterator[FrictionLaw]:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from toolbox.modelling.hybrid_system import HybridSystem
-    from toolbox.onsets.results import Onset
     from toolbox.scenes.scene import Scene
     from toolbox.simulation.trajectory import Trajectory
 
@@ -72,14 +71,6 @@ def _before(ax: Any, run: Trajectory, x_signal: str, y_signal: str, until: float
 def draw_overlay(runs: Mapping[str, Any], signals: Sequence[str], after: float, until: float | None, path: Path) -> None:
     """Write the figure of runs over one another."""
     _write(_plot().overlay(runs, *signals, after=after, until=until), None, path)
-
-
-def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
-    """Write the figure of both branches under every controller."""
-    _plot()
-    from toolbox.onsets.figures import onset_panels
-
-    _write(onset_panels(onsets), scene.title, path)
 
 
 def draw_found(found: Drawn, title: str | None, path: Path) -> None:

@@ -18,7 +18,7 @@ from toolbox.files.unit_systems import asked_in
 
 if TYPE_CHECKING:
     from toolbox.modelling.closed_loop import ClosedLoop
-    from toolbox.onsets.onset import Onset
+    from toolbox.onsets.comparison import Comparison
     from toolbox.scenes.scene import Scene
 
 ONSET_FILES = ("onset.png", "onset.txt", "scene.toml")
@@ -88,7 +88,7 @@ def run(given: argparse.Namespace) -> int:
         text = "\n\n".join([scene.title, *(str(each) for each in onsets.values()), str(found)]) + "\n"
         if folder is not None:
             (folder / "onset.txt").write_text(text, encoding="utf-8")
-            _save(scene, onsets, dict(zip(labels, stems, strict=True)), folder, given.format)
+            _save(scene, found, dict(zip(labels, stems, strict=True)), folder, given.format)
     show(text.rstrip("\n"))
     if given.out:
         print(f"\nFigure, report and tables are in {given.out}")
@@ -112,12 +112,12 @@ def _uncertain(
     return answer(given, "drawn_onset", found, scene, "Onset of stick-slip over", "Report, figure and tables are")
 
 
-def _save(scene: Scene, onsets: Mapping[str, Onset], stems: Mapping[str, str], folder: Path, picture: str) -> None:
+def _save(scene: Scene, borders: Comparison, stems: Mapping[str, str], folder: Path, picture: str) -> None:
     """Write the results of every label, the scene, and the figure in the format `picture`."""
-    for label, found in onsets.items():
+    for label, found in borders.onsets.items():
         found.save(folder / f"{stems[label]}_onset.npz")
         found.save(folder / f"{stems[label]}_onset.csv")
         found.save_borders(folder / f"{stems[label]}_borders.csv")
     scene.save(folder / "scene.toml")
-    if onsets:
-        figures.draw_onsets(scene, onsets, folder / f"onset.{picture}")
+    if borders.onsets:
+        figures.draw_found(borders, scene.title, folder / f"onset.{picture}")

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 from toolbox.errors import SceneError, suggest
 from toolbox.files.printing import columns, shown, table
@@ -17,7 +18,7 @@ from toolbox.onsets.results import Onset
 
 @dataclass(frozen=True)
 class Comparison(Result):
-    """Onsets of several controllers over one parameter, side by side: `print(comparison)`, `comparison["soft torque"]`."""
+    """Onsets of several controllers over one parameter, side by side: `print(comparison)`, `comparison.plot()`, `comparison["soft torque"]`."""
 
     onsets: Mapping[str, Onset]
     failures: Mapping[str, str] = field(default_factory=dict)
@@ -33,6 +34,12 @@ class Comparison(Result):
         if label not in self.onsets:
             raise SceneError(f"There is no onset of `{label}`: {suggest(label, self.onsets)}")
         return self.onsets[label]
+
+    def plot(self) -> Any:
+        """Draw the bifurcation diagram of every controller, one panel each, on common axes; returns the axes. Raises SceneError where all failed."""
+        from toolbox.onsets.figures import onset_panels
+
+        return onset_panels(self.onsets)
 
     @cached_property
     def rows(self) -> list[tuple[str, ...]]:

@@ -44,6 +44,10 @@ class FrequencyResponse(Result):
         columns = [self.omega, *(row for value in self.values.values() for row in (np.abs(value), np.unwrap(np.angle(value))))]
         return heads, np.column_stack(columns).tolist()
 
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the response as the Bode diagram of `bode`; `nyquist` and `nichols` are its other views. Returns both axes."""
+        return self.bode(axes)
+
     def bode(self, axes: Any = None) -> Any:
         """Draw gain and phase over frequency, with gain and phase margin; returns both axes."""
         from toolbox.robustness.response_figures import bode_diagram
@@ -79,7 +83,7 @@ def frequency_response(loop: ClosedLoop, omega: Sequence[NumberOrText] | None = 
     Returns
     -------
     FrequencyResponse
-        The response of every command, which draws itself: `bode`, `nyquist`, `nichols`.
+        The response of every command, which draws itself: `plot` or `bode`, `nyquist`, `nichols`.
 
     Raises
     ------

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models import BitRock, TorsionalChain, wells
+from models import BitRock, DrillString, Section, TorsionalChain, wells
 from toolbox import SceneError, compose
-from toolbox.steady_states import mode_shapes
+from toolbox.steady_states import ModeShapes, mode_shapes
 
 N, K, J = 6, 4.0, 0.25
 
@@ -37,6 +37,17 @@ def test_the_picture_tells_the_frequencies(tmp_path):
     words = [text.get_text() for text in ax.get_legend().get_texts()]
     assert len(words) == 3 and words[0].startswith(f"{found.frequencies[0]:.3g} Hz")
     assert "mode" in str(found) and found.to_csv(tmp_path / "modes.csv").read_text().count("\n") == N
+
+
+def test_a_string_that_knows_the_depths_of_its_inertias_is_drawn_over_depth(tmp_path):
+    string = DrillString.from_tables([Section(1000.0, 0.127, 0.1086), Section("200 m", 0.17, 0.07)], top_inertia=2000.0, elements=12)
+    found = mode_shapes(compose(string))
+    assert found.depth.tolist() == list(string.depth) and found.depth[-1] == 1200.0
+    ax = ModeShapes.load(found.save(tmp_path / "modes.npz")).plot()
+    assert ax.get_ylabel() == "measured depth [m]" and ax.lines[0].get_ydata().tolist() == list(string.depth)
+    low, high = ax.get_ylim()
+    assert low > 1200.0 and high < 0.0  # the top is at the top
+    assert mode_shapes(compose(wells.JANSEN_2), "chain.speed").plot().get_ylabel() == "entry of chain speed, from the top"
 
 
 def test_what_has_no_shapes_is_refused():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -30,11 +30,17 @@ class ModeShapes(Result):
         One pole of each pair [1/s], with a positive imaginary part.
     shapes
         Motion of every entry of the state, shape (modes, entries), real, the largest 1: how far each swings when the one that swings furthest is furthest.
+    depth
+        Measured depth of every entry [m]; None where the part of the state has no `depth`.
+    asked
+        {unit: unit that was typed}.
     """
 
     state: str
     poles: np.ndarray
     shapes: FloatArray
+    depth: FloatArray | None = None
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def frequencies(self) -> FloatArray:
@@ -62,7 +68,7 @@ class ModeShapes(Result):
         return heads, np.column_stack([self.frequencies, self.poles.real, self.shapes]).tolist()
 
     def plot(self, most: int = 5, ax: Any = None) -> Any:
-        """Draw the slowest modes over the entries, the first at the top; returns the axes.
+        """Draw the slowest modes over depth, or over the entries where it is not known, the first at the top; returns the axes.
 
         Parameters
         ----------
@@ -71,23 +77,22 @@ class ModeShapes(Result):
         ax
             Axes to draw into.
         """
-        from toolbox.figures.style import LINES, WIDTH, drawn_on, in_words
+        from toolbox.figures.style import LINES, WIDTH, drawn_on, in_words, name_axis
 
         count = self.shapes.shape[1]
+        place = np.arange(1.0, count + 1.0) if self.depth is None else self.depth
         with drawn_on(ax, height=3.8, width=0.75 * WIDTH) as ax:
             for k, (shape, hertz, ratio) in enumerate(zip(self.shapes[:most], self.frequencies, self.damping, strict=False)):
                 mark = {"marker": "o", "markersize": 3.5} if count <= 30 else {}
-                ax.plot(
-                    shape, np.arange(1, count + 1), label=f"{hertz:.3g} Hz, damping {100 * ratio:.2g} %", **LINES[k % len(LINES)], **mark
-                )
+                ax.plot(shape, place, label=f"{hertz:.3g} Hz, damping {100 * ratio:.2g} %", **LINES[k % len(LINES)], **mark)
             ax.axvline(0.0, color="0.7", linewidth=0.7, zorder=0)
-            ax.set(
-                xlim=(-1.1, 1.1),
-                ylim=(count + 0.3, 0.7),
-                xlabel="motion, the largest 1 [1]",
-                ylabel=f"entry of {in_words(self.state)}, from the top",
-            )
-            ax.yaxis.get_major_locator().set_params(integer=True)
+            margin = 0.3 if self.depth is None else 0.015 * np.ptp(place)
+            ax.set(xlim=(-1.1, 1.1), ylim=(place[-1] + margin, place[0] - margin), xlabel="motion, the largest 1 [1]")
+            if self.depth is None:
+                ax.set_ylabel(f"entry of {in_words(self.state)}, from the top")
+                ax.yaxis.get_major_locator().set_params(integer=True)
+            else:
+                name_axis(ax.yaxis, "measured depth", "m", self.asked)
             ax.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return ax
 
@@ -139,4 +144,6 @@ def mode_shapes(loop: ClosedLoop, state: str | None = None, *, mode: Mapping[str
     for k in swings:
         largest = rows[k][np.argmax(np.abs(rows[k]))]
         shapes.append((rows[k] / largest).real)
-    return ModeShapes(state, values[swings], np.array(shapes))
+    depth = f"{state.rpartition('.')[0]}.depth"
+    known = depth in plant.parameters and plant.parameters[depth].size == vectors[state]
+    return ModeShapes(state, values[swings], np.array(shapes), plant.parameter(depth) if known else None, loop.asked)

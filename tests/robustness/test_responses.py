@@ -6,7 +6,7 @@ import pytest
 from controllers import PI, SoftTorque
 from models import BitRock, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, linearise
-from toolbox.robustness import frequency_response, stability_chart
+from toolbox.robustness import StabilityChart, frequency_response, stability_chart
 from toolbox.steady_states import pole_locus
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
@@ -81,3 +81,28 @@ def test_charts_over_what_is_no_pair_of_ranges_are_refused():
             stability_chart(PI_LOOP, over)
     with pytest.raises(SceneError, match="`shape`"):
         stability_chart(PI_LOOP, {"pi.integral": (1, 2), "pi.proportional": (1, 2)}, shape=(2, 5))
+
+
+def test_lines_of_the_chart_follow_what_is_smooth_between_its_points():
+    # growth r^2 - 1 and margin 1 - r^2 of seven points a side: straight pieces would be 2 % off the circles, and no line of the margin close to the border
+    side = np.linspace(-1.3, 1.3, 7)
+    squared = side[:, None] ** 2 + side**2
+    squared[0] = np.nan  # not known
+    units = ("1", "1")
+    chart = StabilityChart(("a", "b"), units, (side, side), squared - 1.0, np.maximum(1.0 - squared, 0.0) + 0.0 * squared, (0.0, 0.0))
+    ax = chart.plot()
+    lines = [each for each in ax.collections if not each.filled]
+    radii = {0.0: [], **{level: [] for level in (0.1, 0.2, 0.4, 0.6, 0.8)}}
+    for each in lines:
+        for level, path in zip(each.levels, each.get_paths(), strict=True):
+            radii[level] = np.hypot(*path.vertices.T)
+    for level, radius in radii.items():
+        assert len(radius) > 40 and radius == pytest.approx(np.full(len(radius), np.sqrt(1.0 - level)), abs=2e-3), level
+
+
+def test_the_response_plots_itself_as_a_bode_diagram():
+    found = frequency_response(PI_LOOP, np.geomspace(0.05, 20.0, 40))
+    assert all(
+        one.lines[0].get_xydata().tolist() == other.lines[0].get_xydata().tolist()
+        for one, other in zip(found.plot(), found.bode(), strict=True)
+    )

@@ -155,3 +155,14 @@ def draw_limits(
                     "limit", (1.0, value), xycoords=ax.get_yaxis_transform(), xytext=(-2, 1.5), textcoords="offset points", fontsize=7.0, color=colour,
                     ha="right", va="bottom",
                 )  # fmt: skip
+
+
+def nearest_known(values: np.ndarray) -> np.ndarray:
+    """Numbers of a grid with those that are nan taken from the nearest one that is not; zeros where all are nan."""
+    from scipy.ndimage import distance_transform_edt
+
+    unknown = ~np.isfinite(values)
+    if unknown.all():
+        return np.zeros(values.shape)
+    places = distance_transform_edt(unknown, return_distances=False, return_indices=True)
+    return values[tuple(places)]

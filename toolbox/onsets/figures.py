@@ -17,6 +17,7 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
 from toolbox.errors import SceneError
+from toolbox.figures.curves import nearest_known
 from toolbox.figures.style import LINES, PAPER, WIDTH, drawn_on, in_words, name_axis, reading_of
 from toolbox.measuring.judge import SMOOTH, STICKS, SWINGS
 from toolbox.onsets.regions import MEANINGS, outlines
@@ -165,7 +166,7 @@ def severity_panels(found: Any, axes: Any = None) -> Any:
             if name == "smooth":
                 _filled(ax, grid, lasting["sticking"], borders["sticking"], TINTS["bistable"])
             # the severity of the nearest point where there is one reaches up to the border
-            shown = _nearest(np.where(lasting[name], branch.severity, np.nan))
+            shown = nearest_known(np.where(lasting[name], branch.severity, np.nan))
             shade = ax.pcolormesh(*grid, shown.T, cmap="Greys", vmin=0.0, vmax=1.25 * top, shading="gouraud", rasterized=True, zorder=1)
             shade.set_clip_path(_path(outlines(grid, lasting[name], borders[name])), ax.transData)
             for border, (label, look) in BORDERS.items():
@@ -239,17 +240,6 @@ def _filled(ax: Any, grid: tuple[np.ndarray, np.ndarray], where: np.ndarray, seg
     polygons = outlines(grid, where, segments)
     if polygons:  # without seams between the cells
         ax.add_patch(PathPatch(_path(polygons), facecolor=colour, edgecolor=colour, linewidth=0.3, zorder=0.5))
-
-
-def _nearest(values: np.ndarray) -> np.ndarray:
-    """Numbers of a grid with those that are nan taken from the nearest one that is not; zeros where all are nan."""
-    from scipy.ndimage import distance_transform_edt
-
-    unknown = ~np.isfinite(values)
-    if unknown.all():
-        return np.zeros(values.shape)
-    places = distance_transform_edt(unknown, return_distances=False, return_indices=True)
-    return values[tuple(places)]
 
 
 def lines_of(segments: np.ndarray) -> list[np.ndarray]:

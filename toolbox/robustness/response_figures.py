@@ -12,6 +12,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
+from toolbox.figures.curves import nearest_known
 from toolbox.figures.style import LINES, WIDTH, drawn_on, in_words, name_axis
 
 
@@ -105,22 +106,23 @@ def nichols_diagram(found: Any, ax: Any = None) -> Any:
 def stability_diagram(found: Any, ax: Any = None) -> Any:
     """Where the loop is stable over two numbers, with lines of equal disk margin and the working point; returns the axes."""
     with drawn_on(ax, height=0.62 * WIDTH, width=0.8 * WIDTH) as ax:
-        x, y = found.axes
-        held = np.ma.masked_invalid(found.growth.T)
+        x, y, growth, disk = _finer(found)
+        held = np.ma.masked_invalid(growth.T)
         if held.min() < 0.0:  # shaded no further than was looked at
             ax.contourf(x, y, held, levels=[min(-1.0, held.min()) * 2, 0.0], colors=["#d7ebf7"])
         if held.min() < 0.0 < held.max():
             ax.contour(x, y, held, levels=[0.0], colors="black", linewidths=1.6)
-        margin = np.ma.masked_invalid(found.disk_margin.T)
+        margin = np.ma.masked_invalid(disk.T)
         levels = [level for level in (0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.5, 1.8) if level < np.nanmax(found.disk_margin)]
         if levels:
             lines = ax.contour(x, y, margin, levels=levels, colors="#12355b", linewidths=0.9)
             ax.clabel(lines, fmt=lambda level: f"α = {level:g}", fontsize=7.0)
         ax.plot(*found.at, marker="o", color="#e07a1f", markeredgecolor="black", markersize=6, linestyle="none", clip_on=False)
         known = np.isfinite(
-            found.growth.T
+            found.growth
         )  # where there is no steady running at the set-point, as without integral gain, nothing is to be seen
-        for each, values, place in ((ax.set_xlim, x[known.any(axis=0)], found.at[0]), (ax.set_ylim, y[known.any(axis=1)], found.at[1])):
+        across, up = found.axes[0][known.any(axis=1)], found.axes[1][known.any(axis=0)]
+        for each, values, place in ((ax.set_xlim, across, found.at[0]), (ax.set_ylim, up, found.at[1])):
             each(min([*values, place]), max([*values, place]))
         if not (found.growth < 0.0).any():
             ax.text(0.5, 0.6, "stable nowhere", transform=ax.transAxes, ha="center")
@@ -128,6 +130,37 @@ def stability_diagram(found: Any, ax: Any = None) -> Any:
             name_axis(axis, in_words(name), unit, found.asked)
         ax.set_title("shaded: stable; α: disk margin; point: as declared", fontsize=8.5, loc="left")
     return ax
+
+
+FINER = 8
+"""Into so many parts the distance between two points of a chart is divided for its lines."""
+
+
+def _finer(found: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(across, up, growth, disk margin) of a chart between its points: by cubics through these (H. Akima, J. ACM 17 (1970) 589-602), which do not swing.
+
+    Straight pieces between points would be taken for a result. Where the loop is unstable the margin goes on below zero as the growth does, so that its lines
+    close to the border follow it. A point that is not known leaves out the cells around it.
+    """
+    from scipy.interpolate import Akima1DInterpolator
+
+    known = np.isfinite(found.growth)
+    inside = np.ix_(known.any(axis=1), known.any(axis=0))
+    known, growth, disk = known[inside], found.growth[inside], found.disk_margin[inside]
+    axes = [axis[places.ravel()] for axis, places in zip(found.axes, inside, strict=True)]
+    rows = [np.interp(np.arange((each.size - 1) * FINER + 1) / FINER, np.arange(each.size), each) for each in axes]
+    gone = np.zeros([each.size for each in rows], bool)
+    for i, j in np.argwhere(~known):
+        gone[max(FINER * (i - 1) + 1, 0) : FINER * (i + 1), max(FINER * (j - 1) + 1, 0) : FINER * (j + 1)] = True
+    with np.errstate(divide="ignore", invalid="ignore"):
+        per_growth = nearest_known(np.where(growth < 0.0, disk / growth, math.nan))
+    values = []
+    for value in (growth, np.where(growth < 0.0, disk, growth * per_growth)):
+        value = nearest_known(value)
+        for axis in (0, 1):
+            value = Akima1DInterpolator(axes[axis], value, axis=axis)(rows[axis]) if axes[axis].size > 1 else value
+        values.append(np.where(gone, math.nan, value))
+    return rows[0], rows[1], values[0], values[1]
 
 
 def describing_diagram(found: Any, axes: Any = None) -> Any:

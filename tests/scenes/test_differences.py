@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from controllers import PI, StiffPI
@@ -109,3 +110,24 @@ def test_the_command_compares_saved_runs_and_scenes(runs, tmp_path, capsys):
     assert "must be two runs (.npz) or two scenes (.toml)" in capsys.readouterr().err
     assert main(["compare", *paths, "--signal", "bit.sped"]) == 2
     assert "did you mean `bit.speed`" in capsys.readouterr().err
+
+
+def test_a_folder_that_holds_one_run_stands_for_it(runs, tmp_path, capsys):
+    slow, fast = runs.values()
+    folder, other = tmp_path / "slow", tmp_path / "others"
+    for each in (folder, other, tmp_path / "empty"):
+        each.mkdir()
+    path = slow.save(folder / "01_slow.npz")
+    np.savez(folder / "margins.npz", result=np.array("{}"))  # what another command found
+    paths = [str(fast.save(other / f"0{i}_fast.npz")) for i in (1, 2)]
+    assert main(["compare", str(path), paths[0]]) == 0
+    expected = capsys.readouterr().out
+    assert main(["compare", str(folder), paths[0]]) == 0
+    assert capsys.readouterr().out == expected
+    assert main(["compare", str(folder), str(other)]) == 2
+    assert (
+        f"Folder `{other}` must hold one run (.npz), as simulate and study write it, but it holds 2: give one of `{paths[0]}`, `{paths[1]}`."
+        in (capsys.readouterr().err)
+    )
+    assert main(["compare", str(tmp_path / "empty"), str(folder)]) == 2
+    assert "but it holds none." in capsys.readouterr().err

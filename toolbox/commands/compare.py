@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +23,12 @@ def add(commands: Any) -> None:
     comparison = commands.add_parser(
         "compare",
         help="two saved runs by their measures, or two scenes by their keys",
-        description="Compare two runs that were saved (.npz, as simulate and study write them): how long and how often they stick, and the extrema, mean and "
-        "severity of their signals. Or compare two scenes (.toml): the keys whose values differ. With --out, the folder gets the report and both scenes, "
-        "or, for runs, a figure with both over one another.",
+        description="Compare two runs that were saved (.npz, as simulate and study write them, or a folder that holds one such file): how long and how often "
+        "they stick, and the extrema, mean and severity of their signals. Or compare two scenes (.toml): the keys whose values differ. With --out, the folder "
+        "gets the report and both scenes, or, for runs, a figure with both over one another.",
         epilog="example: stickslip compare out/01_stiff_pi.npz out/02_soft_torque.npz --after '40 s'",
     )
-    comparison.add_argument("first", type=Path, metavar="FIRST", help="a saved run or a scene")
+    comparison.add_argument("first", type=Path, metavar="FIRST", help="a saved run, a folder that holds one, or a scene")
     comparison.add_argument("second", type=Path, metavar="SECOND", help="another of the same kind")
     comparison.add_argument(
         "--signal", action="append", metavar="NAME", help="a signal of the runs; may be repeated; without, what a plot shows"
@@ -54,7 +55,7 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.scenes.scene import Scene
     from toolbox.simulation.saved_run import SavedRun
 
-    paths = (given.first, given.second)
+    paths = _run_of(given.first), _run_of(given.second)
     kinds = {path.suffix.lower() for path in paths}
     if kinds not in ({".toml"}, {".npz"}):
         raise SceneError(
@@ -81,3 +82,20 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\n{'Report and scenes are' if scenes else 'Report and figure are'} in {given.out}")
     return 0
+
+
+def _run_of(path: Path) -> Path:
+    """The file that is meant: the one run of a folder, or the path itself. Raises SceneError for a folder that holds none or several."""
+    from toolbox.simulation.saved_run import SavedRun
+
+    if not path.is_dir():
+        return path
+    runs = []
+    for file in sorted(path.glob("*.npz")):
+        with contextlib.suppress(SceneError):  # of what other commands found
+            SavedRun.read(file)
+            runs.append(file)
+    if len(runs) != 1:
+        held = f"{len(runs)}: give one of {', '.join(f'`{file}`' for file in runs)}" if runs else "none"
+        raise SceneError(f"Folder `{path}` must hold one run (.npz), as simulate and study write it, but it holds {held}.")
+    return runs[0]

@@ -117,7 +117,7 @@ def test_a_part_of_a_log_with_holes_is_used_where_that_is_said(rig, tmp_path, ca
     given = ["posterior", str(rig), str(tmp_path / "rig.csv"), "--prior", "bit.weight=50kN:110kN", "--compare", "top.speed=0.1 rad/s"]
     assert main([*given, "--draws", "32"]) == 2
     assert "choose among the windows" in capsys.readouterr().err
-    assert main([*given, "--draws", "32", "--hole", "4", "--part", "0:4"]) == 0
+    assert main([*given, "--draws", "32", "--hole", "4", "--window", "0:4", "--mean", "1 s"]) == 0
     printed = capsys.readouterr().out
     assert "Recording of" in printed and "4 null" in printed and "top.speed from 3 s" in printed and "from 4 s" not in printed
 

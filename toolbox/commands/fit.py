@@ -10,7 +10,7 @@ from typing import Any
 from toolbox.arguments import number, numbers, whole
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import common, drawn_as, earlier, pairs, plain, ranges, show
+from toolbox.commands.terminal import common, drawn_as, earlier, pairs, plain, ranges, show, span
 from toolbox.errors import SceneError
 
 FIT_FILES = ("fit.txt", "fit.csv", "fit.npz", "fit.png", "scene.toml")
@@ -94,7 +94,7 @@ def run(given: argparse.Namespace) -> int:
     bounds = {name: (low, high) for name, (low, high) in spans.items()}
     columns = dict(pairs("--column", "SIGNAL=HEADING", given.column))
     shifts = {name: plain(late) for name, late in pairs("--shift", "SIGNAL=TIME", given.shift)}
-    windows = [Window(*_window(text), own=given.own) for text in given.window]
+    windows = [Window(*span("--window", text), own=given.own) for text in given.window]
     if given.own and not windows:
         raise SceneError("Argument `--own` must come with windows, by `--window`, but there is none.")
     robust = None if given.robust == "off" else number("--robust", given.robust, "1", above=1)
@@ -125,10 +125,3 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\nReport, table, figure and the calibrated scene are in {given.out}")
     return 0
-
-
-def _window(text: str) -> tuple[float, float]:
-    begin, colon, end = text.partition(":")
-    if not colon:
-        raise SceneError(f"Argument `--window` must be BEGIN:END, but it is `{text}`.")
-    return tuple(number("--window", part if part.strip()[-1:].isalpha() else f"{part} s", "s") for part in (begin, end))  # type: ignore[return-value]

@@ -12,7 +12,7 @@ from toolbox.arguments import whole
 from toolbox.commands import figures
 from toolbox.commands.chance import DISTRIBUTIONS, GOES_ON, distributions
 from toolbox.commands.recording import answer
-from toolbox.commands.terminal import common, pairs, plain, ranges, show
+from toolbox.commands.terminal import common, pairs, plain, show, span
 from toolbox.errors import SceneError
 
 if TYPE_CHECKING:
@@ -36,11 +36,11 @@ def add(commands: Any) -> None:
             )
         ],
         help="what numbers of a machine may be, given what was measured, as draws, and the evidence of its laws",
-        description="Sample the posterior of numbers of a scene. Signals of the data that are inputs of the machine drive the runs; means in windows of other "
+        description="Sample the posterior of numbers of a scene. Signals of the data that are inputs of the machine drive the runs; means of other "
         "signals are compared with them (--compare), or measures of a run with their values (--measured), without data. The draws (posterior.npz) are what "
         "`stickslip chance --posterior` takes.",
         epilog="example: stickslip posterior studies/scenes/jansen_2.toml rig.csv --prior bit.friction.static=0.6:1 --prior bit.weight='80 kN +- 15 kN' "
-        "--compare bit.speed='0.5 rad/s' --window '1 s' --out known;   stickslip posterior studies/scenes/jansen_2.toml --controller 'stiff PI' "
+        "--compare bit.speed='0.5 rad/s' --mean '1 s' --out known;   stickslip posterior studies/scenes/jansen_2.toml --controller 'stiff PI' "
         "--prior bit.weight=50kN:110kN --measured stuck_ratio='0.31 +- 0.02' --measured severity='1.9 +- 0.1'",
     )
     verb.add_argument("data", type=Path, nargs="?", metavar="DATA", help="measured signals: CSV or TOML with units in headings, or MAT")
@@ -56,7 +56,7 @@ def add(commands: Any) -> None:
         action="append",
         default=[],
         metavar="SIGNAL=DEVIATION",
-        help="a measured signal, and the standard deviation of the mean of a window, errors of the model included; may be repeated",
+        help="a measured signal, and the standard deviation of each mean, errors of the model included; may be repeated",
     )
     verb.add_argument(
         "--measured",
@@ -65,9 +65,12 @@ def add(commands: Any) -> None:
         metavar="MEASURE=WHAT",
         help="a measure of `stickslip list measures` and its value, such as severity='1.9 +- 0.1'; may be repeated",
     )
-    verb.add_argument("--window", default="1 s", metavar="T", help="length of the windows ('1 s')")
+    verb.add_argument("--mean", default="1 s", metavar="T", help="time over which each mean is taken ('1 s')")
     verb.add_argument(
-        "--part", metavar="BEGIN:END", help="times [s] of the data that are used; at the first the machine stands as the scene says"
+        "--window",
+        "--part",  # its earlier name
+        metavar="BEGIN:END",
+        help="times [s] of the data that are used; at the first the machine stands as the scene says",
     )
     verb.add_argument(
         "--hole", type=int, default=2, metavar="N", help="samples that may be missing in a row in what drives the machine (2)"
@@ -81,7 +84,7 @@ def add(commands: Any) -> None:
     verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the random numbers (0)")
     verb.set_defaults(
         action=run,
-        spelled={"priors": "--prior", "data": "--measured", "columns": "--column", "compare": "--compare", "length": "--window"},
+        spelled={"priors": "--prior", "data": "--measured", "columns": "--column", "compare": "--compare", "length": "--mean"},
         words=lambda given: GOES_ON if given.out else "interrupted.",
     )
 
@@ -138,9 +141,8 @@ def _compared(given: argparse.Namespace, loop: ClosedLoop) -> tuple[ClosedLoop, 
     recording = Recording.of(
         given.data, dataclasses.replace(loop, inputs={}).system, dict(pairs("--column", "SIGNAL=HEADING", given.column)) or None
     )
-    if given.part is not None:
-        begin, end = ranges("--part", [f"part={given.part}"])["part"]
-        recording = recording.between(begin, end)
+    if given.window is not None:
+        recording = recording.between(*span("--window", given.window))
     show(str(recording))
     compare = {name: plain(size) for name, size in pairs("--compare", "SIGNAL=DEVIATION", given.compare)}
-    return *from_recording(loop, recording, compare, plain(given.window), hole=whole("--hole", given.hole, 0)), recording
+    return *from_recording(loop, recording, compare, plain(given.mean), hole=whole("--hole", given.hole, 0)), recording

@@ -14,7 +14,7 @@ from itertools import chain, groupby, pairwise
 from pathlib import Path
 from typing import Any
 
-from toolbox.arguments import numbers
+from toolbox.arguments import number, numbers
 from toolbox.errors import NoSteadyState, SceneError, SimulationError
 from toolbox.files.reading import text_of
 from toolbox.messages import progress_bar
@@ -255,6 +255,15 @@ def ranges(option: str, texts: Iterable[str], counted: bool = False, bare: bool 
             ends[0] += re.sub(r"^[-+0-9.eE_]+", "", ends[1])
         found[name] = (*map(plain, ends[:2]), *map(int, ends[2:]))
     return found
+
+
+def span(option: str, text: str) -> tuple[float, float]:
+    """(begin, end) [s] of a text BEGIN:END, in seconds or with units. Raises SceneError for another form."""
+    begin, colon, end = text.partition(":")
+    if not colon:
+        raise SceneError(f"Argument `{option}` must be BEGIN:END, but it is `{text}`.")
+    first, last = (number(option, part if part.strip()[-1:].isalpha() else f"{part} s", "s") for part in (begin, end))
+    return first, last
 
 
 def check_some(refused: Mapping[str, Exception], cases: Sequence[str]) -> None:

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers import PI, SoftTorque
-from models import BitRock, BlockOnBelt, wells
+from controllers import PI, SoftTorque, StiffPI
+from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, wells
 from tests.relapsing import Relapsing
 from toolbox import Sampled, closed_loop, compose, equilibrium, measure, simulate
 from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS, Judge, Judged, Record
@@ -138,6 +138,23 @@ def test_a_bit_under_too_little_torque_stands():
     judge = Judge("bit", "bit.speed", 10.0)
     assert carried(plant, None, judge, {}, inputs={"top.torque": 9000.0})[0].regime == STANDS
     assert carried(plant, None, judge, {}, inputs={"top.torque": 13_000.0})[0].regime != STANDS
+
+
+def test_a_bit_whose_force_rests_while_the_drive_winds_up_the_string_above_does_not_stand():
+    """The collars stick to the hole above a bit on the rock, and swing fast against it: for seconds the force of the bit does not change at all."""
+    chain = TorsionalChain(
+        inertia=(2122.0, 300.0, 60.0),
+        stiffness=(473.0, 4e5),
+        damping=(23.2, 1.0),
+        top_drag=2000.0,
+        friction=Coulomb(1.0, 0.6),
+        friction_load=(9000.0,),
+        friction_at=(1,),
+    )
+    plant = compose(chain, BitRock(weight=50e3))
+    judge = Judge("bit", "bit.speed", 0.05, budget=4000)
+    assert carried(plant, StiffPI(), judge, {}, inputs={"top.reference": 8.0})[0].regime == STICKS
+    assert carried(plant, None, judge, {}, inputs={"top.torque": 5000.0})[0].regime == STANDS
 
 
 def test_a_block_on_a_belt_sticks_and_slips_and_one_with_damping_comes_to_slide_smoothly():

@@ -3,7 +3,7 @@
 No window of fixed length can tell. A loop that relapses every ten minutes shows minutes without a stick, and one whose disturbance grows with four minutes
 looks calm for one. So a verdict rests on what comes back, and on how a small disturbance of smooth running grows:
 
-- it *stands* if it sticks and the force of the contact is at rest, or comes and goes by the same without a release;
+- it *stands* if it sticks and the forces of all contacts are at rest, or come and go by the same without a release;
 - it *sticks and slips* if the same stick comes back: with the lengths and intervals of one round like those of the round before, or drawing near to such a
   round faster than they would lose the stick, or anew after a lull;
 - it *swings* if the same extremum comes back without a stick, or, where nothing decides until the budget is spent, if its extrema have risen and fallen
@@ -119,8 +119,8 @@ class Record:
     """What the judge has seen: the sticks of a contact, and what a signal did.
 
     sticks: (begin, end) of each, shape (sticks, 2);  steps: (begin, end, lowest value, highest value, integral) of the steps of each piece, cut where windows
-    of a length end, which divides that of a piece;  windows: lowest and highest value in each, shape (windows, 2);  recent: the last three pieces, whose force
-    is looked at where the contact stays.
+    of a length end, which divides that of a piece;  windows: lowest and highest value in each, shape (windows, 2);  recent: the last three pieces, whose forces
+    are looked at where the contact stays.
     """
 
     element: str
@@ -154,21 +154,25 @@ class Record:
         self.now = run.end
         self.recent = [*self.recent[-2:], run]
 
-    @property
-    def spans(self) -> list[float]:
-        """Range of the force of the contact over the second half of each of the last three pieces, in parts of its largest value."""
-        return [self._span(run) for run in self.recent]
-
-    def _span(self, run: Trajectory) -> float:
+    def _span(self, run: Trajectory) -> FloatArray:
+        """Range of the force of every contact over the second half of a piece, in parts of its largest value."""
         late = run.nodes.at(np.linspace(0.5 * (run.begin + run.end), run.end, 65))
-        force = np.atleast_1d(late.computed(ca.SX(run.program.system.element(self.element).force)))
-        return float(np.ptp(force) / np.maximum(np.abs(force).max(), 1e-300))
+        forces = [ca.SX(each.force) for each in run.program.system.elements if each.holds or each.name == self.element]
+        force = late.computed(ca.vertcat(*forces)).reshape(65, -1)
+        return np.asarray(np.ptp(force, axis=0) / np.maximum(np.abs(force).max(axis=0), 1e-300))
 
     @property
-    def at_rest(self) -> bool:
-        """Whether the force of the contact rests, or has come and gone by the same in the last three pieces."""
-        last = self.spans
-        return last[-1] < SAME or (len(last) == 3 and max(last) - min(last) < 1e-3 * max(last))
+    def pieces_to_stand(self) -> float:
+        """How many pieces a stick must last to stand: one where the forces rest, three where they have come and gone by the same in as many; else inf.
+
+        Of all contacts: that of a bit may rest for seconds while the string above it sticks to its hole, too, and the drive winds up the rest of it.
+        """
+        spans = np.array([self._span(run) for run in self.recent])
+        if (spans[-1] < SAME).all():
+            return 1.0
+        most = spans.max(axis=0)
+        again = (most < SAME) | (np.ptp(spans, axis=0) < 1e-3 * most)
+        return 3.0 if len(spans) == 3 and again.all() else math.inf
 
     @property
     def resolved(self) -> FloatArray:
@@ -274,7 +278,7 @@ class Judge:
         sticks = record.resolved
         if len(sticks) and sticks[-1][1] >= record.now:  # it sticks now
             lasting = record.now - max(sticks[-1][0], record.first)
-            if lasting > (1 if record.spans[-1] < SAME else 3) * SWINGS_OF_A_PIECE * self.swing and record.at_rest:
+            if lasting > SWINGS_OF_A_PIECE * self.swing * record.pieces_to_stand:
                 return self._verdict(STANDS, record, sticks[-1][0], sticks[-1:])
             sticks = sticks[:-1]
             if lasting > LULL * self.swing:  # how it goes on is not told by what was before

@@ -59,24 +59,26 @@ class DrillString(TorsionalChain):
         ----------
         sections, survey
             Paths of tables (see `read_sections`, `read_survey`), or values.
-        top_inertia, bit_inertia
-            Rigid inertias at the ends of the string [kg m2].
+        top_inertia
+            Inertia of what turns rigidly at the top, the motor and its gears as seen from the string [kg m2].
+        bit_inertia
+            Rigid inertia at the bit [kg m2].
         band
             Frequency [Hz] up to which natural frequencies are right within one per cent; it decides the number of elements (see
             `models.lumping`). Friction along the string asks for more than the swing of a whole string does: `python -m studies detail` prints
             what more elements change and cost.
         elements
-            The number of elements instead; inertias are one more.
+            Number of elements, in place of the band; inertias are one more.
         friction
             Friction law of the string on its hole, with coefficients mu; only inertias with a side force get a contact.
         on_bottom
-            Leave the last inertia to `BitRock`; its share of friction goes to the one above.
+            Whether the last inertia is left to the rock (`BitRock`), as in a string that drills; its share of friction goes to the one above.
         mud_density
             Density of the mud for buoyancy [kg/m3]; 0 for none.
         doglegs
             Whether the side force n has the part of the tension in curved hole (Johancsik); else n = w sin(inc).
         weight_on_bit
-            Weight on bit [N], by which that tension is lower.
+            Weight on bit [N], by which the tension of `doglegs` is lower.
         drag_rate
             Viscous drag per inertia of the string [1/s].
         internal_damping

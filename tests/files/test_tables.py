@@ -77,6 +77,10 @@ def test_a_survey_goes_by_its_usual_short_names(written):
     assert survey.inclination == (0.0, pytest.approx(math.pi / 2, rel=1e-15))
 
 
+def test_a_diameter_may_be_written_as_on_the_pipe(written):
+    assert read_sections(written(GOOD.replace("6.5", "6 1/2"))) == read_sections(written(GOOD))
+
+
 BAD_SECTIONS = {
     "OD below ID": (GOOD.replace("200,6.5", "200,2.5"), r"row 2 \(line 3\), column `ID \[in\]`.*smaller than the outer diameter"),
     "OD like ID": (GOOD.replace("4.276", "5"), r"row 1 \(line 2\), column `ID \[in\]`.*smaller than the outer diameter"),

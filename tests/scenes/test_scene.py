@@ -211,6 +211,34 @@ def test_two_parts_of_a_kind_get_names(written):
         Scene.load(written(text.replace('verdict = { element = "second.belt" }\n', "")))
 
 
+ALONG_A_HOLE = """
+title = "friction along the hole"
+duration = 5
+[[plant]]
+part = "DrillString"
+sections = "sections.csv"
+survey = "survey.csv"
+top_inertia = 2000
+elements = 8
+friction = { law = "Coulomb" }
+[[plant]]
+part = "BitRock"
+"""
+
+
+def test_a_string_on_its_hole_and_a_bit_on_the_rock_are_told_what_to_say(written, tmp_path):
+    (tmp_path / "sections.csv").write_text("length [m],OD [in],ID [in],material\n2000,5,4.276,steel\n")
+    (tmp_path / "survey.csv").write_text("MD [m],Inc [deg],Azi [deg]\n0,60,0\n2000,60,0\n")
+    with pytest.raises(SceneError, match="`chain.8`, `bit` must be independent.* `on_bottom = true`"):
+        Scene.load(written(ALONG_A_HOLE))
+    on_bottom = ALONG_A_HOLE.replace("elements", "on_bottom = true\nelements")
+    with pytest.raises(
+        SceneError, match=r'which of `chain.0`, ..., `chain.7`, `bit` is to be judged\? .* \[verdict\], such as `element = "bit"`'
+    ):
+        Scene.load(written(on_bottom))
+    assert Scene.load(written(f'{on_bottom}[verdict]\nelement = "bit"\n')).element == "bit"
+
+
 def edited(*pair):
     old, new = pair
     assert old in RIG

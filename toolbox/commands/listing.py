@@ -21,10 +21,10 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip list`."""
     listing = commands.add_parser(
         "list",
-        help="list wells, models, control laws, observers and friction laws with their parameters and units",
-        description="List what scene files can name: ready-made parts such as wells, models, control laws, observers and friction laws, each with its "
-        "parameters, their values, units and meaning; for models made from tables, what those take. `stickslip list scene` lists the keys of a scene file, "
-        "`stickslip list measures` what every command can measure.",
+        help="list wells, models, control laws, observers and friction laws; with a name, its parameters and units",
+        description="List what scene files can name, a line each: ready-made parts such as wells, models, control laws, observers and friction laws. With a "
+        "name, its parameters, their values, units and meaning; for models made from tables, what those take. `stickslip list scene` lists the keys of a "
+        "scene file, `stickslip list measures` what every command can measure.",
         epilog="example: stickslip list BitRock",
     )
     listing.add_argument(
@@ -62,14 +62,18 @@ def run(given: argparse.Namespace) -> int:
         {"name": entry.name, "kind": entry.kind, "summary": entry.summary, "parameters": [_described(*each) for each in entry.parameters]}
         for entry in entries
     ]
-    _print_parts(entries)
+    _print_parts(entries, given.name is not None)
+    if given.name is None:
+        show(
+            "`stickslip list NAME` shows the parameters of an entry, `stickslip list scene` the keys of a scene file, `stickslip list measures` all measures."
+        )
     if speaking:
         show(f"Others that speak of it: {', '.join(entry.name for entry in speaking)}")
     return 0
 
 
-def _print_parts(entries: Sequence[Any]) -> None:
-    """Print entries with their parameters under the headings of their kinds."""
+def _print_parts(entries: Sequence[Any], in_full: bool) -> None:
+    """Print entries under the headings of their kinds; in_full: with their parameters."""
     groups: dict[str, list[Any]] = {}
     for entry in entries:
         groups.setdefault(_heading(entry), []).append(entry)
@@ -78,11 +82,16 @@ def _print_parts(entries: Sequence[Any]) -> None:
         print(heading)
         for entry in groups[heading]:
             show(f"  {entry.name}: {entry.summary}")
+            if not in_full:
+                continue
             _print(_row(name, value, unit, meaning) for name, unit, value, meaning in entry.parameters)
             if isinstance(entry.item, type) and hasattr(entry.item, "from_tables"):
                 print("    or made from tables, with")
-                made = _made_of(entry.item)
-                _print(_row(name, value, unit, "path of a table" if unit is None else "") for name, (unit, value) in made.items())
+                meanings = _meanings(entry.item.from_tables)
+                _print(
+                    _row(name, value, unit, "path of a table" if unit is None else meanings.get(name, ""))
+                    for name, (unit, value) in _made_of(entry.item).items()
+                )
 
 
 def _key_rows() -> dict[str, list[tuple[str, str, str]]]:
@@ -194,6 +203,16 @@ def _made_of(item: Any) -> dict[str, tuple[str | None, Any]]:
             unit = None
         if name != "name":
             found[name] = (unit, dataclasses.MISSING if argument.default is inspect.Parameter.empty else argument.default)
+    return found
+
+
+def _meanings(function: Any) -> dict[str, str]:
+    """{parameter: what its docstring says of it, up to the end of the first clause and without the unit, which stands beside}."""
+    _, _, told = (inspect.getdoc(function) or "").partition("Parameters\n----------\n")
+    found: dict[str, str] = {}
+    for names, text in re.findall(r"^(\w+(?:, \w+)*)\n((?:    .*\n?)+)", told.partition("\n\n")[0], re.MULTILINE):
+        clause = re.sub(r" \[[^]]*\]", "", re.split(r"[.;:](?: |$)", " ".join(text.split()))[0])
+        found |= dict.fromkeys(names.split(", "), clause[:1].lower() + clause[1:])
     return found
 
 

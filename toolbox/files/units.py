@@ -41,6 +41,7 @@ HABITS = {
     "1/min": "rpm",
     "min^-1": "rpm",
     "min-1": "rpm",
+    "r/min": "rpm",
     "lb": "lbf",
     "lbs": "lbf",
     "klb": "klbf",
@@ -57,6 +58,8 @@ HABITS = {
     "lbf/ft": "lb/ft",
     "ppf": "lb/ft",
     "ppg": "lb/gal",
+    "sg": "g/cm3",
+    "SG": "g/cm3",
     "gpm": "gal/min",
 }
 """What drillers write for a speed of rotation, a force, a torque, the weight of a pipe or that of mud, or a flow, where that is what is wanted."""

@@ -69,7 +69,10 @@ def check_gain(system: HybridSystem) -> None:
     matrix, holding = matrix[np.ix_(kept, kept)], [holding[i] for i in kept]
     dependent = dependent_rows(matrix)
     if dependent:
-        raise SceneError(must_be_independent([holding[i].title for i in dependent]))
+        raise SceneError(
+            f"{must_be_independent([holding[i].title for i in dependent])} Two frictions on one body are one friction under both loads; where they are the "
+            "hole and the rock at the last inertia of a string made from tables, `on_bottom = true` leaves that inertia to the rock."
+        )
 
 
 def _check_cones(system: HybridSystem) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import itertools
 import tomllib
 import types
 import typing
@@ -93,7 +94,8 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         raise SceneError("Argument `plant` must have a contact that can stick, or one with memory, but it has none.")
     if len(contacts) > 1 and "element" not in verdict:
         raise SceneError(
-            f"The key `element` is missing in `verdict`: which of {', '.join(f'`{name}`' for name in contacts)} is to be judged?"
+            f"The key `element` is missing in `verdict`: which of {_in_short(contacts)} is to be judged? Say it under [verdict], such as "
+            f'`element = "{contacts[-1]}"`.'
         )
     element = _text(verdict.get("element", contacts[0]), "verdict.element")
     _known(element, contacts, "verdict.element")
@@ -140,6 +142,13 @@ def _measured(data: Any, folder: Path) -> Measured:
             raise SceneError(f"Argument `measured.windows.{i}` must begin before it ends, but it is {window!r}.")
         windows.append((float(begin), float(end)))
     return Measured((folder / _text(data["file"], "measured.file")).resolve(), columns, tuple(windows))
+
+
+def _in_short(names: Sequence[str]) -> str:
+    """Names for people, with those in the middle of a long row of numbered ones left out."""
+    groups = [list(group) for _, group in itertools.groupby(names, key=lambda name: name.rstrip("0123456789"))]
+    told = [[*group[:1], "...", *group[-1:]] if len(group) > 4 else group for group in groups]
+    return ", ".join(word if word == "..." else f"`{word}`" for group in told for word in group)
 
 
 def _component(data: Any, where: str, folder: Path, kind: str = "part") -> Any:

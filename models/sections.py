@@ -190,7 +190,7 @@ COLUMNS = (
     Column("from", "m", required=False),
     Column("to", "m", required=False),
     Column("OD", "m", ("outer diameter",)),
-    Column("ID", "m", ("inner diameter",), required=False),
+    Column("ID", "m", ("inner diameter",), required=False, blank=True),
     Column("nominal weight", "kg/m", required=False, blank=True),
     Column("weight", "kg/m", ("adjusted weight",), required=False, blank=True),
     Column("tool joint OD", "m", required=False, blank=True),

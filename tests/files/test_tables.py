@@ -81,6 +81,11 @@ def test_a_diameter_may_be_written_as_on_the_pipe(written):
     assert read_sections(written(GOOD.replace("6.5", "6 1/2"))) == read_sections(written(GOOD))
 
 
+def test_pipe_by_its_nominal_weight_and_collars_by_their_bore_stand_in_one_table(written):
+    text = "length [m],OD [in],ID [in],nominal weight [lb/ft],material\n1000,5,,19.5,steel\n200,6.5,2.8125,,steel\n"
+    assert [section.inner for section in read_sections(written(text))] == pytest.approx([4.276 * 0.0254, 2.8125 * 0.0254], rel=1e-12)
+
+
 BAD_SECTIONS = {
     "OD below ID": (GOOD.replace("200,6.5", "200,2.5"), r"row 2 \(line 3\), column `ID \[in\]`.*smaller than the outer diameter"),
     "OD like ID": (GOOD.replace("4.276", "5"), r"row 1 \(line 2\), column `ID \[in\]`.*smaller than the outer diameter"),

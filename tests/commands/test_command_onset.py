@@ -110,6 +110,7 @@ def test_the_printed_hopf_speed_is_that_of_the_closed_form(root, capsys):
     [
         (["--parameter", "top.refrence"], "top.reference"),
         (["--from", "200 rpm"], "`--from` must be below `--to`"),
+        (["--from", "30", "--to", "100 rpm"], "they are `30` and `100 rpm`; a plain number is in rad/s"),
         (["--from", "20 kN"], "--from"),
         (["--to", "fast"], "--to"),
         (["--values", "1"], "values"),

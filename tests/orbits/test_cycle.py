@@ -494,5 +494,6 @@ def test_cycle_and_branch_print_and_draw_themselves():
     assert "sticks 64.20 %" in str(cycle)
     branch = follow(cycle, "block.belt_speed", (0.1, 0.3), points=6)
     assert "6 cycles" in str(branch)
-    assert branch.plot("block.position").get_xlabel() == "block.belt_speed [m/s]"
+    ax = branch.plot("block.position")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("block belt speed [m/s]", "block position, smallest and largest [m]")
     cycle.plot("block.position", "block.speed")

@@ -62,7 +62,8 @@ def run(given: argparse.Namespace) -> int:
     at = None if given.at is None else number("--at", plain(given.at), unit)
     tolerance = None if given.tolerance is None else number("--tolerance", plain(given.tolerance), unit, above=0.0)
     if not low < high:
-        raise SceneError(f"Argument `--from` must be below `--to`, but they are `{given.low}` and `{given.high}`.")
+        si = f"; a plain number is in {unit}" if type(plain(given.low)) is not type(plain(given.high)) else ""
+        raise SceneError(f"Argument `--from` must be below `--to`, but they are `{given.low}` and `{given.high}`{si}.")
     whole("--values", given.values, 3)
     if given.uncertain or given.posterior:
         left_out(failures)

@@ -81,7 +81,7 @@ class Branch:
         """Draw the bifurcation diagram: the largest and the smallest value of a signal, solid where stable and dashed where not, with bifurcations marked."""
         import matplotlib.pyplot as plt
 
-        from toolbox.figures.style import LINES, name_axis
+        from toolbox.figures.style import LINES, name_axis, place_words
 
         if ax is None:
             _, ax = plt.subplots(figsize=(5.2, 3.6), layout="constrained")
@@ -104,8 +104,8 @@ class Branch:
             labels.add(point.kind)
             ax.plot([point.value] * 2, [low, high], markers[point.kind], color=LINES[1]["color"], markersize=5.5, markeredgecolor="0.1",
                     markeredgewidth=0.6, linestyle="none", label=label, zorder=4)  # fmt: skip
-        name_axis(ax.xaxis, self.parameter, self.unit, self.asked)
-        name_axis(ax.yaxis, f"{signal}, smallest and largest", self.cycles[0].run.unit(signal), self.cycles[0].run.asked)
+        name_axis(ax.xaxis, place_words(self.parameter), self.unit, self.asked)
+        name_axis(ax.yaxis, f"{place_words(signal)}, smallest and largest", self.cycles[0].run.unit(signal), self.cycles[0].run.asked)
         ax.legend(frameon=False)
         return ax
 

@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from controllers import PI
+from controllers import PI, SoftTorque
 from models import BitRock, Coulomb, TorsionalChain, wells
 from toolbox import closed_loop, compose, simulate
 from toolbox.commands.command_line import main
@@ -18,6 +18,8 @@ from toolbox.errors import SceneError
 from toolbox.onsets.results import Onset
 from toolbox.reports import report, to_pdf
 from toolbox.reports.machine import sketch
+from toolbox.reports.page import page as whole_page
+from toolbox.reports.sections import Section
 
 SCENE = """
 title = "Two inertias <95 rpm>"
@@ -114,6 +116,16 @@ def test_the_machine_and_the_gains_stand_in_it(page):
     laws = {row[0]: row[1] for rows in Page(page).tables for row in rows if rows[0] == ["controller", "law"]}
     assert "proportional 0.4206 kN m s/rad" in laws["soft torque"]
     assert page.count("kg m&#178;") == 2  # the sketch
+
+
+def test_laws_that_took_other_gains_on_another_machine_say_whose_they_are():
+    def section(kind, string):
+        return Section("My rig", kind, "", loops=(("soft torque", closed_loop(compose(string, BitRock()), SoftTorque())),))
+
+    study, again = section("Study", wells.JANSEN_2), section("Onset", wells.JANSEN_2)
+    text = whole_page("My rig", [study, again, section("Gains over depth", wells.NAVARRO_LOPEZ_2)])
+    assert re.findall("<h2>Laws of: (.*?)</h2>", text) == ["Study, Onset", "Gains over depth"]
+    assert "Laws of:" not in whole_page("My rig", [study, again])  # the same gains stand once
 
 
 @pytest.mark.parametrize("count", [2, 3, 9])

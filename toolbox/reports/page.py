@@ -66,8 +66,13 @@ def _figure(picture: Picture, numbers: Iterable[int]) -> str:
 
 
 def _laws(sections: Sequence[Section]) -> list[str]:
-    """The laws of each machine once, with what one types into the drive."""
-    return list(dict.fromkeys(f"<section>{laws(each.loops)}</section>" for each in sections if any(loop.laws for _, loop in each.loops)))
+    """The laws of each machine once, with what one types into the drive; of several machines each with the results that it belongs to."""
+    found: dict[str, list[str]] = {}
+    for section in sections:
+        if any(loop.laws for _, loop in section.loops):
+            found.setdefault(laws(section.loops), []).append(section.kind or section.title)
+    of = [f"<h2>Laws of: {html.escape(', '.join(dict.fromkeys(kinds)))}</h2>" if len(found) > 1 else "" for kinds in found.values()]
+    return [f"<section>{heading}{text}</section>" for heading, text in zip(of, found, strict=True)]
 
 
 def _machines(sections: Sequence[Section]) -> list[str]:

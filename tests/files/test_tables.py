@@ -98,7 +98,7 @@ BAD_SECTIONS = {
     "decimal comma": (GOOD.replace(",", ";").replace("6.5", "6,5"), r"row 2 .*`OD \[in\]`: it must be a number, but it is `6,5`"),
     "nan": (GOOD.replace("4.276", "nan"), r"row 1 .*`ID \[in\]`: it must be a finite number"),
     "infinite": (GOOD.replace("4.276", "1e999"), r"row 1 .*`ID \[in\]`: it must be a finite number"),
-    "empty cell": (GOOD.replace("4.276", " "), r"row 1 .*`ID \[in\]`: the cell must not be empty"),
+    "empty cell": (GOOD.replace("4.276", " "), r"row 1 .*`ID \[in\]`: a row must have either `ID` or `nominal weight`"),
     "short row": (GOOD.replace(",4.276", ""), r"row 1 \(line 2\): the row must have 4 cells.* 3"),
     "blank row": (GOOD.replace("\n200", "\n\n200"), r"row 2 \(line 3\): the row must not be blank"),
     "missing unit": (GOOD.replace("OD [in]", "OD"), r"`OD` must name its unit, such as `OD \[m\]`"),

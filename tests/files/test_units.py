@@ -201,7 +201,8 @@ def test_a_quantity_of_a_million_digits_is_refused_at_once_in_a_short_line(value
         ("20 lb", "N", "20 lbf"), ("20 lb", "kg", "20 lb"), ("10 tonne-force", "N", "98066.5 N"), ("10 t", "N", "98066.5 N"), ("10 t", "kg", "10000 kg"),
         ("5 tonnes", "N", "5 t"), ("5 tonne", "kg", "5 t"), ("120 1/min", "rad/s", "120 rpm"), ("3 1/min", "1/s", "0.05 1/s"), ("20 ft-lb", "N m", "20 lbf ft"),
         ("\N{MINUS SIGN}5 kN", "N", "-5 kN"), ("7400 ft lb", "N m", "7400 lbf ft"), ("7.4 kft-lbs", "N m", "7400 lbf ft"),
-        ("19.5 lbf/ft", "kg/m", "19.5 lb/ft"), ("600 gpm", "m3/s", "600 gal/min"),
+        ("19.5 lbf/ft", "kg/m", "19.5 lb/ft"), ("600 gpm", "m3/s", "600 gal/min"), ("10 bbl/min", "m3/s", "420 gal/min"),
+        ("10 bbls/min", "m3/s", "420 gal/min"), ("1 barrel/s", "m3/s", "42 gal/s"),
     ],
 )  # fmt: skip
 def test_habits_of_drillers_and_letters_of_the_wrong_case_are_understood_where_only_one_unit_fits(text, unit, same):

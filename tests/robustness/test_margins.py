@@ -132,6 +132,26 @@ def test_a_pi_on_an_inertia_has_the_margins_of_the_textbook(rotor):
     assert found.peak_sensitivity == pytest.approx(np.abs(J * s**2 / (J * s**2 + GAIN * s + INTEGRAL)).max(), rel=1e-8)
 
 
+@pytest.mark.parametrize("period", [None, 0.01])
+def test_the_lowest_gain_of_a_rotor_that_runs_away_alone_is_known(rotor, period):
+    # L(0) = K / c < 0: with less gain than -c a real pole passes zero, at no frequency but zero
+    found = margins(closed_loop(rotor, Proportional(gain=3.0), sample_time=period, parameters={"rotor.drag": -1.0}))["rotor.torque"]
+    assert found.lowest_gain == pytest.approx(1 / 3, rel=1e-9)
+    # a sampled pole reaches -1 where (e^{T/J} - 1) K k = 1 + e^{T/J}
+    highest = math.inf if period is None else (1 + math.exp(period / J)) / (math.exp(period / J) - 1) / 3
+    assert found.highest_gain == pytest.approx(highest, rel=1e-9)
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 5.0])
+def test_a_loop_of_second_order_bears_any_gain(stiffness):
+    # L = K / (s^2 + 0.2 s + 1) ends at zero along the negative axis, and meets -1 for no gain
+    loop = LinearLoop(
+        np.array([[0.0, 1.0], [-1.0, -0.2]]), np.array([[0.0], [1.0]]), np.array([[-stiffness, 0.0]]), np.zeros((1, 1)), ("u",)
+    )
+    found = loop_margins(loop)
+    assert (found.lowest_gain, found.highest_gain) == (0.0, math.inf)
+
+
 def test_an_unstable_loop_has_no_margin(rotor):
     found = margins(closed_loop(rotor, Proportional(gain=-1.0)))
     assert not found.stable and found.disk_margin == 0.0 and found.peak_sensitivity == math.inf and "unstable" in str(found)

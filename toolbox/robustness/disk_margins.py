@@ -143,7 +143,7 @@ def loop_margins(loop: LinearLoop, delayed: Callable[[float], LinearLoop] | None
     sensitivity, sensitivity_at = peak(lambda w: 1 / np.abs(1 + gain(w)), grid)
     if loop.period is None:  # there the frequencies have no end
         sensitivity, sensitivity_at = max((sensitivity, sensitivity_at), (1 / abs(1 + far), math.inf))
-    low, high = _gains(gain, grid, at)
+    low, high = _gains(gain, grid, at, far if loop.period is None else None)
     phase, delay = _phase(gain, grid, at)
     if delayed is not None and math.isfinite(delay):
         delay = _delay(delayed, delay)
@@ -158,11 +158,17 @@ def _crossings(function: Callable[[np.ndarray], np.ndarray], grid: np.ndarray, v
     return sorted(found)
 
 
-def _gains(gain: Callable[[np.ndarray], np.ndarray], grid: np.ndarray, at: np.ndarray) -> tuple[float, float]:
-    """The factors nearest to 1, below and above, with which the Nyquist curve runs through -1; its two ends count where they are real."""
+def _gains(gain: Callable[[np.ndarray], np.ndarray], grid: np.ndarray, at: np.ndarray, far: float | None) -> tuple[float, float]:
+    """The factors nearest to 1, below and above, with which the Nyquist curve runs through -1; its two ends count where they are finite.
+
+    far: the end of a continuous loop, at infinite frequency; None where the last frequency is the end.
+    """
     crossing = gain(np.array(_crossings(lambda w: gain(w).imag, grid, at.imag))).real if (at.imag != 0).any() else np.empty(0)
-    ends = at[[0, -1]]
-    real = np.concatenate([crossing, ends.real[np.abs(ends.imag) < 1e-3 * np.abs(ends.real)]])
+    nearer, near = gain(grid[0] * np.array([1e-4, 1e-3]))
+    ends = [at[-1].real if far is None else far]
+    if abs(nearer - near) < 1e-3 * abs(near):  # what integrates grows without end instead
+        ends.append(nearer.real)
+    real = np.concatenate([crossing, ends])
     factors = -1.0 / real[real < 0.0]
     return float(max(factors[factors < 1.0], default=0.0)), float(min(factors[factors > 1.0], default=math.inf))
 

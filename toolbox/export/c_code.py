@@ -151,7 +151,8 @@ def to_control(law: Controller | Sampled | ClosedLoop, *, outputs: str | Sequenc
     Inputs are the measured signals and then the set-points, outputs what the law drives, under the names that `linearise` gives them. The system is that of
     deviations; `system.law` holds the working point and the names of the signals in the toolbox, so that `from_control(to_control(law))` is the law. What
     python-control computes from the system has no `law`. Close the loop with `control.feedback(plant, law, sign=1)`: a law gives what it drives, with
-    its sign.
+    its sign. Delay, noise and resolution of a `Sampled` law belong to the machine around it and are not in the system: multiply it by 1 / z for every sample
+    of delay, or take `toolbox.margins`, which knows the delay.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from scipy.linalg import expm
 
 from controllers import LQG, PI, HInfinity, IdealSlidingMode, Lifting, LinearMPC, SlidingMode, SoftTorque, StiffPI, SuperTwisting, ZTorque
 from controllers.observers import Kalman
-from models import BitRock, wells
+from models import BitRock, Block, wells
 from toolbox import (
     Component,
     Controller,
@@ -93,6 +93,19 @@ class WithIntegral(Proportional):
         return Update({z: z + period * self.error(signal)}, {"rotor.torque": (self.gain * self.error(signal) + self.integral * z, "N m")})
 
 
+@dataclass(frozen=True)
+class Damping(Controller):
+    """u = -damping v on a block."""
+
+    measures = ("block.speed",)
+    drives = ("block.force",)
+
+    damping: float = quantity(0.7, "N s/m", "")
+
+    def continuous(self, signal):
+        return Equations(flow={}, gives={"block.force": (-self.damping * signal("block.speed", "m/s"), "N")})
+
+
 @pytest.fixture(scope="module")
 def rotor():
     return compose(Rotor())
@@ -150,6 +163,18 @@ def test_a_loop_of_second_order_bears_any_gain(stiffness):
     )
     found = loop_margins(loop)
     assert (found.lowest_gain, found.highest_gain) == (0.0, math.inf)
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 2.25])
+def test_a_block_without_damping_has_the_margins_of_what_damps_it(stiffness):
+    # L = c s / (s^2 + k) turns at +- 90 deg: |L| = 1 where w^2 -+ c w - k = 0, and the loop is infinite at sqrt(k)
+    damping = 0.7
+    found = margins(closed_loop(compose(Block(stiffness=stiffness)), Damping(damping)))["block.force"]
+    crossover = (damping + math.sqrt(damping**2 + 4 * stiffness)) / 2
+    assert (found.lowest_gain, found.highest_gain) == (0.0, math.inf)
+    assert found.phase_margin == pytest.approx(math.pi / 2, rel=1e-9)
+    assert found.delay_margin == pytest.approx(math.pi / 2 / crossover, rel=1e-9)
+    assert found.disk_margin == pytest.approx(2.0, rel=1e-9) and found.peak_sensitivity == pytest.approx(1.0, rel=1e-9)
 
 
 def test_an_unstable_loop_has_no_margin(rotor):

@@ -91,7 +91,7 @@ def frequencies(loop: LinearLoop) -> np.ndarray:
         size = np.ones(1)
     high = min(1e3 * size.max(), top)
     wide = np.geomspace(1e-3 * min(size.min(), high), high, POINTS)
-    apart = np.concatenate([[0.0], np.geomspace(1e-7, 0.3, 25)])
+    apart = np.concatenate([[1e-9], np.geomspace(1e-7, 0.3, 25)])  # on a pole without damping the loop has no value
     around = (size[:, None] * np.concatenate([1.0 - apart, 1.0 + apart])).ravel()
     found = np.unique(np.concatenate([wide, around, [top] if top < math.inf else []]))
     return found[(found > 0) & (found <= top)]

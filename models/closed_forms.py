@@ -92,7 +92,7 @@ def slip_amplitude(block: BlockOnBelt) -> float:
 def den_hartog_amplitude(block: BlockOnBelt, force: float, frequency: float) -> float:
     """Amplitude [m] of a block under Coulomb friction F and the force P cos(w t), while its motion has no stops.
 
-        x_0 = (P / k) sqrt(V^2 - (F / P)^2 U^2),   V = 1 / (1 - r^2),   U = sin(pi / r) / (r (1 + cos(pi / r))),   r = w / w_n
+        x_0 = (P / k) sqrt(V^2 - (F / P)^2 U^2),   V = 1 / (1 - r^2),   U = tan(pi / (2 r)) / r,   r = w / w_n
 
     force: P [N];  frequency: w [rad/s]. Range: undamped, one law for rest and motion, and F / P below `den_hartog_bound`. At r = 1/2, 1/4, ... friction
     does not damp the free swing of twice, four times the frequency, and motions that are not symmetric go on beside this one. Raises SceneError outside
@@ -101,7 +101,7 @@ def den_hartog_amplitude(block: BlockOnBelt, force: float, frequency: float) -> 
     law = block.friction
     if not isinstance(law, Coulomb) or law.static != law.kinetic:
         raise SceneError(f"Argument `block.friction` must be Coulomb with static = kinetic for this closed form, but it is {law!r}.")
-    ratio, bound = block.load * law.kinetic / force, den_hartog_bound(block, frequency)
+    ratio, bound = block.load * law.kinetic / number("force", force, "N", above=0), den_hartog_bound(block, frequency)
     if not ratio <= bound:
         least = block.load * law.kinetic / bound
         raise SceneError(f"Argument `force` must be >= {least:.6g} N for a motion without stops, but it is {force!r}.")
@@ -110,7 +110,10 @@ def den_hartog_amplitude(block: BlockOnBelt, force: float, frequency: float) -> 
 
 
 def den_hartog_bound(block: BlockOnBelt, frequency: float) -> float:
-    """Largest friction by force, F / P, at which the motion has no stops: sqrt(V^2 / (U^2 + 1 / r^4)). Range and source: `den_hartog_amplitude`."""
+    """Largest friction by force, F / P, at which the motion has no stops: sqrt(V^2 / (U^2 + 1 / r^4)), 0 at r = 1/3, 1/5, ... up to round-off.
+
+    Range and source: `den_hartog_amplitude`.
+    """
     v, u, r = _den_hartog(block, frequency)
     return abs(v) / math.sqrt(u * u + 1 / r**4)
 
@@ -121,7 +124,7 @@ def _den_hartog(block: BlockOnBelt, frequency: float) -> tuple[float, float, flo
     r = frequency / math.sqrt(block.stiffness / block.mass)
     if not (math.isfinite(r) and r > 0 and r != 1):
         raise SceneError(f"Argument `frequency` must be > 0 rad/s and not that of the block, but it is {frequency!r}.")
-    return 1 / (1 - r * r), math.sin(math.pi / r) / (r * (1 + math.cos(math.pi / r))), r
+    return 1 / (1 - r * r), math.tan(math.pi / (2 * r)) / r, r
 
 
 def bearable_fall(chain: TorsionalChain, *, held: bool = False) -> float:

@@ -68,15 +68,16 @@ class SquealingPad(Component):
     def flutter_friction(self) -> float:
         """The coefficient of friction at which sliding steadily becomes unstable by flutter; inf where no friction in this direction does it.
 
-            mu = [(k_xx - k_yy)^2 + 4 k_xy^2 + 2 (c^2 / m) (k_xx + k_yy)] / (4 k_xy k_c)
+            mu = [(k_xx - k_yy)^2 + 4 k_xy^2 + 2 (c^2 / m) (k_xx + k_yy)] / (4 |k_xy| k_c)
 
         For constant friction, where the frequencies meet; the damping, equal in both directions, raises it.
         """
         k_xx, k_xy, k_yy = self._stiffness()
-        if k_xy * self.contact_stiffness * self.disc_speed <= 0:
+        coupling = float(k_xy) * math.copysign(1.0, self.disc_speed)
+        if self.disc_speed == 0 or self.contact_stiffness == 0 or coupling <= 1e-12 * (k_xx + k_yy):  # cos 90 deg is not quite 0
             return math.inf
         numerator = (k_xx - k_yy) ** 2 + 4 * k_xy**2 + 2 * self.damping**2 / self.mass * (k_xx + k_yy)
-        return numerator / (4 * k_xy * self.contact_stiffness)
+        return float(numerator / (4 * coupling * self.contact_stiffness))
 
     def _stiffness(self):
         """k_xx, k_xy, k_yy of springs and contact, of numbers or symbols."""

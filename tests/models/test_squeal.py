@@ -24,6 +24,17 @@ def steady(mu, pad=PAD):
     return plant, equilibrium(plant, mode={"pad": "slip-"})
 
 
+def test_a_pad_that_is_mirrored_flutters_on_a_disc_that_turns_the_other_way():
+    angle = tuple(math.pi - each for each in PAD.angle)
+    mirrored = dataclasses.replace(PAD, angle=angle, disc_speed=-PAD.disc_speed)
+    assert mirrored.flutter_friction() == pytest.approx(PAD.flutter_friction(), rel=1e-14)
+    assert dataclasses.replace(mirrored, disc_speed=PAD.disc_speed).flutter_friction() == math.inf
+
+
+def test_springs_along_and_across_the_disc_couple_no_modes():
+    assert dataclasses.replace(PAD, angle=(0.0, math.pi / 2)).flutter_friction() == math.inf  # cos(pi / 2) is 6e-17
+
+
 def test_the_default_pad_without_damping_flutters_beyond_three_quarters():
     # k_xx = k_yy = 2, k_xy = 1, k_c = 4/3: s^2 = -2 +- sqrt(1 - 4 mu / 3)
     bare = dataclasses.replace(PAD, damping=0.0)

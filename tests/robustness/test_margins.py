@@ -165,6 +165,13 @@ def test_a_loop_of_second_order_bears_any_gain(stiffness):
     assert (found.lowest_gain, found.highest_gain) == (0.0, math.inf)
 
 
+def test_two_poles_at_one_leave_no_lowest_gain():
+    # a PI every 10 ms on an inertia alone is stable with any little gain; near z = 1 round-off decides the side of the axis
+    law = WithIntegral(gain=500.0 / 2496.0, integral=100.0 / 2496.0)
+    found = margins(closed_loop(compose(Rotor(inertia=1.0, drag=0.0)), law, sample_time=0.01))["rotor.torque"]
+    assert found.lowest_gain == 0.0 and found.highest_gain > 100.0
+
+
 @pytest.mark.parametrize("stiffness", [1.0, 2.25])
 def test_a_block_without_damping_has_the_margins_of_what_damps_it(stiffness):
     # L = c s / (s^2 + k) turns at +- 90 deg: |L| = 1 where w^2 -+ c w - k = 0, and the loop is infinite at sqrt(k)

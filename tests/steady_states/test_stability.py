@@ -245,6 +245,21 @@ def test_den_hartogs_amplitude_is_that_of_the_run(r):
     assert (found.maximum - found.minimum) / 2 == pytest.approx(closed_forms.den_hartog_amplitude(block, 1.0, 2 * r), rel=1e-5)
 
 
+@pytest.mark.parametrize("odd", [3, 5, 7])
+def test_no_motion_at_an_odd_part_of_the_natural_frequency_is_without_stops(odd):
+    block = BlockOnBelt(belt_speed=0.0, friction=Coulomb(0.1, 0.1))
+    assert closed_forms.den_hartog_bound(block, 1.0 / odd) < 1e-14
+    assert closed_forms.den_hartog_bound(block, 1.001 / odd) > 1e-4
+    with pytest.raises(SceneError, match="Argument `force` must be >= "):
+        closed_forms.den_hartog_amplitude(block, 1.0, 1.0 / odd)
+
+
+@pytest.mark.parametrize("force", [0.0, -1.0, -0.05])
+def test_the_force_on_den_hartogs_block_is_an_amplitude(force):
+    with pytest.raises(SceneError, match="Argument `force` must be > 0"):
+        closed_forms.den_hartog_amplitude(BlockOnBelt(belt_speed=0.0, friction=Coulomb(0.1, 0.1)), force, 0.7)
+
+
 def test_den_hartogs_amplitude_is_refused_where_the_motion_has_stops():
     block = BlockOnBelt(belt_speed=0.0, friction=Coulomb(static=0.9, kinetic=0.9))
     with pytest.raises(SceneError, match="without stops"):

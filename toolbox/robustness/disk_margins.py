@@ -30,6 +30,9 @@ MANY = 100
 POINTS = 800
 """Frequencies between the lowest and the highest, beside those around each pole."""
 
+HUGE = 1e9
+"""Size of a loop beyond which round-off decides where it crosses the axis, as near to two poles at zero."""
+
 
 @dataclass(frozen=True)
 class LoopMargins:
@@ -169,7 +172,7 @@ def _gains(gain: Callable[[np.ndarray], np.ndarray], grid: np.ndarray, at: np.nd
     if abs(nearer - near) < 1e-3 * abs(near):  # what integrates grows without end instead
         ends.append(nearer.real)
     real = np.concatenate([crossing, ends])
-    factors = -1.0 / real[real < 0.0]
+    factors = -1.0 / real[(real < 0.0) & (real > -HUGE)]
     return float(max(factors[factors < 1.0], default=0.0)), float(min(factors[factors > 1.0], default=math.inf))
 
 

@@ -13,7 +13,7 @@ from scipy.linalg import expm
 
 from controllers import LQG, PI, HInfinity, IdealSlidingMode, Lifting, LinearMPC, SlidingMode, SoftTorque, StiffPI, SuperTwisting, ZTorque
 from controllers.observers import Kalman
-from models import BitRock, Block, wells
+from models import BitRock, Block, Coulomb, TorsionalChain, wells
 from toolbox import (
     Component,
     Controller,
@@ -165,10 +165,12 @@ def test_a_loop_of_second_order_bears_any_gain(stiffness):
     assert (found.lowest_gain, found.highest_gain) == (0.0, math.inf)
 
 
-def test_two_poles_at_one_leave_no_lowest_gain():
-    # a PI every 10 ms on an inertia alone is stable with any little gain; near z = 1 round-off decides the side of the axis
-    law = WithIntegral(gain=500.0 / 2496.0, integral=100.0 / 2496.0)
-    found = margins(closed_loop(compose(Rotor(inertia=1.0, drag=0.0)), law, sample_time=0.01))["rotor.torque"]
+@pytest.mark.parametrize("integral", [50.0, 100.0, 200.0])
+def test_a_sampled_pi_on_a_string_without_drag_bears_any_little_gain(integral):
+    # string and integral have two poles at z = 1, beside which round-off decides the side of the axis
+    string = TorsionalChain(inertia=(2122.0, 374.0), stiffness=(473.0,), damping=(0.0,))
+    rig = compose(string, BitRock(weight=50e3, friction=Coulomb(0.6, 0.6)))
+    found = margins(closed_loop(rig, PI(proportional=500.0, integral=integral, reference=8.0), sample_time=0.01))["top.torque"]
     assert found.lowest_gain == 0.0 and found.highest_gain > 100.0
 
 

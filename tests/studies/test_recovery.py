@@ -32,7 +32,7 @@ def test_below_what_a_law_holds_the_flag_and_the_share_of_the_time_lifted_are_to
     assert 20.0 < flag < 400.0 and 0.02 < lifted < 0.15
     flag, lifted = recovery.given_up(recovery.lifted("soft torque", tries=1e6, highest=50.0), 2.0)  # lifted in vain
     assert 200.0 < flag < 230.0 and lifted < 0.15
-    blind = recovery.lifted("soft torque", string_impedance=1e9, string_period=1e4)  # sees no swing of its string, and waits for 36 periods of hours
+    blind = recovery.lifted("soft torque", string_impedance=1e9, string_period=1e4)  # sees no swing, and waits for 36 periods of hours
     assert recovery.given_up(blind, 2.0) == (np.inf, 0.0)
 
 

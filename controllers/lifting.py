@@ -165,7 +165,7 @@ class Lifting(Controller):
             calm: ca.if_else(
                 (aim > nothing) * ((swings > (STILL * lifted) ** 2) + rises), CALM * self.string_period, ca.fmax(calm - period, 0.0)
             ),
-            vain: (1.0 - ends) * ca.fmax(vain + ca.if_else(busy + stands > 0.5, period, -period), 0.0),
+            vain: (1.0 - ends) * (1.0 - quiet) * ca.fmax(vain + ca.if_else(busy + stands > 0.5, period, -period), 0.0),
             watch: ca.if_else(busy, WATCHED * self.string_period, watches * (watch - period)),
             extra: moved,
             level: aim,

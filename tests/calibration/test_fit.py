@@ -15,7 +15,8 @@ from scipy.io import savemat
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Drop, Exponential, Hyperbolic, wells
 from studies.questions.synthetic import COLUMNS, FOLDER, NOISE, TRUTH, recording, true_rig, write
-from toolbox import FrictionLaw, Sampled, Scene, SceneError, closed_loop, compose, fit, measure, quantity, simulate
+from tests.dropping import Dropping
+from toolbox import Sampled, Scene, SceneError, closed_loop, compose, fit, measure, simulate
 from toolbox.calibration import MeasuredContact, Recording
 from toolbox.commands.command_line import main
 
@@ -68,20 +69,6 @@ def test_intervals_of_95_percent_hold_the_truth_in_about_95_of_100_recordings():
     hits = np.array([inside(fit(true_rig(), recording(seed, duration=20.0), FREE, contact="bit", starts=1), TRUTH) for seed in range(60)])
     # binomial: fewer than 51 hits of 60 have a chance of 1 in 700
     assert (hits.sum(axis=0) >= 51).all() and hits.sum() < hits.size, hits.sum(axis=0)
-
-
-@dataclasses.dataclass(frozen=True)
-class Dropping(FrictionLaw):
-    """A law that falls, by half at 1 m/s, to a number that may be below zero."""
-
-    static: float = quantity(0.4, "1")
-    beyond: float = quantity(0.1, "1")
-
-    def sliding(self, speed):
-        return self.static + (self.beyond - self.static) * speed / (1.0 + speed)
-
-    def breakaway(self):
-        return self.static
 
 
 @pytest.mark.parametrize(("truth", "ends"), [(0.05, 0.05), (-0.1, 0.0)])

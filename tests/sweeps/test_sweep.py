@@ -22,12 +22,12 @@ import pytest
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, Exponential, LuGre, TorsionalChain, WhirlingCollar, wells
+from tests.dropping import Dropping
 from tests.together import together
 from toolbox import (
     Budget,
     Component,
     Equations,
-    FrictionLaw,
     Sampled,
     Scene,
     SceneError,
@@ -243,20 +243,6 @@ def test_numbers_that_contradict_each_other_fail_alone():
     assert list(found.errors) == [4]
     assert "must increase" in found.errors[4]
     assert np.isfinite(found["r"].ravel()[[0, 1, 2, 3, 5]]).all()
-
-
-@dataclass(frozen=True)
-class Dropping(FrictionLaw):
-    """A law that falls, by half at 1 m/s, to a number that may be below zero."""
-
-    static: float = quantity(0.4, "1")
-    beyond: float = quantity(0.1, "1")
-
-    def sliding(self, speed):
-        return self.static + (self.beyond - self.static) * speed / (1.0 + speed)
-
-    def breakaway(self):
-        return self.static
 
 
 @pytest.mark.parametrize("drop", [[0.2, 0.1, -0.4, 0.0], [-0.4, -0.4]], ids=["some", "all"])

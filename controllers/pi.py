@@ -17,7 +17,7 @@ class PI(TorqueLimits):
 
     Continuous, or sampled with u_k = proportional e_k + integral z_k, z_(k+1) = z_k + period e_k. The field `reference` is the default of
     the signal `top.reference` [rad/s]. Where torque limits are known, the integral is led back with the time proportional / integral: z' = e +
-    (command - wanted) / proportional. Sampled, z begins where the law gives the torque that acts (`controllers.bumpless`).
+    (command - wanted) / proportional. Sampled, z begins where the law gives the torque that acts (`controllers.bumpless`), at 0 where none does.
     """
 
     proportional: Quantity = quantity(4000.0, "N m s/rad", "proportional gain", at_least=0)

@@ -37,7 +37,7 @@ class SlidingSurface(TorqueLimits):
 
     `inertia` J_r and `drag` c_r of the top drive are read from the plant (`chain.inertia`, `chain.top_drag`) unless given. Where torque limits are
     known, the integral takes up what the drive cannot give, (wanted - command) / (J_r lam), so that s moves as if it had been given. Sampled, the integral
-    begins where the law gives the torque that acts (`controllers.bumpless`).
+    begins where the law gives the torque that acts (`controllers.bumpless`), at 0 where none does.
 
     late: number of samples by which commands reach the drive later (sampled only). The law then acts on the top speed at the instant at which its command
     arrives, J_r w' = u - c_r w - tau under the commands on their way and the present torque of the string. On the estimates of `OnEstimates`, which look

@@ -27,7 +27,7 @@ class ZTorque(TorqueLimits):
 
     `design` reads what is not given from a lumped chain: zeta = sqrt(k J_b) (k all springs in series, J_b all below the drive), P = zeta less the drag of the
     drive, I = zeta sqrt(k / J_b) / 5. Where torque limits are known, z is led back by (command - wanted) / zeta. Sampled, f begins at the measured speed and z
-    where the law gives the torque that acts (`controllers.bumpless`).
+    where the law gives the torque that acts (`controllers.bumpless`), both at 0 where none acts.
 
     Source: the matching of U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018); J_c and I are choices of this file.
     """

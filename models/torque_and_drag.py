@@ -49,6 +49,8 @@ class TorqueDrag(Result):
         Measured depth above which the string slides, below which it is stuck [m]: its whole length where all of it moves.
     twist
         How far the top is ahead of the bit [rad].
+    bit_held
+        Whether the string slides down to the bit, but what is applied at its top leaves the bit less torque than the rock takes.
     """
 
     depth: np.ndarray
@@ -58,11 +60,12 @@ class TorqueDrag(Result):
     side_force: np.ndarray
     front: float
     twist: float
+    bit_held: bool = False
 
     @property
     def moves(self) -> bool:
-        """Whether the whole string moves."""
-        return self.front >= float(self.depth[-1])
+        """Whether the whole string moves, the bit too."""
+        return self.front >= float(self.depth[-1]) and not self.bit_held
 
     @property
     def sliding(self) -> np.ndarray:
@@ -76,6 +79,8 @@ class TorqueDrag(Result):
 
     def __str__(self) -> str:
         moving = "all of it slides" if self.moves else f"it slides above {self.front:.4g} m and is stuck below"
+        if self.bit_held:
+            moving = "it slides down to the bit, which the rock holds"
         rows = [
             ("at the top", "", ""),
             ("hook load", f"{self.tension[0] / 1e3:.4g}", "kN"),
@@ -124,7 +129,7 @@ class TorqueDrag(Result):
                 if not of_motion.any():
                     continue
                 ax.plot(values, self.depth, label=label or "this motion", gid="motion", **look)
-                if not self.moves:
+                if self.front < self.depth[-1]:
                     ax.axhspan(self.front, self.depth[-1], facecolor="0.90", zorder=-1, label=f"stuck, {label}" if label else "stuck")
             name_axis(axes[0].xaxis, "effective tension", "N")
             name_axis(axes[1].xaxis, "torque", "N m")
@@ -168,7 +173,7 @@ def torque_drag(
     weight_on_bit
         Weight on bit [N].
     bit_torque
-        Torque of the rock on the bit, where the whole string turns [N m].
+        Torque that the rock takes from the bit, where the whole string turns [N m].
 
     Returns
     -------
@@ -193,13 +198,14 @@ def torque_drag(
     string = _String(pipes, hole, mud)
     hanging = string.moved(0.0, v, w, load, 0.0)[0]  # by the same steps, so that a drag of nothing is 0
     pulls, torques = string.moved(friction, v, w, load, math.copysign(rock, w) if w else 0.0)
-    front = length
+    front, needed = length, float(torques[-1])
     if at_top is not None:
         pulls, torques, front = _partly(string, hanging, pulls, torques, friction, v, w, at_top)
     side = string.side_force(pulls)
     rigidity = string.along([section.rigidity for section in pipes])
     twist = float(np.sum(np.diff(string.depth) * 0.5 * (torques[1:] + torques[:-1]) / rigidity))
-    return TorqueDrag(string.depth, pulls, hanging, torques, side, front, twist)
+    held = front == length and abs(float(torques[-1])) < abs(needed)
+    return TorqueDrag(string.depth, pulls, hanging, torques, side, front, twist, held)
 
 
 def _partly(
@@ -297,6 +303,7 @@ class _String:
                 excess = way * (value - lay[k]), way * (after - lay[k + 1])
                 return found, float(self.depth[k]) + step * excess[0] / max(excess[0] - excess[1], 1e-300)
             value = after
+        found[-1] = value
         return found, float(self.depth[-1])
 
 

@@ -90,6 +90,17 @@ def test_a_string_wound_up_too_little_is_twisted_down_to_its_front():
     assert moved(turning_speed=1.0, at_top=1.01 * whole.torque[0]).torque[0] == whole.torque[0] and whole.moves
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_string_that_brings_its_bit_less_torque_than_the_rock_takes_slides_down_to_the_bit(way):
+    # M = M0 - mu w sin(inc) R s reaches the bit with M0 - mu (..), 1 kN m of the 3 that the rock takes
+    whole = moved(turning_speed=way, bit_torque="3 kN m")
+    found = moved(turning_speed=way, bit_torque="3 kN m", at_top=way * (1e3 + MU * TURNED))
+    assert found.torque[-1] == pytest.approx(way * 1e3, rel=1e-9)
+    assert whole.torque - found.torque == pytest.approx(np.full(found.depth.size, way * 2e3), rel=1e-9)
+    assert found.front == found.depth[-1] and found.bit_held and not found.moves and "which the rock holds" in str(found)
+    assert not whole.bit_held and whole.moves
+
+
 def test_the_run_of_a_string_that_is_wound_up_slowly_leaves_stuck_what_is_below_the_front():
     hole = Survey((0.0, 600.0, 1100.0, 1700.0), (0.0, 0.0, 1.2, 1.2), (0.0,) * 4)
     chain = DrillString.from_tables([PIPE, COLLAR], hole, top_inertia=500.0, elements=20, friction=Coulomb(MU, MU), mud_density=MUD, doglegs=True,

@@ -1,6 +1,6 @@
 """How much gain, phase and delay a linear loop bears, one command at a time and all at once.
 
-    disk margin  alpha = 1 / max_w |S - T| / 2,   S = 1 / (1 + L),  T = 1 - S          (skew 0)
+    disk margin  alpha = 2 / max_w |S - T|,   S = 1 / (1 + L),  T = 1 - S          (skew 0)
     peak sensitivity  M_s = max_w |S|,   1 / M_s is the distance of the Nyquist curve from -1
 
 Every factor f in the disk {(2 + d) / (2 - d): |d| < alpha}, which may be complex and change with frequency, leaves the loop stable: gains between

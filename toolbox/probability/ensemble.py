@@ -33,7 +33,8 @@ LONGEST = 0.02
 """Longest step of the prediction [s]; a longer time between samples is taken in several."""
 
 OUTLIER = 5.0
-"""Errors of the top speed beyond this many standard deviations count only that much: an outlier moves nothing, and an ensemble that went astray comes back."""
+"""A top speed beyond this many standard deviations is taken to be so noisy that it lies at this many: from there on, the farther off it is, the less it moves
+(at ten standard deviations as much as at two and a half), so that an outlier moves little, and an ensemble that went astray comes back."""
 
 ASTRAY = 4.0
 """Mean square of the errors over some fifty samples, in parts of what is expected, beyond which the ensemble is taken to have gone astray and is widened."""

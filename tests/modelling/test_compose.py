@@ -144,6 +144,30 @@ def test_two_different_defaults_of_one_signal_are_refused():
         compose(lag("one", "common.in", default=1.0), lag("two", "common.in", default=2.0))
 
 
+def test_two_laws_with_a_set_point_of_their_own_follow_that_of_a_part_that_gives_it():
+    @dataclass(frozen=True)
+    class Hoist(Controller):
+        measures, drives = ("top.speed",), ("bit.weight",)
+        reference: float = quantity(8.0, "rad/s", "set-point")
+
+        def continuous(self, signal):
+            error = signal("top.reference", "rad/s", default=self.reference) - signal("top.speed", "rad/s")
+            return Equations(gives={"bit.weight": (90e3 - 3e3 * error, "N")})
+
+    @dataclass(frozen=True)
+    class SetPoint(Component):
+        speed: float = quantity(9.0, "rad/s", "set-point")
+
+        def equations(self, signal):
+            return Equations(gives={"top.reference": (self.speed, "rad/s")})
+
+    laws = [PI(reference=8.0), Hoist()]
+    with pytest.raises(SceneError, match="defaults of their own .* `top.reference`: compose a part that gives it"):
+        simulate(compose(wells.JANSEN_2, BitRock()), 1.0, controller=laws, inputs={"top.reference": 9.0})
+    run = simulate(compose(wells.JANSEN_2, BitRock(), SetPoint()), 60.0, controller=laws)
+    assert run["top.reference"][-1] == 9.0 and run["top.speed"][-1] == pytest.approx(9.0, abs=0.1)
+
+
 def test_two_givers_of_one_signal_are_refused():
     giver = part(lambda self, signal: Equations(gives={"source.value": (ca.SX(1), "1")}))
     with pytest.raises(SceneError, match=r"source\.value"):

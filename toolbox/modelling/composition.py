@@ -359,7 +359,9 @@ class _Composer:
         """The default of an input as an expression of parameters: a number becomes one of them."""
         default = self.defaults[name]
         if name in self.disputed:
-            raise SceneError(f"Two parts have different defaults for the signal `{name}`: let one of them, or an input, give it.")
+            raise SceneError(
+                f"Two parts have defaults of their own for the signal `{name}`: compose a part that gives it, or let only one of them have a default."
+            )
         if default is None:
             raise SceneError(f"Nobody gives the signal `{name}` [{unit}], and it has no default: {suggest(name, self.given)}")
         if isinstance(default, ca.SX):

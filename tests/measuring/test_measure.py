@@ -93,6 +93,10 @@ def test_a_cycle_runs_from_release_to_release_and_a_last_stick_belongs_to_none(b
     inside = cycles(belt_run, "belt", after=found[0].start + 0.1, until=releases[-1] + 0.1)
     assert [cycle.start for cycle in inside] == [cycle.start for cycle in found[1:]]
     assert cycles(belt_run, "belt", until=releases[0]) == []
+    # a window from a release to a release holds the cycle between them
+    assert cycles(belt_run, "belt", after=releases[1], until=releases[2]) == [found[1]]
+    assert cycles(belt_run, "belt", after=np.nextafter(releases[1], 60.0), until=releases[2]) == []
+    assert cycles(belt_run, "belt", after=releases[1], until=np.nextafter(releases[2], 0.0)) == []
 
 
 def test_a_bit_that_never_breaks_free_sticks_for_the_whole_run():

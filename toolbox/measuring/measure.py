@@ -91,7 +91,7 @@ class StickSlipPeriod:
 
 
 def cycles(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> list[StickSlipPeriod]:
-    """Find every whole cycle of stick-slip of an element, from release to release.
+    """Find every cycle of stick-slip of an element, from release to release, that lies whole in the window, its ends included.
 
     A final stick that nothing ends belongs to no cycle; slip in both directions counts as slip.
 
@@ -115,11 +115,10 @@ def cycles(run: Recorded, element: str, after: NumberOrText = 0.0, until: Number
         If the element is unknown, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
-    stays = stick_intervals(run, element, begin, end)
     return [
         StickSlipPeriod(start=release, slip=caught - release, stick=leaves - caught)
-        for (_, release), (caught, leaves) in itertools.pairwise(stays)
-        if leaves < end
+        for (_, release), (caught, leaves) in itertools.pairwise(stick_intervals(run, element))
+        if begin <= release and leaves <= end and leaves < run.end
     ]
 
 

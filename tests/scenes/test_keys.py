@@ -23,6 +23,7 @@ weight = "97 kN"
 label = "soft torque"
 law = "SoftTorque"
 detuning = 1.2
+inside = "Lifting"
 sample_time = "10 ms"
 delay = 0.0
 noise = { "top.speed" = 0.01 }
@@ -63,6 +64,7 @@ def test_every_key_is_read(tmp_path):
     assert (
         scene.measured == Measured((tmp_path / "log.csv").resolve(), {"time": "Time"}, ((5.0, 35.0),))
         and scene.case("soft torque").noise == {"top.speed": 0.01}
+        and type(scene.case("soft torque").law).__name__ == "Lifting"
         and scene.standstill == 0.1
         and scene.parameters == {"bit.friction.static": 0.7}
     )

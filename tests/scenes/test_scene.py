@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers import SlidingMode, SoftTorque, StiffPI
+from controllers import Lifting, OnEstimates, SlidingMode, SoftTorque, StiffPI
+from controllers.observers import Kalman
 from models import BitRock, Block, BlockOnBelt, Coulomb, Exponential, wells
 from toolbox import Sampled, SceneError, compose, simulate
 from toolbox.inputs import sine
@@ -196,6 +197,45 @@ def test_a_law_of_a_straight_contact_takes_its_decay_per_metre(written):
         Scene.load(written(text.replace("s/mm", "kg")))
 
 
+LIFTING = """
+[[controllers]]
+label = "lifting"
+law = "SoftTorque"
+highest_torque = "20 kN m"
+inside = "Lifting"
+sample_time = "10 ms"
+delay = "30 ms"
+
+[[controllers]]
+label = "on estimates, lifting"
+law = "SlidingMode"
+reference = "50 rpm"
+inside = [
+    { law = "OnEstimates", late = 3, observer = { law = "observers.Kalman", speed_noise = "0.1 rpm" } },
+    { law = "Lifting", first = 1.6, observer = { torque_walk = 3000.0 } },
+]
+sample_time = "10 ms"
+"""
+"""Two laws inside others, for the end of `RIG`."""
+
+
+def test_a_law_may_stand_inside_others_which_take_the_set_point_too(written, tmp_path):
+    scene = Scene.load(written(RIG + LIFTING))
+    assert scene.case("lifting").law == Lifting(SoftTorque(reference="120 rpm", highest_torque=20e3), reference="120 rpm")
+    inner = OnEstimates(SlidingMode(reference="50 rpm"), Kalman(speed_noise="0.1 rpm"), late=3)
+    around = Lifting(inner, reference="120 rpm", first=1.6, observer=Kalman(torque_walk=3000.0))
+    assert scene.case("on estimates, lifting").law == around
+    assert Scene.load(scene.save(tmp_path / "again.toml")).cases == scene.cases
+
+
+def test_a_law_inside_another_acts(written):
+    slow = (RIG + LIFTING).replace('reference = "120 rpm"', 'reference = "40 rpm"').replace('"bit.friction.static" = 0.85', "")
+    scene = Scene.load(written(slow))
+    run = scene.run("lifting")
+    assert run["lifting.lifts"][-1] >= 1
+    assert run.time_in("bit", "stick") and not run.time_in("bit", "stick", after=100.0)
+
+
 def test_the_set_point_of_a_law_wins_over_that_of_the_scene(written):
     text = RIG.replace('proportional = "15 kN m s/rad"', 'reference = "60 rpm"')
     scene = Scene.load(written(text))
@@ -325,6 +365,17 @@ MISTAKES = [
     ("title = 'a'\nduration = 1\ncontrollers = 3\n[[plant]]\npart = 'BlockOnBelt'", "must be written as [[controllers]]"),
     ("title = 'a'\nduration = 1\n[[plant]]\npart = 'BitRock'", "Nobody gives the signal `bit.speed`"),
     (BELT + "[[controllers]]\nlabel = 'pi'\nlaw = 'StiffPI'", "Controller `pi`: "),
+    # laws inside others
+    (edited('law = "SlidingMode"', 'law = "Lifting"'), '`Lifting` acts around another law: name that one under `law`, and write `inside = "Lifting"`'),
+    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = "PI"'), "`sliding mode.inside[1]` must name a law that acts around another one, but `PI`"),
+    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = "Lifing"'), "no control law `Lifing`: did you mean `Lifting`"),
+    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = 3'), "`sliding mode.inside[1]` must be a table"),
+    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { first = 2 }'), "key `law` is missing in sliding mode.inside[1]"),
+    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", frist = 2 }'), "no key `frist` in `Lifting`: did you mean `first`"),
+    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", observer = 3 }'), "`Lifting.observer` must be a table with `law`"),
+    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", observer = { law = "PI" } }'), "`observer` must be a StringObserver"),
+    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = "OnEstimates"'), "The key `observer` is missing in `OnEstimates`"),
+    (edited('label = "open loop"', 'label = "open loop"\ninside = "Lifting"'), "no key `inside` in open loop"),
     (edited('law = "SlidingMode"', 'law = "IdealSlidingMode"\nsample_time = "10 ms"'), "Controller `sliding mode`: IdealSlidingMode has no sampled form"),
 ]  # fmt: skip
 

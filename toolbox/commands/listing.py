@@ -221,11 +221,18 @@ LONGEST = 8
 
 
 def _shown(value: Any) -> str:
+    from toolbox.modelling.laws import Controller
+    from toolbox.modelling.observers import Observer
+
     if isinstance(value, tuple):
         shown = [*map(_shown, value)]
         return f"[{', '.join(shown)}]" if len(shown) <= LONGEST else f"[{shown[0]}, {shown[1]}, ... {shown[-1]}] ({len(shown)} values)"
     if isinstance(value, float):
         return f"{value:.10g}"
+    if type(value) in (Controller, Observer):
+        return "that beside `inside`" if type(value) is Controller else "required"
+    if isinstance(value, Controller):
+        return type(value).__name__
     if dataclasses.is_dataclass(value):
         return (
             f"{type(value).__name__}({', '.join(f'{spec.name}={_shown(getattr(value, spec.name))}' for spec in dataclasses.fields(value))})"

@@ -1,4 +1,4 @@
-"""Scenes: a plant, the controllers to be compared on it, what happens and what to look at. `toolbox.scenes.scene_file` has their TOML form."""
+"""Scenes: a plant, the controllers to be compared on it, what happens and what to look at. `scene_file` and `saving` have their TOML form."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from toolbox.modelling.composition import compose
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_start
-from toolbox.scenes import scene_file
+from toolbox.scenes import saving, scene_file
 from toolbox.scenes.cases import Case, Labelled, Measured, Number, Waveform, _reference
 from toolbox.scenes.judged import judged_effort, judged_element, judged_speed, set_point
 from toolbox.simulation.request import Request
@@ -172,12 +172,12 @@ class Scene(Labelled):
 
         Raises SceneError where the file cannot be written and where a part is in no catalogue.
         """
-        scene_file.write({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.contact}, Path(path))
+        saving.write({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.contact}, Path(path))
         return Path(path)
 
     def keys(self) -> dict[str, Any]:
         """Every key of the scene file with its value in SI: `duration`, `plant.BitRock.weight`, `controllers.soft torque.reference`."""
-        return scene_file.flat({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.element})
+        return saving.flat({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.element})
 
     def __str__(self) -> str:
         lines = [self.title, f"  {' + '.join(type(part).__name__ for part in self.parts)}, {self.duration:g} s, judged by {self.judges}"]

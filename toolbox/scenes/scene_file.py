@@ -1,4 +1,4 @@
-"""The TOML form of a scene.
+"""Scenes from TOML; `toolbox.scenes.saving` writes them.
 
 A scene file is data only: it names parts and laws of the catalogue and gives them numbers. A number is SI (angles in rad), or text with
 its unit. The keys, their units, defaults and meanings stand in `toolbox.scenes.keys`; `stickslip list scene` prints them.
@@ -16,12 +16,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from toolbox.errors import SceneError, suggest
-from toolbox.files.atomic import replaced
 from toolbox.files.reading import SCENE, text_of
-from toolbox.files.units import TypedNumber, parse
+from toolbox.files.units import parse
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.closing import laws_of
 from toolbox.modelling.components import Component
@@ -29,6 +26,8 @@ from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import FrictionLaw
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import UNITS
+from toolbox.modelling.laws import Controller
+from toolbox.modelling.observers import Observer
 from toolbox.scenes import catalogue, keys
 from toolbox.scenes.cases import Case, Measured, Number, Waveform
 from toolbox.scenes.judged import judged_effort, judged_speed
@@ -36,10 +35,11 @@ from toolbox.scenes.judged import judged_effort, judged_speed
 _SHAPES = {**UNITS, "table": {"times": "s", "values": ""}}
 """Units of the numbers of each shape of an input; empty for the unit of the signal."""
 
-_SAMPLED = ("delay", "noise", "resolution", "seed")
+SAMPLED = ("delay", "noise", "resolution", "seed")
 """Keys of a controller that only a sampled law has."""
 
-HEADER = b"# Every parameter in SI units, angles in rad.\n"
+LAWS: dict[type, str] = {FrictionLaw: "friction law", Controller: "control law"}
+"""Kinds of laws that a field may hold; an observer is a control law to the catalogue."""
 
 
 def read(path: Path, depth: float | str | None = None) -> dict[str, Any]:
@@ -47,18 +47,6 @@ def read(path: Path, depth: float | str | None = None) -> dict[str, Any]:
     `Scene.check`."""
     data = _data(path)
     return _scene(data if depth is None else _ending_at(data, depth), path.parent)
-
-
-def write(scene: Mapping[str, Any], path: Path) -> None:
-    """Write a scene, given by its fields, with every parameter in SI, whole or not at all."""
-    import tomli_w
-
-    content = HEADER + tomli_w.dumps(_resolved(scene)).encode()
-    with replaced(path) as file:
-        file.write(content)
-
-
-# --- from TOML
 
 
 def _data(path: Path) -> dict[str, Any]:
@@ -230,19 +218,45 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
         named = named["law"]
     item = catalogue.part(named, "control law")
     values = {key: value for key, value in data.items() if key not in own} | known
-    if reference is not None and "reference" not in values and any(spec.name == "reference" for spec in dataclasses.fields(item)):
-        values["reference"] = reference
-    law = _filled(item, values, _text(named, where), own)
+    law = _law(item, values, _text(named, where), reference, own)
+    given = data.get("inside", [])
+    for i, outer in enumerate(given if isinstance(given, list) else [given], 1):
+        law = _around(law, {"law": outer} if isinstance(outer, str) else outer, f"{label}.inside[{i}]", reference)
     sample_time = data.get("sample_time")
     if sample_time is not None:
         sample_time = parse(sample_time, "s", f"{label}.sample_time")
-    for key in _SAMPLED if sample_time is None else ():
+    for key in SAMPLED if sample_time is None else ():
         if key in data:
             raise SceneError(f"The key `{key}` of `{label}` must come with `sample_time`, but there is none.")
     sensors = {key: _readings(data.get(key, {}), f"{label}.{key}", plant) for key in ("noise", "resolution")}
     case = Case(label, law, sample_time, parse(data.get("delay", 0.0), "s", f"{label}.delay"), seed=data.get("seed", 0), **sensors)
     inputs = data.get("inputs", {})
     return dataclasses.replace(case, inputs=_inputs(inputs, f"{label}.inputs", _asking(plant, [case], inputs)))
+
+
+def _law(item: Any, values: Mapping[str, Any], title: str, reference: float | None, also: Sequence[str] = ()) -> Any:
+    """A control law with these fields, and the set-point of the scene where it takes one and none is given."""
+    specs = {spec.name: spec for spec in dataclasses.fields(item)}
+    lacking = {type(_present(item, spec)): name for name, spec in specs.items() if name not in values}
+    if lacking.get(Controller) == "law":
+        raise SceneError(f'`{title}` acts around another law: name that one under `law`, and write `inside = "{title}"` beside it.')
+    if Observer in lacking:
+        raise SceneError(f'The key `{lacking[Observer]}` is missing in `{title}`: a table such as {{ law = "observers.Kalman" }}.')
+    if reference is not None and "reference" not in values and "reference" in specs:
+        values = {**values, "reference": reference}
+    return _filled(item, values, title, also)
+
+
+def _around(law: Controller, data: Any, where: str, reference: float | None) -> Controller:
+    """A law inside another, given by its name and its fields as a table."""
+    _keys(data, where, None, ("law",))
+    item = catalogue.part(data["law"], "control law")
+    if "law" not in typing.get_type_hints(item):
+        known = [entry.name for entry in catalogue.parts("control law") if "law" in typing.get_type_hints(entry.item)]
+        raise SceneError(
+            f"Argument `{where}` must name a law that acts around another one, but `{data['law']}` does not: {suggest('', known)}"
+        )
+    return _law(item, {**data, "law": law}, data["law"], reference)
 
 
 def _asking(plant: HybridSystem, cases: Sequence[Case], names: Any) -> HybridSystem:
@@ -269,7 +283,7 @@ def _filled(item: Any, data: Mapping[str, Any], title: str, also: Sequence[str] 
     for key, value in data.items():
         if key not in specs:
             raise SceneError(f"There is no key `{key}` in `{title}`: {suggest(key, [*specs, *also])}")
-        values[key] = _field_value(value, hints[key], f"{title}.{key}", getattr(item, key, None))
+        values[key] = _field_value(value, hints[key], f"{title}.{key}", _present(item, specs[key]))
     if not isinstance(item, type):
         return dataclasses.replace(item, **values)
     for spec in specs.values():
@@ -278,15 +292,23 @@ def _filled(item: Any, data: Mapping[str, Any], title: str, also: Sequence[str] 
     return item(**values)
 
 
+def _present(item: Any, spec: dataclasses.Field[Any]) -> Any:
+    """What a field of a ready-made part is, or of a class without it; None for nothing."""
+    if isinstance(item, type) and spec.default_factory is not dataclasses.MISSING:
+        return spec.default_factory()
+    return getattr(item, spec.name, None)
+
+
 def _field_value(value: Any, hint: Any, name: str, current: Any) -> Any:
     """A field of a part from TOML, whose numbers and kinds the part itself reads and checks."""
     options = typing.get_args(hint) if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union else (hint,)
     if value == "none" and types.NoneType in options:
         return None
-    if any(isinstance(option, type) and issubclass(option, FrictionLaw) for option in options):
-        if not isinstance(value, dict):
-            raise SceneError(f"Argument `{name}` must be a table with `law`, but it is {value!r}.")
-        return _friction(value, name, current)
+    for base, kind in LAWS.items():
+        if any(isinstance(option, type) and issubclass(option, base) for option in options) and not isinstance(value, base):
+            if not isinstance(value, dict):
+                raise SceneError(f"Argument `{name}` must be a table with `law`, but it is {value!r}.")
+            return _named(value, name, current, base, kind)
     return _tuples(value)
 
 
@@ -294,11 +316,12 @@ def _tuples(value: Any) -> Any:
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
-def _friction(data: Mapping[str, Any], name: str, current: Any) -> FrictionLaw:
+def _named(data: Mapping[str, Any], name: str, current: Any, base: type, kind: str) -> Any:
+    """A law that a table names, or the present one with other numbers."""
     values = {key: value for key, value in data.items() if key != "law"}
     if "law" in data:
-        return _filled(catalogue.part(data["law"], "friction law"), values, name, ("law",))
-    if not isinstance(current, FrictionLaw):
+        return _filled(catalogue.part(data["law"], kind), values, name, ("law",))
+    if not isinstance(current, base):
         raise SceneError(f"The key `law` is missing in `{name}`.")
     return _filled(current, values, name, ("law",))
 
@@ -365,93 +388,3 @@ def _text(value: Any, name: str) -> str:
 def _known(value: Any, names: Sequence[Any], name: str) -> None:
     if value not in names:
         raise SceneError(f"Argument `{name}` must be one of those there are, but it is `{value}`: {suggest(str(value), map(str, names))}")
-
-
-# --- to TOML
-
-
-def _resolved(scene: Mapping[str, Any]) -> dict[str, Any]:
-    data: dict[str, Any] = {"title": scene["title"], "duration": float(scene["duration"]), "accuracy": float(scene["accuracy"])}
-    if scene["reference"] is not None:
-        data["reference"] = _plain(scene["reference"])
-    data["verdict"] = {"element": scene["contact"], "signal": scene["signal"], "effort": scene["effort"], "after": float(scene["after"])}
-    if scene["standstill"] is not None:
-        data["verdict"]["standstill"] = _plain(scene["standstill"])
-    for key in ("start", "inputs", "parameters"):
-        if scene[key]:
-            data[key] = {name: _plain(value) for name, value in scene[key].items()}
-    if scene["measured"] is not None:
-        log = scene["measured"]
-        data["measured"] = {"file": log.file.as_posix()}
-        data["measured"] |= {"columns": dict(log.columns)} if log.columns else {}
-        data["measured"] |= {"windows": [list(window) for window in log.windows]} if log.windows else {}
-    data["plant"] = [{"part": catalogue.name_of(type(part))} | _fields(part) for part in scene["parts"]]
-    data["controllers"] = [_resolved_case(case) for case in scene["cases"]]
-    return data
-
-
-def flat(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """{key: value in SI} of a scene given by its fields: a part or a law goes by its name in the catalogue or its label, numbered where there are several."""
-    found: dict[str, Any] = {}
-
-    def put(name: str, value: Any) -> None:
-        if isinstance(value, Mapping):
-            for key, each in value.items():
-                put(f"{name}.{key}" if name else key, each)
-        elif value is not None:
-            found[name] = value
-
-    data = _resolved(scene)
-    for key, value in data.items():
-        if key in ("plant", "controllers"):
-            titles = [str(entry.get("label", entry.get("part"))) for entry in value]
-            for i, (title, entry) in enumerate(zip(titles, value, strict=True)):
-                put(f"{key}.{title}" + (f" {titles[: i + 1].count(title)}" if titles.count(title) > 1 else ""), entry)
-        else:
-            put(key, value)
-    return found
-
-
-def _resolved_case(case: Case) -> dict[str, Any]:
-    data: dict[str, Any] = {"label": case.label}
-    if case.law is not None:
-        law = {"law": catalogue.name_of(type(case.law))}
-        fields = _fields(case.law)
-        known = {key: fields.pop(key) for key in _SAMPLED if key in fields}
-        data |= {"law": law | known} | fields if known else law | fields
-        if case.sample_time is not None:
-            data |= {"sample_time": float(case.sample_time), "delay": float(case.delay)}
-            data |= {
-                key: {name: float(value) for name, value in getattr(case, key).items()}
-                for key in ("noise", "resolution")
-                if getattr(case, key)
-            }
-            if case.noise:
-                data["seed"] = case.seed
-    if case.inputs:
-        data["inputs"] = {name: _plain(value) for name, value in case.inputs.items()}
-    return data
-
-
-def _fields(part: Any) -> dict[str, Any]:
-    """Every field of a part; TOML has no null, so an absent one is left out, or "none" where the class would fill it in."""
-    data = {}
-    for spec in dataclasses.fields(part):
-        value = getattr(part, spec.name)
-        if value is not None:
-            data[spec.name] = _plain(value)
-        elif spec.default is not None:
-            data[spec.name] = "none"
-    return data
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, FrictionLaw):
-        return {"law": catalogue.name_of(type(value))} | _fields(value)
-    if isinstance(value, Waveform):
-        return {value.shape: {key: _plain(number) for key, number in value.numbers.items()}}
-    if isinstance(value, (tuple, list, np.ndarray)):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, (str, bool, int, TypedNumber)):
-        return value
-    return _fields(value) if dataclasses.is_dataclass(value) else float(value)

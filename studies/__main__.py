@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import runpy
 import sys
 from difflib import get_close_matches
@@ -43,6 +44,7 @@ def main(arguments: list[str]) -> int:
         hint = f"did you mean {near[0]!r}?" if near else "`python -m studies` lists them."
         print(f"There is no study {name!r}: {hint}", file=sys.stderr)
         return 2
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is loaded: see `toolbox.sweeps.executors.Workers`
     sys.argv = [name, *arguments[1:]]
     runpy.run_module(f"studies.{where[name]}.{name}", run_name="__main__", alter_sys=True)
     return 0

@@ -27,6 +27,7 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     os.environ["MPLBACKEND"] = "Agg"
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of workers and programs that tests start: see `toolbox.sweeps.executors.Workers`
     try:
         distribution("stickslip-toolbox")
     except PackageNotFoundError:

@@ -1,6 +1,6 @@
 """What do more contacts, kept modes and shorter steps of an elastic face buy, and what do they cost?
 
-    OPENBLAS_NUM_THREADS=1 python -m studies contacts            (needs the extra `fe`; some five minutes)
+    python -m studies contacts            (needs the extra `fe`; some five minutes)
 
 The cube of `studies elastic_sliders` on 11 rows with given loads, and on 121 and 300 nodes with cone and opening, under two drives. Slow: the plate speeds up
 over 0.24 s, and statics are all that counts. Struck: a force of 10 N pushes the back for 20 us, so that waves run through the cube, the face slips

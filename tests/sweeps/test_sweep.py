@@ -194,6 +194,16 @@ def test_what_is_no_executor_is_refused():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("told", [None, "2"])
+def test_processes_have_one_thread_of_linear_algebra_unless_told_otherwise(told):
+    given = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"} | (
+        {"OPENBLAS_NUM_THREADS": told} if told else {}
+    )
+    asked = "import os; from toolbox.sweeps.executors import Workers\nwith Workers(1) as w: print(w.submit(os.getenv, 'OPENBLAS_NUM_THREADS').result())"
+    said = subprocess.run([sys.executable, "-c", asked], env=given, capture_output=True, text=True, check=True).stdout
+    assert said.strip() == (told or "1")
+
+
 def test_laws_in_python_run_in_processes():
     here = sweep(closed_loop(RIG, Sampled(Gentle(), 0.05)), {"bit.weight": [60e3, 97e3]}, duration=5.0, measures=("mean", "stuck"))
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:

@@ -231,9 +231,14 @@ QUIET = "ignore:resource_tracker:UserWarning"
 
 
 class Workers(concurrent.futures.ProcessPoolExecutor):
-    """So many processes that work for this one: they do not hear Ctrl-C, from their first instruction on, and end with it, however it ends."""
+    """So many processes that work for this one: they do not hear Ctrl-C, from their first instruction on, and end with it, however it ends.
+
+    Each has one thread of linear algebra, unless OPENBLAS_NUM_THREADS says another number. With more, OpenBLAS hands half of even a 6 x 6 triangular
+    system to a thread that has to wait for a core where all are busy: 8 ms in place of 16 us, so that two searches side by side took twice their time.
+    """
 
     def __init__(self, processes: int) -> None:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # what the processes inherit; this one has read its own
         if QUIET not in sys.warnoptions:
             sys.warnoptions.append(QUIET)
         super().__init__(processes, mp_context=multiprocessing.get_context("spawn"), initializer=bound)

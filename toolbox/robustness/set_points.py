@@ -170,6 +170,11 @@ class Trial:
         return {}
 
     @cached_property
+    def _designs(self) -> dict[float, Any]:
+        """The law designed on the declared plant, by set-point."""
+        return {}
+
+    @cached_property
     def _growths(self) -> dict[Any, tuple[float, str]]:
         """What is known of `growth`, by machines and set-point."""
         return {}
@@ -214,7 +219,13 @@ class Trial:
 
     def in_python(self, reference: float) -> bool:
         """Whether the law is designed as a callable: its memory cannot be told, and its runs begin at rest under the drive before."""
-        return not isinstance(designed(self.of(reference), self.plant), Controller)
+        return not isinstance(self.design(reference), Controller)
+
+    def design(self, reference: float) -> Any:
+        """The law for a set-point, designed on the declared plant: once, because runs act with copies of it."""
+        if reference not in self._designs:
+            self._designs[reference] = designed(self.of(reference), self.plant)
+        return self._designs[reference]
 
     def on(
         self, machine: Machine, law: Any, noise: float | None = None, seed: int = 0, plant: HybridSystem | None = None, **changes: Any
@@ -238,10 +249,8 @@ class Trial:
         """(loop, last change of its set-point [s]) in which the law takes over at a time [s], on the declared numbers of a machine."""
         cycle, asleep = self.cycle(reference), self.in_python(reference)
         given, last = set_point(reference, way, (cycle.release if asleep else 0.0) + 2.0 * cycle.period + 1.0)
-        law, before = self.of(reference), at_set_point(self.before, reference)
-        plant = machine.plant or self.plant
-        if machine.plant is not None:  # the law is designed on the declared plant
-            law = designed(law, self.plant)
+        before, plant = at_set_point(self.before, reference), machine.plant or self.plant
+        law = self.design(reference) if asleep or machine.plant is not None else self.of(reference)  # designed on the declared plant
         inputs = self.inputs(given)
         if machine.weight is not None:
             inputs[self.place("bit.weight")] = machine.weight.input(_bare(self.loop).number("bit.weight").value, seed)
@@ -361,7 +370,7 @@ class Trial:
 
     def steady(self, machine: Machine, reference: float) -> ClosedLoop:
         """The loop of the law alone on a machine at a set-point, without noise and with a constant weight."""
-        law = self.of(reference) if machine.plant is None else designed(self.of(reference), self.plant)
+        law = self.of(reference) if machine.plant is None else self.design(reference)
         return self.on(machine, law, inputs=self.inputs(reference))
 
     def growth(self, machines: Sequence[Machine], reference: float) -> tuple[float, str]:

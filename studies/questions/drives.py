@@ -9,10 +9,10 @@ Laws with "tuned" in their label have the gains of `studies/data/gains.json`, ea
 Laws with "lifting" in it lift their own set-point where an observer shows that the bit sticks and slips (`controllers.Lifting`).
 
 Columns: lowest set-points [rad/s] on the groups of rigs, direct / raised, each kept for half an hour on machines whose smooth running is stable
-(nonlinear predictive law: for 80 s);  settling (into 5 %, for good) and overshoot of the bit speed from the takeover at 8 rad/s on the declared rig, and there the standard
-deviation of the torque over its mean under noise;  disk margin of the declared rig and of the worst of the robust rigs, each at the set-point of its group
-('-' for laws without a slope);  what a direct takeover costs at the set-point of the declared rig: seconds more than 10 % above it, and the highest speed
-of the bit over it;  99th percentile of the processor time of a sample.
+(nonlinear predictive law: for 80 s);  settling (into 5 %, for good) and overshoot of the bit speed from the takeover at 8 rad/s on the declared rig,
+and there the standard deviation of the torque over its mean under noise;  disk margin of the declared rig and of the worst of the robust rigs, each at the
+set-point of its group ('-' for laws without a slope);  what a direct takeover costs at the set-point of the declared rig: seconds more than 10 % above it,
+and the highest speed of the bit over it;  99th percentile of the processor time of a sample.
 
     python -m studies drives [--out FOLDER] [--only LABEL ...] [--groups NAME ...] [--margin M] [--jobs N]
         (the table, drives.csv and drives.png; goes on where it was stopped)

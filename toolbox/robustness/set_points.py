@@ -165,18 +165,8 @@ class Trial:
         return laws[0]
 
     @cached_property
-    def _manners(self) -> dict[Any, Any]:
-        """How runs of one kind are done, by what tells the kinds apart."""
-        return {}
-
-    @cached_property
-    def _designs(self) -> dict[float, Any]:
-        """The law designed on the declared plant, by set-point."""
-        return {}
-
-    @cached_property
-    def _growths(self) -> dict[Any, tuple[float, str]]:
-        """What is known of `growth`, by machines and set-point."""
+    def _found(self) -> dict[Any, Any]:
+        """What is known already: how runs of a kind are done, how small disturbances grow, and the law designed for a set-point."""
         return {}
 
     @property
@@ -223,9 +213,9 @@ class Trial:
 
     def design(self, reference: float) -> Any:
         """The law for a set-point, designed on the declared plant: once, because runs act with copies of it."""
-        if reference not in self._designs:
-            self._designs[reference] = designed(self.of(reference), self.plant)
-        return self._designs[reference]
+        if reference not in self._found:
+            self._found[reference] = designed(self.of(reference), self.plant)
+        return self._found[reference]
 
     def on(
         self, machine: Machine, law: Any, noise: float | None = None, seed: int = 0, plant: HybridSystem | None = None, **changes: Any
@@ -364,9 +354,9 @@ class Trial:
         weights = [each.weight.input(mean, seed) for seed in seeds for each in machines if each.weight for _ in group.phases]
         courses = Courses(loop, rows, seeds, inputs={place: weights} if weights else {}, **asked)
         alike = (machines[0].plant, tuple(type(value) for value in loop.inputs.values()), kind and kind.noise)
-        if alike not in self._manners:
-            self._manners[alike] = courses.manner()
-        return courses.measured(self._manners[alike], SEARCHED * group.runs, round(courses.duration / self.period), self.executor)
+        if alike not in self._found:
+            self._found[alike] = courses.manner()
+        return courses.measured(self._found[alike], SEARCHED * group.runs, round(courses.duration / self.period), self.executor)
 
     def steady(self, machine: Machine, reference: float) -> ClosedLoop:
         """The loop of the law alone on a machine at a set-point, without noise and with a constant weight."""
@@ -378,11 +368,11 @@ class Trial:
         from toolbox.onsets.coming_to import Settled
 
         key = (tuple(machines), reference)
-        if key not in self._growths:
+        if key not in self._found:
             found = [(Settled.of(self.steady(each, reference), "bit", "bit.speed", 0.0), each.name) for each in machines]
             rates = [(settled.rate, name) for settled, name in found if settled is not None]
-            self._growths[key] = max((each for each in rates if not math.isnan(each[0])), default=(math.nan, ""))
-        return self._growths[key]
+            self._found[key] = max((each for each in rates if not math.isnan(each[0])), default=(math.nan, ""))
+        return self._found[key]
 
     def disk_margins(self, machines: Sequence[Machine], reference: float) -> tuple[float, float, str]:
         """The disk margin on the declared machine at a set-point [rad/s], the smallest over others, and of which; nan where the law has no slope."""

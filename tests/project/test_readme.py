@@ -18,7 +18,7 @@ from toolbox.onsets import study
 from toolbox.scenes.scene import Scene
 
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\w)")
-TIMES = re.compile(r"[\d.]+ (ms|s$)|-{9,}", re.MULTILINE)  # differ from machine to machine, as errors and step counts do; a long time widens its column
+TIMES = re.compile(r"[\d.]+ (ms|s$)|-{9,}", re.MULTILINE)  # differ, as errors and step counts do; a long time widens its column
 ERRORS = re.compile(r"\d(\.\d)?e-\d\d")
 STEPS = re.compile(r"\d+ steps, \d+ rejected")
 

@@ -83,6 +83,9 @@ class Guide(Component):
     - Gives the signals `guide.drag` -F [N] and `block.attachment` a [N].
     - Contact: `guide`.
 
+    Beside a belt the law of one of both surfaces must be a bristle, such as `Dahl` or `LuGre`: two dry frictions of one block are refused, because nothing
+    decides how they share a force that holds it.
+
     Source: textbook; numbers chosen.
     """
 

@@ -28,7 +28,7 @@ from models import (
     WhirlingCollar,
     wells,
 )
-from toolbox import compose, energy_audit, linearise, measure, simulate
+from toolbox import SceneError, compose, energy_audit, linearise, measure, simulate
 from toolbox.inputs import sine
 
 STRIBECK = Exponential(static=1.0, kinetic=0.6, decay=3.0)
@@ -99,6 +99,22 @@ def test_the_closed_hysteresis_loop_of_dahl_takes_its_area_per_round():
         energy_audit(simulate(plant, t, start={"block.position": amplitude}, accuracy=1e-11)).losses["guide sliding"] for t in (2.0, 3.0)
     ]
     assert works[1] - works[0] == pytest.approx(4 * f * amplitude - 4 * f / s * f1, rel=1e-5)
+
+
+def test_a_block_on_a_belt_takes_a_guide_whose_friction_is_a_stiff_bristle():
+    # x = 0.6 (1 - cos t) under the belt's 1 N less 0.4 N of the guide, until it has the speed of the belt; it sticks until x + 0.4 = 1
+    belt = BlockOnBelt(friction=Coulomb(1.0, 1.0))
+    with pytest.raises(SceneError, match="different speeds one of them may be a bristle"):
+        simulate(compose(belt, Guide(friction=Coulomb(0.4, 0.4))), 1.0)
+    sticks = math.asin(0.2 / 0.6)
+    lets_go = sticks + 0.6 * math.cos(sticks) / 0.2
+    late = []
+    for stiffness in (1e4, 1e5):
+        run = simulate(compose(belt, Guide(friction=Dahl(stiffness=stiffness, kinetic=0.4))), 4.0, accuracy=1e-8)
+        assert [(event.element, event.after) for event in run.events[:2]] == [("belt", "stick"), ("belt", "slip-")]
+        late.append([event.time - exact for event, exact in zip(run.events[:2], (sticks, lets_go), strict=True)])
+    np.testing.assert_allclose(late[1], 0.0, atol=2e-3)
+    assert (np.abs(late[1]) < 0.5 * np.abs(late[0])).all()
 
 
 def test_asperities_bend_with_the_way_alone():

@@ -91,6 +91,7 @@ _SPELLINGS = [
     (r"(?<=[A-Za-z])-(?=[A-Za-z])", "*"),  # ft-lbf
     (r"\b(k|M|da)?Nm\b", r"\1N m"),  # pint reads Nm as something else
     (r"\brevs?\b", "turn"),
+    (r"\blbm\b", "lb"),  # pounds of mass, where those of force are lbf
     (r"\b(?:bbls?|barrels?)\b", "oil_barrel"),  # of 42 gal; pint reads one of 31.5 gal
     (r"(?<=[A-Za-z])\^?(-?\d)\b", r"**\1"),  # m2, s^-1
 ]

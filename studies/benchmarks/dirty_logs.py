@@ -267,7 +267,7 @@ def flaws(folder: Path) -> dict[str, Log]:
     add("no units", text(heading=lambda n, u: n, time_heading="time"), refusal="must name its unit")
     add(
         "days or months",
-        text(times=lambda t: f"03/04/2024 10:{int(t) // 60:02d}:{t % 60:04.1f}", time_heading="time"),
+        text(times=lambda t: f"{3 + int(t // 30):02d}/04/2024 10:{int(t) // 60:02d}:{t % 60:04.1f}", time_heading="time"),
         refusal="day and month",
     )
     add(

@@ -55,6 +55,23 @@ def test_a_gap_in_what_drives_the_machine_is_refused_with_the_windows_without_on
         fit(BELT, data, "block.mass", starts=1)
 
 
+def test_windows_without_a_gap_inside_of_a_window_are_told_in_the_times_of_the_log():
+    data = {name: np.delete(values, np.arange(200, 230)) for name, values in sines().items()}
+    data["block.force"] = data.pop("block.position")
+    with pytest.raises(SceneError, match=r"choose among the windows 10 .. 19.9 s, 23 .. 30 s\.$"):
+        fit(BELT, data, "block.mass", starts=1, window=(10.0, 30.0))
+    fit(BELT, data, "block.mass", starts=1, window=(10.0, 19.9))  # what was told works
+
+
+def test_a_log_whose_time_has_a_name_of_its_own_is_read_and_one_without_says_what_to_name():
+    data = {"Date/Time": [f"2024-03-07T10:00:{k:02d}" for k in range(20)], "Umdrehung [rpm]": np.sin(np.arange(20.0))}
+    found = Recording.of(data, RIG, {"bit.speed": "Umdrehung"})
+    assert found.time[-1] == 19.0
+    data["Stempel"] = data.pop("Date/Time")
+    with pytest.raises(SceneError, match=r"`columns` must say which column is `time`, because no column of .* is called so: `Umdrehung`, `Stempel`\."):
+        Recording.of(data, RIG, {"bit.speed": "Umdrehung"})
+
+
 def test_samples_denser_than_asked_become_their_means():
     data = sines(0.01)
     found = Recording.of(data, BELT).resampled("0.1 s")

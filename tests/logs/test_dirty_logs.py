@@ -2,6 +2,7 @@
 
 import datetime
 
+import numpy as np
 import pytest
 
 from models import BitRock, wells
@@ -78,3 +79,22 @@ def test_a_date_is_the_same_moment_in_every_way_of_writing_it(cells):
     found, words = seconds_of(cells, "A log")
     assert found.tolist() == [(each - datetime.datetime(1970, 1, 1)).total_seconds() for each in moments]
     assert words == "dates without a zone"
+
+
+@pytest.mark.parametrize(
+    ("cells", "steps"),
+    [
+        (["03/07/2024 23:59:58", "03/07/2024 23:59:59", "03/08/2024 00:00:01"], [1.0, 2.0]),
+        (["07/03/2024 23:59:58", "07/03/2024 23:59:59", "08/03/2024 00:00:01"], [1.0, 2.0]),
+        (["03/07/2024 10:00:00", "03/07/2024 10:00:01", "", "03/07/2024 10:00:03"], [1.0, float("nan"), float("nan")]),
+    ],
+    ids=["month first", "day first", "on one date"],
+)
+def test_day_and_month_are_told_apart_by_a_time_that_goes_on(cells, steps):
+    # the 7th of March, or the 3rd of July: the other reading would step over a month
+    assert list(np.diff(seconds_of(cells, "The log")[0])) == pytest.approx(steps, nan_ok=True)
+
+
+def test_a_log_that_steps_by_a_month_in_either_reading_is_refused():
+    with pytest.raises(SceneError, match=r"day and month can be told apart, but `03/04/2024 10:00` may be either"):
+        seconds_of(["03/04/2024 10:00", "04/05/2024 10:00", "05/06/2024 10:00"], "The log")

@@ -1,6 +1,7 @@
 """An ensemble of strings beside the rig: against what the bit did, against the best observers, and when stick-slip began."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -112,6 +113,24 @@ def test_what_is_no_drill_string_is_refused():
         EnsembleFilter(RIG, Knowledge(strength=0.0, load=0.0))
     with pytest.raises(SceneError, match="must have `top.speed`"):
         estimate(RIG, {"time": np.arange(4.0), "top.torque": np.ones(4)})
+
+
+def test_estimates_say_why_there_is_no_margin_and_draw_no_line_over_a_gap():
+    told, _, _ = case("stick-slip")
+    log = {name: np.delete(values[:3000:20], np.arange(60, 80)) for name, values in told.items()}
+    found = estimate(closed_loop(RIG, Sampled(StiffPI(reference=8.0), 0.01)), log, members=16)
+    assert "There is no margin: the law is sampled" in str(found)
+    assert not estimate(closed_loop(RIG, StiffPI(reference=8.0)), log, members=16).notes
+    line = np.ravel(found.plot())[0].lines[0]
+    assert np.flatnonzero(np.isnan(line.get_ydata())).tolist() == [60]
+
+
+def test_a_string_that_cannot_be_that_of_the_log_is_told():
+    told, _, _ = case("smooth")
+    log = {name: values[::20] for name, values in told.items()}
+    assert "is not that of the log" not in str(estimate(RIG, log, members=16))  # the twin
+    held = RIG.with_parameters({"bit.friction.static": 20.0, "bit.friction.kinetic": 20.0})
+    assert re.search(r"turns \d+ times, the estimated bit .* the machine of the scene is not that of the log", str(estimate(held, log, members=16)))
 
 
 def test_estimates_go_to_a_file_and_come_back(tmp_path):

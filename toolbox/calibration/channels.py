@@ -24,6 +24,9 @@ TIMES = (
     "datetime",
     "date time",
     "date_time",
+    "date/time",
+    "date-time",
+    "time stamp",
     "zeit",
     "time index",
     "utc",
@@ -109,7 +112,7 @@ def chosen(source: Source, where: str, plant: HybridSystem, columns: Mapping[str
         heading = next((each for each in TIMES if each in known), None)
         day = next((each for each in ("date", "datum") if each in known), None)
         if heading is None:
-            raise SceneError(f'{where} must have a column `time`, but it has {_listed(source)}: name it by "time" in `columns`.')
+            raise SceneError(f"Argument `columns` must say which column is `time`, because no column of {_small(where)} is called so: {_listed(source)}.")
         found["time"] = (known[heading], known[heading].unit)
         if day is not None and all(is_time(cell) for cell in list(known[heading].cells)[:3]):
             both = [f"{_day(a)} {b}" for a, b in zip(known[day].cells, known[heading].cells, strict=True)]
@@ -140,6 +143,10 @@ def _plain(name: str) -> str:
     return " ".join(name.split()).casefold()
 
 
+def _small(where: str) -> str:
+    return where[0].lower() + where[1:]
+
+
 def _listed(source: Source) -> str:
     return ", ".join(f"`{column.name}`" for column in source.columns[:30])
 
@@ -151,7 +158,7 @@ def _looked_up(known: Mapping[str, Column], label: str, where: str) -> tuple[Col
         raise SceneError(f"{where} must have `{name}`, but it is not there: {suggest(name, [each.name for each in known.values()])}")
     if unit is not None and column.unit is not None and _plain(unit) != _plain(column.unit):
         raise SceneError(
-            f"{where} must have `{name}` in {unit} as `columns` says, but its heading says {column.unit}: leave the unit out of `columns`."
+            f"{where} must have `{name}` in {unit}, as was asked, but its heading says {column.unit}: ask for `{column.name}` without a unit."
         )
     return column, unit if unit is not None else column.unit
 
@@ -195,6 +202,6 @@ def times_of(source: Source, column: Column, unit: str | None, where: str) -> tu
         return numbers * count, [*notes, f"time: epoch in {({1.0: 's', 1e-3: 'ms', 1e-6: 'us', 1e-9: 'ns'})[count]}"]
     if unit is None and not source.bare:
         raise SceneError(
-            f'{here} must name its unit, such as `{column.name} [s]`: write it there, or give it as "time": "{column.name} [s]" in `columns`.'
+            f"{here} must name its unit, such as `{column.name} [s]`: write so there, or where you say which column is `time`."
         )
     return numbers * (1.0 if unit is None else factor(unit, "s", column.name)), notes

@@ -38,6 +38,8 @@ class Recording:
         What was found to be wrong, and left out.
     notes
         How the log was read, in words.
+    begin
+        Time [s] in the whole recording at which this part of it begins.
     """
 
     time: np.ndarray
@@ -46,6 +48,7 @@ class Recording:
     units: Mapping[str, str] = field(default_factory=dict)
     flaws: tuple[Flaw, ...] = ()
     notes: tuple[str, ...] = ()
+    begin: float = 0.0
 
     @staticmethod
     def of(
@@ -114,7 +117,7 @@ class Recording:
             if there.any():
                 flaws.append(Flaw(flaw.channel, flaw.kind, flaw.times[there] - first, flaw.values[there]))
         signals = {name: values[inside] for name, values in self.signals.items()}
-        return Recording(self.time[inside] - first, signals, self.source, self.units, tuple(flaws), self.notes)
+        return Recording(self.time[inside] - first, signals, self.source, self.units, tuple(flaws), self.notes, self.begin + float(first))
 
     def windows(self, names: Sequence[str] | None = None, hole: int = 2) -> list[tuple[float, float]]:
         """Stretches (begin, end) [s] in which the named signals, by default all, have no gap.
@@ -133,7 +136,7 @@ class Recording:
         edges = [0, *(apart + 1).tolist(), places.size]
         return [(float(self.time[places[a]]), float(self.time[places[b - 1]])) for a, b in itertools.pairwise(edges) if b - a >= 3]
 
-    def driving(self, plant: HybridSystem, hole: int = 2) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    def driving(self, plant: HybridSystem, hole: int | None = None) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """What was measured of the inputs of a plant, as {input: (times, values)} of the samples that are data.
 
         Parameters
@@ -141,7 +144,7 @@ class Recording:
         plant
             The plant.
         hole
-            Samples that may be missing in a row.
+            Samples that may be missing in a row, 2 where it is left out.
 
         Raises
         ------
@@ -152,15 +155,19 @@ class Recording:
         if not measured:
             return {}
         words = f"what drives the machine, {' and '.join(f'`{name}`' for name in measured)},"
-        self.unbroken(measured, words, hole, f", or say by `hole` that more than {hole} samples in a row may be missing")
+        remedy = "" if hole is None else f", or say by `hole` that more than {hole} samples in a row may be missing"
+        self.unbroken(measured, words, 2 if hole is None else hole, remedy)
         good = {name: np.isfinite(self.signals[name]) for name in measured}
         return {name: (self.time[good[name]], self.signals[name][good[name]]) for name in measured}
 
     def unbroken(self, names: Sequence[str], what: str, hole: int = 2, remedy: str = "") -> None:
-        """Raise SceneError where the named signals have a gap. what: they are, in words;  remedy: beside a choice among the windows without one."""
+        """Raise SceneError where the named signals have a gap; it names the windows without one, in times of the whole recording.
+
+        what: the signals are, in words;  remedy: beside a choice among these windows.
+        """
         stretches = self.windows(names, hole)
         if len(stretches) != 1:
-            found = ", ".join(f"{begin:.6g} .. {end:.6g} s" for begin, end in stretches[:8])
+            found = ", ".join(f"{self.begin + begin:.6g} .. {self.begin + end:.6g} s" for begin, end in stretches[:8])
             raise SceneError(
                 f"The data must hold {what} without gaps, but it is there in {len(stretches)} stretches: choose among the windows {found}{remedy}."
             )
@@ -197,7 +204,7 @@ class Recording:
                 signals[name] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
             else:
                 signals[name] = _at(times, self.time, values, self.gap)
-        return Recording(times, signals, self.source, self.units, self.flaws, (*self.notes, f"resampled every {interval:g} s"))
+        return Recording(times, signals, self.source, self.units, self.flaws, (*self.notes, f"resampled every {interval:g} s"), self.begin)
 
     def shift(self, name: str, against: str, most: NumberOrText = 5.0) -> float:
         """By how much [s] a channel comes later than another: where their changes correlate most, between samples by a parabola.
@@ -246,7 +253,7 @@ class Recording:
             seconds = number(f"shifts.{name}", value, "s")
             signals[self._known(name)] = _at(self.time, self.time - seconds, self.signals[name], self.gap)
         words = ", ".join(f"{name} by {number(name, value, 's'):g} s" for name, value in shifts.items())
-        return Recording(self.time, signals, self.source, self.units, self.flaws, (*self.notes, f"moved earlier: {words}"))
+        return Recording(self.time, signals, self.source, self.units, self.flaws, (*self.notes, f"moved earlier: {words}"), self.begin)
 
     def _known(self, name: str) -> str:
         if name not in self.signals:
@@ -336,8 +343,7 @@ def _recording(
         none = is_null(raw, nulls)
         if unit is None and not source.bare and wanted != "1":
             raise SceneError(
-                f"{here} must name its unit, such as `{column.name} [{wanted}]`: write it there, or give it "
-                f'as "{signal}": "{column.name} [{wanted}]" in `columns`.'
+                f"{here} must name its unit, such as `{column.name} [{wanted}]`: write so there, or where you say which column is `{signal}`."
             )
         scale = 1.0 if unit is None or (unit == "1" and wanted == "1") else factor(unit, wanted, column.name)
         values = np.where(none, np.nan, raw * scale)[order]

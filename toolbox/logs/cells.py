@@ -110,18 +110,23 @@ def is_time(cell: Any) -> bool:
 def seconds_of(cells: Sequence[Any], where: str) -> tuple[np.ndarray, str]:
     """(times [s], what they were in words) of dates, times of day or epochs; nan where a cell has none.
 
-    Raises SceneError where day and month cannot be told apart, or some have a zone and others none.
+    Where days and months are both at most 12, as in 03/04/2024, times go on from row to row as they do in a log: within a day. All on one date are read either way.
+
+    Raises SceneError where day and month cannot be told apart so, or some have a zone and others none.
     """
     shown = [cell if isinstance(cell, str) else _text(cell) for cell in cells]
     dates = [match for text in shown if (match := _DATE.fullmatch(text.strip()))]
     first_is_day = True
     if dates and any(match[2] == "/" for match in dates):
         day, month = max(int(match[1]) for match in dates) > 12, max(int(match[3]) for match in dates) > 12
-        if not day and not month and any(match[1] != match[3] for match in dates):
-            raise SceneError(
-                f"{where} must have dates whose day and month can be told apart, but `{shown[0]}` may be either: write them as 2024-12-31."
-            )
         first_is_day = not month
+        if not day and not month and any(match[1] != match[3] for match in dates):
+            steps = [_longest_step(shown, first) for first in (True, False)]
+            if min(steps) > DAY:
+                raise SceneError(
+                    f"{where} must have dates whose day and month can be told apart, but `{dates[0][0]}` may be either: write them as 2024-12-31."
+                )
+            first_is_day = steps[0] <= steps[1]
     found = np.array([_seconds(text.strip(), first_is_day) for text in shown])
     zones = {bool(re.search(r"(?:Z|[+-]\d{2}:?\d{2})$", text.strip())) for text in shown if ":" in text}
     if len(zones) > 1:
@@ -132,6 +137,12 @@ def seconds_of(cells: Sequence[Any], where: str) -> tuple[np.ndarray, str]:
             found[k + 1 :] += DAY
         return found, "time of day" + (f", past midnight {back.size} time(s)" if back.size else "")
     return found, "dates with a zone" if zones == {True} else "dates without a zone"
+
+
+def _longest_step(shown: Sequence[str], first_is_day: bool) -> float:
+    """Longest time [s] between rows that follow each other, where dates are read with the day, or the month, first."""
+    found = np.array([_seconds(text.strip(), first_is_day) for text in shown])
+    return float(np.abs(np.diff(found[np.isfinite(found)])).max(initial=0.0))
 
 
 def _text(cell: Any) -> str:

@@ -125,7 +125,7 @@ class EnsembleFilter:
         stiffness = 1.0 / float(np.sum(1.0 / np.atleast_1d(plant.parameter("chain.stiffness"))))
         below = float(np.sum(np.atleast_1d(plant.parameter("chain.inertia"))[1:]))
         self.stiffness, self.period = stiffness, 2.0 * math.pi * math.sqrt(below / stiffness)
-        self.border = _border(given)
+        self.border, self.no_border = _border(given)
         self.reset()
 
     def _places(self, plant: HybridSystem) -> None:
@@ -336,19 +336,21 @@ def _pair(values: Any) -> tuple[float, float]:
     return float(values.mean()), float(values.std())
 
 
-def _border(loop: ClosedLoop) -> FloatArray | None:
-    """Highest set-point at which smooth running is lost, at each of the loads `HARDER`; None where the loop has no set-point or no continuous law."""
+def _border(loop: ClosedLoop) -> tuple[FloatArray | None, str]:
+    """(highest set-point at which smooth running is lost, at each of the loads `HARDER`; "") or, where it is not known, (None, why)."""
     if "top.reference" not in loop.numbers():
-        return None
+        return None, "the loop has no set-point `top.reference`"
+    if loop.sampled:
+        return None, "the law is sampled, and the border is that of a law in its continuous form"
     borders = []
     for part in HARDER.tolist():
         try:
             weight = loop.number("bit.weight").value
             found = hopf_points(loop.at("bit.weight", part * weight), "top.reference", (0.2, 40.0), values=25)
-        except SceneError:
-            return None
+        except SceneError as error:
+            return None, str(error).rstrip(".")
         borders.append(max((point.value for point in found), default=0.0))
-    return np.array(borders)
+    return np.array(borders), ""
 
 
 class Members(NamedTuple):

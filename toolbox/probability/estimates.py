@@ -72,6 +72,8 @@ class Estimates(Told, Result):
         Number of samples with a top speed.
     asked
         {unit: unit that was typed}.
+    notes
+        What is not known and why, and where the machine cannot be that of the log.
     """
 
     title: str
@@ -83,6 +85,7 @@ class Estimates(Told, Result):
     members: int
     measured: int
     asked: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def units(self) -> dict[str, str]:
@@ -113,7 +116,7 @@ class Estimates(Told, Result):
         lines += [f"  stick-slip from {begin:.4g} s to {end:.4g} s" for begin, end in spells]
         if not spells:
             lines.append("  no stick-slip")
-        return lines
+        return [*lines, *(f"Note: {note}" for note in self.notes)]
 
     __repr__ = Told.__str__
 
@@ -187,4 +190,22 @@ def estimate(
     mean = {name: found[:, 2 * k].copy() for k, name in enumerate(UNITS)}
     deviation = {name: found[:, 2 * k + 1].copy() for k, name in enumerate(UNITS)}
     measured = int(np.isfinite(speed).sum())
-    return Estimates(loop.title, time, mean, deviation, alarm, recording.source, members, measured, dict(loop.asked))
+    notes = [f"There is no margin: {made.no_border}."] if made.no_border else []
+    notes += _too_wound(recording, mean["bit_speed"], made.stiffness)
+    return Estimates(loop.title, time, mean, deviation, alarm, recording.source, members, measured, dict(loop.asked), tuple(notes))
+
+
+def _too_wound(recording: Recording, bit_speed: np.ndarray, stiffness: float) -> list[str]:
+    """A sentence where bit and top drive turn by so different ways that no string of this stiffness [N m/rad] bears it."""
+    steps = np.diff(recording.time, prepend=recording.time[0])
+    top_speed = recording.signals["top.speed"]
+    told = np.isfinite(top_speed) & (steps <= recording.gap)
+    top, bit = (float(values[told] @ steps[told]) for values in (top_speed, bit_speed))
+    bears = 2.0 * float(np.nanmax(np.abs(recording.signals["top.torque"]))) / stiffness
+    if abs(top - bit) < max(bears, 0.1 * abs(top)):
+        return []
+    turns = (abs(top), abs(bit), bears)
+    return [
+        "The top drive turns {:.3g} times, the estimated bit {:.3g} times, and the string of the scene bears {:.2g} turns of twist at most: the machine of "
+        "the scene is not that of the log.".format(*(each / (2.0 * math.pi) for each in turns))
+    ]

@@ -8,6 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.figures.style import LINES, drawn_on, in_words, name_axis
+from toolbox.logs.flaws import spacing
 from toolbox.onsets.map_loop import NONE, SMOOTH
 from toolbox.probability.bounds import clopper_pearson
 
@@ -144,11 +145,12 @@ def onset_diagram(found: Any, ax: Any = None) -> Any:
 
 
 def estimate_diagram(found: Any, axes: Any = None) -> Any:
-    """What is known over time, mean and band of 95 %, one panel each; times of stick-slip are shaded."""
+    """What is known over time, mean and band of 95 %, one panel each, without a line over a gap of the log; times of stick-slip are shaded."""
     known = [name for name, values in found.mean.items() if np.isfinite(values).any()]
+    gaps = np.diff(found.time, prepend=found.time[0]) > spacing(found.time)[1]
     with drawn_on(axes, len(known), 1, height=1.4 * len(known) + 0.6, sharex=True, squeeze=False) as axes:
         for ax, name in zip(np.ravel(axes), known, strict=True):
-            mean, wide = found.mean[name], 1.96 * found.deviation[name]
+            mean, wide = np.where(gaps, np.nan, found.mean[name]), 1.96 * found.deviation[name]
             ax.fill_between(found.time, mean - wide, mean + wide, color=LINES[0]["color"], alpha=0.25, linewidth=0)
             ax.plot(found.time, mean, color=LINES[0]["color"], linewidth=0.9)
             for begin, end in found.spells:

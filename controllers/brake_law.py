@@ -95,7 +95,11 @@ def groan_force(plant: HybridSystem) -> tuple[float, float]:
         static, kinetic, decay = (plant.parameter(f"pad.friction.{word}") for word in ("static", "kinetic", "decay"))
         radius, damping = plant.parameter("disc.radius"), plant.parameter("disc.damping")
     except SceneError as error:
-        raise SceneError(f"The force above which a pad groans is known for a DiscBrake with exponential friction: {error}") from None
+        raise SceneError(
+            "A law with `margin` knows the force above which the pad groans only for a DiscBrake with exponential friction: give it `border` [N] and "
+            "`growth` [s/rad] (on the safe side border = c / (2 s), c the damping of the caliper, s the steepest fall of the friction with "
+            f"slip speed, and growth = 0), because: {error}"
+        ) from None
     fall = 2.0 * (static - kinetic) * decay
     if not fall > 0:
         raise SceneError("The friction of the pad does not fall with speed: no force makes it groan.")

@@ -68,7 +68,9 @@ def test_a_log_whose_time_has_a_name_of_its_own_is_read_and_one_without_says_wha
     found = Recording.of(data, RIG, {"bit.speed": "Umdrehung"})
     assert found.time[-1] == 19.0
     data["Stempel"] = data.pop("Date/Time")
-    with pytest.raises(SceneError, match=r"`columns` must say which column is `time`, because no column of .* is called so: `Umdrehung`, `Stempel`\."):
+    with pytest.raises(
+        SceneError, match=r"`columns` must say which column is `time`, because no column of .* is called so: `Umdrehung`, `Stempel`\."
+    ):
         Recording.of(data, RIG, {"bit.speed": "Umdrehung"})
 
 

@@ -130,7 +130,9 @@ def test_a_string_that_cannot_be_that_of_the_log_is_told():
     log = {name: values[::20] for name, values in told.items()}
     assert "is not that of the log" not in str(estimate(RIG, log, members=16))  # the twin
     held = RIG.with_parameters({"bit.friction.static": 20.0, "bit.friction.kinetic": 20.0})
-    assert re.search(r"turns \d+ times, the estimated bit .* the machine of the scene is not that of the log", str(estimate(held, log, members=16)))
+    assert re.search(
+        r"turns \d+ times, the estimated bit .* the machine of the scene is not that of the log", str(estimate(held, log, members=16))
+    )
 
 
 def test_estimates_go_to_a_file_and_come_back(tmp_path):

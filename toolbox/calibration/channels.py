@@ -112,7 +112,9 @@ def chosen(source: Source, where: str, plant: HybridSystem, columns: Mapping[str
         heading = next((each for each in TIMES if each in known), None)
         day = next((each for each in ("date", "datum") if each in known), None)
         if heading is None:
-            raise SceneError(f"Argument `columns` must say which column is `time`, because no column of {_small(where)} is called so: {_listed(source)}.")
+            raise SceneError(
+                f"Argument `columns` must say which column is `time`, because no column of {_small(where)} is called so: {_listed(source)}."
+            )
         found["time"] = (known[heading], known[heading].unit)
         if day is not None and all(is_time(cell) for cell in list(known[heading].cells)[:3]):
             both = [f"{_day(a)} {b}" for a, b in zip(known[day].cells, known[heading].cells, strict=True)]

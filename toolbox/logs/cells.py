@@ -110,7 +110,7 @@ def is_time(cell: Any) -> bool:
 def seconds_of(cells: Sequence[Any], where: str) -> tuple[np.ndarray, str]:
     """(times [s], what they were in words) of dates, times of day or epochs; nan where a cell has none.
 
-    Where days and months are both at most 12, as in 03/04/2024, times go on from row to row as they do in a log: within a day. All on one date are read either way.
+    Where days and months are both at most 12, as in 03/04/2024, they are read so that no row is more than a day after the one before it.
 
     Raises SceneError where day and month cannot be told apart so, or some have a zone and others none.
     """

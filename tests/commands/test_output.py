@@ -161,6 +161,13 @@ def test_a_table_that_is_wider_than_the_terminal_comes_in_parts_with_the_first_c
 def test_list_finds_by_name_first_and_else_by_what_is_said(capsys):
     assert main(["list", "BitRock"]) == 0
     assert capsys.readouterr().out.splitlines()[1].startswith("  BitRock: ")
+    assert main(["list", "LinearMPC"]) == 0  # the very name is enough, also where others hold it
+    printed = capsys.readouterr().out
+    assert (
+        "  LinearMPC: " in printed
+        and "  NonlinearMPC: " not in printed
+        and re.search("^Others that speak of it: .*NonlinearMPC", printed, re.M)
+    )
     for typed, name in (
         ("soft torque", "SoftTorque"),
         ("z-torque", "ZTorque"),

@@ -10,7 +10,7 @@ import pytest
 
 from controllers import BrakeForce, BrakeMPC, BrakePI, BrakeSlidingMode
 from controllers.brake_law import groan_force
-from models import Coulomb, DiscBrake
+from models import Coulomb, DiscBrake, Tabulated
 from models.closed_forms import groan_growth
 from studies.questions.brakes import HIGHER, LAG, contenders, run_of, stop_of, stops
 from toolbox import Scene, SceneError, compose, energy_audit, measure, simulate
@@ -76,6 +76,18 @@ def test_the_border_of_groan_is_the_force_at_which_the_pad_loses_its_damping():
 
 
 # --- the laws follow the plan
+
+
+def test_on_measured_friction_a_margin_asks_for_the_border_and_keeps_the_force_below_the_one_that_is_given():
+    friction = Tabulated(speeds=(0.0, 0.1, 1.0, 3.0), coefficients=(0.45, 0.44, 0.40, 0.39), static=0.45)
+    brake = compose(DiscBrake(friction=friction, force=0.0))
+    start = {"disc.speed": 3.0}
+    with pytest.raises(SceneError, match=r"give it `border` \[N\] and `growth`"):
+        simulate(brake, 1.0, start=start, controller=BrakeForce(margin=0.8), sample_time=1e-3)
+    safe = brake.parameter("disc.damping") / (2.0 * 0.1)  # c / (2 s), s the steepest fall of the table
+    law = BrakeForce(deceleration=3.0, margin=0.8, border=safe, growth=0.0)
+    run, twin = (simulate(brake, 1.0, start=start, controller=each, sample_time=1e-3) for each in (law, BrakeForce(deceleration=3.0)))
+    assert run["brake.force"].max() == pytest.approx(0.8 * safe) and twin["brake.force"].max() > safe
 
 
 @pytest.mark.parametrize("law", [BrakePI, BrakeSlidingMode, BrakeMPC])

@@ -237,8 +237,12 @@ def test_a_law_is_designed_once_per_loop(monkeypatch):
     assert count == 1
 
 
-def test_several_numbers_are_put_one_after_the_other():
+def test_several_numbers_are_put_together():
     assert put_all(LOOP, {"bit.weight": "90 kN", "bit.speed": 1.0}) == LOOP.at("bit.weight", 9e4).at("bit.speed", 1.0)
     assert put_all(LOOP, {}) == LOOP
+    for factor in (0.5, 2.0):  # one after the other the static friction would fall below the kinetic one, or this rise above it
+        names = ("bit.friction.kinetic", "bit.friction.static") if factor > 1 else ("bit.friction.static", "bit.friction.kinetic")
+        scaled = put_all(LOOP, {name: factor * LOOP.number(name).value for name in names})
+        assert [scaled.number(name).value for name in names] == [factor * LOOP.number(name).value for name in names]
     with pytest.raises(SceneError, match="bit.weight"):
         put_all(LOOP, {"bit.wheight": 5.0})

@@ -33,7 +33,7 @@ RIG = compose(wells.JANSEN_2, BitRock())
         (lambda: simulate(RIG, 5.0, accuracy="1 kg"), r"`accuracy` must be a plain number"),
         (
             lambda: onset(RIG, "top.reference", (3, 14)),
-            r"a set-point belongs to a control law, and there is none: give the loop one, a scene under",
+            r"a set-point belongs to a control law, and there is none: give one .a scene: ",
         ),
         (lambda: onset(closed_loop(RIG, StiffPI()), "top.refrence", (3, 14)), r"did you mean `top.reference`"),
         (lambda: Scene.load("studies/scenes/jansen_2.toml").run(0), r"There is no controller `0`: known are `constant torque`"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import re
 from typing import Any
 
@@ -54,16 +55,23 @@ def run(given: argparse.Namespace) -> int:
         raise SceneError("Argument `--duration` belongs to a loop, but a law is written, which has none.")
     scene = Scene.load(given.scene)
     loop = scene[scene.case(given.controller or scene.labels[0]).label]
+    new = not given.out.exists()
     folder_of(given.out)
     path = given.out / (given.name or re.sub(r"\W", "_", given.scene.stem, flags=re.ASCII))
-    if given.to == "fmu":
-        unit = path.with_suffix(".fmu")
-        written = [export_fmu(loop, unit, part=part, duration=given.duration, version=given.version or "2.0", resources=[given.scene])]
-    elif part == "law":
-        written = list(export_c(loop, path, part="law"))
-    else:
-        source, _ = export_c(loop, path, part="loop", duration=given.duration)
-        written = sorted(each for each in source.parent.iterdir() if each.is_file())
+    try:
+        if given.to == "fmu":
+            unit = path.with_suffix(".fmu")
+            written = [export_fmu(loop, unit, part=part, duration=given.duration, version=given.version or "2.0", resources=[given.scene])]
+        elif part == "law":
+            written = list(export_c(loop, path, part="law"))
+        else:
+            source, _ = export_c(loop, path, part="loop", duration=given.duration)
+            written = sorted(each for each in source.parent.iterdir() if each.is_file())
+    except SceneError:
+        if new:
+            with contextlib.suppress(OSError):  # what an export that failed on its way had written stays
+                given.out.rmdir()
+        raise
     given.found = {"title": loop.title, "files": [str(each) for each in written]}
     print(f"{loop.title}: {part} as {given.to}")
     for each in written:

@@ -31,8 +31,8 @@ def add(commands: Any) -> None:
         "name",
         nargs="?",
         metavar="NAME",
-        help="show the entries whose name or kind contains this, and name those that speak of it, else show these, and keys and measures; `scene`: the keys of "
-        "a scene file; `measures`: what is measured",
+        help="show the entry of this name, or those whose name or kind contains it, and name those that speak of it, else show these, and keys and "
+        "measures; `scene`: the keys of a scene file; `measures`: what is measured",
     )
     listing.set_defaults(action=run)
 
@@ -138,7 +138,7 @@ OTHERS: dict[str, Callable[[], Any]] = {"scene": _print_keys, "measures": _print
 
 
 def _sought(words: str, entries: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-    """The entries with the words in their names, that of the very name first, then those of such a kind, and the others that speak of them.
+    """The entry of that very name, or those with the words in their names, then those of such a kind; and the others that have them or speak of them.
 
     The latter come first where there are no such names and kinds. Names are the same with blanks and hyphens, as in "soft torque".
     """
@@ -149,9 +149,11 @@ def _sought(words: str, entries: Sequence[Any]) -> tuple[list[Any], list[Any]]:
         return all(word in text for word in words.split())
 
     named = [entry for entry in entries if whole in entry.name.lower()]
-    named.sort(key=lambda entry: (entry.name.lower() != whole, not entry.name.lower().startswith(whole)))
+    named.sort(key=lambda entry: not entry.name.lower().startswith(whole))
     named += [entry for entry in entries if entry not in named and words in _heading(entry).lower()]
     speaking = [entry for entry in entries if entry not in named and speaks(entry)]
+    if exact := [entry for entry in named if entry.name.lower() == whole]:
+        return exact, [entry for entry in named if entry not in exact] + speaking
     return (named, speaking) if named else (speaking, [])
 
 

@@ -92,7 +92,7 @@ def opened(law: Any, period: float | None, gains: bool = False) -> OpenLaw:
     """
     title = type(law).__name__
     if not isinstance(law, Controller):
-        raise SceneError(f"The law must be held by casadi expressions, but {title} is designed as a Python callable.")
+        raise SceneError(f"The law must be held by casadi expressions, but {title} is a Python callable: it runs in Python alone.")
     check_fields(law)
     if period is not None:
         check_sampled(law, float(period))

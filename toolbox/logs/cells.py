@@ -115,18 +115,7 @@ def seconds_of(cells: Sequence[Any], where: str) -> tuple[np.ndarray, str]:
     Raises SceneError where day and month cannot be told apart so, or some have a zone and others none.
     """
     shown = [cell if isinstance(cell, str) else _text(cell) for cell in cells]
-    dates = [match for text in shown if (match := _DATE.fullmatch(text.strip()))]
-    first_is_day = True
-    if dates and any(match[2] == "/" for match in dates):
-        day, month = max(int(match[1]) for match in dates) > 12, max(int(match[3]) for match in dates) > 12
-        first_is_day = not month
-        if not day and not month and any(match[1] != match[3] for match in dates):
-            steps = [_longest_step(shown, first) for first in (True, False)]
-            if min(steps) > DAY:
-                raise SceneError(
-                    f"{where} must have dates whose day and month can be told apart, but `{dates[0][0]}` may be either: write them as 2024-12-31."
-                )
-            first_is_day = steps[0] <= steps[1]
+    first_is_day = _first_is_day(shown, where)
     found = np.array([_seconds(text.strip(), first_is_day) for text in shown])
     zones = {bool(re.search(r"(?:Z|[+-]\d{2}:?\d{2})$", text.strip())) for text in shown if ":" in text}
     if len(zones) > 1:
@@ -137,6 +126,22 @@ def seconds_of(cells: Sequence[Any], where: str) -> tuple[np.ndarray, str]:
             found[k + 1 :] += DAY
         return found, "time of day" + (f", past midnight {back.size} time(s)" if back.size else "")
     return found, "dates with a zone" if zones == {True} else "dates without a zone"
+
+
+def _first_is_day(shown: Sequence[str], where: str) -> bool:
+    """Whether dates as 03/04/2024 have the day first; with points or lines they have. Raises SceneError where nothing tells it."""
+    dates = [match for text in shown if (match := _DATE.fullmatch(text.strip()))]
+    if not any(match[2] == "/" for match in dates):
+        return True
+    day, month = (max(int(match[place]) for match in dates) > 12 for place in (1, 3))
+    if day or month:
+        return not month
+    steps = [_longest_step(shown, first) for first in (True, False)]
+    if min(steps) > DAY:
+        raise SceneError(
+            f"{where} must have dates whose day and month can be told apart, but `{dates[0][0]}` may be either: write them as 2024-12-31."
+        )
+    return steps[0] <= steps[1]
 
 
 def _longest_step(shown: Sequence[str], first_is_day: bool) -> float:

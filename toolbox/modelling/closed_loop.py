@@ -233,8 +233,7 @@ class ClosedLoop(Printed):
             raise SceneError(f"Argument `{name}` must name one number, but {', '.join(f'`{each}`' for each in ending)} end so.")
         if name.endswith(".reference") and not any(each.endswith(".reference") for each in known):
             raise SceneError(
-                f"There is no number `{name}`: a set-point belongs to a control law, and there is none: give the loop one, "
-                "a scene under `[[controllers]]` or by `--law`."
+                f"There is no number `{name}`: a set-point belongs to a control law, and there is none: give one (a scene: `[[controllers]]`, `--law`)."
             )
         listed = [each for each in known if each.startswith(f"{name}.") and each[len(name) + 1 :].isdigit()]
         if listed:

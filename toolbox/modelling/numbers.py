@@ -158,9 +158,21 @@ def numbers_in(loop: Loop) -> dict[str, Number]:
 
 
 def put_all(loop: Loop, values: Mapping[str, NumberOrText]) -> Loop:
-    """A loop with other values of several numbers, one after the other as `loop.at` puts them; raises what that raises."""
-    for name, value in values.items():
-        loop = loop.at(name, value)
+    """A loop with other values of several numbers, as `loop.at` puts them; raises what that raises.
+
+    Parameters are put together, because what a part demands of two of them, such as a static friction above the kinetic one, may not hold in between.
+    """
+    numbers = {name: loop.number(name) for name in values}
+    together = {each.name: each.in_si(each.name, values[name]) for name, each in numbers.items() if each.kind == "parameter"}
+    for each in numbers.values():
+        if each.name in together:
+            each.check(together[each.name])
+    if together:
+        kept = {name: given for name, given in loop.inputs.items() if name not in together}
+        loop = loop.but(parameters={**loop.parameters, **together}, inputs=kept)
+    for name, each in numbers.items():
+        if each.name not in together:
+            loop = loop.at(name, values[name])
     return loop
 
 

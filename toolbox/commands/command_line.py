@@ -46,7 +46,7 @@ from toolbox.commands import (
 )
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.commands.terminal import complaint, printing
-from toolbox.errors import SceneError, SimulationError, UnusualValue
+from toolbox.errors import SceneError, SimulationError, UnusualValue, suggest
 from toolbox.files.atomic import check_folder
 from toolbox.files.interrupts import GATE
 from toolbox.files.unit_systems import SYSTEMS, units
@@ -80,7 +80,7 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
     """Run the command line and return its exit code; the errors of a user are one line on stderr. watch: of a process that is ended by an interrupt."""
     words, given = NOTHING, argparse.Namespace()
     try:
-        given = _parser().parse_args(arguments)
+        given = _parsed(arguments)
         given.line = shlex.join(["stickslip", *(sys.argv[1:] if arguments is None else arguments)])
         words = given.words(given)
         environment.check()
@@ -121,6 +121,16 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
         if watch is not None:
             watch.interrupted(words)
         return complaint(words, INTERRUPTED)
+
+
+def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """The arguments of a command line; one that its command does not have is an error that names those that it has."""
+    given, unknown = _parser().parse_known_args(arguments)
+    if unknown:
+        known = [each for each in given.parser._option_string_actions if each.startswith("--")]
+        word = unknown[0].partition("=")[0]
+        given.parser.error(f"there is no argument `{word}`: {suggest(word, known) if word.startswith('-') else 'it is one too many.'}")
+    return given
 
 
 def _by_option(text: str, given: argparse.Namespace) -> str:

@@ -46,7 +46,7 @@ from toolbox.commands import (
 )
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.commands.terminal import complaint, printing
-from toolbox.errors import SceneError, SimulationError, UnusualValue, suggest
+from toolbox.errors import SceneError, SimulationError, UnusualValue
 from toolbox.files.atomic import check_folder
 from toolbox.files.interrupts import GATE
 from toolbox.files.unit_systems import SYSTEMS, units
@@ -124,12 +124,10 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
 
 
 def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """The arguments of a command line; one that its command does not have is an error that names those that it has."""
+    """The arguments of a command line; one that its command does not have is an error with the usage of that command."""
     given, unknown = _parser().parse_known_args(arguments)
     if unknown:
-        known = [each for each in given.parser._option_string_actions if each.startswith("--")]
-        word = unknown[0].partition("=")[0]
-        given.parser.error(f"there is no argument `{word}`: {suggest(word, known) if word.startswith('-') else 'it is one too many.'}")
+        given.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     return given
 
 

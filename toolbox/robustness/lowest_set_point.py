@@ -172,16 +172,16 @@ def lowest(
         low, high, below = _halved(fails, low, high, below)
         speed = round(high * step, 6)
         grows = lasts and cells.grows(trial, group.lasting, speed, way)
-        above = sorted({min(high + round(each / step), top) for each in ABOVE}) if not grows else []
-        broken = [(k, said) for k in above if (said := fails(k))]
-        if broken:
-            low, below = broken[-1]
-            high = top
-            continue
-        short = fails(high, group.lasting) if lasts else ""
+        short = fails(high, group.lasting) if lasts else ""  # before what is above: where this fails in turn, that need not be tried each time
         if short and not grows:
             short += " within half an hour"
         if not short:
+            above = sorted({min(high + round(each / step), top) for each in ABOVE})
+            broken = [(k, said) for k in above if (said := fails(k))]
+            if broken:
+                low, below = broken[-1]
+                high = top
+                continue
             declared, margin, weakest = trial.disk_margins(group.machines, speed)
             if not min(declared, margin) < group.margin:
                 found = dataclasses.asdict(cells.outcome(trial, group.lasting if lasts else group, speed, way))

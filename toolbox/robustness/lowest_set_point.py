@@ -172,7 +172,7 @@ def lowest(
         low, high, below = _halved(fails, low, high, below)
         speed = round(high * step, 6)
         grows = lasts and cells.grows(trial, group.lasting, speed, way)
-        short = fails(high, group.lasting) if lasts else ""  # before what is above: where this fails in turn, that need not be tried each time
+        short = fails(high, group.lasting) if lasts else ""  # before what is above, which need not be tried where this fails
         if short and not grows:
             short += " within half an hour"
         if not short:

@@ -64,6 +64,15 @@ def test_the_table_tells_what_was_asked_in_the_units_typed_and_survives_a_file(f
     assert result.plot().get_xlabel().startswith("lowest set-point [rpm]")
 
 
+def test_a_range_in_si_is_answered_in_the_units_of_the_loop():
+    law = SoftTorque(reference="80 rpm", highest_torque="20 kN m")
+    loop = closed_loop(PLANT, Sampled(law, "10 ms", delay="30 ms"))
+    said: list[str] = []
+    text = str(lowest_set_point(loop, StiffPI(), [BRIEF], ways=["direct"], between=(7.0, 9.0), step=1.0, lasts=False, say=said.append))
+    assert "lowest [rpm]" in text and "torque [kN m]" in text and "66.8 to 85.9 rpm" in text
+    assert all(" rpm: " in line for line in said)
+
+
 def test_what_is_known_is_not_asked_again_and_another_machine_is(found, monkeypatch):
     result, path, said = found
     monkeypatch.setattr(Trial, "outcome", lambda *given: pytest.fail("it is known"))

@@ -19,7 +19,7 @@ from toolbox.arguments import checked_range, number, numbers
 from toolbox.errors import SceneError, suggest
 from toolbox.files.printing import columns, shown
 from toolbox.files.results import HeadedRows, Result
-from toolbox.files.unit_systems import asked_in, reading
+from toolbox.files.unit_systems import asked_units, reading
 from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import told_growth
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
@@ -388,7 +388,7 @@ def lowest_set_point(
     trial = Trial(loop, before, executor)
     typed = numbers("between", between, "rad/s")
     low, high = checked_range(typed, "between", "rad/s")
-    asked = {"rad/s": asked_in(typed, "rad/s")}
+    asked = {**loop.asked, **asked_units(typed)}
     grid = number("step", step, "rad/s", above=0)
     chosen = chosen_groups(trial, groups)
     for way in ways:

@@ -120,6 +120,7 @@ SHIPPED = {
     "drives": {
         "stiff PI": "stick-slip",
         "soft torque": "stick-slip",
+        "soft torque, lifting": "free",
         "Z-torque": "free",
         "LQG": "free",
         "H-infinity": "free",

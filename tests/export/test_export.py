@@ -271,6 +271,7 @@ def test_the_predictive_law_is_exported_at_its_own_period_and_hides_no_folder(tm
     for _ in range(2):
         c, _ = export_c(closed_loop(HEAVY, PREDICTIVE, sample_time=0.1), tmp_path / "mpc")
     assert c.exists() and not list((tmp_path / "mpc_osqp").glob("*.py"))
+    assert "top.torque.held [N m]  0.0 before the first call" in c.with_suffix(".h").read_text()
 
 
 def test_the_header_names_signals_units_defaults_period_and_memory(tmp_path):

@@ -346,6 +346,11 @@ def declared_c(loop: ClosedLoop, path: str | Path) -> Declared:
     return written(c, h, declared, [step])
 
 
+def _default(name: str, value: float) -> str:
+    """What the default of something read is, in words."""
+    return f"set-point, {value!r} unless it moves" if name.endswith(".reference") else f"{value!r} before the first call"
+
+
 @dataclass(frozen=True)
 class Declared:
     """Signals and memory that the header of a law in C lists.
@@ -407,7 +412,7 @@ def _header(law: Declared) -> str:
         *([f" * {line}" for line in law.note.splitlines()] if law.note else []),
         " *",
         " * Reads:",
-        *entries("y", [(n, unit, "" if value is None else f"set-point, {value!r} unless it moves") for n, unit, value in law.reads]),
+        *entries("y", [(n, unit, "" if value is None else _default(n, value)) for n, unit, value in law.reads]),
         " * Drives, held until the next call:",
         *entries("u", [(n, unit, "") for n, unit in law.drives]),
         " * Memory, which starts at 0:",

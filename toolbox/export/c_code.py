@@ -346,11 +346,6 @@ def declared_c(loop: ClosedLoop, path: str | Path) -> Declared:
     return written(c, h, declared, [step])
 
 
-def _default(name: str, value: float) -> str:
-    """What the default of something read is, in words."""
-    return f"set-point, {value!r} unless it moves" if name.endswith(".reference") else f"{value!r} before the first call"
-
-
 @dataclass(frozen=True)
 class Declared:
     """Signals and memory that the header of a law in C lists.
@@ -399,6 +394,7 @@ def c_paths(path: str | Path) -> tuple[Path, Path]:
 
 def _header(law: Declared) -> str:
     name, upper = law.name, law.name.upper()
+    told = "{!r} before the first call", "set-point, {!r} unless it moves"
 
     def entries(symbol: str, rows: Sequence[tuple[str, str, str]]) -> list[str]:
         return [f" *   {symbol}[{i}]  {label} [{unit}]" + (f"  {note}" if note else "") for i, (label, unit, note) in enumerate(rows)] or [
@@ -412,7 +408,7 @@ def _header(law: Declared) -> str:
         *([f" * {line}" for line in law.note.splitlines()] if law.note else []),
         " *",
         " * Reads:",
-        *entries("y", [(n, unit, "" if value is None else _default(n, value)) for n, unit, value in law.reads]),
+        *entries("y", [(n, unit, "" if value is None else told[n.endswith(".reference")].format(value)) for n, unit, value in law.reads]),
         " * Drives, held until the next call:",
         *entries("u", [(n, unit, "") for n, unit in law.drives]),
         " * Memory, which starts at 0:",

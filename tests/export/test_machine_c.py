@@ -211,7 +211,7 @@ def test_the_command_writes_the_case_of_a_scene(tmp_path, capsys):
 def test_an_export_that_is_refused_leaves_no_folder(tmp_path, capsys):
     call = ["export", "studies/scenes/predictive.toml", "--controller", "nonlinear MPC", "--part", "law", "--out", str(tmp_path / "out")]
     assert main(call) == 2
-    assert "is a Python callable: it runs in Python alone" in capsys.readouterr().err and not (tmp_path / "out").exists()
+    assert "NonlinearMPC is a Python callable: it runs in Python alone" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("part", ["loop", "law"])

@@ -90,7 +90,7 @@ def opened(law: Any, period: float | None, gains: bool = False) -> OpenLaw:
 
     Raises SceneError where it has no equations of that kind.
     """
-    title = type(law).__name__
+    title = type(law if isinstance(law, Controller) else getattr(law, "law", law)).__name__  # of a designed one the law that was given
     if not isinstance(law, Controller):
         raise SceneError(f"The law must be held by casadi expressions, but {title} is a Python callable: it runs in Python alone.")
     check_fields(law)

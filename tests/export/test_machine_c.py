@@ -164,6 +164,7 @@ def test_what_the_translator_does_not_know_is_refused_by_name_and_line(monkeypat
     def unknown(w, t):
         return len([mode for mode in w.m if mode]) > 0
 
+    text_of(compose(BlockOnBelt()))  # compiles the event loop of this process
     monkeypatch.setattr(modes_of_the_loop, "decide", unknown)
     with pytest.raises(SceneError, match=r"unknown, line \d+: `.*` is not known"):
         text_of(compose(BlockOnBelt()))

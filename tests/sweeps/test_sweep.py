@@ -193,7 +193,6 @@ def test_what_is_no_executor_is_refused():
         sweep(growing(), {"growth.rate": [0.1]}, executor=2, **GROWING)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("told", [None, "2"])
 def test_processes_have_one_thread_of_linear_algebra_unless_told_otherwise(told):
     given = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"} | (
@@ -204,6 +203,7 @@ def test_processes_have_one_thread_of_linear_algebra_unless_told_otherwise(told)
     assert said.strip() == (told or "1")
 
 
+@pytest.mark.slow
 def test_laws_in_python_run_in_processes():
     here = sweep(closed_loop(RIG, Sampled(Gentle(), 0.05)), {"bit.weight": [60e3, 97e3]}, duration=5.0, measures=("mean", "stuck"))
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:

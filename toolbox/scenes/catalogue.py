@@ -52,8 +52,7 @@ class Entry:
         out = []
         for spec in dataclasses.fields(self.item):
             if spec.name != "name":
-                value = _default(spec) if isinstance(self.item, type) else getattr(self.item, spec.name)
-                out.append((spec.name, spec.metadata.get("unit", ""), value, spec.metadata.get("meaning", "")))
+                out.append((spec.name, spec.metadata.get("unit", ""), present(self.item, spec), spec.metadata.get("meaning", "")))
         return out
 
 
@@ -176,10 +175,11 @@ def _names(kind: str | None) -> list[str]:
     return [entry.name for entry in parts(kind)]
 
 
-def _default(spec: dataclasses.Field[Any]) -> Any:
-    if spec.default_factory is not dataclasses.MISSING:
-        return spec.default_factory()
-    return spec.default
+def present(item: Any, spec: dataclasses.Field[Any]) -> Any:
+    """What a field of a ready-made part is, or by default of a class; MISSING where the class has none."""
+    if not isinstance(item, type):
+        return getattr(item, spec.name)
+    return spec.default_factory() if spec.default_factory is not dataclasses.MISSING else spec.default
 
 
 @cache

@@ -237,7 +237,7 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
 def _law(item: Any, values: Mapping[str, Any], title: str, reference: float | None, also: Sequence[str] = ()) -> Any:
     """A control law with these fields, and the set-point of the scene where it takes one and none is given."""
     specs = {spec.name: spec for spec in dataclasses.fields(item)}
-    lacking = {type(_present(item, spec)): name for name, spec in specs.items() if name not in values}
+    lacking = {type(catalogue.present(item, spec)): name for name, spec in specs.items() if name not in values}
     if lacking.get(Controller) == "law":
         raise SceneError(f'`{title}` acts around another law: name that one under `law`, and write `inside = "{title}"` beside it.')
     if Observer in lacking:
@@ -283,20 +283,13 @@ def _filled(item: Any, data: Mapping[str, Any], title: str, also: Sequence[str] 
     for key, value in data.items():
         if key not in specs:
             raise SceneError(f"There is no key `{key}` in `{title}`: {suggest(key, [*specs, *also])}")
-        values[key] = _field_value(value, hints[key], f"{title}.{key}", _present(item, specs[key]))
+        values[key] = _field_value(value, hints[key], f"{title}.{key}", catalogue.present(item, specs[key]))
     if not isinstance(item, type):
         return dataclasses.replace(item, **values)
     for spec in specs.values():
         if spec.name not in values and spec.default is dataclasses.MISSING and spec.default_factory is dataclasses.MISSING:
             raise SceneError(f"The key `{spec.name}` is missing in `{title}`.")
     return item(**values)
-
-
-def _present(item: Any, spec: dataclasses.Field[Any]) -> Any:
-    """What a field of a ready-made part is, or of a class without it; None for nothing."""
-    if isinstance(item, type) and spec.default_factory is not dataclasses.MISSING:
-        return spec.default_factory()
-    return getattr(item, spec.name, None)
 
 
 def _field_value(value: Any, hint: Any, name: str, current: Any) -> Any:

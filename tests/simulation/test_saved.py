@@ -65,6 +65,28 @@ def test_a_run_read_back_answers_at_any_time_as_the_run_itself(case, tmp_path):
     assert isinstance(back.at(1.0)[name], float) and back.at(1.0)[name] == back.at([1.0])[name][0]
 
 
+@pytest.mark.parametrize(("accuracy", "most"), [(1e-6, 1e-10), (1e-9, 5e-12)])
+def test_the_file_of_a_finer_run_is_finer_too(accuracy, most, tmp_path):
+    plant, _, arguments = RUNS["sampled drive"]
+    run = simulate(plant, 10.0, accuracy=accuracy, **arguments)
+    back = Trajectory.load(run.save(tmp_path / "run.npz"))
+    times = np.sort(np.concatenate([np.linspace(0.0, 10.0, 1003), 0.3 * run.nodes.time[:-1] + 0.7 * run.nodes.time[1:]]))
+    exact, read = run.at(times), back.at(times)
+    assert all(np.abs(read[name] - exact[name]).max() <= most * np.abs(exact[name]).max() for name in run.names)
+
+
+def test_a_signal_that_changes_in_no_step_is_kept_once_a_step(tmp_path):
+    run = simulate(RIG, 5.0, controller=LQG(**NUMBERS), sample_time=0.01)
+    path = run.save(tmp_path / "run.npz")
+    with np.load(path) as arrays:
+        points = int(arrays["step.degree"].astype(int).sum() + arrays["step.degree"].size)
+        lengths = {name: len(arrays[f"step.{name}"]) for name in ("bit.speed", "top.torque", "estimate.bit.speed", "bit.weight")}
+    nodes = run.nodes.time.size
+    assert lengths == {"bit.speed": points, "top.torque": nodes, "estimate.bit.speed": nodes, "bit.weight": nodes} and points > 3 * nodes
+    back, times = Trajectory.load(path), np.linspace(0.0, 5.0, 1003)
+    np.testing.assert_array_equal(back.at(times)["estimate.bit.speed"], run.at(times)["estimate.bit.speed"])
+
+
 def test_polynomials_are_checked_against_a_finer_run_of_points():
     # of a signal that no low degree follows the degree is high, of one that stands still it is 1
     values = np.sin(3.0 * points(16))[None]

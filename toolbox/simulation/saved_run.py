@@ -1,17 +1,18 @@
 """Runs in files: what is written of a run, and the run that is read back.
 
 A file holds data only, and needs neither the plant nor code to be read. Between its nodes every signal is a polynomial through its values at the
-Chebyshev-Lobatto points of the step, of the lowest degree from 1 to 32 that agrees with the run at points between to 1e-12 of the size of the signal, as near
-as numbers tell (J.-P. Berrut and L. N. Trefethen (2004), doi:10.1137/S0036144502417715). Therefore a run that is read back answers at any time,
-and is plotted, measured and compared like the run itself.
+Chebyshev-Lobatto points of the step, of the lowest degree from 1 to 32 that agrees with the run at points between to 2e-11 of the size of the signal, or to
+2e-5 of the accuracy of the run where that is less (J.-P. Berrut and L. N. Trefethen (2004), doi:10.1137/S0036144502417715). Therefore a run that is read back
+answers at any time, and is plotted, measured and compared like the run itself.
 
 Keys of the npz file: `time` [s], `begin` [s] and `end` [s]; one array per signal, named by it, at the recorded times; `<element>.mode` with 1, 0, -1 for
 slip+, stick, slip-, or what `modes.element`, `modes.number`, `modes.word` say, row by row; `modes.last`, a word for each element; `event.time`,
 `event.element`, `event.before`, `event.after`; `unit.names` and `unit.values`, the unit of each signal. `step.time` [s] and `step.mode`: nodes, of which each
 begins a step with its modes; `step.degree`: of the polynomials in it, 0 where the step is an instant; `step.<signal>`: their values at degree + 1 points per
-step. `contacts`, `main`: names of the elements with friction and of the signals that a plot shows; `limit.names`, `limit.values`: what the drive keeps
-signals within, nan for no limit; `approach.<element>`: speeds at the impacts of a unilateral contact [m/s]; `asked.units`, `asked.typed`: the units in which
-the run was asked for, and answers; `report`: lines about the run; `error`: what `run.error` said, nan where it was not asked; `accuracy`: that of the run.
+step, or one value per step for a signal that changes in none, such as a command that is held. `contacts`, `main`: names of the elements with friction and of
+the signals that a plot shows; `limit.names`, `limit.values`: what the drive keeps signals within, nan for no limit; `approach.<element>`: speeds at the
+impacts of a unilateral contact [m/s]; `asked.units`, `asked.typed`: the units in which the run was asked for, and answers; `report`: lines about the run;
+`error`: what `run.error` said, nan where it was not asked; `accuracy`: that of the run.
 """
 
 from __future__ import annotations
@@ -34,8 +35,9 @@ from toolbox.simulation.samples import Event, Modes, Read
 DEGREES = (1, 2, 4, 8, 16, 32)
 """Degrees of the polynomials: the points of one are every second point of the next."""
 
-SAME = 1e-12
-"""How far polynomials may be from the run, in parts of the size of a signal: what is read back is the same run, not another within its accuracy."""
+SAME, FINEST = (2e-11, 2e-5), 1e-12
+"""How far polynomials may be from the run at the points between: parts of the size of a signal and of the accuracy of the run, whichever is less, and the
+least. What is read back is the same run, not another within its accuracy; at 1e-12 a well of 16 inertias under a sampled drive takes twice the time."""
 
 CHUNK = 512
 """Steps that are sampled together."""
@@ -100,30 +102,38 @@ def interpolated(values: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def polynomials(run: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """(degree of each node, {signal: values at the points of all nodes in order}), as a file holds them."""
+    """(degree of each node, {signal: values at the points of all nodes in order, or at the nodes}), as a file holds them."""
     nodes = run.nodes
     at_nodes = nodes.columns(run.names)
     size = np.maximum(np.abs(np.column_stack(list(at_nodes.values()))).max(axis=0, initial=0.0), 1e-300)
+    apart = size * max(min(SAME[0], SAME[1] * run.accuracy), FINEST)
     long = np.append(np.diff(nodes.time) > 0, False)[: nodes.time.size]
     degree = np.zeros(nodes.time.size, np.int8)
     kept: list[tuple[np.ndarray, np.ndarray]] = []
     began, silent = perf_counter(), True
     for first in range(0, nodes.time.size, CHUNK):
         rows = np.arange(first, min(first + CHUNK, nodes.time.size))
-        found = _instants(nodes, rows[~long[rows]], run.names) + _lowest(nodes, rows[long[rows]], run.names, size)
+        found = _instants(nodes, rows[~long[rows]], run.names) + _lowest(nodes, rows[long[rows]], run.names, apart)
         for chosen, values in found:
             degree[chosen] = values.shape[1] - 1
         kept += found
         if silent and perf_counter() - began > SILENT and rows[-1] + 1 < degree.size:
             LOG.info("saving %d steps: %d are done after %.0f s ...", degree.size, rows[-1] + 1, perf_counter() - began)
             silent = False
-    offset = np.cumsum(degree + 1, dtype=int) - (degree + 1)
-    flat = np.empty((int((degree + 1).sum(dtype=int)), size.size))
-    for chosen, values in kept:
-        flat[offset[chosen][:, None] + np.arange(values.shape[1])] = values
     ends = np.cumsum([values[:1].size if values.ndim > 1 else 1 for values in at_nodes.values()])
-    parts = zip(at_nodes.items(), np.split(flat, ends[:-1], axis=1), strict=True)
-    return degree, {name: np.ascontiguousarray(part).reshape(-1, *values.shape[1:]) for (name, values), part in parts}
+    return degree, {name: _together(degree, kept, end, values) for (name, values), end in zip(at_nodes.items(), ends.tolist(), strict=True)}
+
+
+def _together(degree: np.ndarray, kept: Sequence[tuple[np.ndarray, np.ndarray]], end: int, at_nodes: np.ndarray) -> np.ndarray:
+    """The values of a signal, the scalars before `end`, at the points of all nodes in order; those at the nodes where it changes in no step."""
+    own = slice(end - at_nodes[:1].size, end)
+    if all((values[:, 1:, own] == values[:, :1, own]).all() for _, values in kept):
+        return at_nodes
+    first = np.cumsum(degree + 1, dtype=int) - (degree + 1)
+    found = np.empty((int((degree + 1).sum(dtype=int)), own.stop - own.start))
+    for chosen, values in kept:
+        found[first[chosen][:, None] + np.arange(values.shape[1])] = values[:, :, own]
+    return found.reshape(-1, *at_nodes.shape[1:])
 
 
 def _instants(nodes: Any, rows: np.ndarray, names: Sequence[str]) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -131,7 +141,7 @@ def _instants(nodes: Any, rows: np.ndarray, names: Sequence[str]) -> list[tuple[
     return [(rows, _sampled(nodes, rows, points(0), names))] if rows.size else []
 
 
-def _lowest(nodes: Any, rows: np.ndarray, names: Sequence[str], size: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+def _lowest(nodes: Any, rows: np.ndarray, names: Sequence[str], apart: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Those of the steps that begin at `rows` which have one degree, with their values (steps, degree + 1, scalars): the lowest degree that agrees."""
     found: list[tuple[np.ndarray, np.ndarray]] = []
     values = _sampled(nodes, rows, points(4), names) if rows.size else np.empty(0)
@@ -139,11 +149,11 @@ def _lowest(nodes: Any, rows: np.ndarray, names: Sequence[str], size: np.ndarray
         # the first comparison has the degrees 1 and 2 on the points of 4, so that nothing passes by chance at one point
         for coarse in (1, 2) if fine == 4 else (fine // 2,):
             if rows.size:
-                fits = _agrees(values, coarse, fine, size)
+                fits = _agrees(values, coarse, fine, apart)
                 found.append((rows[fits], values[fits][:, :: fine // coarse]))
                 rows, values = rows[~fits], values[~fits]
         if rows.size and fine < DEGREES[-1]:
-            finer = np.empty((rows.size, 2 * fine + 1, size.size))
+            finer = np.empty((rows.size, 2 * fine + 1, apart.size))
             finer[:, ::2], finer[:, 1::2] = values, _sampled(nodes, rows, points(2 * fine)[1::2], names)
             values = finer
     return [*found, (rows, values)] if rows.size else found
@@ -158,11 +168,11 @@ def _sampled(nodes: Any, rows: np.ndarray, places: np.ndarray, names: Sequence[s
     return np.column_stack(list(columns.values())).reshape(rows.size, places.size, -1)
 
 
-def _agrees(values: np.ndarray, coarse: int, fine: int, size: np.ndarray) -> np.ndarray:
-    """In which steps the polynomials of the coarse degree are those of the fine one, to the last digits."""
+def _agrees(values: np.ndarray, coarse: int, fine: int, apart: np.ndarray) -> np.ndarray:
+    """In which steps the polynomials of the coarse degree are so little apart from those of the fine one, scalar by scalar."""
     between = [k for k in range(fine + 1) if k % (fine // coarse)]
     basis = interpolated(np.broadcast_to(np.eye(coarse + 1), (len(between), coarse + 1, coarse + 1)), points(fine)[between])
-    return (np.abs(basis @ values[:, :: fine // coarse] - values[:, between]) <= SAME * size).all(axis=(1, 2))
+    return (np.abs(basis @ values[:, :: fine // coarse] - values[:, between]) <= apart).all(axis=(1, 2))
 
 
 class SavedSamples(Generic[Read]):
@@ -243,7 +253,8 @@ def _check(found: dict[str, np.ndarray]) -> None:
     }  # fmt: skip
     for name in found["unit.names"].tolist():
         width = found[name].shape[1:]
-        shapes |= {name: ("f", "records", *width), f"step.{name}": ("f", "points", *width)}
+        often = "nodes" if found[f"step.{name}"].shape[:1] == degree.shape else "points"
+        shapes |= {name: ("f", "records", *width), f"step.{name}": ("f", often, *width)}
     shapes |= {f"{name}.mode": ("i", "records") for name in elements}
     shapes |= {f"approach.{name}": ("f", f"impacts of {name}") for name in elements if f"approach.{name}" in found}
     check_shapes(found, shapes, lengths)
@@ -265,7 +276,7 @@ def _check(found: dict[str, np.ndarray]) -> None:
 class SavedSteps:
     """The steps of a saved run: `time` and `mode` of the nodes that begin them, and a polynomial of each signal in each.
 
-    `words` holds {element: {mode: its word}}, and `signals` {name: values at the points of all steps, in order}.
+    `words` holds {element: {mode: its word}}, and `signals` {name: values at the points of all steps in order, or one value per step}.
     """
 
     def __init__(
@@ -278,7 +289,7 @@ class SavedSteps:
         self._first = np.cumsum(self._degree + 1) - (self._degree + 1)
         self._signals = signals
         count = int((self._degree + 1).sum())
-        if self._degree.shape != time.shape or any(len(each) != count for each in signals.values()):
+        if self._degree.shape != time.shape or any(len(each) not in (count, time.size) for each in signals.values()):
             raise ValueError("its steps do not fit to one another")
 
     def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> SavedSamples[Any]:
@@ -298,6 +309,8 @@ class SavedSteps:
                 raise SceneError(f"There is no signal `{name}`: {suggest(name, self._signals)}")
             return whole[:, int(tail)]
         points = self._signals[name]
+        if len(points) == self.time.size:
+            return points[row]
         found = np.empty((row.size, *points.shape[1:]))
         length = self.time[np.minimum(row + 1, self.time.size - 1)] - self.time[row]
         place = (times - self.time[row]) / np.where(length > 0, length, 1.0)

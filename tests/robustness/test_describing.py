@@ -1,12 +1,15 @@
 """The describing function of a contact against closed forms, balances of torque, and the unstable cycle of the machine itself."""
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
-from controllers import SoftTorque
+from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, wells
 from models.friction import Coulomb, Exponential
-from toolbox import SceneError, closed_loop, compose, equilibrium, limit_cycle
+from toolbox import Component, DryFriction, Equations, SceneError, closed_loop, compose, equilibrium, limit_cycle, simulate, state
 from toolbox.robustness import describing_function
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
@@ -67,6 +70,52 @@ def test_the_unstable_cycle_of_the_machine_is_the_one_that_is_predicted():
     assert not cycle.stable and low > 0.0
     assert unstable.period == pytest.approx(cycle.period, rel=0.03)
     assert unstable.amplitude == pytest.approx((high - low) / 2, rel=0.02)
+
+
+@pytest.mark.parametrize(("law", "attracts", "other"), [(StiffPI, 15.8, 6.053), (SlidingMode, 5.955, 19.49)])
+def test_a_cycle_on_which_another_swing_grows_does_not_attract(law, attracts, other):
+    """Two swings of this string meet the friction where its gain falls; a run that ends in stick-slip ends in the other one."""
+    loop = closed_loop(compose(wells.NAVARRO_LOPEZ_4, BitRock(weight=97_347.0)), law(reference=4.0))
+    found = describing_function(loop)
+    stuck = {float(f"{each.period:.4g}"): each for each in found.cycles if each.sticks}
+    goes, stays = stuck[other], stuck[attracts]
+    assert stays.stable and stays.growing is None
+    assert not goes.stable and 2 * np.pi / goes.growing == pytest.approx(attracts, rel=0.02)
+    assert f"unstable, sticks, a swing of {2 * np.pi / goes.growing:.4g} s grows" in str(found)
+    still = equilibrium(loop)
+    begin = {name: still[name] for name in still.plant.states} | {"chain.speed.3": 0.0}
+    cycle = limit_cycle(loop.but(start=begin), 400.0)
+    assert cycle.stable and abs(cycle.period - attracts) < 0.1 * attracts
+
+
+@dataclass(frozen=True)
+class NeedsFallingFriction(Component):
+    """Slip over force s (s^2 - 2.4 s + 4) / D(s), with D + 0.1 times the numerator stable: what friction takes at large amplitudes makes this swing grow."""
+
+    numerator: ClassVar[np.ndarray] = np.array([1.0, -2.4, 4.0, 0.0])
+    denominator: ClassVar[np.ndarray] = np.polyadd(np.polymul([1.0, 0.02, 2.0], [1.0, 2.0, 6.0]), 0.1 * numerator)
+
+    def equations(self, signal):
+        x = [state(f"x{i}", "m/s") for i in range(4)]
+        slip = sum(n * each for n, each in zip(self.numerator[::-1], x, strict=True)) - 1.0
+        contact = DryFriction("contact", slip, Exponential(static=1.0, kinetic=0.5, decay=1.0), 1.0)
+        last = contact.force - sum(d * each for d, each in zip(self.denominator[:0:-1], x, strict=True))
+        return Equations(flow=dict(zip(x, [*x[1:], last], strict=True)), elements=[contact])
+
+
+def test_a_falling_gain_does_not_hold_a_swing_that_friction_drives():
+    loop = closed_loop(compose(NeedsFallingFriction()))
+    (cycle,) = describing_function(loop).cycles
+    assert not cycle.stable and cycle.growing is None
+    w, still = cycle.frequency, equilibrium(loop)
+    harmonic = cycle.amplitude / abs(np.polyval(NeedsFallingFriction.numerator, 1j * w))
+    swings = []
+    for part in (0.7, 1.4):
+        begin = {f"x{i}": still[f"x{i}"] + part * harmonic * (1j * w) ** i for i in range(4)}
+        run = simulate(loop.but(start={name: value.real for name, value in begin.items()}), "200 s")
+        late = run["contact.slip"][run.time > 190.0]
+        swings.append((late.max() - late.min()) / 2.0)
+    assert swings[0] < 0.5 * cycle.amplitude < 2.0 * cycle.amplitude < swings[1]
 
 
 def test_without_integral_action_the_mean_moves_with_the_swing():

@@ -8,10 +8,12 @@ slip is taken to be a mean and one harmonic, v = v_0 + A cos(w t). The friction 
     v_0 = v_s + G(0) (F_0 - F(v_s)),      1 = G(i w) N(A, v_0)
 
 v_s is the slip of steady running. Without memory friction is in phase with slip, so that N is real: the frequencies are those at which G is real, and at
-each of them N(A) = 1 / G. A cycle is unstable where N rises with A, and attracts where N falls (the criterion of Loeb). For A > v_0 the harmonic runs
-backwards for a while, where the contact itself sticks: such a cycle is stick-slip.
+each of them N(A) = 1 / G. Seen by its own amplitude, a cycle holds where N falls with A and the imaginary part of G falls with w there, or both rise, and is
+unstable otherwise (the criterion of Loeb). That is necessary, not enough: of the other poles of the machine with the gain N in place of the contact, none may
+grow, or another swing takes over. For A > v_0 the harmonic runs backwards for a while, where the contact itself sticks: such a cycle is stick-slip.
 
-Higher harmonics are left out. A string is a filter that passes little of them, and how much they change is told by the cycle itself.
+Higher harmonics are left out. A string is a filter that passes little of them, and how much they change is told by the cycle itself; so is for sure whether
+it attracts, by the multipliers of `limit_cycle`.
 
 Source: A. Gelb, W. E. Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design, McGraw-Hill 1968, chapters 2, 3 and 6.
 """
@@ -37,7 +39,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import all_described
 from toolbox.modelling.steady_point import Equilibrium, function_of, mode_numbers
 from toolbox.orbits.orbit import Cycle
-from toolbox.robustness.loop import LinearLoop
+from toolbox.robustness.loop import STABLE, LinearLoop
 from toolbox.scenes.judged import judged_contact
 from toolbox.steady_states.linear import equilibrium
 
@@ -59,13 +61,16 @@ class PredictedCycle:
     amplitude, mean
         Amplitude and mean of the slip, in the unit of the slip.
     stable
-        Whether it attracts; an unstable one is the border between smooth running and stick-slip.
+        Whether it attracts. An unstable one on which nothing else grows is the border between smooth running and stick-slip.
+    growing
+        Frequency of another swing [rad/s] that grows while this cycle runs, the fastest of them, 0 for growth without a swing; None where nothing else grows.
     """
 
     frequency: float
     amplitude: float
     mean: float
     stable: bool
+    growing: float | None = None
 
     @property
     def period(self) -> float:
@@ -76,6 +81,14 @@ class PredictedCycle:
     def sticks(self) -> bool:
         """Whether the slip reaches zero."""
         return self.amplitude >= abs(self.mean)
+
+    @property
+    def words(self) -> str:
+        """What a table says of it."""
+        found = ("attracts" if self.stable else "unstable") + (", sticks" if self.sticks else "")
+        if self.growing is None:
+            return found
+        return found + (f", a swing of {2.0 * math.pi / self.growing:.4g} s grows" if self.growing > 0.0 else ", drifts away")
 
 
 @dataclass(frozen=True)
@@ -120,11 +133,12 @@ class DescribingFunction(Result):
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text: a row for every cycle."""
         read = reading(self.units[0], self.asked)
-        lines: list[tuple[str, ...]] = [("", "period [s]", f"lowest {self.contact}.slip [{read.tail.strip() or '1'}]", "highest", "")]
+        lines: list[tuple[str, ...]] = [
+            ("", "period [s]", f"lowest {self.contact}.slip [{read.tail.strip() or '1'}]", "highest", "by its first harmonic")
+        ]
         for each in self.cycles:
             low, high = sorted((each.mean - each.amplitude, each.mean + each.amplitude))
-            words = ("attracts" if each.stable else "unstable") + (", sticks" if each.sticks else "")
-            lines.append(("predicted", f"{each.period:.4g}", f"{low * read.factor:.4g}", f"{high * read.factor:.4g}", words))
+            lines.append(("predicted", f"{each.period:.4g}", f"{low * read.factor:.4g}", f"{high * read.factor:.4g}", each.words))
         if self.exact:
             period, low, high = self.exact
             lines.append(("exact", f"{period:.4g}", f"{low * read.factor:.4g}", f"{high * read.factor:.4g}", ""))
@@ -187,10 +201,13 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
     if element.directions > 1 or element.breaks:
         what = "slips in two directions" if element.directions > 1 else "has a friction law with breaks"
         raise SceneError(f"Argument `loop` must have a contact with one slip and a law without breaks, but `{contact}` {what}.")
-    answer, force, slip, reach = _parted(rest, at)
+    remainder, force, slip, reach = _parted(rest, at)
     if slip == 0.0:
         raise SceneError(f"Argument `loop` must let `{contact}` slide at steady running, but it sticks.")
     top = 3.0 * abs(slip) if highest is None else number("highest", highest, element.slip_unit, above=0)
+
+    def answer(w: FloatArray) -> np.ndarray:
+        return -remainder.transfer(w)[:, 0, 0]  # of negative feedback
 
     def response_at(w: float) -> complex:
         return complex(answer(np.array([w]))[0])
@@ -239,12 +256,13 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
         if abs(there) < 1e-9 * scale:  # the rest stands still at this frequency, whatever the contact does
             continue
         needed = (1.0 / there).real  # 0 where the rest swings undamped
+        falls, growing = bool(response.imag[np.searchsorted(omega, w)] < 0.0), _growing(remainder, needed, w)
         off = np.where(
             np.abs(gain - needed) > 1e-12 * np.nanmax(np.abs(gain)), gain - needed, 0.0
         )  # what is 0 but for rounding crosses nothing
         for size in _crossings(amplitude, off, partial(missing, needed)):
             rising = bool(gain[np.searchsorted(amplitude, size)] > needed)
-            found.append(PredictedCycle(w, size, mean_at(size), not rising))
+            found.append(PredictedCycle(w, size, mean_at(size), rising != falls and growing is None, growing))
     exact = () if cycle is None else (cycle.period, *cycle.extremes(f"{contact}.slip"))
     return DescribingFunction(
         title=all_described(loop.laws),
@@ -261,10 +279,17 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
     )
 
 
-def _parted(
-    rest: Equilibrium, at: int
-) -> tuple[Callable[[FloatArray], np.ndarray], Callable[[np.ndarray], np.ndarray], float, tuple[float, float]]:
-    """A plant parted at element `at`: (G at frequencies, force of slips, slip of steady running, (lowest, highest) frequency of the loop)."""
+def _growing(remainder: LinearLoop, gain: float, frequency: float) -> float | None:
+    """The frequency of the fastest growing pole with a gain in place of the contact, beside the pair that swings at `frequency`; None where none grows."""
+    poles = remainder.poles(gain)
+    poles = poles[poles.imag >= 0.0]
+    others = np.delete(poles, np.abs(poles - 1j * frequency).argmin())
+    fastest = max(others, key=lambda pole: pole.real, default=0.0)
+    return float(fastest.imag) if fastest.real > STABLE * np.abs(poles).max() else None
+
+
+def _parted(rest: Equilibrium, at: int) -> tuple[LinearLoop, Callable[[np.ndarray], np.ndarray], float, tuple[float, float]]:
+    """A plant parted at element `at`: (what is left, force of slips, slip of steady running, (lowest, highest) frequency of the loop)."""
     plant = rest.plant
     modes = mode_numbers(plant, rest.modes)
 
@@ -281,10 +306,7 @@ def _parted(
     poles = poles[poles > 1e-9 * poles.max(initial=0.0)]
     reach = (0.1 * float(poles.min()), 3.0 * float(poles.max()))
     direction = np.ravel(slides) / float((slides @ slides.T).item())
-    rest_of_it = LinearLoop(without, push, slides, np.zeros((1, 1)), (plant.elements[at].name,))
-
-    def answer(w: FloatArray) -> np.ndarray:
-        return -rest_of_it.transfer(w)[:, 0, 0]  # of negative feedback
+    remainder = LinearLoop(without, push, slides, np.zeros((1, 1)), (plant.elements[at].name,))
 
     forces = function_of(plant, (f"force{at}",), lambda: [plant.switching.force[at]])
 
@@ -295,7 +317,7 @@ def _parted(
         signs[at] = np.where(slips < 0.0, -1.0, 1.0)
         return np.ravel(forces(0.0, places, rest.inputs, plant.values, signs))
 
-    return answer, force, slip.item() if modes[at] else 0.0, reach
+    return remainder, force, slip.item() if modes[at] else 0.0, reach
 
 
 def _crossings(places: np.ndarray, values: np.ndarray, value_at: Callable[[float], float]) -> list[float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.guards import flies, guard_size, no_modes, project, two_directions
+from toolbox.stepping.impacts import many_at_once
 from toolbox.stepping.modes import fire, mark
 from toolbox.stepping.step_control import first_step, measure_round_off
 from toolbox.translation.words import call
@@ -27,7 +28,7 @@ def after_event(w, t):
     """Switch what fires at an event. DONE, or the status of `advance` where switching has no end, no modes are consistent, or a bound becomes negative."""
     if t - w.reals[layout.LAST_EVENT] <= 1e-13 * max(abs(t), min(w.reals[layout.HORIZON], 1.0)):
         w.ints[layout.CLOSE] += 1
-        if w.ints[layout.CLOSE] > 50 + 20 * w.ints[layout.NE]:
+        if w.ints[layout.CLOSE] > 2 * many_at_once(w):
             return layout.ENDLESS
     else:
         w.ints[layout.CLOSE] = 0

@@ -1,13 +1,13 @@
 """The describing function of a contact against closed forms, balances of torque, and the unstable cycle of the machine itself."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from controllers import SlidingMode, SoftTorque, StiffPI
-from models import BitRock, BlockOnBelt, wells
+from models import BitRock, BlockOnBelt, oscillators, wells
 from models.friction import Coulomb, Exponential
 from toolbox import Component, DryFriction, Equations, SceneError, closed_loop, compose, equilibrium, limit_cycle, simulate, state
 from toolbox.robustness import describing_function
@@ -147,3 +147,12 @@ def test_what_has_no_describing_function_is_refused():
     stuck = compose(BlockOnBelt(friction=Exponential(static=0.8, kinetic=0.5, decay=0.9), belt_speed=0.0))
     with pytest.raises(SceneError, match="must let `belt` slide at steady running, but it sticks"):
         describing_function(closed_loop(stuck))
+
+
+@pytest.mark.parametrize("belt_speed", [0.41, 0.44, 0.440955, 0.4409585])
+def test_the_cycle_beside_a_hopf_point_is_that_of_averaging_however_small(belt_speed):
+    """J. J. Thomsen, A. Fidlin (2003), first order: A = 2 sqrt(v_1^2 - v^2) below the Hopf speed v_1, which a cubic law has exactly in its first harmonic."""
+    hopf = 0.5 * np.sqrt(1.0 - 4.0 * 0.05 * 0.5 / (3.0 * 0.15))
+    (cycle,) = describing_function(closed_loop(compose(replace(oscillators.THOMSEN_FIDLIN, belt_speed=belt_speed)))).cycles
+    assert cycle.amplitude == pytest.approx(2.0 * np.sqrt(hopf**2 - belt_speed**2), rel=1e-6)
+    assert cycle.period == pytest.approx(2.0 * np.pi, rel=1e-9) and cycle.stable and not cycle.sticks

@@ -451,3 +451,20 @@ def test_a_run_of_no_time_has_nothing_to_measure_and_says_so():
 def test_a_machine_that_runs_away_says_when_and_of_which_state():
     with pytest.raises(SimulationError, match=r"t = .*`chain\.(twist|speed)`|`chain\.(twist|speed)`.* t = "):
         simulate(RIG, 100.0, controller=PI(proportional=1e9), sample_time=1.0)
+
+
+def test_a_state_that_is_too_fast_for_the_times_is_named_with_its_time_constant():
+    """A bit of 1e-9 kg m2 breaks free with a growth of W R_b (mu_s - mu_c) decay / J = 4e12 1/s; at 3.6 s times are 4e-16 s apart."""
+    string = TorsionalChain(inertia=(2122.0, 1e-9), stiffness=(473.0,), damping=(23.2,), top_drag=425.0, bit_drag=50.0)
+    with pytest.raises(
+        SimulationError, match=r"`chain.speed.1` moves with a time constant of 2.\de-13 s there, and times are 4.4e-16 s apart"
+    ):
+        toolbox.simulate(compose(string, BitRock(weight=97_347.0)), 10.0, inputs={"top.torque": 13e3}, accuracy=1e-2)
+
+
+def test_a_sample_time_beyond_count_is_refused():
+    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+    with pytest.raises(
+        SceneError, match="`sample_time` must be at least 1e-09 s in a run of 10 s, which is 1e[+]10 samples, but it is 1e-12 s"
+    ):
+        toolbox.simulate(rig, 10.0, controller=PI(reference=5.0), sample_time=1e-12, method=EventExact(budget=Budget(seconds=5.0)))

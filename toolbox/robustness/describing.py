@@ -46,8 +46,9 @@ from toolbox.steady_states.linear import equilibrium
 ANGLES = 48
 """Angles of Gauss and Legendre at which friction is averaged over each part of half a turn in which the slip has one sign."""
 
-AMPLITUDES = 300
-"""Amplitudes at which N is looked at before its crossings are sought."""
+AMPLITUDES, SMALL, LOWEST = 300, 12, 1e-4
+"""Amplitudes at which N is looked at before its crossings are sought: so many in equal steps up to the highest one, and below the first of them so many in
+equal ratios from this part of the highest one on, for the small cycles beside a Hopf point."""
 
 
 @dataclass(frozen=True)
@@ -176,7 +177,8 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
     cycle
         A cycle of this loop, found by `limit_cycle`, to be shown beside the predicted ones.
     highest
-        Highest amplitude of the slip that is looked at, in its unit; by default three times the slip of steady running.
+        Highest amplitude of the slip that is looked at, in its unit; by default three times the slip of steady running. Cycles below a ten-thousandth of it are
+        not found.
 
     Returns
     -------
@@ -222,7 +224,8 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
         angles = np.concatenate([(a + b) / 2 + (b - a) / 2 * nodes for a, b in parts])
         shares = np.concatenate([(b - a) / 2 * weights for a, b in parts]) / math.pi
         values = shares * force(mean + amplitude * np.cos(angles))
-        return float(values.sum()), float(2.0 * (values * np.cos(angles)).sum())
+        swing = values - shares * force(np.array([mean]))  # a constant has no first harmonic, but would have the round-off of one
+        return float(values.sum()), float(2.0 * (swing * np.cos(angles)).sum())
 
     def mean_at(amplitude: float) -> float:
         """The mean slip under a harmonic of an amplitude."""
@@ -247,7 +250,7 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
 
     omega = np.geomspace(*reach, 2000)
     response = answer(omega)
-    amplitude = np.linspace(0.0, top, AMPLITUDES + 1)[1:]
+    amplitude = np.append(top * np.geomspace(LOWEST, 1.0 / AMPLITUDES, SMALL + 1)[:-1], np.linspace(0.0, top, AMPLITUDES + 1)[1:])
     gain = np.array([gain_at(each) for each in amplitude])
     scale = float(np.median(np.abs(response)))
     found = []
@@ -322,5 +325,5 @@ def _parted(rest: Equilibrium, at: int) -> tuple[LinearLoop, Callable[[np.ndarra
 
 def _crossings(places: np.ndarray, values: np.ndarray, value_at: Callable[[float], float]) -> list[float]:
     """Where a function crosses zero, from its values at places."""
-    between = np.flatnonzero(np.isfinite(values[:-1]) & np.isfinite(values[1:]) & (values[:-1] * values[1:] < 0.0))
+    between = np.flatnonzero(np.isfinite(values[:-1]) & np.isfinite(values[1:]) & (np.sign(values[:-1]) * np.sign(values[1:]) < 0.0))
     return [zero(value_at, float(places[i]), float(places[i + 1]), 1e-12 * float(places[i])) for i in between]

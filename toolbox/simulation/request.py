@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import FunctionType
@@ -47,6 +48,7 @@ class Request:
         budget, method = method.budget, method.unhurried
         loop, start = self.loop, self.start
         closed, system = loop.closed, loop.closed.system
+        _check_samples(closed.clocks, duration)
         grid = _checked_times(self.output_times, start.time if isinstance(start, RunState) else 0.0, duration)
         if isinstance(start, RunState):
             start.check(system, closed.clocks, closed.callables)
@@ -71,6 +73,20 @@ class Request:
             laws=closed.callables, accuracy=accuracy, output_times=grid, longest_step=duration / 256, seeds=closed.seeds, method=method,
             budget=budget, solver=carry_out, loop=loop,
         )  # fmt: skip
+
+
+MOST_SAMPLES = 1e10
+"""Samples of a law in one run, which take some hours; more are a slip of the unit, and would only end with the memory."""
+
+
+def _check_samples(clocks: Sequence[tuple[float, float]], duration: float) -> None:
+    """Raise SceneError where a law would sample beyond count in a run."""
+    period = min([period for period, _ in clocks], default=math.inf)
+    if duration / period > MOST_SAMPLES:
+        raise SceneError(
+            f"Argument `sample_time` must be at least {duration / MOST_SAMPLES:.3g} s in a run of {duration:g} s, which is {MOST_SAMPLES:g} samples, but it is "
+            f"{period:g} s."
+        )
 
 
 def _checked_times(given: Any, begin: float, duration: float) -> np.ndarray | None:

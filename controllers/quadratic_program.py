@@ -170,6 +170,10 @@ class _Plugin:
         return found["x"].copy(), np.concatenate([found["lam_x"], found["lam_a"]])
 
 
+DAQP_FLAGS = {-1: "nothing keeps all limits", -2: "it goes in circles", -4: "its iterations are used up"}
+"""What it means that DAQP ends with a flag below 0."""
+
+
 class _Daqp:
     """DAQP through its own interface, which starts from its last active set (D. Arnström, A. Bemporad, D. Axehill, IEEE Trans. Autom. Control 67 (2022)).
 
@@ -199,7 +203,7 @@ class _Daqp:
         if flag >= 0:
             z, _, flag, found = self.model.solve()
         if flag <= 0:
-            raise RuntimeError(f"flag {flag}")
+            raise RuntimeError(DAQP_FLAGS.get(flag, f"flag {flag}"))
         return z, found["lam"]
 
 

@@ -167,7 +167,7 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
             program, point, work, t
         )
         return NoModes(words + _sharing(program, point, work, t), so_far)
-    labels = [name if size is None else f"{name}.{i}" for name, (_, size, _) in program.system.states.items() for i in range(size or 1)]
+    labels = _labels(program)
     finite = np.isfinite(work.k[: len(labels)])
     if not finite.all():
         words = f"The rate of `{labels[int(np.argmin(finite))]}` is not finite at t = {t:.9g} s."
@@ -182,8 +182,13 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
     if abs(work.x[largest]) > 1e12:
         return SimulationError(f"The run diverges: `{labels[largest]}` is {work.x[largest]:.3g} at t = {t:.9g} s.", so_far)
     words = f"The step size fell below what double precision resolves at t = {t:.9g} s{_resolution(t)}"
-    words += _paradox(program, point, work, t, _too_fast(program, point, work, t, labels) or "; lower the accuracy asked.")
+    words += _paradox(program, point, work, t, _too_fast(program, point, work, t, labels))
     return SimulationError(words + _sharing(program, point, work, t), so_far)
+
+
+def _labels(program: Program) -> list[str]:
+    """The name of every entry of the states."""
+    return [name if size is None else f"{name}.{i}" for name, (_, size, _) in program.system.states.items() for i in range(size or 1)]
 
 
 TOLD_APART = 1e-5
@@ -191,12 +196,12 @@ TOLD_APART = 1e-5
 
 
 def _too_fast(program: Program, point: Any, work: Any, t: float, labels: list[str]) -> str:
-    """What to say of a state that moves faster than times can tell apart; nothing where none does."""
+    """The end of a sentence on steps that are too small: the state that moves faster than times can tell apart, where one does."""
     rates = output_function(program, ca.densify(ca.diag(ca.jacobian(program.system.switching.field, program.system.x))))
     found = np.abs(np.array(rates(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel())
     fastest = int(np.argmax(found))
     if not found[fastest] * np.spacing(t) > TOLD_APART:
-        return ""
+        return "; lower the accuracy asked."
     return (
         f": `{labels[fastest]}` moves with a time constant of {1.0 / found[fastest]:.2g} s there, and times are {np.spacing(t):.2g} s apart. Make it slower, "
         "such as by a larger inertia."

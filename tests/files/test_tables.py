@@ -36,6 +36,11 @@ def test_numbers_are_read_in_the_units_of_their_headings(written):
     assert (second.density, second.shear_modulus) == (7850.0, 79.3e9)
 
 
+def test_a_diameter_may_be_a_whole_number_and_the_sign_of_a_fraction(written):
+    signs, points = written(PIPE + "1000,5½,4¾,steel\n", "signs.csv"), written(PIPE + "1000,5.5,4.75,steel\n")
+    assert read_sections(signs) == read_sections(points)
+
+
 @pytest.mark.parametrize("mark", [";", "\t"])
 def test_semicolons_and_tabulators_part_cells_too(written, mark):
     assert read_sections(written(GOOD.replace(",", mark) + "\n\n")) == read_sections(written(GOOD, "commas.csv"))

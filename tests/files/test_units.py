@@ -64,6 +64,14 @@ EXACT = [
     ("2 1/2 1/s", "1/s", 2.5),
     ("3 deg/30m", "rad/m", math.pi / 1800),  # severity of a dogleg
     ("3 ° / 30 m", "rad/m", math.pi / 1800),
+    ('5 7/8"', "m", 0.149225),
+    ('12¼"', "m", 0.31115),
+    ("5½ in", "m", 0.1397),
+    ("9-⅝ in", "m", 0.244475),
+    ("⅞ in", "m", 0.022225),
+    ("5 1⁄2”", "m", 0.1397),
+    ("9 5/8''", "m", 0.244475),
+    ("6'", "m", 1.8288),
     ("3 deg/100 ft", "rad/m", math.pi / 1828.8),
 ]
 
@@ -157,7 +165,7 @@ def test_a_value_that_is_no_finite_number_is_an_error(value):
         parse(value, "N", "weight")
 
 
-@pytest.mark.parametrize("text", ["5 7/0 in", "5 8/7 in", "5.5 7/8 in", "1/0 in", "5..2 7/8 in"])
+@pytest.mark.parametrize("text", ["5 7/0 in", "5 8/7 in", "5.5 7/8 in", "5.5½ in", "1/0 in", "5..2 7/8 in"])
 def test_a_fraction_that_is_none_is_refused_with_one_that_is(text):
     with pytest.raises(SceneError, match=rf"`size` must be .* but `{text}` has no fraction such as the one of `5 7/8 in`"):
         parse(text, "m", "size")
@@ -165,7 +173,7 @@ def test_a_fraction_that_is_none_is_refused_with_one_that_is(text):
 
 @pytest.mark.parametrize(
     ("text", "unit"),
-    [("5 7/8 in/ft2", "m"), ("5 7/8 kg", "m"), ("5 7/8", "m"), ("3 deg/0m", "rad/m"), ("3 deg/30m", "rad"), ("3 m/30m", "1")],
+    [("5 7/8 in/ft2", "m"), ("5 7/8 kg", "m"), ("5 7/8", "m"), ("5½", "m"), ("3 deg/0m", "rad/m"), ("3 deg/30m", "rad"), ("3 m/30m", "1")],
 )
 def test_a_fraction_or_a_dogleg_of_the_wrong_unit_is_refused(text, unit):
     with pytest.raises(SceneError, match="must be"):
@@ -204,6 +212,16 @@ def test_a_quantity_of_a_million_digits_is_refused_at_once_in_a_short_line(value
         ("\N{MINUS SIGN}5 kN", "N", "-5 kN"), ("7400 ft lb", "N m", "7400 lbf ft"), ("7.4 kft-lbs", "N m", "7400 lbf ft"),
         ("19.5 lbf/ft", "kg/m", "19.5 lb/ft"), ("600 gpm", "m3/s", "600 gal/min"), ("10 bbl/min", "m3/s", "420 gal/min"),
         ("10 bbls/min", "m3/s", "420 gal/min"), ("1 barrel/s", "m3/s", "42 gal/s"),
+        *((f"7 {torque}", "N m", "7 lbf ft") for torque in ("lb-ft", "lbf-ft", "ft-lbf", "ft.lb", "lb ft", "ft·lb", "lbft", "ftlbf", "FT-LB", "ft - lb")),
+        *((f"7 {torque}", "N m", "7 klbf ft") for torque in ("klb-ft", "kft.lb", "kft-lbf", "KFT-LB", "kftlb", "k ft-lb")),
+        *((f"7 {force}", "N", "7 klbf") for force in ("KLB", "Klb", "klbs", "KLBF", "k-lb", "kip", "KIPS")), ("7 LB", "N", "7 lbf"), ("7 T", "N", "7 t"),
+        ("210 kg/cm2", "Pa", "210 kgf/cm2"), ("210 kg/cm^2", "Pa", "210 kgf/cm2"), ("210 kg / cm²", "Pa", "210 kgf/cm2"), ("50 lb/in2", "Pa", "50 psi"),
+        ("300 cfm", "m3/s", "300 ft3/min"), ("300 CFM", "m3/s", "300 ft3/min"), ("8 bpm", "m3/s", "8 bbl/min"), ("8 BPM", "m3/s", "8 bbl/min"),
+        ("600 GPM", "m3/s", "600 gal/min"), ("2200 lpm", "m3/s", "2200 l/min"), ("10 PPG", "kg/m3", "10 lb/gal"),
+        ("19.5 PPF", "kg/m", "19.5 lb/ft"), ("19.5 klbm", "kg", "19500 lb"), ("60 FT/HR", "m/s", "60 ft/h"), ("2 HR", "s", "2 h"),
+        ("80 c/min", "rad/s", "80 rpm"),
+        ("2 KNM", "N m", "2 kN m"), ("40 Nms/rad", "N m s/rad", "40 N m s/rad"),
+        ("3 kgm2", "kg m2", "3 kg m2"), ("500 lb-ft/rad", "N m/rad", "500 lbf ft/rad"),
     ],
 )  # fmt: skip
 def test_habits_of_drillers_and_letters_of_the_wrong_case_are_understood_where_only_one_unit_fits(text, unit, same):
@@ -214,6 +232,26 @@ def test_habits_of_drillers_and_letters_of_the_wrong_case_are_understood_where_o
 def test_a_ton_may_be_three_weights_and_is_refused(unit):
     with pytest.raises(SceneError, match="`weight` is `5 ton`, and tons are of three sizes: write `t`"):
         parse("5 ton", unit, "weight")
+
+
+def test_thousands_and_millions_of_pounds_are_not_mistaken_for_each_other():
+    with pytest.raises(SceneError, match="`weight` is `30 Mlbf`, and M is a thousand to some and a million to others: write k"):
+        parse("30 Mlbf", "N", "weight")
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [("20 lb", "Pa"), ("7 lb-ft", "N"), ("20 kg", "N"), ("7 kg m", "N m"), ("5 M", "m"), ("5 MG", "kg"), ("5 S", "s"), ('5"', "rad")],
+)
+def test_a_pound_is_one_of_force_only_where_that_fits_and_letters_that_are_units_of_their_own_stay(text, unit):
+    with pytest.raises(SceneError, match="`weight`"):
+        parse(text, unit, "weight")
+
+
+def test_an_answer_to_a_spelling_of_habit_is_in_the_usual_one():
+    assert [parse(text, unit).asked for text, unit in (("7 lb-ft", "N m"), ("20 KLB", "N"), ("8 bpm", "m3/s"), ('5 7/8"', "m"))] == [
+        "lbf ft", "klbf", "bbl/min", "in",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("text", ["1 mn", "5 MM", "7 Mpa", "7 mpa"])

@@ -201,7 +201,7 @@ def _value(path: Path, place: str, heading: str, unit: str | None, column: Colum
         raise SceneError(f"Table `{path}`: the column `{heading}` must name its unit, such as `{heading} [{column.unit}]`.")
     if not bare:
         try:
-            fraction = isinstance(cell, str) and "/" in cell  # a diameter such as 6 3/4
+            fraction = isinstance(cell, str) and re.search("[/¼-¾⅐-⅞]", cell)  # a diameter such as 6 3/4
             number = parse(cell, "1") if fraction else float(cell) if not isinstance(cell, bool) else math.nan
         except (TypeError, ValueError, SceneError):
             raise _fault(path, place, heading, f"it must be a number, but it is `{cell}`.") from None

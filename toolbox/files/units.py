@@ -13,6 +13,7 @@ import os.path
 import re
 import reprlib
 import sys
+import unicodedata
 import warnings
 from decimal import Context, Decimal
 from functools import cache
@@ -33,36 +34,33 @@ USUAL = (
     "1", "%", "rad", "deg", "s", "ms", "min", "h", "Hz", "kHz", "rad/s", "rad/s2", "deg/s", "rpm", "m", "mm", "km", "ft", "in", "m/s", "mm/s", "ft/s",
     "ft/h", "m/s2", "kg", "t", "lb", "N", "kN", "MN", "lbf", "klbf", "N/m", "kN/m", "N s/m", "N m", "kN m", "lbf ft", "klbf ft", "N m/rad", "kN m/rad",
     "N m/deg", "rad/m", "deg/30m", "deg/100ft", "N m s/rad", "kN m s/rad", "kg m2", "Pa", "kPa", "MPa", "bar", "psi", "s/rad", "s/m", "1/s",
-    "J", "W", "kW", "hp", "K",
+    "J", "W", "kW", "hp", "K", "kg/m", "lb/ft", "kg/m3", "g/cm3", "lb/gal", "m3/s", "l/min", "gal/min",
 )  # fmt: skip
 """Units that an error message may suggest."""
 
 HABITS = {
-    "1/min": "rpm",
-    "min^-1": "rpm",
-    "min-1": "rpm",
-    "r/min": "rpm",
-    "lb": "lbf",
-    "lbs": "lbf",
-    "klb": "klbf",
-    "klbs": "klbf",
-    "t": "t_force",
-    "tonne": "t_force",
-    "tonnes": "t_force",
-    "ft-lb": "lbf ft",
-    "ft-lbs": "lbf ft",
-    "ftlb": "lbf ft",
-    "ftlbs": "lbf ft",
-    "kft-lb": "klbf ft",
-    "kft-lbs": "klbf ft",
-    "lbf/ft": "lb/ft",
-    "ppf": "lb/ft",
-    "ppg": "lb/gal",
-    "sg": "g/cm3",
-    "SG": "g/cm3",
-    "gpm": "gal/min",
-}
-"""What drillers write for a speed of rotation, a force, a torque, the weight of a pipe or that of mud, or a flow, where that is what is wanted."""
+    "1/min": "rpm", "min^-1": "rpm", "min-1": "rpm", "r/min": "rpm", "c/min": "rpm", "u/min": "rpm", "U/min": "rpm", "t": "t_force", "tonne": "t_force",
+    "tonnes": "t_force", "lbf/ft": "lb/ft", "ppf": "lb/ft", "ppg": "lb/gal", "sg": "g/cm3", "gpm": "gal/min", "lpm": "l/min", "cfm": "ft3/min",
+    "bpm": "bbl/min", '"': "in", "\N{RIGHT DOUBLE QUOTATION MARK}": "in", "\N{DOUBLE PRIME}": "in", "''": "in", "'": "ft",
+    "\N{RIGHT SINGLE QUOTATION MARK}": "ft", "\N{PRIME}": "ft",
+}  # fmt: skip
+"""What drillers write for a speed of rotation, a force, the weight of a pipe or that of mud, a flow or a length, where that is what is wanted."""
+
+OF_FORCE = (
+    (r"\bk[ -](?=ft|lb)", "k"),  # k ft-lb
+    (r"\b(k?ft)(?=lb)", r"\1 "),
+    (r"\b(k?)lb[fs]?(?=ft\b)", r"\1lbf "),
+    (r"\b(k?)lbs?\b", r"\1lbf"),
+    (r"\bkg(?=\s*/\s*cm(?:2|²|\^2)$)", "kgf"),
+)
+"""Units of mass that habit writes for those of force, where only the force fits: 20 klb on the bit, 7400 ftlb, 210 kg/cm2."""
+
+CASELESS = frozenset((
+    "ft", "in", "inch", "inches", "kft", "lb", "lbs", "lbf", "lbm", "klb", "klbs", "klbf", "kip", "kips", "t", "tonne", "tonnes", "gal", "bbl", "bbls",
+    "sec", "secs", "min", "hr", "hrs", "rev", "rpm", "psi", "ksi", "gpm", "lpm", "cfm", "bpm", "ppg", "ppf", "sg", "ftlb", "ftlbs", "ftlbf", "kftlb",
+    "kftlbs", "kftlbf", "lbft", "lbfft", "klbft", "klbfft",
+))  # fmt: skip
+"""Words that are read in letters of any case, as no prefix in them has a meaning of its own in the other: unlike M and m."""
 
 MISTAKEN = {
     "rad/s": ("rpm",), "rad": ("deg",), "m": ("mm", "in"), "N": ("kN", "klbf"), "N m": ("kN m", "klbf ft"), "N m/rad": ("kN m/rad",),
@@ -88,10 +86,12 @@ _SPELLINGS = [
     (r"²", "**2"),
     (r"³", "**3"),
     (r"°", "deg"),
-    (r"(?<=[A-Za-z])-(?=[A-Za-z])", "*"),  # ft-lbf
+    (r"(?<=[A-Za-z])\s*-\s*(?=[A-Za-z])", "*"),  # ft-lbf
     (r"\b(k|M|da)?Nm\b", r"\1N m"),  # pint reads Nm as something else
+    (r"\b(k|M|da)?Nms\b", r"\1N m s"),
+    (r"\bkgm(?![A-Za-z])", "kg m"),
     (r"\brevs?\b", "turn"),
-    (r"\blbm\b", "lb"),  # pounds of mass, where those of force are lbf
+    (r"\b(k?)lbm\b", r"\1lb"),  # pounds of mass, where those of force are lbf
     (r"\b(?:bbls?|barrels?)\b", "oil_barrel"),  # of 42 gal; pint reads one of 31.5 gal
     (r"(?<=[A-Za-z])\^?(-?\d)\b", r"**\1"),  # m2, s^-1
 ]
@@ -248,12 +248,17 @@ def _converted(text: str, unit: str, name: str) -> float:
             f"Argument `{name}` must be {_words(unit)}, but `{text}` has a comma: a decimal point is written `.`, thousands without a mark."
         )
     if not given and unit != "1":
+        missing = "in" if unit == "m" and "/" in text else unit
         raise SceneError(
-            f"Argument `{name}` must be in {unit}, but `{text}` has no unit: write a plain number, or `{text.strip()} {unit}`."
+            f"Argument `{name}` must be in {unit}, but `{text}` has no unit: write a plain number, or `{text.strip()} {missing}`."
         )
-    if re.fullmatch("tons?", given):
+    if re.fullmatch("tons?f?", given, re.IGNORECASE):
         raise SceneError(
             f"Argument `{name}` is `{text}`, and tons are of three sizes: write `t` (1000 kg), or `lb` (a short ton is 2000 of these, a long one 2240)."
+        )
+    if re.match("MM?(lb|ft)", given):
+        raise SceneError(
+            f"Argument `{name}` is `{text}`, and M is a thousand to some and a million to others: write k for a thousand, as in `klbf`."
         )
     try:
         (target, _), wanted = _roots(unit)
@@ -282,6 +287,7 @@ def _converted(text: str, unit: str, name: str) -> float:
 def _parted(text: str, unit: str, name: str) -> tuple[Decimal, str]:
     """(number, what stands behind it) of a text, whose number may be a fraction."""
     written = text.replace("\N{MINUS SIGN}", "-")  # as text that was copied from a page has it
+    written = re.sub("[¼-¾⅐-⅞]", lambda sign: " " + unicodedata.normalize("NFKC", sign[0]), written).replace("\N{FRACTION SLASH}", "/")
     if (match := _FRACTION.fullmatch(written)) is not None:
         sign, whole, upper, lower, given = match.groups()
         if int(lower) == 0 or (whole is not None and ("." in whole or int(upper) >= int(lower))):
@@ -304,14 +310,20 @@ def _usual(given: str) -> str:
 
 def _meant(given: str, wanted: dict[str, Decimal]) -> str:
     """The unit that habit means by a spelling: 1/min of a speed of rotation, lb of a force, and letters of the wrong case where only one unit fits."""
-    habit = HABITS.get(given.replace(" ", ""))
-    if habit is not None and _fit(_roots(habit)[1], wanted):
-        return habit
+    small = re.sub(r"[A-Za-z]+", lambda word: word[0].lower() if word[0].lower() in CASELESS else word[0], given)
+    for spelled in (given, small):
+        of_force = spelled
+        for mass, force in OF_FORCE:
+            of_force = re.sub(mass, force, of_force)
+        for meant in (HABITS.get(spelled.replace(" ", ""), spelled), spelled, of_force):
+            with contextlib.suppress(_UnknownUnit):
+                if _fit(_roots(meant)[1], wanted):
+                    return meant
     with contextlib.suppress(_UnknownUnit):
         _roots(given)
         return given
-    alike = [word for word in (*USUAL, *HABITS.values()) if word.lower() == given.lower() and _fit(_roots(word)[1], wanted)]
-    return given if len(set(alike)) != 1 or _prefix_doubtful(alike[0], wanted) else alike[0]
+    alike = [word for word in USUAL if word.lower().replace(" ", "") == given.lower().replace(" ", "") and _fit(_roots(word)[1], wanted)]
+    return given if len(alike) != 1 or _prefix_doubtful(alike[0], wanted) else alike[0]
 
 
 def _prefix_doubtful(word: str, wanted: dict[str, Decimal]) -> bool:

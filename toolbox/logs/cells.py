@@ -14,16 +14,11 @@ from toolbox.errors import SceneError
 from toolbox.files.units import parse
 
 SPELLINGS = {
-    "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "minutes": "min", "hr": "h", "hrs": "h", "kdan": "10 kN",
-    "c/min": "rpm", "u/min": "rpm", "r/min": "rpm", "1/min": "rpm", "rev/min": "rpm", "1000lbf": "klbf", "1000lb": "klbf", "k-lbs": "klbf", "k-lb": "klbf",
-    "kips": "klbf", "kip": "klbf", "1000ft.lbf": "klbf ft", "1000ftlbf": "klbf ft", "kft.lbf": "klbf ft", "kft-lb": "klbf ft", "kft-lbs": "klbf ft",
-    "kft-lbf": "klbf ft", "kft.lb": "klbf ft", "kftlb": "klbf ft", "kftlbf": "klbf ft", "kft*lbf": "klbf ft",
-    "klb-ft": "klbf ft", "klb.ft": "klbf ft", "kip-ft": "klbf ft",
-    "ft.lb": "lbf ft", "ft-lb": "lbf ft", "ft-lbs": "lbf ft", "ft.lbs": "lbf ft", "ftlb": "lbf ft", "ftlbf": "lbf ft", "lb-ft": "lbf ft", "lb.ft": "lbf ft",
-    "lbft": "lbf ft", "ton": "t", "tons": "t", "tonne": "t", "tonnes": "t", "mkgf": "kgf m", "kgf.m": "kgf m", "ft/hr": "ft/h", "m/hr": "m/h",
-    "knm": "kN m", "kn.m": "kN m", "kn-m": "kN m", "n.m": "N m", "nm": "N m",
+    "s": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "minutes": "min", "kdan": "10 kN", "c/min": "rpm", "r/min": "rpm", "k-lb": "klbf",
+    "k-lbs": "klbf", "1000lb": "klbf", "1000lbf": "klbf", "1000ft.lbf": "klbf ft", "1000ftlbf": "klbf ft", "ton": "t", "tons": "t", "mkgf": "kgf m",
+    "kgf.m": "kgf m", "m/hr": "m/h", "kn.m": "kN m", "kn-m": "kN m", "n.m": "N m", "nm": "N m",
 }  # fmt: skip
-"""{spelling in small letters without spaces: unit as the toolbox writes it} of logs; tried where a unit as it stands does not fit."""
+"""{spelling in small letters without spaces: unit as the toolbox writes it} of logs; tried where a unit does not fit as it is typed elsewhere."""
 
 EPOCHS = ((1e8, 5e9, 1.0), (1e11, 5e12, 1e-3), (1e14, 5e15, 1e-6), (1e17, 5e18, 1e-9))
 """(from, to, seconds) of numbers that count seconds, milliseconds, microseconds or nanoseconds since 1970."""
@@ -52,11 +47,29 @@ def is_unit(text: str) -> bool:
     text = text.strip()
     if text in ("", "-", "1", "%"):
         return True
-    if "".join(text.split()).lower() in SPELLINGS:
-        return True
-    for wanted in ("1", "s", "rad", "rad/s", "m", "m/s", "N", "N m", "Pa", "kg", "K", "W", "V", "A", "Hz", "m3/s", "rad/s2", "m/s2"):
+    for wanted in (
+        "1",
+        "s",
+        "rad",
+        "rad/s",
+        "m",
+        "m/s",
+        "N",
+        "N m",
+        "Pa",
+        "kg",
+        "K",
+        "W",
+        "V",
+        "A",
+        "Hz",
+        "m3/s",
+        "kg/m3",
+        "rad/s2",
+        "m/s2",
+    ):
         with contextlib.suppress(SceneError):
-            parse(f"1 {text}", wanted, "unit")
+            factor(text, wanted, "unit")
             return True
     return False
 

@@ -65,7 +65,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "sweep": ("sweep", "rig.toml", "--vary", "bit.weight=60kN:100kN:4", "--measure", "severity", "--controller", "stiff PI"),
     "map": ("map", "rig.toml", "--x", "top.reference=9:14", "--y", "bit.weight=60kN:100kN", "--shape", "3x3", "--controller", "stiff PI"),
     "tune": (
-        "tune", "rig.toml", "--law", "stiff PI", "--free", "pi.integral=500:5000", "--objective", "severity", "--runs", "10", "--journal", "journal",
+        "tune", "rig.toml", "--controller", "stiff PI", "--free", "pi.integral=500:5000", "--objective", "severity", "--runs", "10", "--journal", "journal",
     ),
     "fit": ("fit", "rig.toml", "data.csv", "--free", "chain.stiffness.0=400:600", "--controller", "stiff PI", "--starts", "1"),
     "export": ("export", "rig.toml", "--part", "law", "--controller", "sampled"),

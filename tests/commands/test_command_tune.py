@@ -34,7 +34,16 @@ def rigs(tmp_path):
     return [str(path) for path in paths]
 
 
-FREE = ["--law", "stiff PI", "--free", "pi.proportional=500:50e3", "--free", "pi.integral=0.05:20 kN m/rad", "--objective", "severity"]
+FREE = [
+    "--controller",
+    "stiff PI",
+    "--free",
+    "pi.proportional=500:50e3",
+    "--free",
+    "pi.integral=0.05:20 kN m/rad",
+    "--objective",
+    "severity",
+]
 
 
 def test_two_scenes_become_a_report_a_figure_the_points_and_scenes_with_the_tuned_law(rigs, tmp_path, capsys):
@@ -98,8 +107,8 @@ def test_an_interrupted_tuning_says_how_to_go_on_and_does(rigs, tmp_path, capsys
 @pytest.mark.parametrize(
     ("change", "word"),
     [
-        (["--law", "stiff"], "stiff PI"),
-        (["--law", "constant torque"], "has none"),
+        (["--controller", "stiff"], "stiff PI"),
+        (["--controller", "constant torque"], "has none"),
         (["--free", "pi.proportonal=1:2"], "did you mean `pi.proportional`"),
         (["--free", "pi.proportional"], "NAME=LOW:HIGH"),
         (["--free", "pi.proportional=3:4"], "twice"),
@@ -128,7 +137,18 @@ def test_two_processes_find_what_one_finds(rigs, tmp_path):
 
 def test_where_no_point_has_an_objective_the_exit_code_is_1(rigs, tmp_path, capsys):
     out = tmp_path / "out"
-    arguments = ["--law", "stiff PI", "--free", "pi.proportional=20e3:21e3", "--objective", "settling", "--runs", "10", "--out", str(out)]
+    arguments = [
+        "--controller",
+        "stiff PI",
+        "--free",
+        "pi.proportional=20e3:21e3",
+        "--objective",
+        "settling",
+        "--runs",
+        "10",
+        "--out",
+        str(out),
+    ]
     assert main(["tune", rigs[0], *arguments]) == 1  # no gain there lets it settle
     printed = capsys.readouterr()
     assert "Nothing was found" in printed.out and "found nothing" in printed.err

@@ -171,7 +171,7 @@ def sweep_arguments(folder):
 def tune_arguments(folder):
     (folder / "rig.toml").write_text(RIG)
     return [
-        "tune", folder / "rig.toml", "--law", "stiff PI", "--free", "pi.integral=500:5000", "--objective", "severity", "--runs", "10",
+        "tune", folder / "rig.toml", "--controller", "stiff PI", "--free", "pi.integral=500:5000", "--objective", "severity", "--runs", "10",
         "--journal", folder / "journal", "--out", folder / "out",
     ]  # fmt: skip
 

@@ -161,7 +161,7 @@ TUNE = (
     "tune",
     "rig.toml",
     "again.toml",
-    "--law",
+    "--controller",
     "pi",
     "--free",
     "pi.integral=100:4000",

@@ -67,7 +67,7 @@ def test_worker_processes_find_the_law_too(written, tmp_path, capsys):
     words = [
         "tune",
         scene,
-        "--law",
+        "--controller",
         "mine",
         "--free",
         "myseconddamper.damping=500:5000",

@@ -223,7 +223,7 @@ EVERY = {
     "basin": ["RIG", "--controller", "PI", "--box", "bit.speed=0 rpm:290 rpm", "--runs", "16"],
     "compare": ["RIG", "OTHER"],
     "chance": ["RIG", "--over", "top.reference=80rpm:130rpm:2", "--uncertain", "bit.weight=97 kN +- 8 kN", "--draws", "8"],
-    "tune": ["RIG", "--law", "PI", "--free", "pi.proportional=500:10e3", "--objective", "severity", "--runs", "10"],
+    "tune": ["RIG", "--controller", "PI", "--free", "pi.proportional=500:10e3", "--objective", "severity", "--runs", "10"],
     "posterior": ["RIG", "--controller", "PI", "--prior", "bit.weight=50kN:110kN", "--measured", "severity=1.9 +- 0.1", "--draws", "32"],
     "fit": ["RIG", "LOG", "--free", "bit.friction.kinetic=0.3:0.7"],
     "estimate": ["RIG", "LOG", "--controller", "PI"],

@@ -7,7 +7,7 @@ import dataclasses
 from typing import Any
 
 from toolbox.commands.recording import answer
-from toolbox.commands.terminal import common, plain, ranges
+from toolbox.commands.terminal import asked_otherwise, common, loaded, plain, ranges
 
 
 def add(commands: Any) -> None:
@@ -28,6 +28,7 @@ def add(commands: Any) -> None:
     verb.add_argument(
         "--box", action="append", required=True, metavar="STATE=LOW:HIGH", help="a state that is disturbed, and its range; may be repeated"
     )
+    asked_otherwise(verb)
     verb.add_argument("--runs", type=int, default=1000, metavar="N", help="disturbances (1000)")
     verb.add_argument("--duration", type=plain, metavar="T", help="of a run; forty swings without")
     verb.add_argument("--accuracy", type=float, default=1e-4, metavar="X", help="of the runs (1e-4)")
@@ -39,9 +40,8 @@ def add(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Find the basin. Returns the exit code."""
     from toolbox.probability.basins import basin
-    from toolbox.scenes.scene import Scene
 
-    scene = Scene.load(given.scene)
+    scene = loaded(given)
     loop = scene[given.controller or scene.labels[0]]
     box = ranges("--box", given.box)
     found = basin(loop, box, given.runs, duration=given.duration, accuracy=given.accuracy, confidence=given.confidence, seed=given.seed)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import numbers
 from toolbox.commands.recording import answer
-from toolbox.commands.terminal import common, complaint, pairs, plain, ranges
+from toolbox.commands.terminal import asked_otherwise, common, complaint, loaded, pairs, plain, ranges
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_in
 
@@ -45,6 +45,7 @@ def add(commands: Any) -> None:
         help="what varies, with its number of values; once or twice, the set-point first",
     )
     add_uncertain(verb)
+    asked_otherwise(verb)
     verb.add_argument("--draws", type=int, default=200, metavar="N", help="machines at every point (200)")
     verb.add_argument("--duration", type=plain, metavar="T", help="of a run; forty swings after the start without")
     verb.add_argument("--accuracy", type=float, default=1e-4, metavar="X", help="of the runs (1e-4)")
@@ -90,9 +91,8 @@ def run(given: argparse.Namespace) -> int:
     import numpy as np
 
     from toolbox.probability.chances import chance
-    from toolbox.scenes.scene import Scene
 
-    scene = Scene.load(given.scene)
+    scene = loaded(given)
     varied = ranges("--over", given.over, counted=True)
     loops, failures = with_numbers(scene, [scene.case(each).label for each in given.controller or scene.labels], [*varied])
     left_out(failures)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import dataclasses
 import threading
 import webbrowser
 from pathlib import Path
 from typing import Any
 
-from toolbox.commands.terminal import constant_inputs, held, other_law, plain, with_law
+from toolbox.commands.terminal import asked_otherwise, loaded, plain
 
 
 def add(commands: Any) -> None:
@@ -25,8 +24,7 @@ def add(commands: Any) -> None:
         "stickslip explore studies/scenes/brake_stop.toml --law HeldSpeed --duration '10 s'",
     )
     page.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
-    other_law(page)
-    constant_inputs(page)
+    asked_otherwise(page)
     page.add_argument("--duration", type=plain, metavar="T", help="of the runs, judged from their half on; that of the scene without")
     page.add_argument("--port", type=int, metavar="N", help="port that is tried first (8790); where it is taken, the next that is free")
     page.add_argument("--no-browser", action="store_true", help="print the address, and open no browser")
@@ -37,12 +35,9 @@ def run(given: argparse.Namespace) -> int:
     """Serve the page of a scene until the process ends. Returns the exit code."""
     from toolbox.arguments import whole
     from toolbox.page.served import PORT, lasting, page_of
-    from toolbox.scenes.scene import Scene
 
     port = PORT if given.port is None else whole("--port", given.port, 0, 65_535)
-    scene = held(with_law(Scene.load(given.scene), given.law), given.hold)
-    if given.law is not None:  # a law that holds a speed has steady running in place of a stop
-        scene = dataclasses.replace(scene, standstill=None)
+    scene = loaded(given)
     if given.duration is not None:
         scene = lasting(scene, given.duration)
     declared = given.law is None and given.duration is None and not given.hold  # else lines of Python would load another scene

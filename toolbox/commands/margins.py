@@ -11,13 +11,13 @@ from toolbox.arguments import number
 from toolbox.commands import figures
 from toolbox.commands.recording import results
 from toolbox.commands.terminal import (
+    asked_otherwise,
     check_some,
     common,
-    constant_inputs,
     drawn_as,
     earlier,
     file_stems,
-    held,
+    loaded,
     pairs,
     plain,
     progress,
@@ -56,7 +56,7 @@ def add(commands: Any) -> None:
         help="a number that may be wrong, by a part NAME=20%% or within NAME=LOW:HIGH; `delay` is that of sampled laws; may be repeated",
     )
     verb.add_argument("--duration", metavar="T", help=f"of the runs with --wrong ({DURATION})")
-    constant_inputs(verb)
+    asked_otherwise(verb)
     verb.set_defaults(action=run, spelled={"ranges": "--wrong"})
 
 
@@ -64,9 +64,8 @@ def run(given: argparse.Namespace) -> int:
     """Find margins, and the smallest errors where they are asked for. Returns the exit code."""
     from toolbox.robustness.joint_errors import smallest_error
     from toolbox.robustness.margins import margins
-    from toolbox.scenes.scene import Scene
 
-    scene = held(Scene.load(given.scene), given.hold)
+    scene = loaded(given)
     labels = [scene.case(label).label for label in given.controller or [each for each in scene.labels if scene[each].laws]]
     if not labels:
         raise SceneError(

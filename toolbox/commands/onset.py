@@ -12,7 +12,7 @@ from toolbox.arguments import number, whole
 from toolbox.commands import figures
 from toolbox.commands.chance import add_uncertain, left_out, uncertain_of, with_numbers
 from toolbox.commands.recording import answer, results
-from toolbox.commands.terminal import check_some, common, drawn_as, earlier, file_stems, plain, progress, show
+from toolbox.commands.terminal import asked_otherwise, check_some, common, drawn_as, earlier, file_stems, loaded, plain, progress, show
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import asked_in
 
@@ -45,6 +45,7 @@ def add(commands: Any) -> None:
     border.add_argument("--tolerance", metavar="X", help="of the borders; a thousandth of the range without")
     add_uncertain(border)
     border.add_argument("--draws", type=int, default=200, metavar="N", help="machines, where numbers are uncertain (200)")
+    asked_otherwise(border)
     border.set_defaults(action=run, spelled={"between": "--from` and `--to"})
 
 
@@ -52,9 +53,8 @@ def run(given: argparse.Namespace) -> int:
     """Find the borders of stick-slip. Returns the exit code."""
     from toolbox.onsets.comparison import Comparison
     from toolbox.onsets.onset import onset
-    from toolbox.scenes.scene import Scene
 
-    scene = Scene.load(given.scene)
+    scene = loaded(given)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     loops, failures = with_numbers(scene, labels, [given.parameter], "onset")
     unit = next(iter(loops.values())).number(given.parameter).unit

@@ -12,7 +12,7 @@ from typing import Any
 
 from toolbox.commands import figures
 from toolbox.commands.recording import results, untimed
-from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, plain, progress, show
+from toolbox.commands.terminal import asked_otherwise, common, drawn_as, earlier, file_stems, otherwise, plain, progress, show
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.units import parse
 from toolbox.simulation.methods import METHODS
@@ -44,6 +44,7 @@ def add(commands: Any) -> None:
     single.add_argument(
         "--accuracy", type=float, metavar="A", help="target for the error of a state in parts of its size; that of the scene without"
     )
+    asked_otherwise(single)
     single.set_defaults(action=run)
 
 
@@ -102,20 +103,21 @@ def _asked(given: argparse.Namespace) -> tuple[Any, Callable[[str], Any]]:
     from toolbox.scenes.contact_scene import ContactScene, load_scene
     from toolbox.simulation.simulate import simulate
 
-    loaded = load_scene(given.scene)
+    scene = load_scene(given.scene)
     duration = None if given.duration is None else parse(given.duration, "s", "--duration")
     changes: dict[str, Any] = {name: value for name, value in (("duration", duration), ("accuracy", given.accuracy)) if value is not None}
-    if isinstance(loaded, ContactScene):
-        for option in ("method", "accuracy"):
-            if getattr(given, option) is not None:
+    if isinstance(scene, ContactScene):
+        for option in ("method", "accuracy", "law", "hold"):
+            if getattr(given, option) not in (None, []):
                 raise SceneError(f"Argument --{option} must be left out, because the contacts of this scene are stepped by its `step`.")
-        stepped = dataclasses.replace(loaded, **changes)
+        stepped = dataclasses.replace(scene, **changes)
         if changes:
             stepped.check()
         return stepped, stepped.run
-    if duration is not None and duration <= loaded.after:
+    scene = otherwise(scene, given)
+    if duration is not None and duration <= scene.after:
         changes["after"] = duration / 2  # that a scene must judge from within its duration on, and the folder holds it
-    scene = dataclasses.replace(loaded, **changes)
+    scene = dataclasses.replace(scene, **changes)
     return scene, lambda label: simulate(scene[label], method=given.method or "event")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from toolbox.commands import figures
 from toolbox.commands.recording import results, untimed
-from toolbox.commands.terminal import common, drawn_as, earlier, file_stems, progress, show
+from toolbox.commands.terminal import asked_otherwise, common, drawn_as, earlier, file_stems, loaded, progress, show
 
 COMMON_FILES = ("scene.toml", "study.txt", "table.csv", "comparison.png", "measured.csv")
 CASE_FILES = (".npz", ".png", "_phase.png", "_measured.png")
@@ -42,15 +42,15 @@ def add(commands: Any) -> None:
         metavar="NAME",
         help="another column of the table: a name of `stickslip list measures`; may be repeated",
     )
+    asked_otherwise(study)
     study.set_defaults(action=run, spelled={"measures": "--measure"})
 
 
 def run(given: argparse.Namespace) -> int:
     """Study a scene. Returns the exit code."""
     from toolbox.onsets import study
-    from toolbox.scenes.scene import Scene
 
-    scene = Scene.load(given.scene)
+    scene = loaded(given)
     stems = file_stems(scene.labels)
     names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], given.format)
     with results(given, names, earlier("table.csv", f"^{','.join(study.HEADINGS)}[,\n]", _left)) as folder:

@@ -12,18 +12,16 @@ from toolbox.arguments import numbers
 from toolbox.commands import figures
 from toolbox.commands.recording import results
 from toolbox.commands.terminal import (
+    asked_otherwise,
     check_some,
     common,
-    constant_inputs,
     drawn_as,
     earlier,
     file_stems,
-    held,
-    other_law,
+    loaded,
     ranges,
     share,
     show,
-    with_law,
 )
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.printing import columns
@@ -75,6 +73,7 @@ def add(commands: Any) -> None:
         metavar="NAME",
         help="what is measured, of `stickslip list measures` (severity, stuck_ratio); may be repeated",
     )
+    asked_otherwise(many)
     many.set_defaults(action=run, spelled={"measures": "--measure", "bounds": "--vary"}, words=lambda given: GOES_ON)
     chart = commands.add_parser(
         "map",
@@ -92,8 +91,7 @@ def add(commands: Any) -> None:
     )
     chart.add_argument("--y", required=True, metavar="NAME=LOW:HIGH", help="what varies along the second axis")
     chart.add_argument("--shape", default="50x50", metavar="NxM", help="points along both axes (50x50)")
-    other_law(chart)
-    constant_inputs(chart)
+    asked_otherwise(chart)
     chart.add_argument(
         "--off",
         metavar="NAME[,NAME...]=PART",
@@ -104,10 +102,9 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Sweep a scene over a grid, a design or a table. Returns the exit code."""
-    from toolbox.scenes.scene import Scene
     from toolbox.sweeps.sweep import sweep
 
-    scene = Scene.load(given.scene)
+    scene = loaded(given)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     goes_on = _goes_on()
     given.found = {}
@@ -199,10 +196,9 @@ def shape_of(text: str) -> tuple[int, int]:
 def run_map(given: argparse.Namespace) -> int:
     """Map the severity of stick-slip over two numbers. Returns the exit code."""
     from toolbox.onsets.severity_map import severity_map
-    from toolbox.scenes.scene import Scene
     from toolbox.sweeps.store import folder_of
 
-    scene = held(with_law(Scene.load(given.scene), given.law), given.hold)
+    scene = loaded(given)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     shape = shape_of(given.shape)
     over = ranges("--x", [given.x]) | ranges("--y", [given.y])

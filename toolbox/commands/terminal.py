@@ -54,29 +54,13 @@ def figure_format(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def other_law(parser: argparse.ArgumentParser) -> None:
-    """Declare the argument `--law` of a command that looks at a machine under another law than those of its scene."""
+def asked_otherwise(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments `--law` and `--hold` of a command that looks at a machine under another law, or under other inputs, than those of its scene."""
     parser.add_argument(
         "--law",
         metavar="NAME",
         help="a law of `stickslip list` with its own numbers in place of the controllers of the scene, such as HeldSpeed for a brake",
     )
-
-
-def with_law(scene: Any, name: str | None) -> Any:
-    """A scene with the law of `--law` in place of its controllers, where one is given."""
-    if name is None:
-        return scene
-    from toolbox.scenes.cases import Case
-    from toolbox.scenes.catalogue import part
-
-    law = part(name, "control law")()
-    inputs = {key: value for key, value in scene.inputs.items() if key not in law.drives}
-    return dataclasses.replace(scene, inputs=inputs, cases=(Case.of(name, law),))
-
-
-def constant_inputs(parser: argparse.ArgumentParser) -> None:
-    """Declare the argument `--hold` of a command that needs constant inputs."""
     parser.add_argument(
         "--hold",
         action="append",
@@ -86,11 +70,28 @@ def constant_inputs(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def held(scene: Any, texts: Iterable[str]) -> Any:
-    """A scene with the inputs of `--hold`, in every case."""
-    inputs = {name: plain(value) for name, value in pairs("--hold", "NAME=VALUE", texts)}
-    if not inputs:
+def loaded(given: argparse.Namespace) -> Any:
+    """The scene of a command, as its arguments `--law` and `--hold` ask for it."""
+    from toolbox.scenes.scene import Scene
+
+    return otherwise(Scene.load(given.scene), given)
+
+
+def otherwise(scene: Any, given: argparse.Namespace) -> Any:
+    """A scene with the law of `--law` in place of its controllers, at the set-point of the scene, and the inputs of `--hold` in every case."""
+    from toolbox.scenes.judged import set_point
+    from toolbox.scenes.scene_file import inputs_of, named_case
+
+    if given.law is not None:
+        case = named_case(given.law, scene.plant(), scene.reference)
+        others = {key: value for key, value in scene.inputs.items() if case.law is None or key not in case.law.drives}
+        scene = dataclasses.replace(scene, inputs=others, cases=(case,))
+        if set_point(scene[case.label].system, scene.signal) is not None:  # a speed that is held has steady running in place of a stop
+            scene = dataclasses.replace(scene, standstill=None)
+    texts = {name: plain(value) for name, value in pairs("--hold", "NAME=VALUE", given.hold)}
+    if not texts:
         return scene
+    inputs = inputs_of(texts, "--hold", scene.plant(), scene.cases)
     own = ({name: value for name, value in case.inputs.items() if name not in inputs} for case in scene.cases)
     cases = tuple(dataclasses.replace(case, inputs=each) for case, each in zip(scene.cases, own, strict=True))
     return dataclasses.replace(scene, inputs={**scene.inputs, **inputs}, cases=cases)

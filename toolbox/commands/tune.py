@@ -26,12 +26,12 @@ def add(commands: Any) -> None:
         description="Search the free numbers of one control law for the smallest objective on all scenes, or for the front of several objectives, and print "
         "the numbers with the law as given beside them. The folder gets the report, a figure, every point tried (csv, npz), and each scene with "
         "the law as given and the tuned one, ready for `stickslip study`; that of the first is scene.toml, too: all of it, or nothing.",
-        epilog="example: stickslip tune studies/scenes/jansen_2.toml --law 'stiff PI' --free pi.proportional=500:50e3 --free pi.integral=50:20e3 "
+        epilog="example: stickslip tune studies/scenes/jansen_2.toml --controller 'stiff PI' --free pi.proportional=500:50e3 --free pi.integral=50:20e3 "
         "--objective settling --out tuned",
     )
     tuning.add_argument("scenes", type=Path, nargs="+", metavar="SCENE.toml", help="one scene, or several that the law must do well on")
     tuning.add_argument(
-        "--law", "--controller", required=True, metavar="LABEL", help="label of the controller whose numbers are tuned; every scene has it"
+        "--controller", required=True, metavar="LABEL", help="label of the controller whose numbers are tuned; every scene has it"
     )
     tuning.add_argument(
         "--free",
@@ -86,7 +86,7 @@ def run(given: argparse.Namespace) -> int:
         _pool(given.processes) as executor,
     ):
         found = tune(
-            list(scenes.values()), given.law, list(given.objective), bounds,
+            list(scenes.values()), given.controller, list(given.objective), bounds,
             over=statistics.fmean if given.over == "mean" else max, runs=given.runs, seed=given.seed, journal=given.journal,
             executor=executor,
         )  # fmt: skip
@@ -97,9 +97,9 @@ def run(given: argparse.Namespace) -> int:
         if found.front:
             figures.draw_found(found, found.title, folder / f"tune.{given.format}")
             for path, scene in scenes.items():
-                found.applied(scene, given.law).save(folder / names[path])
+                found.applied(scene, given.controller).save(folder / names[path])
         first = next(iter(scenes.values()))
-        (found.applied(first, given.law) if found.front else first).save(folder / "scene.toml")
+        (found.applied(first, given.controller) if found.front else first).save(folder / "scene.toml")
     show(str(found))
     if not found.front:
         return complaint(f"the tuning found nothing; the points it tried are in {given.out}.", 1)

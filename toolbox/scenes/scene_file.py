@@ -105,7 +105,7 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         "accuracy": parse(data.get("accuracy", 1e-6), "1", "accuracy"),
         "reference": reference,
         "start": {name: _number(value, plant.signal_unit(name), name) for name, value in _keys(data.get("start", {}), "start").items()},
-        "inputs": _inputs(data.get("inputs", {}), "inputs", _asking(plant, cases, data.get("inputs", {}))),
+        "inputs": inputs_of(data.get("inputs", {}), "inputs", plant, cases),
         "parameters": {
             name: _number(value, plant._parameter(name).unit, name)
             for name, value in _keys(data.get("parameters", {}), "parameters").items()
@@ -230,8 +230,12 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
             raise SceneError(f"The key `{key}` of `{label}` must come with `sample_time`, but there is none.")
     sensors = {key: _readings(data.get(key, {}), f"{label}.{key}", plant) for key in ("noise", "resolution")}
     case = Case(label, law, sample_time, parse(data.get("delay", 0.0), "s", f"{label}.delay"), seed=data.get("seed", 0), **sensors)
-    inputs = data.get("inputs", {})
-    return dataclasses.replace(case, inputs=_inputs(inputs, f"{label}.inputs", _asking(plant, [case], inputs)))
+    return dataclasses.replace(case, inputs=inputs_of(data.get("inputs", {}), f"{label}.inputs", plant, [case]))
+
+
+def named_case(name: str, plant: HybridSystem, reference: float | None) -> Case:
+    """The case of a law of the catalogue with its own numbers, at the set-point of the scene."""
+    return _case({"label": name, "law": name}, "law", plant, reference)
 
 
 def _law(item: Any, values: Mapping[str, Any], title: str, reference: float | None, also: Sequence[str] = ()) -> Any:
@@ -317,6 +321,11 @@ def _named(data: Mapping[str, Any], name: str, current: Any, base: type, kind: s
     if not isinstance(current, base):
         raise SceneError(f"The key `law` is missing in `{name}`.")
     return _filled(current, values, name, ("law",))
+
+
+def inputs_of(data: Any, where: str, plant: HybridSystem, cases: Sequence[Case]) -> dict[str, float | Waveform]:
+    """Inputs of a plant or of the laws of these cases, given by name as numbers, as text with a unit, or as tables of a shape."""
+    return _inputs(data, where, _asking(plant, cases, data))
 
 
 def _inputs(data: Any, where: str, system: HybridSystem) -> dict[str, float | Waveform]:

@@ -1,0 +1,61 @@
+"""`--law` and `--hold`: a scene under another law, and under other inputs, than its own, by every command that looks at its cases."""
+
+from __future__ import annotations
+
+import csv
+import math
+from argparse import Namespace
+from pathlib import Path
+
+import pytest
+
+from toolbox.commands.command_line import main
+from toolbox.commands.terminal import otherwise
+from toolbox.scenes.scene import Scene
+
+SCENES = Path(__file__).parents[2] / "studies" / "scenes"
+BRAKE = str(SCENES / "brake_stop.toml")
+
+
+def asked(name, law=None, hold=()):
+    return otherwise(Scene.load(SCENES / f"{name}.toml"), Namespace(law=law, hold=hold))
+
+
+def test_a_study_of_a_stop_under_a_law_that_holds_the_speed_judges_steady_running(tmp_path, capsys):
+    assert main(["study", BRAKE, "--law", "HeldSpeed", "--out", str(tmp_path)]) == 0
+    (row,) = csv.DictReader((tmp_path / "table.csv").read_text().splitlines())
+    assert (row["controller"], row["verdict"]) == ("HeldSpeed", "stick-slip")  # it groans at 1 rad/s
+    assert Scene.load(tmp_path / "scene.toml").standstill is None
+
+
+def test_the_law_runs_at_the_set_point_of_the_scene():
+    (case,) = asked("navarro_lopez_4", "SoftTorque").cases
+    assert case.law.reference == pytest.approx(45 * math.pi / 30)  # its own is 95 rpm
+
+
+def test_what_is_asked_is_what_a_scene_with_the_law_and_the_input_says(tmp_path):
+    own = tmp_path / "held.toml"
+    text = Path(BRAKE).read_text().replace('standstill = "0.1 rad/s"\n', "")
+    own.write_text(text + '[inputs]\n"brake.force" = "1.2 kN"\n[[controllers]]\nlabel = "HeldSpeed"\nlaw = "HeldSpeed"\n')
+    found, written = asked("brake_stop", "HeldSpeed", ["brake.force=1.2 kN"]), Scene.load(own)
+    assert found == written and found.asked == written.asked  # in the unit that was typed
+
+
+def test_a_body_with_many_contacts_has_no_law_of_its_own(capsys):
+    assert main(["simulate", str(SCENES / "elastic_face.toml"), "--law", "HeldSpeed"]) == 2
+    assert "Argument --law must be left out" in capsys.readouterr().err
+    assert main(["simulate", str(SCENES / "elastic_face.toml"), "--hold", "a=1"]) == 2
+    assert "Argument --hold must be left out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["study", "simulate", "onset", "sweep", "map", "chance", "basin", "margins"])
+def test_a_law_that_does_not_exist_is_told_by_every_command(command, tmp_path, capsys):
+    words = {
+        "onset": ["--parameter", "disc.reference", "--from", "2", "--to", "4"],
+        "sweep": ["--vary", "disc.reference=2:4:2"],
+        "map": ["--x", "disc.reference=2:4", "--y", "brake.force=1:2"],
+        "chance": ["--over", "disc.reference=2:4:2"],
+        "basin": ["--box", "disc.speed=2:4"],
+    }
+    assert main([command, BRAKE, "--law", "HeldSped", *words.get(command, []), "--out", str(tmp_path / "out")]) == 2
+    assert "did you mean `HeldSpeed`" in capsys.readouterr().err

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from toolbox.commands.command_line import main
+from toolbox.commands.sweep import _left_of
 from toolbox.onsets.severity_map import SeverityMap
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
@@ -61,3 +63,14 @@ def test_a_folder_that_cannot_be_written_is_told_before_a_controller_that_has_no
     assert "`--out` must be a folder that can be written" in capsys.readouterr().err
     assert main([*call, str(tmp_path / "out"), "--controller", "constant torque"]) == 2
     assert "no number `top.reference`" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_many_numbers_that_are_off_make_no_wide_table():
+    names = [f"pad.friction.coefficients.{i}" for i in range(12)]
+    free = {"": np.array([True, True]), "-20 %": np.array([True, False]), "+20 %": np.array([False, True])}
+    text = _left_of({words: SimpleNamespace(regions={"free": where}) for words, where in free.items()}, names)
+    assert max(map(len, text.splitlines())) <= 100
+    assert [line.split() for line in text.splitlines()[1:5]] == [
+        ["declared", "100.0", "%"], ["-20", "%", "50.0", "%"], ["+20", "%", "50.0", "%"], ["on", "all", "of", "them", "0.0", "%"],
+    ]  # fmt: skip
+    assert text.replace("\n", " ").endswith("Off together: " + ", ".join(names))

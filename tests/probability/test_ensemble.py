@@ -125,6 +125,31 @@ def test_estimates_say_why_there_is_no_margin_and_draw_no_line_over_a_gap():
     assert np.flatnonzero(np.isnan(line.get_ydata())).tolist() == [60]
 
 
+@pytest.mark.parametrize("rows", ["missing", "without a speed"])
+def test_a_gap_ends_a_spell_and_what_comes_after_it_is_told_by_what_is_seen_there(rows):
+    stick, smooth = (case(regime)[0] for regime in REGIMES)
+    time, step = stick["time"][::20], 20 * PERIOD
+    signals = {name: (stick[name][::20], smooth[name][::20]) for name in stick if name != "time"}
+    end, begin = time[-1], time[-1] + 40.0
+    between = np.arange(end + step, begin - 0.5 * step, step) if rows == "without a speed" else np.zeros(0)
+    empty = np.full(between.size, np.nan)
+    log = {"time": np.concatenate([time, between, begin + time])} | {
+        name: np.concatenate([one, empty, other]) for name, (one, other) in signals.items()
+    }
+    found = estimate(RIG, log, members=16)
+    assert any(first < end - 10.0 and end <= last < end + 2 * step for first, last in found.spells)  # it sticks up to the gap
+    assert not any(first < end and last >= begin for first, last in found.spells)
+    after = found.time >= begin - 0.5 * step
+    assert np.isnan(found.mean["severity"][after][:3]).all() and not found.alarm[after][:3].any()
+
+
+def test_a_spell_that_was_told_on_both_sides_of_a_gap_is_two():
+    time = np.delete(np.arange(20.0), [7, 8])
+    found = Estimates("", time, {}, {}, time < 17.0, "", 16, 18)
+    assert found.spells == [(0.0, 6.0), (9.0, 16.0)]
+    assert Estimates("", np.arange(18.0), {}, {}, time < 17.0, "", 16, 18).spells == [(0.0, 14.0)]  # without a gap, the twin
+
+
 def test_a_string_that_cannot_be_that_of_the_log_is_told():
     told, _, _ = case("smooth")
     log = {name: values[::20] for name, values in told.items()}

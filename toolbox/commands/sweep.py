@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import textwrap
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -209,9 +211,11 @@ def run_map(given: argparse.Namespace) -> int:
     for label, stem in zip(labels, file_stems(labels), strict=True):
         machines: dict[str, Any] = {}
         try:
-            for words, loop in _machines(scene[label], given.off).items():
-                folder = given.out / (stem if not words else f"{stem}_{words.split()[-2].replace('-', 'less').replace('+', 'more')}")
-                name = f"{label}, {words}" if words else label
+            names_off, loops = _machines(scene[label], given.off)
+            several = f"{len(names_off)} numbers" if len(names_off) > 2 else ", ".join(names_off)
+            for words, loop in loops.items():
+                folder = given.out / (stem if not words else f"{stem}_{words.split()[0].replace('-', 'less').replace('+', 'more')}")
+                name = f"{label}, {several} {words}" if words else label
                 found = severity_map(loop, over, shape=shape, out=folder)
                 machines[words] = given.found[name] = found
                 names = drawn_as(MAP_FILES, given.format)
@@ -222,12 +226,12 @@ def run_map(given: argparse.Namespace) -> int:
                     found.save_borders(made / "borders.csv")
                     scene.save(made / "scene.toml")
                     figures.draw_found(found, f"{scene.title}: {name}", made / f"map.{given.format}")
-                show(f"{found}\n" if not words else f"{words}\n{found}\n")
+                show(f"{found}\n" if not words else f"{several} {words}\n{found}\n")
         except (SceneError, SimulationError) as error:
             failures[label] = error
             continue
         if given.off:
-            show(_left_of(machines) + "\n")
+            show(_left_of(machines, names_off) + "\n")
     if new and not given.found:
         with suppress(OSError):
             given.out.rmdir()  # where it is empty
@@ -238,10 +242,10 @@ def run_map(given: argparse.Namespace) -> int:
     return 1 if len(failures) == len(labels) else 0
 
 
-def _machines(loop: Any, off: str | None) -> dict[str, Any]:
-    """{words: loop}: the declared machine without words, and those of `--off`."""
+def _machines(loop: Any, off: str | None) -> tuple[list[str], dict[str, Any]]:
+    """The numbers of `--off`, and {words: loop}: the declared machine without words, and those where they are lower and higher."""
     if off is None:
-        return {"": loop}
+        return [], {"": loop}
     listed, _, text = off.partition("=")
     names = [name.strip() for name in listed.split(",") if name.strip()]
     text = text.strip()
@@ -252,15 +256,16 @@ def _machines(loop: Any, off: str | None) -> dict[str, Any]:
     off_by, found = share("--off", text), {"": loop}
     for sign in (-1.0, 1.0):
         changed = {name: loop.free(name).value * (1.0 + sign * off_by) for name in names}
-        found[f"{', '.join(names)} {100.0 * sign * off_by:+g} %"] = put_all(loop, changed)
-    return found
+        found[f"{100.0 * sign * off_by:+g} %"] = put_all(loop, changed)
+    return names, found
 
 
-def _left_of(machines: dict[str, Any]) -> str:
-    """How much of the map is free on every machine, and on all of them, as text."""
+def _left_of(machines: dict[str, Any], names: Sequence[str]) -> str:
+    """How much of the map is free on every machine, and on all of them, as text. names: the numbers that are off."""
     import numpy as np
 
     free = {words or "declared": found.regions["free"] for words, found in machines.items()}
     rows = [(words, f"{100.0 * where.mean():.1f} %") for words, where in free.items()]
     rows.append(("on all of them", f"{100.0 * np.logical_and.reduce(list(free.values())).mean():.1f} %"))
-    return "\n".join(["Share of the map that is free", *columns(rows)])
+    told = textwrap.wrap("Off together: " + ", ".join(names), 100, break_on_hyphens=False)
+    return "\n".join(["Share of the map that is free", *columns(rows), *told])

@@ -224,6 +224,11 @@ class EnsembleFilter:
             self._correct(speed)
         return self._told()
 
+    def forgotten(self) -> Estimate:
+        """Forget how the bit swung, of which nothing was seen over a long gap; returns what is known without it."""
+        self.filled, self.since = 0, 0.0
+        return self._told()
+
     def _begin(self, torque: float, speed: float) -> None:
         n = self.members
         self.states = np.zeros((n, self.rollout.n))

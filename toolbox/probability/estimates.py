@@ -15,10 +15,11 @@ from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import reading
+from toolbox.logs.flaws import spacing
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.probability.ensemble import EnsembleFilter, Estimate, Knowledge
+from toolbox.probability.ensemble import SEEN, EnsembleFilter, Estimate, Knowledge
 from toolbox.probability.pictures import picture
 
 SEVERE, CALM = 0.85, 0.6
@@ -94,9 +95,10 @@ class Estimates(Told, Result):
 
     @property
     def spells(self) -> list[tuple[float, float]]:
-        """Begin and end [s] of each time of stick-slip, as it was told."""
-        edges = np.diff(np.concatenate([[0], self.alarm.astype(int), [0]]))
-        first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+        """Begin and end [s] of each time of stick-slip, as it was told; a gap of the log ends one."""
+        apart = np.diff(self.time) > spacing(self.time)[1]
+        first = np.flatnonzero(self.alarm & np.append(True, apart | ~self.alarm[:-1]))
+        last = np.flatnonzero(self.alarm & np.append(apart | ~self.alarm[1:], True))
         return [(float(self.time[a]), float(self.time[b])) for a, b in zip(first, last, strict=True)]
 
     def _told(self) -> list[str | Rows]:
@@ -179,12 +181,17 @@ def estimate(
     steps = np.diff(time, prepend=time[0])
     between = 0.5 * (torque + np.concatenate([torque[:1], torque[:-1]]))
     found = np.empty((time.size, 2 * len(UNITS)))
-    alarm, detector = np.zeros(time.size, bool), Detector()
+    alarm, detector, last = np.zeros(time.size, bool), Detector(), time[0]
     with progress_bar(time.size, "estimate", unit="sample") as bar:
         for k in range(time.size):
+            unseen = time[k] - last
+            if np.isfinite(speed[k]):
+                last = time[k]
             now = made.step(float(steps[k]), float(between[k]), float(speed[k]), float(weight[k]))
+            if unseen > recording.gap and last == time[k]:  # what was told before a gap tells nothing after it
+                detector, now = Detector(), made.forgotten() if unseen > SEEN * made.period else now
             found[k] = np.ravel([getattr(now, name) for name in UNITS])
-            alarm[k] = detector(now)
+            alarm[k] = time[k] - last <= recording.gap and detector(now)
             if k % 500 == 499:
                 bar.update(500)
     mean = {name: found[:, 2 * k].copy() for k, name in enumerate(UNITS)}

@@ -10,9 +10,9 @@ import time
 import numpy as np
 import pytest
 
-from controllers import PI, SoftTorque
+from controllers import PI, Lifting, SoftTorque
 from models import BitRock, Coulomb, TorsionalChain, wells
-from toolbox import closed_loop, compose, simulate
+from toolbox import Sampled, closed_loop, compose, simulate
 from toolbox.commands.command_line import main
 from toolbox.errors import SceneError
 from toolbox.onsets.results import Onset
@@ -126,6 +126,49 @@ def test_laws_that_took_other_gains_on_another_machine_say_whose_they_are():
     text = whole_page("My rig", [study, again, section("Gains over depth", wells.NAVARRO_LOPEZ_2)])
     assert re.findall("<h2>Laws of: (.*?)</h2>", text) == ["Study, Onset", "Gains over depth"]
     assert "Laws of:" not in whole_page("My rig", [study, again])  # the same gains stand once
+
+
+BRAKE = """
+title = "A stop"
+duration = "1 s"
+[verdict]
+effort = "brake.force"
+standstill = "0.1 rad/s"
+signal = "disc.speed"
+[[plant]]
+part = "DiscBrake"
+[start]
+"disc.speed" = "2 rad/s"
+[inputs]
+"pad.attachment" = { sine = { mean = 0.0, amplitude = "4 N", frequency = "40 Hz" } }
+[[controllers]]
+label = "planned"
+law = "BrakeMPC"
+sample_time = "30 ms"
+[[controllers]]
+label = "force"
+law = "BrakeForce"
+deceleration = "2.5 rad/s2"
+force_rate = "20 kN/s"
+sample_time = "1 ms"
+"""
+
+
+def test_a_brake_reads_in_si_and_a_law_in_python_and_a_shape_tell_their_numbers(tmp_path):
+    path = tmp_path / "stop.toml"
+    path.write_text(BRAKE)
+    assert main(["study", str(path), "--out", str(tmp_path / "out")]) == 0
+    text = re.sub("<[^>]+>", " ", report(tmp_path / "out", path=tmp_path / "page.html").read_text())
+    assert "to standstill at 0.1 rad/s" in text and "deceleration 2.5 rad/s2" in text and "force_rate 20000 N/s" in text
+    assert "rpm" not in text
+    assert re.search(r"BrakeMPC, sampled every 30 ms: .*speed_size 0.2 rad/s", text)
+    assert text.count("inputs: pad.attachment sine (mean 0 N, amplitude 4 N, frequency 40 Hz, phase 0 rad)") == 1  # shared by both
+    assert re.search(r"all of them\s+inputs:", text)
+
+
+def test_the_law_inside_of_another_and_its_observer_are_named():
+    words = closed_loop(compose(wells.JANSEN_2, BitRock()), Sampled(Lifting(SoftTorque(reference="95 rpm")), 0.01)).law_words[0]
+    assert re.match(r"Lifting, sampled every 10 ms: law PI \(.*proportional .*\), .*observer Kalman \(speed_noise ", words)
 
 
 @pytest.mark.parametrize("count", [2, 3, 9])

@@ -30,7 +30,7 @@ from toolbox.modelling.closing import Closed, closed_system, described, designed
 from toolbox.modelling.components import fields_of, is_nested, law_of, structure_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.input_kinds import ExpressionKey, extremes, input_kinds
-from toolbox.modelling.inputs import Shape, Table
+from toolbox.modelling.inputs import UNITS, Shape, Table
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.numbers import WITHOUT_SLOPE, Number, number_of, numbers_in
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
@@ -338,7 +338,10 @@ class ClosedLoop(Printed):
     def law_words(self) -> list[str]:
         """Each law with its clock and the numbers that it took on this machine, those that one types into the drive, in the units of the question."""
         laws = zip(self.laws, map(law_of, self.closed.system.parts[len(self.closed.plant.parts) :]), strict=True)
-        return [described(given) + (f": {self._numbers_of(law)}" if isinstance(law, Controller) else "") for given, law in laws]
+        known = (
+            (given, law if isinstance(law, Controller) else getattr(given, "law", given)) for given, law in laws
+        )  # one in Python: as it was given
+        return [described(given) + (f": {self._numbers_of(law)}" if isinstance(law, Controller) else "") for given, law in known]
 
     def _numbers_of(self, law: Controller) -> str:
         """The numbers that a law took on this machine, in the units of the question."""
@@ -346,18 +349,25 @@ class ClosedLoop(Printed):
         for each in fields_of(type(law)):
             value = getattr(law, each.name)
             if each.numeric and value is not None and not isinstance(value, tuple):
-                factor, unit = reading(each.spec.metadata.get("unit", "1"), self.asked)
-                words.append(f"{each.name} {value * factor:.4g}" + ("" if unit == "1" else f" {unit}"))
+                words.append(f"{each.name} {self._with_unit(value, each.spec.metadata.get('unit', '1'), 4)}")
             elif is_nested(value):
-                words.append(f"{each.name} ({self._numbers_of(value)})")
+                words.append(f"{each.name} {type(value).__name__} ({self._numbers_of(value)})")
         return ", ".join(words) or "no numbers"
 
     def _read(self, name: str, value: Any) -> str:
-        factor, unit = reading(self.system.unit(name), self.asked)
+        unit = self.system.unit(name)
         if is_finite_number(value):
-            return f"{value * factor:.6g}" + ("" if unit == "1" else f" {unit}")
-        shape = value.shape if isinstance(value, (Table, Shape)) else ""
-        return shape or ("in time" if name in self.inputs else str(value))
+            return self._with_unit(value, unit, 6)
+        if isinstance(value, (Table, Shape)) and value.shape:
+            told = (f"{key} {self._with_unit(each, UNITS[value.shape][key] or unit, 6)}" for key, each in value.numbers.items())
+            return f"{value.shape} ({', '.join(told)})"
+        return "in time" if name in self.inputs else str(value)
+
+    def _with_unit(self, value: float, unit: str, digits: int) -> str:
+        read = reading(unit, self.asked)
+        told = f"{value * read.factor:.{digits}g}"
+        plain = "e+" in told and abs(value * read.factor) < 1e7  # 20000 N/s in place of 2e+04 N/s
+        return (f"{value * read.factor:.0f}" if plain else told) + read.tail
 
 
 def closed_loop(

@@ -23,6 +23,7 @@ from toolbox.probability.drawn_borders import UncertainOnset
 from toolbox.probability.estimates import Estimates
 from toolbox.probability.posteriors import Posterior
 from toolbox.probability.results import Chance
+from toolbox.reports.machine import usual_units
 from toolbox.reports.sections import KINDS, Section, picture, preformatted
 from toolbox.robustness.depth_windows import Windows
 from toolbox.robustness.joint_errors import SmallestError
@@ -72,7 +73,9 @@ def _section(folder: Path, kind: Kind) -> Section:
         remarks = (f"Changed since they were written, or gone: {', '.join(changed)}.",)
     declared = scene if isinstance(scene, Scene) else None
     first, _, below = text.strip().partition("\n")
-    answer, more = kind.answer(folder, declared) if kind.answer else (preformatted(below.strip("\n") or text), ())
+    loops = tuple((label, declared[label]) for label in declared.labels) if declared else ()
+    with usual_units(loops[0][1] if loops else None):
+        answer, more = kind.answer(folder, declared) if kind.answer else (preformatted(below.strip("\n") or text), ())
     title = getattr(scene, "title", "") or first or kind.name
     own = [picture(folder / f"{kind.figure}{suffix}", f"{kind.name}: {title}") for suffix in KINDS]
     shown = {f"{kind.figure}{suffix}" for suffix in KINDS}
@@ -84,7 +87,7 @@ def _section(folder: Path, kind: Kind) -> Section:
         tuple(each for each in own if each),
         tuple(each for each in others if each),
         text,
-        tuple((label, declared[label]) for label in declared.labels) if declared else (),
+        loops,
         origin,
         folder,
         more + remarks,

@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+import contextlib
 import html
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from toolbox.files.printing import table
-from toolbox.files.unit_systems import reading
+from toolbox.files.unit_systems import chosen, reading_of, units
 from toolbox.modelling.closed_loop import ClosedLoop
 
 LABELLED = 8
 """Inertias that a sketch names; of more it names the first, the last and the count."""
 
 
+def usual_units(loop: ClosedLoop | None) -> contextlib.AbstractContextManager[Any]:
+    """The units in which a page reads, where none were chosen: metric ones (rpm, kN, kN m) of a string that is driven on top, and where there is no machine;
+    else those that were typed, or SI."""
+    driven = loop is None or loop.plant.has_signal("top.speed")
+    return units("metric") if chosen() is None and driven else contextlib.nullcontext()
+
+
 def machine(loop: ClosedLoop) -> str:
     """Sketch and table of the machine of a loop."""
+    with usual_units(loop):
+        return _machine(loop)
+
+
+def _machine(loop: ClosedLoop) -> str:
     rows = [row for row in _rows(loop) if row is not None]
     sources = sorted({source for number in loop.numbers().values() if (source := number.bounds.get("source"))})
     notes = [f"Sources: {'; '.join(map(str, sources))}."] if sources else []
@@ -28,10 +42,16 @@ def machine(loop: ClosedLoop) -> str:
 
 def laws(loops: Iterable[tuple[str, ClosedLoop]]) -> str:
     """Table of the laws and the numbers that they took on this machine."""
-    rows = []
+    told: dict[str, list[str]] = {}
     for label, loop in loops:
-        told = [line.strip() for line in str(loop).splitlines()[1:]] if loop.laws else ["no law"]
-        rows += [(label if first else "", line) for first, line in zip([True] + [False] * len(told), told, strict=False)]
+        with usual_units(loop):
+            lines = [line.strip() for line in str(loop).splitlines()[1:]]
+        told[label] = lines if loop.laws else ["no law", *lines]
+    shared = [line for line in next(iter(told.values()), []) if len(told) > 1 and all(line in lines for lines in told.values())]
+    each = {label: [line for line in lines if line not in shared] for label, lines in told.items()} | (
+        {"all of them": shared} if shared else {}
+    )
+    rows = [(label if i == 0 else "", line) for label, lines in each.items() for i, line in enumerate(lines)]
     return table("Laws, with the numbers to type into the drive", ("controller", "law"), rows)
 
 
@@ -45,7 +65,7 @@ def _rows(loop: ClosedLoop) -> list[tuple[str, str, str, str]]:
     rows = []
     for name, members in groups.items():
         number = own[members[0]]
-        read = reading(number.unit, loop.asked)
+        read = reading_of(number.unit, max(abs(own[member].value) for member in members), loop.asked)
         values = [own[member].value * read.factor for member in members]
         meaning = number.meaning if number.overridden is None else f"{number.meaning} (without effect: the input {number.overridden} acts)"
         rows.append((name, _joined(values), "" if read.unit == "1" else read.unit, meaning))

@@ -8,6 +8,7 @@ import itertools
 from collections.abc import Iterable, Sequence
 from importlib import resources
 
+from toolbox.files.origin import Origin
 from toolbox.files.printing import marked, table
 from toolbox.reports.machine import laws, machine
 from toolbox.reports.sections import Picture, Section, preformatted
@@ -19,7 +20,7 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 def page(title: str, sections: Sequence[Section]) -> str:
     """The whole page: answers first, then the appendix."""
     numbers = itertools.count(1)
-    dates = sorted({each.origin.began.replace("T", " ").replace("+00:00", " UTC") for each in sections if each.origin})
+    dates = sorted({_date(each.origin) for each in sections if each.origin})
     style = resources.files("toolbox.reports").joinpath("report.css").read_text(encoding="utf-8")
     body = [
         f"<header><h1>{html.escape(title)}</h1>",
@@ -46,6 +47,10 @@ def page(title: str, sections: Sequence[Section]) -> str:
             "</body></html>\n",
         ]
     )
+
+
+def _date(origin: Origin) -> str:
+    return origin.began.replace("T", " ").replace("+00:00", " UTC")
 
 
 def _answer(title: str, section: Section, numbers: Iterable[int]) -> str:
@@ -104,8 +109,8 @@ def _reproduce(sections: Sequence[Section]) -> list[str]:
     read = {name: told for _, each in origins for name, told in each.inputs.items()}
     files = [(str(section.folder), name, told) for section, each in origins for name, told in each.files.items()]
     versions = {f"{name} {version}": None for _, each in origins for name, version in each.versions.items()}
-    took = [f"{section.kind}: {each.seconds:.3g} s, begun {each.began}" for section, each in origins]
+    took = [f"{section.kind}: {each.seconds:.3g} s, begun {_date(each)}" for section, each in origins]
     parts.append(f"<p>Versions: {html.escape(', '.join(versions))}.</p><p>{html.escape('; '.join(took))}.</p>")
-    parts.append(table("Files that were read", ("file", "SHA-256"), list(read.items())))
-    parts.append(table("Files that were written", ("folder", "file", "SHA-256"), files))
+    parts += ['<div class="files">', table("Files that were read", ("file", "SHA-256"), list(read.items()))]
+    parts += [table("Files that were written", ("folder", "file", "SHA-256"), files), "</div>"]
     return parts

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from toolbox.errors import SceneError
+from toolbox.reports.machine import usual_units
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,18 +76,19 @@ def of_result(result: Any) -> Section:
         raise SceneError(
             f"Argument `results` must be folders of results, or results that print and plot themselves, but one is {result!r}."
         )
-    text = str(result)
-    first, _, rest = text.strip().partition("\n")
     loop = getattr(result, "loop", None) or getattr(getattr(result, "run", None), "loop", None)
-    label = getattr(loop, "label", None) or "closed loop"
-    return Section(
-        getattr(result, "title", None) or first,
-        type(result).__name__,
-        result._repr_html_() if hasattr(result, "_repr_html_") else preformatted(rest or first),
-        _plotted(result, first),
-        text=text,
-        loops=((label, loop),) if loop is not None else (),
-    )
+    with usual_units(loop):
+        text = str(result)
+        first, _, rest = text.strip().partition("\n")
+        label = getattr(loop, "label", None) or "closed loop"
+        return Section(
+            getattr(result, "title", None) or first,
+            type(result).__name__,
+            result._repr_html_() if hasattr(result, "_repr_html_") else preformatted(rest or first),
+            _plotted(result, first),
+            text=text,
+            loops=((label, loop),) if loop is not None else (),
+        )
 
 
 def preformatted(text: str) -> str:

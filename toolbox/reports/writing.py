@@ -8,7 +8,6 @@ from typing import Any
 
 from toolbox.errors import SceneError
 from toolbox.files.atomic import replaced
-from toolbox.files.unit_systems import chosen, units
 from toolbox.reports.folders import of_folder
 from toolbox.reports.page import page
 from toolbox.reports.sections import Section, of_result
@@ -19,7 +18,7 @@ def report(*results: Any, path: str | os.PathLike[str], title: str | None = None
     """Write one page (HTML) about results: the answers on top, then the machine, the laws with their gains, further figures and how to get the same again.
 
     The page is one file with all of its figures. It asks the network for nothing, runs no script, and prints well. Where no system of units was chosen by
-    `toolbox.units`, it reads in metric ones (rpm, kN, kN m).
+    `toolbox.units`, it reads in metric ones (rpm, kN, kN m) for a drill string, and for other machines in those that were typed, else SI.
 
     Parameters
     ----------
@@ -48,11 +47,10 @@ def report(*results: Any, path: str | os.PathLike[str], title: str | None = None
         raise SceneError(f"Argument `path` must end with .html, but it is `{path}`.")
     if not results:
         raise SceneError("Argument `results` must be folders of results or results, but there are none.")
-    with units(chosen() or "metric"):
-        sections: list[Section] = []
-        for each in results:
-            sections += of_folder(Path(each)) if isinstance(each, str | os.PathLike) else [of_result(each)]
-        text = page(title or sections[0].title, sections)
+    sections: list[Section] = []
+    for each in results:
+        sections += of_folder(Path(each)) if isinstance(each, str | os.PathLike) else [of_result(each)]
+    text = page(title or sections[0].title, sections)
     made = printed(text) if pdf else None
     with replaced(path) as file:
         file.write(text.encode())

@@ -497,3 +497,12 @@ def test_cycle_and_branch_print_and_draw_themselves():
     ax = branch.plot("block.position")
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("block belt speed [m/s]", "block position, smallest and largest [m]")
     cycle.plot("block.position", "block.speed")
+    ax = branch.plot()  # what says most, where nobody names it
+    assert ax.get_ylabel() == "block speed, smallest and largest [m/s]"
+    ax = cycle.plot()
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("block position [m]", "block speed [m/s]")
+    rig = closed_loop(compose(wells.JANSEN_2, BitRock(weight=97_347.0)), StiffPI(reference="95 rpm"))
+    ax = limit_cycle(rig, 100.0).plot()
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("chain twist, 1st from the top [rad]", "bit speed [rpm]")
+    with pytest.raises(SceneError, match="There is no signal `block.sped`"):
+        branch.plot("block.sped")

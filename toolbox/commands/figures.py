@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from toolbox.modelling.hybrid_system import HybridSystem
     from toolbox.scenes.scene import Scene
     from toolbox.simulation.trajectory import Trajectory
 
@@ -24,9 +23,11 @@ DPI = 150
 
 def draw(scene: Scene, title: str, run: Trajectory, traces: Path, phase: Path) -> None:
     """Write the figures of one controller: time traces with the modes, and the phase plane of the judged speed, with what came before in grey."""
+    from toolbox.simulation.main_signals import position_of
+
     plot = _plot()
     _write(plot.traces(run), title, traces)
-    position = _position(scene.plant(), scene.signal)
+    position = position_of(scene.plant(), scene.signal)
     if position is not None:
         after = scene.after if scene.standstill is None and scene.after < run.end else run.begin
         ax = plot.phase_plane(run, position, scene.signal, scene.contact, after=after)
@@ -86,15 +87,6 @@ def _plot() -> Any:
     from toolbox.simulation import plot
 
     return plot
-
-
-def _position(plant: HybridSystem, speed: str) -> str | None:
-    """The last state whose unit is that of the speed times a second: the twist above a bit, the position of a block."""
-    unit = plant.unit(speed)
-    for name, (_, size, own) in reversed(plant.states.items()):
-        if f"{own}/s" == unit:
-            return name if size is None else f"{name}.{size - 1}"
-    return None
 
 
 def _write(axes: Any, title: str | None, path: Path) -> None:

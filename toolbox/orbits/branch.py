@@ -77,12 +77,31 @@ class Branch:
         """Smallest and largest value of a signal over every cycle, shape (points, 2)."""
         return np.array([cycle.extremes(signal) for cycle in self.cycles])
 
-    def plot(self, signal: str, ax: Any = None) -> Any:
-        """Draw the bifurcation diagram: the largest and the smallest value of a signal, solid where stable and dashed where not, with bifurcations marked."""
+    def plot(self, signal: str | None = None, ax: Any = None) -> Any:
+        """Draw the bifurcation diagram: the largest and the smallest value of a signal, solid where stable and dashed where not, with bifurcations marked.
+
+        Parameters
+        ----------
+        signal
+            Name of a scalar signal; without it, the one that is judged or says most.
+        ax
+            Axes to draw into.
+
+        Returns
+        -------
+        Axes
+            What was drawn into.
+
+        Raises
+        ------
+        SceneError
+            If the signal is unknown or a vector.
+        """
         import matplotlib.pyplot as plt
 
         from toolbox.figures.style import LINES, name_axis, place_words
 
+        signal = signal or self.cycles[0].main_signal
         if ax is None:
             _, ax = plt.subplots(figsize=(5.2, 3.6), layout="constrained")
         values, ends, stable = np.array(self.values), self.extremes(signal), self.stable

@@ -16,6 +16,7 @@ from toolbox.files.unit_systems import reading
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.numbers import Number
+from toolbox.simulation.main_signals import position_of
 from toolbox.simulation.methods import Explicit
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
@@ -114,10 +115,31 @@ class Cycle(Told):
         """Part of the period that an element sticks, from 0 to 1."""
         return self.run.time_in(element, "stick") / self.period
 
-    def plot(self, x: str, y: str, ax: Any = None) -> Any:
-        """The closed orbit in a phase plane; see `toolbox.plot.phase_plane`."""
+    @property
+    def main_signal(self) -> str:
+        """The signal that is judged, where the loop says one, else the speed of what rubs, such as the bit, else the one that says most."""
+        speeds = [f"{contact}.speed" for contact in self.run.contacts if f"{contact}.speed" in self.run.names]
+        return self.loop.signal or next(iter([*speeds, *self.run.main_signals]))
+
+    def plot(self, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
+        """Draw the closed orbit in a phase plane; returns the axes.
+
+        Parameters
+        ----------
+        x, y
+            Names of two scalar signals. Without them, `y` is the one that is judged or says most, and `x` the state whose rate it is, or another one.
+        ax
+            Axes to draw into.
+
+        Raises
+        ------
+        SceneError
+            If a signal is unknown or a vector.
+        """
         from toolbox.simulation.plot import phase_plane
 
+        y = y or self.main_signal
+        x = x or position_of(self.loop.plant, y) or next((name for name in self.run.main_signals if name != y), y)
         return phase_plane(self.run, x, y, ax=ax)
 
     def _told(self) -> list[str | Rows]:

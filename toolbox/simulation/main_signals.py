@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.samples import Samples
 
 
@@ -52,3 +53,12 @@ def _of_the_machine(run: Any) -> list[str]:
     # what a sampled law remembers, and says of itself, is not what the machine does
     parts = {name.partition(".")[0] for name in (*plant.signals, *plant.inputs)} - laws
     return [name for name in (*system.signals, *system.inputs) if name.partition(".")[0] in parts]
+
+
+def position_of(system: HybridSystem, speed: str) -> str | None:
+    """The last state whose unit is that of the speed times a second: the twist above a bit, the position of a block."""
+    unit = system.unit(speed)
+    for name, (_, size, own) in reversed(system.states.items()):
+        if f"{own}/s" == unit:
+            return name if size is None else f"{name}.{size - 1}"
+    return None

@@ -248,6 +248,12 @@ def test_a_pound_is_one_of_force_only_where_that_fits_and_letters_that_are_units
         parse(text, unit, "weight")
 
 
+@pytest.mark.parametrize(("text", "given"), [("22 ppg", "ppg"), ("22 PPG", "PPG"), ('5 7/8"', '"')])
+def test_what_the_field_writes_for_something_else_is_not_called_unknown(text, given):
+    with pytest.raises(SceneError, match=f"must be in N, but `{text}` is in {given}"):
+        parse(text, "N", "weight")
+
+
 def test_an_answer_to_a_spelling_of_habit_is_in_the_usual_one():
     assert [parse(text, unit).asked for text, unit in (("7 lb-ft", "N m"), ("20 KLB", "N"), ("8 bpm", "m3/s"), ('5 7/8"', "m"))] == [
         "lbf ft", "klbf", "bbl/min", "in",

@@ -322,6 +322,8 @@ def _meant(given: str, wanted: dict[str, Decimal]) -> str:
     with contextlib.suppress(_UnknownUnit):
         _roots(given)
         return given
+    if (habit := HABITS.get(small.replace(" ", ""))) is not None:  # known, of something else
+        return habit
     alike = [word for word in USUAL if word.lower().replace(" ", "") == given.lower().replace(" ", "") and _fit(_roots(word)[1], wanted)]
     return given if len(alike) != 1 or _prefix_doubtful(alike[0], wanted) else alike[0]
 

@@ -21,20 +21,21 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number, mapping, number
+from toolbox.arguments import mapping, number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.printing import Printed
-from toolbox.files.unit_systems import asked_units, reading
+from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.closing import Closed, closed_system, described, designed_laws, laws_of
-from toolbox.modelling.components import fields_of, is_nested, law_of, structure_of
+from toolbox.modelling.components import law_of, structure_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.input_kinds import ExpressionKey, extremes, input_kinds
-from toolbox.modelling.inputs import UNITS, Shape, Table
+from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.numbers import WITHOUT_SLOPE, Number, number_of, numbers_in
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.modelling.steady_point import Equilibrium
+from toolbox.modelling.told_numbers import given_as, numbers_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,36 +339,14 @@ class ClosedLoop(Printed):
     def law_words(self) -> list[str]:
         """Each law with its clock and the numbers that it took on this machine, those that one types into the drive, in the units of the question."""
         laws = zip(self.laws, map(law_of, self.closed.system.parts[len(self.closed.plant.parts) :]), strict=True)
-        known = (
-            (given, law if isinstance(law, Controller) else getattr(given, "law", given)) for given, law in laws
-        )  # one in Python: as it was given
-        return [described(given) + (f": {self._numbers_of(law)}" if isinstance(law, Controller) else "") for given, law in known]
-
-    def _numbers_of(self, law: Controller) -> str:
-        """The numbers that a law took on this machine, in the units of the question."""
-        words = []
-        for each in fields_of(type(law)):
-            value = getattr(law, each.name)
-            if each.numeric and value is not None and not isinstance(value, tuple):
-                words.append(f"{each.name} {self._with_unit(value, each.spec.metadata.get('unit', '1'), 4)}")
-            elif is_nested(value):
-                words.append(f"{each.name} {type(value).__name__} ({self._numbers_of(value)})")
-        return ", ".join(words) or "no numbers"
+        known = [
+            (given, law if isinstance(law, Controller) else getattr(given, "law", None)) for given, law in laws
+        ]  # in Python: as it was given
+        return [described(given) + (f": {numbers_of(law, self.asked)}" if isinstance(law, Controller) else "") for given, law in known]
 
     def _read(self, name: str, value: Any) -> str:
-        unit = self.system.unit(name)
-        if is_finite_number(value):
-            return self._with_unit(value, unit, 6)
-        if isinstance(value, (Table, Shape)) and value.shape:
-            told = (f"{key} {self._with_unit(each, UNITS[value.shape][key] or unit, 6)}" for key, each in value.numbers.items())
-            return f"{value.shape} ({', '.join(told)})"
-        return "in time" if name in self.inputs else str(value)
-
-    def _with_unit(self, value: float, unit: str, digits: int) -> str:
-        read = reading(unit, self.asked)
-        told = f"{value * read.factor:.{digits}g}"
-        plain = "e+" in told and abs(value * read.factor) < 1e7  # 20000 N/s in place of 2e+04 N/s
-        return (f"{value * read.factor:.0f}" if plain else told) + read.tail
+        told = given_as(value, self.system.unit(name), self.asked)
+        return told or ("in time" if name in self.inputs else str(value))
 
 
 def closed_loop(

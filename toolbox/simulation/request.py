@@ -16,6 +16,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, states_of, value_at
 from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.regularisation import SmoothSystem, checked_widths
+from toolbox.simulation.budget import UNHURRIED
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.methods import Method, Smoothing, TimeStepping, method_of
 from toolbox.simulation.run import Run
@@ -48,7 +49,8 @@ class Request:
         budget, method = method.budget, method.unhurried
         loop, start = self.loop, self.start
         closed, system = loop.closed, loop.closed.system
-        _check_samples(closed.clocks, duration)
+        if budget == UNHURRIED:
+            _check_samples(closed.clocks, duration)
         grid = _checked_times(self.output_times, start.time if isinstance(start, RunState) else 0.0, duration)
         if isinstance(start, RunState):
             start.check(system, closed.clocks, closed.callables)
@@ -76,11 +78,11 @@ class Request:
 
 
 MOST_SAMPLES = 1e10
-"""Samples of a law in one run, which take some hours; more are a slip of the unit, and would only end with the memory."""
+"""Samples of a law in one run, far beyond the steps of any budget that nobody chose; more are a slip of the unit."""
 
 
 def _check_samples(clocks: Sequence[tuple[float, float]], duration: float) -> None:
-    """Raise SceneError where a law would sample beyond count in a run."""
+    """Raise SceneError where a law would sample beyond count in a run that no budget ends."""
     period = min([period for period, _ in clocks], default=math.inf)
     if duration / period > MOST_SAMPLES:
         raise SceneError(

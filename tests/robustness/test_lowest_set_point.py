@@ -271,6 +271,24 @@ def test_the_command_raises_borders_to_a_disk_margin_and_refuses_one_that_no_loo
 
 
 # --- who does the runs, and how far it is
+@pytest.mark.slow
+def test_laws_are_searched_side_by_side_with_the_same_result(tmp_path, capfd):
+    call = ["drives", "studies/scenes/drives.toml", "--group", "declared", "--group", "real", "--way", "direct"]
+    call += ["--from", "60 rpm", "--to", "120 rpm", "--step", "20 rpm"]
+    assert main([*call, "--out", str(tmp_path / "one")]) == 0
+    alone = capfd.readouterr()
+    assert main([*call, "--processes", "2", "--out", str(tmp_path / "two")]) == 0
+    both = capfd.readouterr()
+    assert both.out.replace("two", "one") == alone.out and sorted(both.err.splitlines()) == sorted(alone.err.splitlines())
+    kept = [sorted((tmp_path / name / "cells.jsonl").read_text().splitlines()) for name in ("one", "two")]
+    assert kept[0] == kept[1] and len(kept[0]) > 4
+
+
+def test_no_law_is_searched_by_no_process(capsys):
+    assert main(["drives", "studies/scenes/jansen_2.toml", "--processes", "0"]) == 2
+    assert "`--processes` must be an integer >= 1, but it is 0" in capsys.readouterr().err
+
+
 SEARCH = {"ways": ["direct"], "between": ("62 rpm", "110 rpm"), "step": "4 rpm"}
 
 

@@ -11,12 +11,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from toolbox.arguments import number
+from toolbox.arguments import number, whole
 from toolbox.commands import figures
 from toolbox.commands.chance import add_uncertain, uncertain_of
 from toolbox.commands.recording import results
 from toolbox.commands.schedule import law_of
-from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain, show
+from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain, show, side_by_side
 from toolbox.errors import SceneError, SimulationError
 
 FILES = ("drives.txt", "drives.csv", "drives.png", "scene.toml")
@@ -74,6 +74,13 @@ def add(commands: Any) -> None:
     table.add_argument(
         "--margin", default="0", metavar="M", help="disk margin that a border has to leave on every machine of its group, such as 0.05 (0)"
     )
+    table.add_argument(
+        "--processes",
+        type=int,
+        default=1,
+        metavar="N",
+        help="how many laws are searched side by side, of which each takes a core; the result is the same (1)",
+    )
     table.add_argument("--sample-time", default="10 ms", metavar="T", help="of controllers for which the scene says none ('10 ms')")
     table.add_argument("--delay", default="30 ms", metavar="T", help="of these ('30 ms')")
     table.set_defaults(action=run, spelled={"between": "--from` and `--to"}, words=lambda given: GOES_ON if given.out else "interrupted.")
@@ -89,6 +96,7 @@ def run(given: argparse.Namespace) -> int:
     first = scene.case(given.before or next((each for each in scene.labels if len(scene[each].laws) == 1), scene.labels[0])).label
     labels = [scene.case(label).label for label in given.controller or [each for each in scene.labels if each != first]]
     margin = number("--margin", plain(given.margin), at_least=0, below=2)
+    whole("--processes", given.processes, 1)
     if not labels:
         raise SceneError(f"The scene must have a controller beside `{first}`, whose stick-slip is taken over, but it has no other.")
     period, delay = number("--sample-time", plain(given.sample_time), "s", above=0), number("--delay", plain(given.delay), "s", at_least=0)
@@ -152,29 +160,46 @@ def _searched(
     given: argparse.Namespace, loops: dict[str, Any], before: Any, groups: list[Any], margin: float, failures: dict[str, Exception]
 ) -> Any:
     """The lowest set-points of all laws, or None where each fails; why they do is told among the failures."""
-    from toolbox.robustness.lowest_set_point import LowestSetPoints, chosen_groups, lowest_set_point
-    from toolbox.robustness.set_points import WAYS, Trial
+    from toolbox.robustness.lowest_set_point import LowestSetPoints
+    from toolbox.sweeps.executors import travelling
 
     found: LowestSetPoints | None = None
-    for k, (label, loop) in enumerate(loops.items(), 1):
-        say = partial(_tell, f"law {k} of {len(loops)}, " if len(loops) > 1 else "")
-        try:
-            with _keeping(given.out):
-                one = lowest_set_point(
-                    loop,
-                    before,
-                    chosen_groups(Trial(loop, before), groups, margin=margin),
-                    ways=given.way or WAYS,
-                    between=(plain(given.low), plain(given.high)),
-                    step=plain(given.step),
-                    known=given.out / "cells.jsonl" if given.out else None,
-                    say=None if given.quiet else say,
-                )
-        except (SceneError, SimulationError) as error:
-            failures[label] = error
-            continue
-        found = one if found is None else found.joined(one)
+    places = [f"law {k} of {len(loops)}, " if len(loops) > 1 else "" for k in range(1, len(loops) + 1)]
+    search = partial(_of_one, before=before, groups=groups, margin=margin, given=_about_searches(given))
+    with side_by_side(min(given.processes, max(len(loops), 1))) as pool, travelling(search, loops):
+        for label, one in zip(loops, (map if pool is None else pool.map)(search, places, loops.values()), strict=True):
+            if isinstance(one, Exception):
+                failures[label] = one
+            else:
+                found = one if found is None else found.joined(one)
     return found
+
+
+def _about_searches(given: argparse.Namespace) -> argparse.Namespace:
+    """What the search of a law, in this process or another one, has to know of the arguments."""
+    names = ("out", "quiet", "way", "low", "high", "step")
+    return argparse.Namespace(**{name: getattr(given, name) for name in names})
+
+
+def _of_one(place: str, loop: Any, *, before: Any, groups: list[Any], margin: float, given: argparse.Namespace) -> Any:
+    """The lowest set-points of one law, or the error why there are none."""
+    from toolbox.robustness.lowest_set_point import chosen_groups, lowest_set_point
+    from toolbox.robustness.set_points import WAYS, Trial
+
+    try:
+        with _keeping(given.out):
+            return lowest_set_point(
+                loop,
+                before,
+                chosen_groups(Trial(loop, before), groups, margin=margin),
+                ways=given.way or WAYS,
+                between=(plain(given.low), plain(given.high)),
+                step=plain(given.step),
+                known=given.out / "cells.jsonl" if given.out else None,
+                say=None if given.quiet else partial(_tell, place),
+            )
+    except (SceneError, SimulationError) as error:
+        return type(error)(str(error))
 
 
 @contextmanager

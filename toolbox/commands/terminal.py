@@ -274,3 +274,20 @@ def check_some(refused: Mapping[str, Exception], cases: Sequence[str]) -> None:
     """
     if len(refused) == len(cases) and not any(isinstance(error, (NoSteadyState, SimulationError)) for error in refused.values()):
         raise refused[cases[0]]
+
+
+@contextmanager
+def side_by_side(processes: int) -> Iterator[Any]:
+    """An executor of so many processes, which begins nothing more when the block is left by an error; none for one, which is this one."""
+    if processes == 1:
+        yield None
+        return
+    from toolbox.sweeps.executors import Workers
+
+    pool = Workers(processes)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ from toolbox.arguments import whole
 from toolbox.commands import figures
 from toolbox.commands.interrupt import NOTHING
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import complaint, drawn_as, earlier, figure_format, ranges, show
+from toolbox.commands.terminal import complaint, drawn_as, earlier, figure_format, ranges, show, side_by_side
 from toolbox.errors import SceneError
 
 TUNE_FILES = ("tune.txt", "tune.png", "tune.npz", "trials.csv", "scene.toml")
@@ -83,7 +81,7 @@ def run(given: argparse.Namespace) -> int:
             [*drawn_as(TUNE_FILES, given.format), *names.values()],
             earlier("tune.txt", "^Tuning of ", [*TUNE_FILES, "tuned_*.toml"]),
         ) as folder,
-        _pool(given.processes) as executor,
+        side_by_side(given.processes) as executor,
     ):
         found = tune(
             list(scenes.values()), given.controller, list(given.objective), bounds,
@@ -110,20 +108,3 @@ def run(given: argparse.Namespace) -> int:
 def _words(given: argparse.Namespace) -> str:
     """What is said when it is interrupted."""
     return NOTHING if given.journal is None else f"interrupted; the same command goes on from `{given.journal}`."
-
-
-@contextlib.contextmanager
-def _pool(processes: int) -> Iterator[Any]:
-    """An executor of so many processes, which begins nothing more when the block is left by an error; none for one, which is this one."""
-    if processes == 1:
-        yield None
-        return
-    from toolbox.sweeps.executors import Workers
-
-    pool = Workers(processes)
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    pool.shutdown()

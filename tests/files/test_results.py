@@ -26,7 +26,9 @@ from toolbox import (
     work_precision,
     worst_case,
 )
+from toolbox.calibration.recording import Recording
 from toolbox.calibration.results import Fit
+from toolbox.calibration.validation import Validation, validate
 from toolbox.contacts import ContactProblem, ContactRun, step_contacts
 from toolbox.files.results import Result
 from toolbox.measuring.measures import mean
@@ -188,6 +190,17 @@ def of_basin():
     return basin(closed_loop(RIG, StiffPI(reference=10.0)), {"bit.speed": (0.0, "150 rpm")}, 12)
 
 
+def of_recording():
+    run = simulate(BELT, 8.0, output_times=np.linspace(0.0, 8.0, 161))
+    speed = run["block.speed"].copy()
+    speed[40:45] = math.nan  # no data: a flaw
+    return Recording.of({"time": run.time, "block.position": run["block.position"], "block.speed": speed}, BELT)
+
+
+def of_validation():
+    return validate(closed_loop(BELT), of_recording())
+
+
 MADE = {
     Sweep: of_sweep, Onset: of_onset, SeverityMap: of_severity_map,
     Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, LowestSetPoints: of_lowest_set_point,
@@ -196,6 +209,7 @@ MADE = {
     Prediction: of_prediction, ModelComparison: of_model_comparison, UncertainOnset: of_uncertain_onset,
     FrequencyResponse: of_frequency_response, StabilityChart: of_stability_chart, ModeShapes: of_mode_shapes,
     DescribingFunction: of_describing_function, TorqueDrag: of_torque_drag,
+    Recording: of_recording, Validation: of_validation,
 }  # fmt: skip
 
 
@@ -287,6 +301,12 @@ def test_arrays_in_a_file_are_named_by_where_they_stand(tmp_path):
         assert same(data["array.sticking.severity"], found.sticking.severity) and same(data["array.axes.1"], found.axes[1])
     with np.load(swept.save(tmp_path / "sweep.npz")) as data:
         assert same(data["array.measures.severity"], swept["severity"]) and same(data["array.points"], swept.points)
+
+
+def test_the_table_of_a_recording_is_read_as_a_log(tmp_path):
+    found = of_recording()
+    again = Recording.of(found.save(tmp_path / "log.csv"), BELT)
+    assert same(again.time, found.time) and same(again.signals, found.signals)
 
 
 def test_a_function_of_the_users_own_is_refused(tmp_path):

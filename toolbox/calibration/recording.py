@@ -13,6 +13,8 @@ from toolbox.arguments import mapping, number
 from toolbox.calibration.channels import chosen, numbers_of, scalar_unit, source_of, times_of
 from toolbox.errors import SceneError, suggest
 from toolbox.files.printing import columns as lines_of
+from toolbox.files.results import HeadedRows, Result
+from toolbox.files.tables import heading
 from toolbox.files.units import NumberOrText
 from toolbox.logs.cells import factor
 from toolbox.logs.flaws import KINDS, Flaw, increasing, is_null, marked, spacing
@@ -21,8 +23,8 @@ from toolbox.modelling.hybrid_system import HybridSystem
 
 
 @dataclass(frozen=True)
-class Recording:
-    """Signals of a machine at measured times: `print(recording)` tells what was found, `recording.plot()` draws it.
+class Recording(Result):
+    """Signals of a machine at measured times: `print(recording)` tells what was found, `recording.plot()` draws it, `recording.save("log.npz")` keeps it.
 
     Attributes
     ----------
@@ -49,6 +51,16 @@ class Recording:
     flaws: tuple[Flaw, ...] = ()
     notes: tuple[str, ...] = ()
     begin: float = 0.0
+
+    def _table(self) -> HeadedRows:
+        """One row per sample, with the units in the headings, as `of` reads it."""
+        heads = [heading("time", "s"), *(heading(name, self.units.get(name, "1")) for name in self.signals)]
+        return heads, np.column_stack([self.time, *self.signals.values()]).tolist()
+
+    def check_loaded(self) -> None:
+        """Raise ValueError where what was read does not fit together."""
+        if any(values.shape != self.time.shape for values in self.signals.values()):
+            raise ValueError("its signals do not have as many samples as its times")
 
     @staticmethod
     def of(

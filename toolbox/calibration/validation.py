@@ -13,14 +13,15 @@ from toolbox.calibration.fit import simulated
 from toolbox.calibration.panels import Panel
 from toolbox.calibration.trust import Residual, begins_apart, residual_of
 from toolbox.calibration.windows import Window
+from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import write
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 
 
 @dataclass(frozen=True)
-class Validation:
-    """What a machine does beside what was measured: `print(validation)`, `validation.plot()`.
+class Validation(Result):
+    """What a machine does beside what was measured: `print(validation)`, `validation.plot()`, `validation.save("beside.npz")`.
 
     Attributes
     ----------
@@ -47,6 +48,10 @@ class Validation:
         return "\n".join(
             [self.compared, *lines, *begins_apart(self.residuals, self.apart, self.asked, "give the loop the `start` that it had")]
         )
+
+    def _table(self) -> HeadedRows:
+        """One row per signal: its unit, the root mean square of its deviation, and that in parts of the measured range."""
+        return ["signal", "unit", "rms", "part of its range"], [[each.signal, each.unit, each.rms, each.part] for each in self.residuals]
 
     def plot(self) -> Any:
         """Draw what was measured against what is simulated, and the difference below. Returns the axes."""
@@ -99,5 +104,6 @@ def validate(
 
 def write_deviations(found: Mapping[str, Validation], path: Path) -> None:
     """Write the deviations of several machines {label: validation} as a table (csv)."""
-    rows = [[label, left.signal, left.unit, left.rms, left.part] for label, each in found.items() for left in each.residuals]
-    write(path, ["controller", "signal", "unit", "rms", "part of its range"], rows)
+    tables = {label: each._table() for label, each in found.items()}
+    head = next(iter(tables.values()))[0]
+    write(path, ["controller", *head], [[label, *row] for label, (_, rows) in tables.items() for row in rows])

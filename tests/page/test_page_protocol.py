@@ -443,7 +443,11 @@ def test_a_brake_that_is_held_at_a_speed_has_a_map_of_its_groan(monkeypatch):
     assert held.labels == ["HeldSpeed"] and (held.standstill, held.duration, held.after) == (None, 10.0, 5.0)
     monkeypatch.undo()
     with explore(held, port=0) as served:
-        assert sorted(ask(served, "scene")["laws"]["HeldSpeed"]["axes"]) == ["brake.force", "disc.reference"]
+        law = ask(served, "scene")["laws"]["HeldSpeed"]
+        assert sorted(law["axes"]) == ["brake.force", "disc.reference"]
+        assert {each["unit"] for each in law["controls"] if each["name"] == "disc.reference"} == {
+            "rad/s"
+        }  # as figures and reports of a brake
 
 
 def test_the_range_of_a_map_ends_where_the_machine_is_none():

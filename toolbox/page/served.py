@@ -146,7 +146,8 @@ class Page:
         with self._lock:
             if label not in self._looks:
                 loop = self.loops[label]
-                asked = {"rad/s": "rpm", **(self.scene.asked if self.scene is not None else loop.asked)}
+                usual = {"rad/s": "rpm"} if loop.plant.has_signal("top.speed") else {}  # of a drill string, where nobody typed another unit
+                asked = {**usual, **(self.scene.asked if self.scene is not None else loop.asked)}
                 controls = {control.number.name: control for control in controls_of(loop, asked)}
                 self._looks[label] = {"asked": asked, "controls": controls, "axes": [] if loop.standstill is not None else maps.axes_of([*controls.values()]),
                                       "kinds": {name: each.kind for name, each in loop.numbers().items()}}  # fmt: skip

@@ -11,6 +11,7 @@ import pytest
 
 from toolbox.commands.command_line import main
 from toolbox.commands.terminal import otherwise
+from toolbox.errors import SceneError
 from toolbox.scenes.scene import Scene
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
@@ -39,6 +40,17 @@ def test_what_is_asked_is_what_a_scene_with_the_law_and_the_input_says(tmp_path)
     own.write_text(text + '[inputs]\n"brake.force" = "1.2 kN"\n[[controllers]]\nlabel = "HeldSpeed"\nlaw = "HeldSpeed"\n')
     found, written = asked("brake_stop", "HeldSpeed", ["brake.force=1.2 kN"]), Scene.load(own)
     assert found == written and found.asked == written.asked  # in the unit that was typed
+
+
+@pytest.mark.parametrize("law", ["BrakePI", "BrakeMPC"])
+def test_a_law_that_is_sampled_only_is_refused_with_where_its_sample_time_is_said(law):
+    with pytest.raises(SceneError, match=f"Law `{law}` has no continuous form: name it in the scene, under .*, with its `sample_time`"):
+        asked("brake_stop", law)
+
+
+@pytest.mark.parametrize("law", ["StiffPI", "SoftTorque", "ZTorque", "SlidingMode", "IdealSlidingMode", "ActiveDamping", "LQR"])
+def test_laws_with_a_continuous_form_run(law):
+    assert asked("jansen_2", law).labels == [law]
 
 
 def test_a_body_with_many_contacts_has_no_law_of_its_own(capsys):

@@ -26,7 +26,7 @@ from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import FrictionLaw
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import UNITS
-from toolbox.modelling.laws import Controller
+from toolbox.modelling.laws import Controller, designed
 from toolbox.modelling.observers import Observer
 from toolbox.scenes import catalogue, keys
 from toolbox.scenes.cases import Case, Measured, Number, Waveform
@@ -234,8 +234,12 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
 
 
 def named_case(name: str, plant: HybridSystem, reference: float | None) -> Case:
-    """The case of a law of the catalogue with its own numbers, at the set-point of the scene."""
-    return _case({"label": name, "law": name}, "law", plant, reference)
+    """The case of a law of the catalogue with its own numbers, at the set-point of the scene. Raises SceneError for one that is sampled only."""
+    case = _case({"label": name, "law": name}, "law", plant, reference)
+    made = designed(case.law, plant)
+    if not isinstance(made, Controller) or type(made).continuous is Controller.continuous:
+        raise SceneError(f"Law `{name}` has no continuous form: name it in the scene, under [[controllers]], with its `sample_time`.")
+    return case
 
 
 def _law(item: Any, values: Mapping[str, Any], title: str, reference: float | None, also: Sequence[str] = ()) -> Any:

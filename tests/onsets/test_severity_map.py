@@ -249,7 +249,7 @@ def test_an_interrupted_map_goes_on_where_it_was(law, tmp_path, monkeypatch):
     assert journal.read_bytes() == b"".join(lines)
     np.testing.assert_array_equal(again.sticking.severity, whole.sticking.severity)
     np.testing.assert_array_equal(again.borders["sticking"], whole.borders["sticking"])
-    with pytest.raises(SceneError, match="Argument `out` must come from a search with the same arguments.*another `shape`"):
+    with pytest.raises(SceneError, match="Argument `out` must come from a search with the same arguments.*another `shape`. Name another"):
         severity_map(loop, OVER, **{**arguments, "shape": (3, 3)}, out=tmp_path / "map")
 
 

@@ -23,6 +23,9 @@ from toolbox.files.reading import TEXT, content
 
 FORMAT = "stickslip journal 2"
 
+_HASH = re.compile("[0-9a-f]{16}")
+"""What stands for a value in arguments, and says nothing to people."""
+
 EARLIER = "stickslip journal 1"
 """Without checksums."""
 
@@ -69,9 +72,10 @@ class Journal:
         for name in {**ours, **theirs}:
             if theirs.get(name) != ours.get(name):
                 old, new = (_shortened(each.get(name)) for each in (theirs, ours))
+                told = "" if _HASH.fullmatch(old) and _HASH.fullmatch(new) else f": {old} there, {new} here"
                 raise SceneError(
-                    f"Argument `{self._word}` must come from a search with the same arguments, but `{self.path}` is of another `{name}`: "
-                    f"{old} there, {new} here."
+                    f"Argument `{self._word}` must come from a search with the same arguments, but `{self.path}` is of another `{name}`{told}. "
+                    "Name another, or remove that one."
                 )
         for number, line in enumerate(lines[1:], 2):
             entry = _parsed(line)

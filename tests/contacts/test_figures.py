@@ -38,7 +38,7 @@ def test_the_shares_over_time_are_drawn_and_add_up_to_one(run):
 
 
 def test_a_map_shows_every_contact_in_its_mode(run):
-    ax = run.plot_map(run.end)
+    ax = run.plot_map()  # at the end
     drawn = {collection.get_label(): len(collection.get_offsets()) for collection in ax.collections}
     assert drawn == {
         word: int((run.modes[-1] == code).sum()) for code, word in enumerate(("stick", "slip", "open")) if (run.modes[-1] == code).any()

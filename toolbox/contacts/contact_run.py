@@ -328,13 +328,13 @@ class ContactRun:
     def _friction(self) -> dict[str, np.ndarray]:
         return {f"tangential {i}": self.tangential[:, :, i].sum(axis=1) for i in range(self.problem.directions)}
 
-    def plot_map(self, time: NumberOrText, values: str = "mode", ax: Any = None) -> Any:
-        """Draw the face at an instant [s]: values "mode", "pressure", "traction" or "rubbed" of every contact; returns the axes."""
+    def plot_map(self, time: NumberOrText | None = None, values: str = "mode", ax: Any = None) -> Any:
+        """Draw the face at an instant [s], by default at the end: values "mode", "pressure", "traction" or "rubbed" of every contact; returns the axes."""
         from toolbox.contacts.figures import draw_field, draw_modes
 
         if self.problem.places is None:
             raise SceneError("Argument `places` of the problem must be given for a picture of its contacts.")
-        time = number("time", time, "s", at_least=self.time[0], at_most=self.end * (1 + 1e-12))
+        time = number("time", self.end if time is None else time, "s", at_least=self.time[0], at_most=self.end * (1 + 1e-12))
         i = int(np.argmin(np.abs(self.time - time)))
         plane = face_of(self.problem.places)
         if values == "mode":

@@ -42,6 +42,12 @@ def test_what_is_asked_is_what_a_scene_with_the_law_and_the_input_says(tmp_path)
     assert found == written and found.asked == written.asked  # in the unit that was typed
 
 
+def test_an_input_that_only_a_later_law_asks_for_may_be_held():
+    assert asked("navarro_lopez_4").cases[0].law is None
+    held = asked("navarro_lopez_4", hold=["top.reference=120 rpm"])
+    assert held.inputs["top.reference"] == pytest.approx(4 * math.pi) and held.asked["rad/s"] == "rpm"
+
+
 @pytest.mark.parametrize("law", ["BrakePI", "BrakeMPC"])
 def test_a_law_that_is_sampled_only_is_refused_with_where_its_sample_time_is_said(law):
     with pytest.raises(SceneError, match=f"Law `{law}` has no continuous form: name it in the scene, under .*, with its `sample_time`"):

@@ -268,13 +268,16 @@ def _around(law: Controller, data: Any, where: str, reference: float | None) -> 
 
 
 def _asking(plant: HybridSystem, cases: Sequence[Case], names: Any) -> HybridSystem:
-    """The plant, or where its laws ask for an input that it has not, such as `top.reference`, the plant with the first of them."""
-    if not cases or not isinstance(names, Mapping) or all(plant.has_signal(name) or plant.has_parameter(name) for name in names):
-        return plant
-    try:
-        return ClosedLoop(plant, laws_of(cases[0].controller, None)).system
-    except SceneError as error:
-        raise SceneError(f"Controller `{cases[0].label}`: {error}") from None
+    """The plant, or where a law asks for an input that it has not, such as `top.reference`, the plant with the first law under which all names are known."""
+    system = plant
+    for case in cases if isinstance(names, Mapping) else ():
+        if all(system.has_signal(name) or system.has_parameter(name) for name in names):
+            break
+        try:
+            system = ClosedLoop(plant, laws_of(case.controller, None)).system
+        except SceneError as error:
+            raise SceneError(f"Controller `{case.label}`: {error}") from None
+    return system
 
 
 def _readings(data: Any, where: str, plant: HybridSystem) -> dict[str, float]:

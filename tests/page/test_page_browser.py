@@ -1,6 +1,6 @@
 """The page in a browser: what somebody who turns, types, drags and clicks gets to see."""
 
-import dataclasses
+import argparse
 import json
 import random
 import shutil
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from toolbox import Scene
-from toolbox.commands.terminal import with_law
+from toolbox.commands.terminal import otherwise
 from toolbox.onsets.study import verdict_of
 from toolbox.page import explore
 
@@ -186,7 +186,7 @@ def test_a_brake_engineer_finds_the_way_of_a_stop_and_from_which_force_on_the_pa
         assert tab.page.inner_text("#spectrum-name").startswith("of pad slip from ") and "HeldSpeed" in tab.page.inner_text("#map-words")
         assert tab.said == []
     stop = Scene.load(SCENES / "brake_stop.toml")
-    bench = dataclasses.replace(with_law(stop, "HeldSpeed"), standstill=None)
+    bench = otherwise(stop, argparse.Namespace(law="HeldSpeed", hold=()))
     with explore(bench, "10 s", port=0) as served, Tab(browser, served.address) as tab:
         tab.page.select_option("#axis-x", "brake.force")
         tab.until("map !== null && Boolean(map.last)", 120.0)

@@ -116,7 +116,8 @@ def all_in(path):
 def gains(path):
     """Proportional and integral gain of a PI law [N m s/rad, N m/rad], from the traces of its run."""
     with np.load(path) as run:
-        torque, error, angle = run["step.top.torque"], run["step.top.reference"] - run["step.top.speed"], run["step.pi.angle"]
+        reference = np.repeat(run["step.top.reference"], run["step.degree"] + 1)  # which changes in no step, and is kept once a step
+        torque, error, angle = run["step.top.torque"], reference - run["step.top.speed"], run["step.pi.angle"]
     return np.linalg.lstsq(np.column_stack([error, angle]), torque, rcond=None)[0]
 
 
@@ -140,7 +141,7 @@ def of_origin(folder):
         (re.escape(origin["command"]) + "$", None),
         (f"Versions: {re.escape(versions)}.$", None),
         (rf".*computed {re.escape(begun)}$", None),
-        (rf"[\w -]+: {origin['seconds']:.3g} s, begun {re.escape(origin['began'])}\.$", None),
+        (rf"[\w -]+: {origin['seconds']:.3g} s, begun {re.escape(begun)}\.$", None),
         ("file  SHA-256$|folder  file  SHA-256$", None),
     ]
     hashes = {str(folder / name): f"{folder}  {name}" for name in origin["files"]} | {name: name for name in origin["inputs"]}

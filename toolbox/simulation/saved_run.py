@@ -37,7 +37,7 @@ DEGREES = (1, 2, 4, 8, 16, 32)
 
 SAME, FINEST = (2e-11, 2e-5), 1e-12
 """How far polynomials may be from the run at the points between: parts of the size of a signal and of the accuracy of the run, whichever is less, and the
-least. What is read back is the same run, not another within its accuracy; at 1e-12 a well of 16 inertias under a sampled drive takes twice the time."""
+least. What is read back is the same run, not another within its accuracy; at 1e-12 a well of 16 inertias under a sampled drive takes 1.5 times the time."""
 
 CHUNK = 512
 """Steps that are sampled together."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -161,12 +161,14 @@ def _searched(
 ) -> Any:
     """The lowest set-points of all laws, or None where each fails; why they do is told among the failures."""
     from toolbox.robustness.lowest_set_point import LowestSetPoints
+    from toolbox.robustness.set_points import WAYS
     from toolbox.sweeps.executors import travelling
 
     found: LowestSetPoints | None = None
     places = [f"law {k} of {len(loops)}, " if len(loops) > 1 else "" for k in range(1, len(loops) + 1)]
-    search = partial(_of_one, before=before, groups=groups, margin=margin, given=_about_searches(given))
-    with side_by_side(min(given.processes, max(len(loops), 1))) as pool, travelling(search, loops):
+    asked = {"ways": given.way or WAYS, "between": (plain(given.low), plain(given.high)), "step": plain(given.step)}
+    search = partial(_of_one, before=before, groups=groups, margin=margin, out=given.out, quiet=given.quiet, **asked)
+    with side_by_side(min(given.processes, len(loops))) as pool, travelling(search, loops) if pool is not None else nullcontext():
         for label, one in zip(loops, (map if pool is None else pool.map)(search, places, loops.values()), strict=True):
             if isinstance(one, Exception):
                 failures[label] = one
@@ -175,29 +177,15 @@ def _searched(
     return found
 
 
-def _about_searches(given: argparse.Namespace) -> argparse.Namespace:
-    """What the search of a law, in this process or another one, has to know of the arguments."""
-    names = ("out", "quiet", "way", "low", "high", "step")
-    return argparse.Namespace(**{name: getattr(given, name) for name in names})
-
-
-def _of_one(place: str, loop: Any, *, before: Any, groups: list[Any], margin: float, given: argparse.Namespace) -> Any:
-    """The lowest set-points of one law, or the error why there are none."""
+def _of_one(place: str, loop: Any, *, before: Any, groups: list[Any], margin: float, out: Path | None, quiet: bool, **asked: Any) -> Any:
+    """The lowest set-points of one law, in this process or another one, or the error why there are none."""
     from toolbox.robustness.lowest_set_point import chosen_groups, lowest_set_point
-    from toolbox.robustness.set_points import WAYS, Trial
+    from toolbox.robustness.set_points import Trial
 
+    known, say = (out / "cells.jsonl" if out else None), (None if quiet else partial(_tell, place))
     try:
-        with _keeping(given.out):
-            return lowest_set_point(
-                loop,
-                before,
-                chosen_groups(Trial(loop, before), groups, margin=margin),
-                ways=given.way or WAYS,
-                between=(plain(given.low), plain(given.high)),
-                step=plain(given.step),
-                known=given.out / "cells.jsonl" if given.out else None,
-                say=None if given.quiet else partial(_tell, place),
-            )
+        with _keeping(out):
+            return lowest_set_point(loop, before, chosen_groups(Trial(loop, before), groups, margin=margin), known=known, say=say, **asked)
     except (SceneError, SimulationError) as error:
         return type(error)(str(error))
 

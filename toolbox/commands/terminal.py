@@ -279,7 +279,7 @@ def check_some(refused: Mapping[str, Exception], cases: Sequence[str]) -> None:
 @contextmanager
 def side_by_side(processes: int) -> Iterator[Any]:
     """An executor of so many processes, which begins nothing more when the block is left by an error; none for one, which is this one."""
-    if processes == 1:
+    if processes <= 1:
         yield None
         return
     from toolbox.sweeps.executors import Workers

@@ -20,6 +20,9 @@ SPELLINGS = {
 }  # fmt: skip
 """{spelling in small letters without spaces: unit as the toolbox writes it} of logs; tried where a unit does not fit as it is typed elsewhere."""
 
+KINDS = ("1", "s", "rad", "rad/s", "m", "m/s", "N", "N m", "Pa", "kg", "K", "W", "V", "A", "Hz", "m3/s", "kg/m3", "rad/s2", "m/s2")
+"""Units of what a column may hold: whatever fits to one of them is a unit."""
+
 EPOCHS = ((1e8, 5e9, 1.0), (1e11, 5e12, 1e-3), (1e14, 5e15, 1e-6), (1e17, 5e18, 1e-9))
 """(from, to, seconds) of numbers that count seconds, milliseconds, microseconds or nanoseconds since 1970."""
 
@@ -47,27 +50,7 @@ def is_unit(text: str) -> bool:
     text = text.strip()
     if text in ("", "-", "1", "%"):
         return True
-    for wanted in (
-        "1",
-        "s",
-        "rad",
-        "rad/s",
-        "m",
-        "m/s",
-        "N",
-        "N m",
-        "Pa",
-        "kg",
-        "K",
-        "W",
-        "V",
-        "A",
-        "Hz",
-        "m3/s",
-        "kg/m3",
-        "rad/s2",
-        "m/s2",
-    ):
+    for wanted in KINDS:
         with contextlib.suppress(SceneError):
             factor(text, wanted, "unit")
             return True

@@ -129,5 +129,5 @@ def _read(path: Path) -> dict[str, Any]:
         "duration": parse(data["duration"], "s", "duration"),
         "step": parse(data["step"], "s", "step"),
         "cases": cases or (Case("no controller"),),
-        "inputs": scene_file._inputs(given, "inputs", scene_file._asking(plant, cases, given)),
+        "inputs": scene_file.inputs_of(given, "inputs", plant, cases),
     }

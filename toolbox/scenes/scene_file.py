@@ -210,7 +210,7 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
     own = keys.names("[[controllers]]")
     if "law" not in data:
         _keys(data, label, ("label", "inputs"))
-        return Case(label, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", plant))
+        return Case(label, inputs=inputs_of(data.get("inputs", {}), f"{label}.inputs", plant, ()))
     named, known = data["law"], {}
     if isinstance(named, dict):
         _keys(named, f"{label}.law", None, ("law",))
@@ -332,10 +332,7 @@ def _named(data: Mapping[str, Any], name: str, current: Any, base: type, kind: s
 
 def inputs_of(data: Any, where: str, plant: HybridSystem, cases: Sequence[Case]) -> dict[str, float | Waveform]:
     """Inputs of a plant or of the laws of these cases, given by name as numbers, as text with a unit, or as tables of a shape."""
-    return _inputs(data, where, _asking(plant, cases, data))
-
-
-def _inputs(data: Any, where: str, system: HybridSystem) -> dict[str, float | Waveform]:
+    system = _asking(plant, cases, data)
     return {name: _input(value, name, _input_unit(system, name)) for name, value in _keys(data, where).items()}
 
 

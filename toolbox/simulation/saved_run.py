@@ -2,8 +2,8 @@
 
 A file holds data only, and needs neither the plant nor code to be read. Between its nodes every signal is a polynomial through its values at the
 Chebyshev-Lobatto points of the step, of the lowest degree from 1 to 32 that agrees with the run at points between to 2e-11 of the size of the signal, or to
-2e-5 of the accuracy of the run where that is less (J.-P. Berrut and L. N. Trefethen (2004), doi:10.1137/S0036144502417715). Therefore a run that is read back
-answers at any time, and is plotted, measured and compared like the run itself.
+2e-5 of the accuracy of the run where that is less, down to 1e-12 (J.-P. Berrut and L. N. Trefethen (2004), doi:10.1137/S0036144502417715). Therefore a run
+that is read back answers at any time, and is plotted, measured and compared like the run itself.
 
 Keys of the npz file: `time` [s], `begin` [s] and `end` [s]; one array per signal, named by it, at the recorded times; `<element>.mode` with 1, 0, -1 for
 slip+, stick, slip-, or what `modes.element`, `modes.number`, `modes.word` say, row by row; `modes.last`, a word for each element; `event.time`,

@@ -387,7 +387,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         """Write signals, modes and events to an npz file without pickle, whole or not at all; `Trajectory.load` reads it.
 
         The file holds the records, and every step as a polynomial of each signal, the same as `run.at` to 1e-10 of the size of the signal, or to 1e-4 of the
-        accuracy of the run where that is less. Its keys stand in `toolbox.simulation.saved_run`.
+        accuracy of the run where that is less, down to 1e-12. Its keys stand in `toolbox.simulation.saved_run`.
         """
         from toolbox.simulation.saved_run import write
 

@@ -9,7 +9,8 @@ import numpy as np
 from toolbox.modelling.elements import FRICTION, RIGID, SWITCH  # noqa: F401
 
 # --- status codes of `advance`
-DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND, NO_SERIES, GROWTH = range(11)
+(DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND, NO_SERIES, GROWTH,
+ NOT_FINITE) = range(12)  # fmt: skip
 
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length

@@ -22,13 +22,14 @@ import numpy as np
 from toolbox.arguments import number
 from toolbox.compilation import work_layout as layout
 from toolbox.compilation.program import Program, program_of
-from toolbox.errors import SceneError
+from toolbox.errors import ControllerError, SceneError, SimulationError
 from toolbox.export.c_language import STORED_TYPES, CTranslation, c_number, kinds_of
 from toolbox.export.model_c import model_text, signals_of
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.numbers import Number
 from toolbox.simulation.carry_out import formulas_of
+from toolbox.simulation.failures import not_finite
 from toolbox.simulation.methods import Explicit
 from toolbox.simulation.request import Request, accuracy_of
 from toolbox.simulation.run import Run
@@ -75,6 +76,7 @@ STATUS = {
     layout.UNDERFLOW: ("UNDERFLOW", "the steps have become too short"),
     layout.INCONSISTENT: ("INCONSISTENT", "no modes are consistent"),
     layout.NEGATIVE_BOUND: ("NEGATIVE_BOUND", "the bound of a friction is negative: is its load?"),
+    layout.NOT_FINITE: ("NOT_FINITE", "a controller gives a command, or remembers a value, that is no finite number"),
 }
 
 
@@ -202,10 +204,17 @@ class Machine:
 
 def why(status: int, work: Any, program: Program) -> str:
     """Why a machine cannot be stepped on, as the end of a sentence, with the contact that is in the way."""
+    if status == layout.NOT_FINITE:
+        return not_finite(program.system, int(work.ints[layout.CULPRIT]), float(work.reals[layout.TIME]), work.z)
     words = STATUS.get(status, ("", "it failed"))[1]
     if status == layout.NEGATIVE_BOUND:
         words = words.replace("a friction", f"`{program.system.elements[work.ints[layout.CULPRIT]].name}`")
     return words if words.endswith("?") else words + "."
+
+
+def stopped(status: int) -> type[SimulationError]:
+    """The kind of error of a machine that cannot be stepped on."""
+    return ControllerError if status == layout.NOT_FINITE else SimulationError
 
 
 # ---------------------------------------------------------------------------------------------------------------------------------------- refusals

@@ -15,8 +15,8 @@ import numpy as np
 from toolbox.arguments import mapping, number, whole
 from toolbox.compilation import work_layout as layout
 from toolbox.compilation.program import Program
-from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.export.machine_c import Entry, Machine, machine, why
+from toolbox.errors import SceneError, suggest
+from toolbox.export.machine_c import Entry, Machine, machine, stopped, why
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Sampled, names
@@ -233,7 +233,7 @@ class Stepper:
             if work.ints[layout.EVENTS]:
                 self.events += self._switches()
         if status != layout.DONE:
-            raise SimulationError(f"The machine cannot be stepped on from t = {self.time:.9g} s: {why(status, work, self._program)}")
+            raise stopped(status)(f"The machine cannot be stepped on from t = {self.time:.9g} s: {why(status, work, self._program)}")
         if self._reader is not None:
             self._reader(work.reals[layout.TIME], 0.0, *self._addresses)
         return self._values.copy()

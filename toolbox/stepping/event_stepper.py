@@ -50,8 +50,8 @@ def _due(w, t, every_node, undecided):
     for sampling in (False, True):  # a loop, so that the code for what follows a change is there once
         if sampling:
             status, changed = samples(w, t)
-            if status == layout.SAMPLE_DUE:
-                return layout.SAMPLE_DUE
+            if status != layout.DONE:
+                return status
             changed = changed or undecided
         else:
             changed = jumps(w, t)

@@ -122,8 +122,8 @@ def _advance(w):
             return layout.EVENTS_FULL
         changed = jumps(w, t)
         status, held = samples(w, t)
-        if status == layout.SAMPLE_DUE:
-            return layout.SAMPLE_DUE
+        if status != layout.DONE:
+            return status
         if w.ints[layout.STARTED] == 0 or changed or held:
             w.ints[layout.STARTED] = 1
             if every > 0:

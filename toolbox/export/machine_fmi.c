@@ -36,7 +36,7 @@ static int refused(Unit *u, const char *message) {
 static int stopped(Unit *u, const @NAME@_machine *w, int status) {
   char words[512];
   const double t = u->start + w->reals[AT_TIME];
-  const char *name = status == @UPPER@_NEGATIVE_BOUND ? @NAME@_element_name(@NAME@_culprit(w)) : 0;
+  const char *name = @NAME@_culprit_name(w, status);
   if (name) snprintf(words, sizeof words, "`%.300s` at t = %.9g s: %s", name, t, @NAME@_status_text(status));
   else snprintf(words, sizeof words, "at t = %.9g s: %s", t, @NAME@_status_text(status));
   return refused(u, words);
@@ -122,19 +122,30 @@ static int get_reals(Unit *u, const unsigned int *r, size_t n, double *value) {
   return 1;
 }
 
+/* Sets all of these numbers, or, where one is refused, none. */
 static int set_reals(Unit *u, const unsigned int *r, size_t n, const double *value) {
+  @NAME@_machine *w = &u->machine;
+  double wanted[SETTABLES + 1];
   size_t k;
+  memcpy(wanted, w->wanted, SETTABLES * sizeof *wanted);
   for (k = 0; k < n; ++k) {
     const long i = (long)r[k];
-    int done = 0;
     if (i > 0 && i < FIRST_STATE) {
       if (u->phase == CONTINUOUS && i > @UPPER@_INPUTS) return refused(u, "a parameter is to be set in event mode, or between communication steps");
-      done = @NAME@_set(&u->machine, (int)i - 1, value[k]) == @UPPER@_DONE;
-      if (done && u->phase == CONTINUOUS) u->machine.p[@NAME@_places[i - 1]] = value[k];
-    } else if (i >= FIRST_STATE && i < FIRST_STATE + STATES) {
-      done = u->phase <= STARTING && @NAME@_set_state(&u->machine, (int)(i - FIRST_STATE), value[k]) == @UPPER@_DONE;
+      wanted[i - 1] = value[k];
+    } else if (i < FIRST_STATE || i >= FIRST_STATE + STATES || u->phase > STARTING || !isfinite(value[k])) {
+      return refused(u, "only inputs, parameters, and before the first step states can be set, to finite numbers");
     }
-    if (!done) return refused(u, "only inputs, parameters, and before the first step states can be set, to finite numbers within their bounds");
+  }
+  if (!@NAME@_allowed(wanted)) return refused(u, "inputs and parameters must be finite, within their bounds, and allowed beside one another");
+  for (k = 0; k < n; ++k) {
+    const long i = (long)r[k];
+    if (i < FIRST_STATE) {
+      w->wanted[i - 1] = value[k];
+      if (w->ints[AT_STARTED] == 0 || u->phase == CONTINUOUS) w->p[@NAME@_places[i - 1]] = value[k];
+    } else {
+      @NAME@_set_state(w, (int)(i - FIRST_STATE), value[k]);
+    }
   }
   u->fresh = 0;
   if (!u->exchange || u->phase <= STARTING) u->shown = STALE;

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from toolbox.errors import SceneError
 from toolbox.export.c_code import declared_c
-from toolbox.export.fmu_archive import FOLDERS, REAL, compiler_here, fmu_archive, refusing
+from toolbox.export.fmu_archive import FOLDERS, REAL, compiler_here, fmu_archive, folder_here, refusing
 from toolbox.export.law_text import Declared, c_paths
 from toolbox.files.reading import TEXT, content
 from toolbox.files.units import NumberOrText
@@ -89,6 +89,7 @@ def export_fmu(
         raise SceneError(f'Argument `version` must be "2.0" or "3.0", but it is {version!r}.')
     along = {f"resources/{Path(each).name}": content(Path(each), TEXT) for each in resources}
     compiler_here()
+    folder_here(version)
     if part == "loop" or (part is None and not loop.laws):
         from toolbox.export.machine_fmu import written_unit  # here, because few programs need it
 

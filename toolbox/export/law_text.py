@@ -15,7 +15,6 @@ from toolbox.export.casadi_text import casadi_text
 from toolbox.export.refusals import Refusals
 from toolbox.files.atomic import replaced_together
 
-
 OUTSIDE = 12
 """What a step of a law returns for gains that are refused; `NOT_FINITE` is that of a machine."""
 

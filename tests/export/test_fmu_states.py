@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from controllers import PI
-from models import BitRock, wells
+from models import BitRock, BlockOnBelt, wells
+from tests.export.test_machine_c import Overflowing, overflow
 from tests.export.test_machine_fmu import VERSIONS, Instance
 from toolbox import SceneError, closed_loop, compose, export_fmu, simulate
 from toolbox.export import fmu_archive
@@ -165,3 +166,22 @@ def test_an_fmu_that_is_made_on_arm_has_its_binary_in_the_folder_of_arm(monkeypa
     with pytest.raises(SceneError, match=r'FMI 2.0 has no folder .* aarch64: write a loop with `version="3.0"`'):
         export_fmu(LOOP, tmp_path / "law.fmu")
     assert fmpy.read_model_description(str(path)).fmiVersion == "3.0"
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
+def test_a_controller_that_gives_no_finite_number_is_an_error_with_its_name(tmp_path, capfd, version, kind):
+    loop = closed_loop(compose(BlockOnBelt()), Overflowing(), sample_time=0.01)
+    path = export_fmu(loop, tmp_path / "belt.fmu", part="loop", duration=1.0, version=version)
+    last = overflow(1e10) * 0.01
+    if kind == "CoSimulation":
+        unit = Instance(path).started(**{"overflowing.growth": 1e10})
+        unit.step(0.0, last - 0.005)
+        with pytest.raises(Exception, match="DoStep"):
+            unit.step(last - 0.005, 1.0)
+        unit.close()
+    else:
+        with pytest.raises(Exception, match="NewDiscreteStates|UpdateDiscreteStates|EnterEventMode"):
+            fmpy.simulate_fmu(str(path), stop_time=1.0, fmi_type=kind, start_values={"overflowing.growth": 1e10})
+    told = capfd.readouterr()
+    assert f"`block.force of Overflowing` at t = {last:.9g} s" in told.out + told.err

@@ -125,6 +125,16 @@ def test_a_controller_in_python_that_answers_no_number_is_named(bad):
     assert found.value.run.last["tank.level"] == pytest.approx(0.05)
 
 
+def test_a_controller_in_python_that_overflows_is_named():
+    def squaring(t, y):
+        return (1.0 + 1e200 * (t > 0.025)) ** 2.0  # an OverflowError of Python
+
+    squaring.measures, squaring.drives = ("tank.level",), ("tank.inflow",)
+    with pytest.raises(ControllerError, match=r"at t = 0.03 s `squaring` overflows") as found:
+        simulate(PLANT, 1.0, controller=Sampled(squaring, PERIOD))
+    assert found.value.run.last["tank.level"] == pytest.approx(0.03)
+
+
 @dataclass(frozen=True)
 class Around(Growing):
     """A law around one in Python: its own clip stands behind the answer of the other."""

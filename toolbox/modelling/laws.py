@@ -329,11 +329,16 @@ class External(Component):
         Raises ControllerError where it returns something else than one finite number for each of `drives`.
         """
         y = np.array([self.sensors.reading(name, value, noise.get(name, 0.0)) for name, value in zip(self.asked, values, strict=True)])
-        answer = law(time, y)
+        title = getattr(law, "__name__", type(law).__name__)
+        try:
+            answer = law(time, y)
+        except OverflowError as error:  # of Python, where numpy has an infinite number
+            raise ControllerError(
+                f"The controller must compute finite numbers, but at t = {time:g} s `{title}` overflows: {error}."
+            ) from error
         found = finite_array(answer)
         if found is None or found.size != len(self.drives):
             wanted = f"{len(self.drives)} finite value(s) for {', '.join(self.drives)}"
-            title = getattr(law, "__name__", type(law).__name__)
             raise ControllerError(f"The controller must return {wanted}, but at t = {time:g} s `{title}` returned {answer!r}.")
         return found.ravel()
 

@@ -177,7 +177,7 @@ def gains(random: np.random.Generator, loop: ClosedLoop) -> dict[str, float]:
     """Other numbers of the controller of a loop, by name."""
     values = loop.closed.system
     names = [entry for entry in values.parameters.values() if not loop.plant.has_parameter(entry.name) and entry.size is None]
-    names = [entry for entry in names if not entry.name.endswith(".period")]  # a sample time is structure
+    names = [entry for entry in names if loop.number(entry.name).kind == "parameter"]  # no sample time, and nothing that a design reads
     chosen = [entry for entry in names if random.random() < 0.4]
     return {entry.name: number(random, float(values.parameter(entry.name)), entry.bounds) for entry in chosen}
 
@@ -202,11 +202,15 @@ def in_lanes(loop: ClosedLoop, duration: float, rows: list[dict[str, float]], ra
     try:
         run = shared_run(loop, listed(table), duration, method="explicit")
         made = Lanes(run, [measures.maximum(name) for update in system.updates for name in update.names])
+        numbers, broken = varied_numbers(run, listed(table))
     except SceneError as error:
         yield "left out", str(error)
         return
-    batch = made.run(varied_numbers(run, listed(table))[0], np.tile(made.work.x[: system.x.numel()], (len(table), 1)))
+    batch = made.run(numbers, np.tile(made.work.x[: system.x.numel()], (len(table), 1)))
     for i, row in enumerate(table):
+        if i in broken:
+            yield "right", "refused"
+            continue
         good = batch.statuses[i] == 0
         if good and not (np.isfinite(batch.states[i]).all() and np.isfinite(batch.values[i]).all()):
             yield "nan", f"lane of {row}"

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import numbers
 from toolbox.commands.recording import answer
-from toolbox.commands.terminal import asked_otherwise, common, complaint, loaded, pairs, plain, ranges
-from toolbox.errors import SceneError, suggest
+from toolbox.commands.terminal import asked_otherwise, check_known, common, complaint, loaded, pairs, plain, ranges
+from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in
 
 if TYPE_CHECKING:
@@ -130,11 +130,10 @@ def with_numbers(
     """
     loops: dict[str, ClosedLoop] = {}
     failures: dict[str, Exception] = {}
-    known: set[str] = set()
+    check_known(scene, labels, names)
     for label in labels:
         try:
             loop = scene[label]
-            known |= loop.numbers().keys()
             for name in names:
                 if verb is None:
                     loop.number(name)
@@ -144,9 +143,6 @@ def with_numbers(
         except SceneError as error:
             failures[label] = error
     if not loops:
-        unknown = next((name for name in names if known and name not in known), None)
-        if unknown is not None:  # the law that has the nearest name need not be the first
-            raise SceneError(f"There is no number `{unknown}`: {suggest(unknown, known)}")
         raise failures[labels[0]]
     return loops, failures
 

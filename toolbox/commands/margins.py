@@ -12,6 +12,7 @@ from toolbox.commands import figures
 from toolbox.commands.recording import results
 from toolbox.commands.terminal import (
     asked_otherwise,
+    check_known,
     check_some,
     common,
     drawn_as,
@@ -72,6 +73,7 @@ def run(given: argparse.Namespace) -> int:
             "Argument `SCENE.toml` must have a controller, because margins are those of a control law, but none of its cases has one."
         )
     wrong = _wrong(given.wrong)
+    check_known(scene, labels, wrong)
     if given.duration and not wrong:
         raise SceneError("Argument `--duration` must stand beside `--wrong`: margins need no run of it.")
     duration = number("--duration", plain(given.duration or DURATION), "s", above=0)

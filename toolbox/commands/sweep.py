@@ -15,6 +15,7 @@ from toolbox.commands import figures
 from toolbox.commands.recording import results
 from toolbox.commands.terminal import (
     asked_otherwise,
+    check_known,
     check_some,
     common,
     drawn_as,
@@ -165,6 +166,7 @@ def _variations(given: argparse.Namespace, scene: Any, label: str) -> Variations
         return _rows(given.rows, scene, label)
     counted = given.sampling == "grid"
     parts = ranges("--vary", given.vary, counted=counted)
+    check_known(scene, scene.labels, parts)
     spans = {name: numbers(name, ends[:2], scene[label].number(name).unit) for name, ends in parts.items()}
     if counted:
         for name, (low, high) in spans.items():
@@ -204,6 +206,7 @@ def run_map(given: argparse.Namespace) -> int:
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     shape = shape_of(given.shape)
     over = ranges("--x", [given.x]) | ranges("--y", [given.y])
+    check_known(scene, labels, over)
     failures: dict[str, Exception] = {}
     given.found = {}
     new = not given.out.exists()

@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program
 from toolbox.errors import BudgetError, NoModes, SimulationError, ZenoError
@@ -188,7 +189,7 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
 
 def _labels(program: Program) -> list[str]:
     """The name of every entry of the states."""
-    return [name if size is None else f"{name}.{i}" for name, (_, size, _) in program.system.states.items() for i in range(size or 1)]
+    return [name if size is None else f"{name}.{i}" for name, (_, size, _) in program.system.states.items() for i in range(count_of(size))]
 
 
 TOLD_APART = 1e-5

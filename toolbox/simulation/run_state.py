@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import FloatArray, finite_array
+from toolbox.arguments import FloatArray, count_of, finite_array
 from toolbox.errors import SceneError
 from toolbox.modelling.closing import kind_of
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -119,9 +119,9 @@ class RunState:
         for name, first, size in self.layout:
             if name in given:
                 array = finite_array(given[name])
-                if array is None or (array.ndim and array.shape != (size or 1,)):
-                    raise SceneError(f"Argument `{name}` must be {size or 1} finite number(s), but it is {given[name]!r}.")
-                values[first : first + (size or 1)] = array
+                if array is None or (array.ndim and array.shape != (count_of(size),)):
+                    raise SceneError(f"Argument `{name}` must be {count_of(size)} finite number(s), but it is {given[name]!r}.")
+                values[first : first + count_of(size)] = array
         for name, first, size in self.layout:  # an entry that is named beside its vector wins
             for i in range(size or 0):
                 values[first + i] = given.get(f"{name}.{i}", values[first + i])

@@ -8,6 +8,9 @@ import numpy as np
 
 from toolbox.modelling.elements import FRICTION, RIGID, SWITCH  # noqa: F401
 
+UNDECIDED = 9.0
+"""Mode at the start of an element that begins as the states and forces say."""
+
 # --- status codes of `advance`
 DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND, NO_SERIES, GROWTH = range(11)
 
@@ -62,7 +65,8 @@ class Work(NamedTuple):
     group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
     side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
-    kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
+    kind, initial: kind of each element and its mode at the start, UNDECIDED where the states and forces decide;
+    attached: the rigid contact that loads a friction, or -1;
     loader: the unilateral contact without which a friction has no load, -1, or SECOND;  bound: what changes the bound of each element, see above;
     bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after, and whether other modes were

@@ -157,7 +157,7 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
     if status == work_layout.INCONSISTENT:
         inside = (
             [e.name for e in program.system.elements if e.rigid and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
-            if t == 0.0
+            if not work.ints[work_layout.STARTED]
             else []
         )
         if inside:

@@ -14,7 +14,7 @@ DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSI
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED,
- CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, BOUNDS, SERIES, OPENED, INTS) = range(31)  # fmt: skip
+ CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, BOUNDS, SERIES, OPENED, LEVERS, INTS) = range(32)  # fmt: skip
 
 
 FORMULAS = (FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, SERIES, ORDER, IMPLICIT, TWO_ERRORS)
@@ -64,6 +64,7 @@ class Work(NamedTuple):
     side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
     kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
     loader: the unilateral contact without which a friction has no load, -1, or SECOND;  bound: what changes the bound of each element, see above;
+    lever: 1 for a friction whose lever may vanish;
     bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after, and whether other modes were
     consistent, too); jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
@@ -102,6 +103,7 @@ class Work(NamedTuple):
     initial: np.ndarray
     attached: np.ndarray
     loader: np.ndarray
+    lever: np.ndarray
     bound: np.ndarray
     bounced: np.ndarray
     rec_t: np.ndarray
@@ -125,9 +127,10 @@ class Work(NamedTuple):
 
 KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Work._fields, ("float64", 1)) | {
     "ints": ("int64", 1), "group": ("int64", 1), "slot": ("int64", 1), "kind": ("int64", 1), "attached": ("int64", 1), "loader": ("int64", 1),
-    "bound": ("int64", 1), "excited": ("int64", 1), "armed": ("bool", 1), "fired": ("bool", 1), "zero": ("bool", 1), "forced": ("bool", 1),
-    "bounced": ("bool", 1), "rec_x": ("float64", 2), "rec_m": ("int8", 2), "rec_p": ("float64", 2), "ev_i": ("int32", 1), "ev_m": ("int8", 2),
-    "jump_first": ("int64", 1), "jump_index": ("int64", 1), "samplers": ("int64", 2), "clocks": ("float64", 2), "keys": ("uint64", 1), "queue": ("float64", 3),
+    "lever": ("int64", 1), "bound": ("int64", 1), "excited": ("int64", 1), "armed": ("bool", 1), "fired": ("bool", 1), "zero": ("bool", 1),
+    "forced": ("bool", 1), "bounced": ("bool", 1), "rec_x": ("float64", 2), "rec_m": ("int8", 2), "rec_p": ("float64", 2), "ev_i": ("int32", 1),
+    "ev_m": ("int8", 2), "jump_first": ("int64", 1), "jump_index": ("int64", 1), "samplers": ("int64", 2), "clocks": ("float64", 2), "keys": ("uint64", 1),
+    "queue": ("float64", 3),
 }  # fmt: skip
 """{field of `Work`: (dtype, number of dimensions)}."""
 

@@ -15,6 +15,10 @@ and is free (F_i = 0) in mode 1. A switch has no multiplier: its mode is a numbe
 
     sticking: sum_j A_ij P_j = -(1 + e_i) v_i        sliding:  P_i + m_i K_i P = 0
 
+A lever may vanish, as that of a crank at its dead centre: slip = p(q) w with p = 0. There the slip passes through zero however fast the shaft turns, A is zero,
+and no force can hold it. A contact is therefore put at zero slip only where its own force keeps it there, |F_i| <= static_i; elsewhere the state stays as it is
+and force decides the mode, with which a slip that was positive goes on as a negative one.
+
 A friction with two slip directions has two rows, which hold and slide together, and its force a direction (`toolbox.modelling.two_directions`).
 """
 
@@ -62,6 +66,8 @@ class Switching(NamedTuple):
         For every element the number of the unilateral contact without which it has no load, or -1.
     open_field, balance
         Where forces hold each other, dx/dt with the forces as symbols, and what these forces make zero; empty elsewhere.
+    levers
+        1 for every friction whose lever may vanish, else 0.
     probed
         What the loops decide modes by, [slip | slip rate | force | bound | pace] of all elements: pace is the slip rate that a force at its bound makes.
     """
@@ -82,8 +88,15 @@ class Switching(NamedTuple):
     loader: tuple[int, ...]
     open_field: ca.SX
     balance: ca.SX
+    levers: tuple[int, ...]
     probed: ca.SX
 
+
+VANISHING = 1e-60
+"""What is added to the gain of a lever that may vanish: the force that would hold its slip there is then too large, not undefined."""
+
+HELD = 1e-6
+"""By what part of its bound the force of a contact whose lever may vanish may exceed it where the contact is put at zero slip: events are located so far."""
 
 NEIGHBOURS = 4
 """From how many contacts away, each of which holds the next, the round-off of a force is counted: with every one it falls by half or more."""
@@ -111,6 +124,8 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     slip_of_state = ca.jacobian(slip, x)
     gain = ca.sparsify(ca.mtimes(slip_of_state, gain_of_force))
     _check_forces(elements, force, static, gain_of_force, coupling, gain)
+    levers = _levers(elements, slip_of_state, gain_of_force, ca.vertcat(t, x))
+    floor = ca.SX(ca.DM([VANISHING * lever for lever in levers])) if any(levers) else None
     free = ca.substitute(flow, force, ca.SX.zeros(force.shape))
     free_rate = ca.mtimes(slip_of_state, free) + ca.jacobian(slip, t)
     zero = ca.SX.zeros(force.shape)
@@ -124,6 +139,8 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         """
         laws = cones.at_speed(free_sliding, speeds)
         matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(1 - sticks) + ca.diag(side) @ cones.at_speed(coupling, speeds))
+        if floor is not None:
+            matrix = ca.sparsify(matrix + ca.diag(sticks * floor))
         if yielding is not None:
             matrix = ca.sparsify(matrix + ca.diag(yielding))
         right = -(sticks * free_rate + side * free_load * laws)
@@ -136,18 +153,19 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     sticks, side, speeds = holds * (1 - own_mode * own_mode), mode, ca.SX(0, 1)
     if cones.places:
         tried, yielding = cones.trial(sticks, side), None
-        holding = balanced(*tried).force
+        trial = balanced(*tried)
         for _ in range(cones.sweeps(gain)):
-            yielding = cones.yielding(holding, yielding, free_load, free_sliding, gain)
-            holding = balanced(*tried, yielding).force
-        side, speeds = cones.directed(holding, ca.substitute(static, force, holding), side, gain)
-    slides = 1 - sticks
+            yielding = cones.yielding(trial.force, yielding, free_load, free_sliding, gain)
+            trial = balanced(*tried, yielding)
+        side, speeds = cones.directed(trial.force, ca.substitute(static, force, trial.force), side, gain)
     matrix, right, solved = balanced(sticks, side, speeds)
     terms, open_field, balance = ca.fabs(solved), ca.SX(0, 1), ca.SX(0, 1)
     if not matrix.sparsity().is_diag():
         terms = _sizes(matrix, right, solved)
         open_field = _held_exactly(free + gain_of_force @ force, slip, slip_of_state, x, t, sticks)
         balance = matrix @ force - right
+    if cones.places:
+        terms = cones.rounded(terms, solved, trial.force, _sizes(*trial))
     bound = ca.substitute(static, force, solved)
     field = _held_exactly(free + gain_of_force @ solved, slip, slip_of_state, x, t, sticks)
     slip_rate = free_rate + gain @ solved
@@ -160,8 +178,13 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
-    of_impulse = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides))  # sticking rows as for forces, sliding ones give no impulse
-    projected = _project(x, slip, slip_of_state, gain_of_force, of_impulse, sticks)
+    held = ca.SX(sticks)
+    for i in np.flatnonzero(levers).tolist():  # squares, since a size would be a kink
+        held[i] = sticks[i] * (solved[i] ** 2 <= ((1 + HELD) * bound[i]) ** 2)
+    of_impulse = ca.sparsify(ca.diag(held) @ gain + ca.diag(1 - held))  # held rows as for forces, others give no impulse
+    if floor is not None:
+        of_impulse = ca.sparsify(of_impulse + ca.diag(held * floor))
+    projected = _project(x, slip, slip_of_state, gain_of_force, of_impulse, held)
     burden = ca.fabs(gain_of_force) @ terms
     attached, impulse = [-1] * len(elements), None
     rigid = [i for i, element in enumerate(elements) if element.rigid]
@@ -180,8 +203,21 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, solved, bound, pace)))
     return Switching(
         field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,
-        probed,
+        levers, probed,
     )  # fmt: skip
+
+
+def _levers(elements: Sequence[Element], slip_of_state: ca.SX, gain_of_force: ca.SX, along: ca.SX) -> tuple[int, ...]:
+    """1 for every friction all of whose ways to act on its own slip change with the states or time, so that all can vanish at once, else 0.
+
+    A relay has no law and is none: at a surface that its switch does not reach it must not hold by force what it cannot.
+    """
+    found = []
+    for i, element in enumerate(elements):
+        alone = element.law is not None and element.slides and element.directions == 1 and not element.second
+        columns = [j for j in slip_of_state[i, :].sparsity().get_col() if gain_of_force.has_nz(j, i)] if alone else []
+        found.append(int(bool(columns) and len(depending([slip_of_state[i, j] for j in columns], along)) == len(columns)))
+    return tuple(found)
 
 
 def _sizes(matrix: ca.SX, right: ca.SX, solved: ca.SX) -> ca.SX:

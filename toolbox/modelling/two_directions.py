@@ -113,6 +113,17 @@ class Cones:
             speeds.append(follows * self._speed(i) + (1 - follows) * self.along[i])
         return side, ca.vertcat(*speeds)
 
+    def rounded(self, terms: ca.SX, force: ca.SX, holding: ca.SX, held: ca.SX) -> ca.SX:
+        """The terms of all forces, with what the round-off of a trial does to those whose direction follows the pull.
+
+        held: the terms of the forces of the trial, of which a component of the pull can be no more than the round-off, as where another contact holds it.
+        """
+        terms = ca.SX(terms)
+        for i in self.places:
+            pulled = self._pulled(i)
+            terms[i : i + 2] += pulled * length(force[i : i + 2]) * held[i : i + 2] / length(holding[i : i + 2], 1 - pulled)
+        return terms
+
     def moving_at(self, rates: ca.SX) -> None:
         """Set the speeds at which slip counts as ended, and from which on the force has the direction of the slip."""
         stop, start, share = ca.vertsplit(self.times)

@@ -300,7 +300,7 @@ def advance(w, series):
         if every_node and h > 0.0:
             record(w, t_new, w.x)
         if event:
-            status = after_event(w, t_new)
+            status = after_event(w, t_new, h == 0.0)
             if status != layout.DONE:
                 return status
             if every_node:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.guards import bounds_hold, flies, guard_size, loads_hold, nudge, project, refresh, two_directions
+from toolbox.stepping.guards import bounds_hold, flies, guard_size, loads_hold, nudge, project, refresh, two_directions, without_lever
 from toolbox.stepping.impacts import impact
 from toolbox.translation.words import call
 
@@ -69,7 +69,39 @@ def decide(w, t):
                 w.m[i] = 0.0
                 if not modes_consistent(w, t, False, -1):
                     w.m[i] = mode
+    if settled and w.ints[layout.LEVERS] > 0:
+        _let_pass(w, t)
     return settled
+
+
+LOOKS = 7
+"""How many times are tried in which a slip without lever shows the way it goes: each is ten times longer than the one before, the last 4e-4 of the run."""
+
+
+def _let_pass(w, t):
+    """Let frictions slide whose lever is exactly zero while what they rub on moves, or is set in motion: no force holds such a slip, and its rate is zero, too.
+
+    They slide the way that a few short steps show. Where those show none, all is at rest.
+    """
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
+    for i in range(ne):
+        if not w.zero[i] or not without_lever(w, i):
+            continue
+        w.m[i] = 1.0
+        slip, h = 0.0, 1e-10 * w.reals[layout.HORIZON]
+        for _ in range(LOOKS):
+            for j in range(n):
+                w.x_other[j] = w.x[j]
+            for step in range(4):  # a force that begins at zero moves the lever in the third
+                call(w.ints[layout.FIELD], t + step * h, 0.0, w.x_other, w.k, w.p, w.m, w.y)
+                for j in range(n):
+                    w.x_other[j] += h * w.y[n + j]
+            call(w.ints[layout.PROBE], t + 4.0 * h, 0.0, w.x_other, w.k, w.p, w.m, w.y)
+            slip = w.y[i]
+            if slip != 0.0:
+                break
+            h *= 10.0
+        w.m[i] = 0.0 if slip == 0.0 or not math.isfinite(slip) else math.copysign(1.0, slip)
 
 
 def turn_switches(w):
@@ -135,8 +167,11 @@ def mark(w, again):
         w.fired[j] = (near and not again and not alone and not flying) or j == w.ints[layout.LOCATED]
 
 
-def fire(w, t):
-    """Handle the marked guards: kinks change side, switches turn, elements are put at zero slip or released, and modes are decided."""
+def fire(w, t, again):
+    """Handle the marked guards: kinks change side, switches turn, elements are put at zero slip or released, and modes are decided.
+
+    again: whether a guard that was at zero has gone below it from the start of a step.
+    """
     ne, ng = w.ints[layout.NE], w.ints[layout.NG]
     kink, strike = False, False
     for j in range(2 * ne, ng - w.ints[layout.BOUNDS]):
@@ -151,7 +186,7 @@ def fire(w, t):
     if strike:
         impact(w, t)
     else:
-        _come_to_rest(w, t)
+        _come_to_rest(w, t, again)
         _release(w)
     events = w.ints[layout.EVENTS]
     if not settle(w, t):
@@ -164,12 +199,25 @@ def fire(w, t):
     return True
 
 
-def _come_to_rest(w, t):
-    """Put frictions whose slip has ended at zero slip."""
+BEYOND = 1e3
+"""From how many times its bound the force that would hold a contact is that of a lever about to vanish, whose slip its motion decides."""
+
+
+def _cannot_hold(w, t, i):
+    """Whether the force that would hold element i is far beyond its bound, as where its lever is almost zero. Leaves its mode as it is."""
+    ne, mode = w.ints[layout.NE], w.m[i]
+    w.m[i] = 0.0
+    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    w.m[i] = mode
+    return not abs(w.z[2 * ne + i]) <= BEYOND * w.z[3 * ne + i]
+
+
+def _come_to_rest(w, t, again):
+    """Put frictions whose slip has ended at zero slip; one that begins at zero and goes the other way than its mode, and that no force holds, does so."""
     ended = False
     for i in range(w.ints[layout.NE]):
         if w.kind[i] == layout.FRICTION and w.before[i] != 0.0 and w.fired[2 * i]:
-            if flies(w, i):
+            if flies(w, i) or (again and w.lever[i] == 1 and _cannot_hold(w, t, i)):
                 w.m[i] = -w.m[i]
                 continue
             w.m[i] = 0.0  # its slip has been projected to zero already, in two directions it is now

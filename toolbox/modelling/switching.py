@@ -131,6 +131,8 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     zero = ca.SX.zeros(force.shape)
     # the factors of the law are grouped so that all but the law itself is constant over a step
     free_load, free_sliding = ca.substitute(load, force, zero), ca.substitute(sliding, force, zero)
+    # a contact with the ground takes what it holds before others see it: what is left for these is then zero, not round-off that turns their direction
+    order = sorted(range(len(elements)), key=lambda i: slip_of_state[i - elements[i].second, :].nnz())
 
     def balanced(sticks: ca.SX, side: ca.SX, speeds: ca.SX, yielding: ca.SX | None = None) -> Balance:
         """Forces for given elements that stick, directions in which the others slide, and slip speeds of those with two directions.
@@ -147,6 +149,8 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         if matrix.sparsity().is_diag():
             pivot = ca.diag(matrix)
             return Balance(matrix, right, -(sticks / pivot) * free_rate - (side * free_load / pivot) * laws)
+        if cones.places:
+            return Balance(matrix, right, masked_solve(matrix[order, order], right[order])[np.argsort(order).tolist()])
         return Balance(matrix, right, masked_solve(matrix, right))
 
     own_mode = cones.shared(mode)

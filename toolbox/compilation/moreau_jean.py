@@ -29,7 +29,6 @@ import numpy as np
 from toolbox.compilation.emitter import Body, inline
 from toolbox.compilation.formulas import ClosedEquations, Formulas, StepCode
 from toolbox.modelling.elimination import masked_solve
-from toolbox.modelling.switching import VANISHING
 
 
 @dataclass(frozen=True)
@@ -112,9 +111,8 @@ def trial_step(theta: float, equations: ClosedEquations) -> ca.Function:
     slides = 1 - sticks
     target = -elastic * restitution * slip
 
-    floor = ca.diag(ca.SX(VANISHING * ca.DM(form.levers)))
     top = ca.horzcat(ca.SX.eye(n) - h * theta * slopes, -h * inputs)
-    stick_rows = ca.horzcat(h * theta * ca.mtimes(to_slip, slopes), h * ca.mtimes(to_slip, inputs) + floor)
+    stick_rows = ca.horzcat(h * theta * ca.mtimes(to_slip, slopes), h * ca.mtimes(to_slip, inputs) + h * ca.diag(form.floor))
     law_rows = ca.horzcat(
         ca.diag(mode * straight) @ (theta * about(at_side(ca.jacobian(kinetic, x)))),
         ca.SX.eye(ne) + ca.diag(mode) @ at_side(ca.jacobian(kinetic, force)),

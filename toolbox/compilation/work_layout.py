@@ -9,12 +9,26 @@ import numpy as np
 from toolbox.modelling.elements import FRICTION, RIGID, SWITCH  # noqa: F401
 
 # --- status codes of `advance`
-DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND, NO_SERIES, GROWTH = range(11)
+(
+    DONE,
+    RECORDS_FULL,
+    EVENTS_FULL,
+    PAUSED,
+    SAMPLE_DUE,
+    ENDLESS,
+    UNDERFLOW,
+    INCONSISTENT,
+    NEGATIVE_BOUND,
+    NO_SERIES,
+    GROWTH,
+    NOT_FINITE,
+    STALLED,
+) = range(13)
 
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED,
- CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, BOUNDS, SERIES, OPENED, LEVERS, INTS) = range(32)  # fmt: skip
+ CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, BOUNDS, SERIES, OPENED, LEVERS, LOOKED, INTS) = range(33)  # fmt: skip
 
 
 FORMULAS = (FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, SERIES, ORDER, IMPLICIT, TWO_ERRORS)
@@ -26,9 +40,10 @@ SECOND = -2
 
 
 # --- indices into `Work.reals`; ERROR_OLD is a binary logarithm, FOLLOWED the longest implicit step that follows modes that grow, 0 where it is not known.
+# LOOKED_AT is the time of the last look for progress, at which LOOKED steps had been taken.
 # The loop returns at END; the run ends at LAST, beyond which no step looks; HORIZON is the time over which the accuracy is promised, of which a step may add
 # its share to the error. In `simulate` the three are the same; who steps from one END to the next leaves the others as they are.
-TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, FOLLOWED, LAST, HORIZON, REALS = range(13)
+TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, FOLLOWED, LAST, HORIZON, LOOKED_AT, REALS = range(14)
 
 
 BY_CONTACT, BY_STATES, BY_NUMBERS = range(3)

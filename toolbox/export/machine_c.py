@@ -75,6 +75,8 @@ STATUS = {
     layout.UNDERFLOW: ("UNDERFLOW", "the steps have become too short"),
     layout.INCONSISTENT: ("INCONSISTENT", "no modes are consistent"),
     layout.NEGATIVE_BOUND: ("NEGATIVE_BOUND", "the bound of a friction is negative: is its load?"),
+    layout.NOT_FINITE: ("NOT_FINITE", "a state is not a finite number"),
+    layout.STALLED: ("STALLED", "a million steps have hardly moved the time"),
 }
 
 

@@ -68,6 +68,8 @@ class Switching(NamedTuple):
         Where forces hold each other, dx/dt with the forces as symbols, and what these forces make zero; empty elsewhere.
     levers
         1 for every friction whose lever may vanish, else 0.
+    floor
+        What is added to the own gain of an element that holds, so that no balance of forces is without solution.
     probed
         What the loops decide modes by, [slip | slip rate | force | bound | pace] of all elements: pace is the slip rate that a force at its bound makes.
     """
@@ -89,11 +91,16 @@ class Switching(NamedTuple):
     open_field: ca.SX
     balance: ca.SX
     levers: tuple[int, ...]
+    floor: ca.SX
     probed: ca.SX
 
 
 VANISHING = 1e-60
 """What is added to the gain of a lever that may vanish: the force that would hold its slip there is then too large, not undefined."""
+
+YIELDING = 1e-13
+"""What is added, in parts of their own gain, to that of rigid contacts which stand against each other: where a body has no play both are closed, and their
+balance has no solution of its own. The one that would pull is then let go; the other carries its force to this part of it."""
 
 HELD = 1e-6
 """By what part of its bound the force of a contact whose lever may vanish may exceed it where the contact is put at zero slip: events are located so far."""
@@ -125,7 +132,8 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     gain = ca.sparsify(ca.mtimes(slip_of_state, gain_of_force))
     _check_forces(elements, force, static, gain_of_force, coupling, gain)
     levers = _levers(elements, slip_of_state, gain_of_force, ca.vertcat(t, x))
-    floor = ca.SX(ca.DM([VANISHING * lever for lever in levers])) if any(levers) else None
+    opposed = _opposed(elements, gain, ca.vertcat(t, x))
+    floor = _floor(gain, levers, opposed)
     free = ca.substitute(flow, force, ca.SX.zeros(force.shape))
     free_rate = ca.mtimes(slip_of_state, free) + ca.jacobian(slip, t)
     zero = ca.SX.zeros(force.shape)
@@ -141,8 +149,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         """
         laws = cones.at_speed(free_sliding, speeds)
         matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(1 - sticks) + ca.diag(side) @ cones.at_speed(coupling, speeds))
-        if floor is not None:
-            matrix = ca.sparsify(matrix + ca.diag(sticks * floor))
+        matrix = ca.sparsify(matrix + ca.diag(sticks * floor))
         if yielding is not None:
             matrix = ca.sparsify(matrix + ca.diag(yielding))
         right = -(sticks * free_rate + side * free_load * laws)
@@ -178,6 +185,10 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     stuck = sticks * solved
     cones.moving_at(slip_rate)
     guards = cones.at_speed(_guards(elements, cones, stuck, limit), speeds)
+    for pair in opposed:
+        for i, j in (pair, pair[::-1]):
+            still = (1 - mode[j]) * mode[i]
+            guards[2 * i] = (1 - still) * guards[2 * i] + still * _play(t, x, elements, gain, i, j)
     watched = [cones.at_speed(getattr(e, e.watched), speeds) for e in elements if e.watched]
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
@@ -186,8 +197,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     for i in np.flatnonzero(levers).tolist():  # squares, since a size would be a kink
         held[i] = sticks[i] * (solved[i] ** 2 <= ((1 + HELD) * bound[i]) ** 2)
     of_impulse = ca.sparsify(ca.diag(held) @ gain + ca.diag(1 - held))  # held rows as for forces, others give no impulse
-    if floor is not None:
-        of_impulse = ca.sparsify(of_impulse + ca.diag(held * floor))
+    of_impulse = ca.sparsify(of_impulse + ca.diag(held * floor))
     projected = _project(x, slip, slip_of_state, gain_of_force, of_impulse, held)
     burden = ca.fabs(gain_of_force) @ terms
     attached, impulse = [-1] * len(elements), None
@@ -200,14 +210,14 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         balanced_size = ca.fabs(slip_of_state) @ ca.fabs(free) + ca.fabs(ca.jacobian(slip, t))
         for j in rigid:
             bound[j] = balanced_size[j] / gain[j, j]
-        impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements)
+        impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements, floor)
     pace = ca.diag(gain) * ca.vertcat(
         *[1 if e.rigid else bound[i] for i, e in enumerate(elements)]
     )  # of a rigid contact that of a force of 1
     probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, solved, bound, pace)))
     return Switching(
         field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,
-        levers, probed,
+        levers, floor, probed,
     )  # fmt: skip
 
 
@@ -222,6 +232,43 @@ def _levers(elements: Sequence[Element], slip_of_state: ca.SX, gain_of_force: ca
         columns = [j for j in slip_of_state[i, :].sparsity().get_col() if gain_of_force.has_nz(j, i)] if alone else []
         found.append(int(bool(columns) and len(depending([slip_of_state[i, j] for j in columns], along)) == len(columns)))
     return tuple(found)
+
+
+def _floor(gain: ca.SX, levers: Sequence[int], opposed: set[tuple[int, int]]) -> ca.SX:
+    """What is added to the own gain of every element that holds, so that no pivot is zero: nothing to most."""
+    floor = ca.SX(len(levers), 1)
+    for i in np.flatnonzero(levers).tolist():
+        floor[i] = VANISHING
+    for i in {i for pair in opposed for i in pair}:
+        floor[i] = YIELDING * gain[i, i]
+    return floor
+
+
+def _opposed(elements: Sequence[Element], gain: ca.SX, along: ca.SX) -> set[tuple[int, int]]:
+    """Pairs of rigid contacts that stand against each other, as two stops of one body: one closes as fast as the other opens, so that both hold one motion."""
+    rigid = [i for i, element in enumerate(elements) if element.rigid]
+    pairs = [(i, j) for k, i in enumerate(rigid) for j in rigid[:k] if gain.has_nz(i, j)]
+    if not pairs:
+        return set()
+    both = ca.vertcat(*[gain[i, i] * gain[j, j] for i, j in pairs])
+    shared = ca.vertcat(*[gain[i, j] * ca.fabs(gain[j, i]) for i, j in pairs])
+    symbols = ca.symvar(ca.vertcat(both, shared))
+    compared = ca.Function("compared", symbols, [both, shared], {"max_io": 10**9})
+    found = set(pairs)
+    for seed in range(2):
+        random = np.random.default_rng(seed)
+        a, b = (np.array(value).ravel() for value in compared.call([ca.DM(0.5 + random.random(symbol.shape)) for symbol in symbols]))
+        found &= {pair for pair, one, other in zip(pairs, a, b, strict=True) if abs(one + other) <= 1e-12 * abs(one)}
+    return {(i, j) for i, j in found if not depending([gain[i, j], gain[i, i], gain[j, j]], along)}
+
+
+def _play(t: ca.SX, x: ca.SX, elements: Sequence[Element], gain: ca.SX, i: int, j: int) -> ca.SX:
+    """The gap of contact i while contact j, which stands against it, is closed: the play of both, a number that no state changes.
+
+    The gap itself also holds what the closure of j has drifted by, which is no depth of i.
+    """
+    play = elements[i].closure - gain[i, j] / gain[j, j] * elements[j].closure
+    return ca.sqrt(ca.substitute(play, ca.vertcat(t, x), ca.SX.zeros(1 + x.numel())) ** 2 + 1e-300)
 
 
 def _sizes(matrix: ca.SX, right: ca.SX, solved: ca.SX) -> ca.SX:
@@ -284,7 +331,15 @@ def _loaders(elements: Sequence[Element]) -> tuple[int, ...]:
 
 
 def _impact(
-    x: ca.SX, slip: ca.SX, gain_of_force: ca.SX, gain: ca.SX, coupling: ca.SX, strength: ca.SX, mode: ca.SX, elements: Sequence[Element]
+    x: ca.SX,
+    slip: ca.SX,
+    gain_of_force: ca.SX,
+    gain: ca.SX,
+    coupling: ca.SX,
+    strength: ca.SX,
+    mode: ca.SX,
+    elements: Sequence[Element],
+    floor: ca.SX,
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """State, impulses, slips before and after, and bounds of impulses at an impact in which the elements marked as sticking take part."""
     sticking, elastic = ca.SX.sym("sticking", len(elements)), ca.SX.sym("elastic")
@@ -293,6 +348,7 @@ def _impact(
     # an impact may turn a slip, and then the mode is no longer the way it went before: a law knows no speed below zero
     coupling = ca.substitute(coupling, mode[rubbing], ca.sign(slip[rubbing])) if rubbing else coupling
     matrix = ca.sparsify(ca.diag(sticking) @ gain + ca.diag(1 - sticking) + ca.diag((1 - sticking) * mode) @ coupling)
+    matrix = ca.sparsify(matrix + ca.diag(sticking * floor))
     impulses = masked_solve(matrix, -sticking * (1 + elastic * restitution) * slip)
     results = (x + gain_of_force @ impulses, impulses, slip, slip + gain @ impulses, strength @ impulses)
     return sticking, elastic, ca.vertcat(*map(ca.densify, results))

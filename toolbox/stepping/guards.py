@@ -125,6 +125,14 @@ def project(w, t):
             return
 
 
+def finite(w):
+    """Whether all states are finite numbers."""
+    total = 0.0
+    for i in range(w.ints[layout.N]):
+        total += 0.0 * w.x[i]
+    return total == 0.0
+
+
 def accept_guard(w, j):
     """Take in the value of guard j at the end of an accepted step: its size so far, and whether it is armed from now on."""
     size = abs(w.g[j])

@@ -11,6 +11,9 @@ from toolbox.stepping.guards import bounds_hold, flies, guard_size, loads_hold, 
 from toolbox.stepping.impacts import impact
 from toolbox.translation.words import call
 
+ROUND_OFF = 4.0 * layout.EPS * 1e7
+"""What the round-off of a number is in parts of what `nudge` changes it by."""
+
 
 def modes_consistent(w, t, change, one):
     """Whether the modes of the elements marked in `zero` agree with the forces; with `change`, correct those that do not (only `one`, or all)."""
@@ -23,7 +26,12 @@ def modes_consistent(w, t, change, one):
             continue
         rate, force, static, pace = w.z[ne + i], w.z[2 * ne + i], w.z[3 * ne + i], w.z[4 * ne + i]
         if w.kind[i] == layout.RIGID:  # pushes while closed (a multiplier below zero), and stays open where the gap grows
-            if force <= 0.0 if w.m[i] == 0.0 else rate <= 1e-9 * abs(pace) * w.guard_scale[2 * i + w.ints[layout.NG]]:
+            hands_over = w.forced[i] and w.before[i] != 0.0
+            if (
+                force <= (w.m_other[ne] if hands_over else 0.0)
+                if w.m[i] == 0.0
+                else rate <= 1e-9 * abs(pace) * w.guard_scale[2 * i + w.ints[layout.NG]]
+            ):
                 continue  # released where its force is zero, it may seem to close by the round-off of that zero
             right = 1.0 - w.m[i]
         elif flies(w, i):
@@ -156,13 +164,15 @@ def mark(w, again):
     ng = w.ints[layout.NG]
     first = w.ints[layout.LOCATED] // 2 if w.ints[layout.LOCATED] < 2 * w.ints[layout.NE] else -1
     alone = first >= 0 and w.m[first] != 0.0 and flies(w, first)
+    strikes = first >= 0 and w.m[first] != 0.0 and w.kind[first] == layout.RIGID
     for i in range(w.ints[layout.NE]):
         w.before[i] = w.m[i]
         w.zero[i] = w.m[i] == 0.0 and w.kind[i] != layout.SWITCH
     for j in range(ng):
         rate = w.side[j] * w.g[ng + j]
-        # a kink that is at zero and stays there has not been crossed
-        near = w.side[j] * w.g[j] <= 1e-9 * guard_size(w, j) and (rate < 0.0 or (rate == 0.0 and j < 2 * w.ints[layout.NE]))
+        # a kink that is at zero and stays there has not been crossed, nor has a gap, which takes part in the impact of another
+        stays = j >= 2 * w.ints[layout.NE] or (w.kind[j // 2] == layout.RIGID and w.m[j // 2] != 0.0 and not strikes)
+        near = w.side[j] * w.g[j] <= 1e-9 * guard_size(w, j) and (rate < 0.0 or (rate == 0.0 and not stays))
         flying = j < 2 * w.ints[layout.NE] and w.m[j // 2] != 0.0 and flies(w, j // 2)
         w.fired[j] = (near and not again and not alone and not flying) or j == w.ints[layout.LOCATED]
 
@@ -188,6 +198,7 @@ def fire(w, t, again):
     else:
         _come_to_rest(w, t, again)
         _release(w)
+        _take_in_what_touches(w, t)
     events = w.ints[layout.EVENTS]
     if not settle(w, t):
         return False
@@ -240,6 +251,50 @@ def _release(w):
             w.m[i], w.forced[i] = 1.0, True
 
 
+def _take_in_what_touches(w, t):
+    """Let forces decide on the open rigid contacts, too, whose gap is zero and stays so.
+
+    Where a stop lets go of a body without play the one opposite holds from then on: between both the force is zero, to what events are located by, and would
+    drive the body from one to the other without end.
+    """
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
+    touches, released, least = False, False, 0.0
+    for i in range(ne):
+        if w.kind[i] == layout.RIGID:
+            least = max(least, 1e-9 * w.guard_scale[2 * i + w.ints[layout.NG]])
+            released = released or w.forced[i]
+    for i in range(ne):
+        near = released or w.g[2 * i] <= 1e-9 * guard_size(w, 2 * i)
+        touches = touches or (w.kind[i] == layout.RIGID and w.m[i] != 0.0 and not w.forced[i] and near)
+    if not touches:
+        return
+    nudge(w)
+    call(w.ints[layout.FIELD], t * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
+    for i in range(ne):
+        w.m_other[i] = w.z[2 * n + 2 * i]
+    call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):
+        gap = w.z[2 * n + 2 * i]
+        part = (
+            max(ROUND_OFF, 1e7 * w.reals[layout.RTOL]) if released else ROUND_OFF
+        )  # of a body that moves with its stops the gap has drifted
+        w.m_other[i] = 1.0 if abs(gap) <= part * abs(w.m_other[i] - gap) else 0.0
+    call(w.ints[layout.PROBE], t * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.y)
+    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):
+        if (
+            w.kind[i] == layout.RIGID
+            and w.m[i] != 0.0
+            and not w.forced[i]
+            and w.m_other[i] == 1.0
+            and abs(w.z[i]) <= ROUND_OFF * abs(w.y[i] - w.z[i])
+        ):
+            w.zero[i] = True
+            if released and abs(w.z[ne + i]) <= least * abs(w.z[4 * ne + i]):
+                w.m[i], w.forced[i] = 0.0, True
+    w.m_other[ne] = least
+
+
 def _other_choice(w, t, i):
     """Whether the contact i that has just switched could have done otherwise: stuck where it slides, or slid on or back where it sticks.
 
@@ -283,7 +338,7 @@ def _gaps_open(w, t):
         call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
         for i in range(ne):
             gap = w.z[2 * n + 2 * i]
-            close = abs(gap) <= 4.0 * layout.EPS * 1e7 * abs(w.m_other[i] - gap)
+            close = abs(gap) <= ROUND_OFF * abs(w.m_other[i] - gap)
             if w.kind[i] == layout.RIGID and gap < 0.0 and not close:
                 w.ints[layout.CULPRIT] = i
                 return False
@@ -327,7 +382,7 @@ def begin(w):
         if w.kind[i] == layout.SWITCH:
             w.zero[i] = False
             continue
-        w.zero[i] = abs(slip) <= 4.0 * layout.EPS * 1e7 * abs(w.y[i] - slip)
+        w.zero[i] = abs(slip) <= ROUND_OFF * abs(w.y[i] - slip)
         if w.kind[i] == layout.RIGID:
             w.zero[i] = w.zero[i] and w.m_other[i] == 1.0
             w.m[i] = 0.0 if w.zero[i] else 1.0

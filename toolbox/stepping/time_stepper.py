@@ -9,7 +9,7 @@ import math
 
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.calendar import GO_ON, jumps, next_stop, outputs_due, record, samples
-from toolbox.stepping.guards import project
+from toolbox.stepping.guards import finite, project
 from toolbox.stepping.modes import BEYOND, begin, note_event
 from toolbox.translation.compiled import Compiled
 from toolbox.translation.words import call
@@ -133,6 +133,8 @@ def _advance(w):
                     w.ints[layout.RECORDS] -= 1
                 record(w, t, w.x)
         status = outputs_due(w, t, every > 0)
+        if status == layout.DONE and not finite(w):
+            return layout.NOT_FINITE
         if status != GO_ON:
             return status
         if w.ints[layout.ACCEPTED] >= budget:

@@ -61,12 +61,13 @@ def decide(w, t):
     """Modes of the elements marked in `zero`, by force: stick where the bound allows it, else slip in the direction of the excess.
 
     Starts from the modes in m and changes all inconsistent elements at once; if that does not settle, one by one. With static friction above
-    kinetic several sets can be consistent: what can stick beside the others does. Returns False where no consistent set is found.
+    kinetic several sets can be consistent: where a contact comes to rest, one that was stuck before stays so if it can, and what can stick beside the others
+    does. Returns False where no consistent set is found.
     """
     ne = w.ints[layout.NE]
     together = 20 + 4 * ne
-    settled = False
-    for attempt in range(together + 60 + 20 * ne):
+    settled = w.ints[layout.COUPLED] == 1 and _stuck_stay(w, t)
+    for attempt in range(0 if settled else together + 60 + 20 * ne):
         if modes_consistent(w, t, True, -1 if attempt < together else attempt % ne):
             settled = True
             break
@@ -80,6 +81,52 @@ def decide(w, t):
     if settled and w.ints[layout.LEVERS] > 0:
         _let_pass(w, t)
     return settled
+
+
+def _stuck_stay(w, t):
+    """Find modes in which what was stuck before stays so, where a friction comes to rest beside it; False, with the modes as they were, where none agree.
+
+    What comes to rest is tried at rest, going on and going back. What holds least of all is let go where none of that is consistent.
+    """
+    ne = w.ints[layout.NE]
+    kept, arrives = 0, False
+    for i in range(ne):
+        friction = w.kind[i] == layout.FRICTION and w.zero[i] and w.m[i] == 0.0
+        stuck = friction and w.before[i] == 0.0 and not w.forced[i]
+        w.m_other[ne + 1 + i] = 1.0 if stuck else 2.0 if friction and w.before[i] != 0.0 else 0.0
+        kept += 1 if stuck else 0
+        arrives = arrives or w.m_other[ne + 1 + i] == 2.0
+    if not arrives or kept == 0:
+        return False
+    if modes_consistent(w, t, False, -1):
+        return True
+    for _ in range(ne):
+        worst, most = -1, 1.0
+        for way in (0.0, 1.0, -1.0):
+            for i in range(ne):
+                if w.m_other[ne + 1 + i] == 1.0:
+                    w.m[i], w.zero[i] = 0.0, False
+                elif w.m_other[ne + 1 + i] == 2.0:
+                    w.m[i] = abs(way) * w.before[i] if two_directions(w, i) else way * w.before[i]
+            for _ in range(20 + 4 * ne):
+                if modes_consistent(w, t, True, -1):
+                    break
+            for i in range(ne):
+                w.zero[i] = w.zero[i] or w.m_other[ne + 1 + i] == 1.0
+            if modes_consistent(w, t, False, -1):
+                return True
+            for i in range(ne if way == 0.0 else 0):
+                part = abs(w.z[2 * ne + i]) / max(w.z[3 * ne + i], 1e-300)
+                if w.m_other[ne + 1 + i] == 1.0 and part > most:
+                    worst, most = i, part
+        if worst < 0 or kept == 1:
+            break
+        w.m_other[ne + 1 + worst] = 3.0  # let go, and decided like the others from here on
+        kept -= 1
+    for i in range(ne):
+        if w.m_other[ne + 1 + i] > 0.0:
+            w.m[i] = 0.0
+    return False
 
 
 LOOKS = 7

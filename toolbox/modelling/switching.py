@@ -131,7 +131,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     slip_of_state = ca.jacobian(slip, x)
     gain = ca.sparsify(ca.mtimes(slip_of_state, gain_of_force))
     _check_forces(elements, force, static, gain_of_force, coupling, gain)
-    levers = _levers(elements, slip_of_state, gain_of_force, ca.vertcat(t, x))
+    levers = _levers(elements, slip_of_state, gain_of_force, gain, ca.vertcat(t, x))
     opposed = _opposed(elements, gain, ca.vertcat(t, x))
     floor = _floor(gain, levers, opposed)
     free = ca.substitute(flow, force, ca.SX.zeros(force.shape))
@@ -221,17 +221,27 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     )  # fmt: skip
 
 
-def _levers(elements: Sequence[Element], slip_of_state: ca.SX, gain_of_force: ca.SX, along: ca.SX) -> tuple[int, ...]:
+def _levers(elements: Sequence[Element], slip_of_state: ca.SX, gain_of_force: ca.SX, gain: ca.SX, along: ca.SX) -> tuple[int, ...]:
     """1 for every friction all of whose ways to act on its own slip change with the states or time, so that all can vanish at once, else 0.
 
-    A relay has no law and is none: at a surface that its switch does not reach it must not hold by force what it cannot.
+    They cannot where the gain does not change with them, as that of a wall around a shaft, whose levers are a cosine and a sine. A relay has no law and is
+    none: at a surface that its switch does not reach it must not hold by force what it cannot.
     """
     found = []
     for i, element in enumerate(elements):
         alone = element.law is not None and element.slides and element.directions == 1 and not element.second
         columns = [j for j in slip_of_state[i, :].sparsity().get_col() if gain_of_force.has_nz(j, i)] if alone else []
-        found.append(int(bool(columns) and len(depending([slip_of_state[i, j] for j in columns], along)) == len(columns)))
+        turns = bool(columns) and len(depending([slip_of_state[i, j] for j in columns], along)) == len(columns)
+        found.append(int(turns and _changes(gain[i, i], along)))
     return tuple(found)
+
+
+def _changes(value: ca.SX, along: ca.SX) -> bool:
+    """Whether a value differs between points, by more than its round-off."""
+    others = [symbol for symbol in ca.symvar(value) if not ca.depends_on(along, symbol)]
+    numbers = ca.Function("value", [along, ca.vertcat(ca.SX(0, 1), *others)], [value])
+    found = np.array([float(numbers(ca.DM(np.random.default_rng(seed).normal(size=along.numel())), 0.7)) for seed in range(4)])
+    return not np.ptp(found) <= 1e-12 * np.abs(found).max()
 
 
 def _floor(gain: ca.SX, levers: Sequence[int], opposed: set[tuple[int, int]]) -> ca.SX:

@@ -142,6 +142,9 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     # a contact with the ground takes what it holds before others see it: what is left for these is then zero, not round-off that turns their direction
     order = sorted(range(len(elements)), key=lambda i: slip_of_state[i - elements[i].second, :].nnz())
 
+    def solved_for(matrix: ca.SX, right: ca.SX) -> ca.SX:
+        return masked_solve(matrix[order, order], right[order])[np.argsort(order).tolist()] if cones.places else masked_solve(matrix, right)
+
     def balanced(sticks: ca.SX, side: ca.SX, speeds: ca.SX, yielding: ca.SX | None = None) -> Balance:
         """Forces for given elements that stick, directions in which the others slide, and slip speeds of those with two directions.
 
@@ -156,17 +159,17 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         if matrix.sparsity().is_diag():
             pivot = ca.diag(matrix)
             return Balance(matrix, right, -(sticks / pivot) * free_rate - (side * free_load / pivot) * laws)
-        if cones.places:
-            return Balance(matrix, right, masked_solve(matrix[order, order], right[order])[np.argsort(order).tolist()])
-        return Balance(matrix, right, masked_solve(matrix, right))
+        return Balance(matrix, right, solved_for(matrix, right))
 
     own_mode = cones.shared(mode)
     sticks, side, speeds = holds * (1 - own_mode * own_mode), mode, ca.SX(0, 1)
     if cones.places:
         tried, yielding = cones.trial(sticks, side), None
         trial = balanced(*tried)
-        for _ in range(cones.sweeps(gain)):
-            yielding = cones.yielding(trial.force, yielding, free_load, free_sliding, gain)
+        sweeps = cones.sweeps(gain)
+        resisting = cones.resisting([solved_for(trial.matrix, ca.SX(ca.DM.eye(len(elements))[:, i])) for i in cones.places if sweeps])
+        for _ in range(sweeps):
+            yielding = cones.yielding(trial.force, yielding, free_load, free_sliding, resisting)
             trial = balanced(*tried, yielding)
         side, speeds = cones.directed(trial.force, ca.substitute(static, force, trial.force), side, gain)
     matrix, right, solved = balanced(sticks, side, speeds)

@@ -23,7 +23,7 @@ Eng. 58 (1986) 175-200; the two ways to leave and enter rest are this toolbox's 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
@@ -86,13 +86,20 @@ class Cones:
         groups = coupled_groups(gain.sparsity())
         return SWEEPS if any(len(set(self.places) & set(group)) > 1 for group in groups) else 0
 
-    def yielding(self, holding: ca.SX, before: ca.SX | None, load: ca.SX, sliding: ca.SX, gain: ca.SX) -> ca.SX:
-        """The slip rates, in parts of minus the force, that lower the forces of a trial to kinetic friction where the force follows the pull."""
+    def resisting(self, moved: Sequence[ca.SX]) -> dict[int, ca.SX]:
+        """The slip rates that a force of 1 makes while the others hold: less than where nothing else does. moved: forces for a rate of 1 each."""
+        return {i: 1 / forces[i] for i, forces in zip(self.places, moved, strict=False)}
+
+    def yielding(self, holding: ca.SX, before: ca.SX | None, load: ca.SX, sliding: ca.SX, resisting: Mapping[int, ca.SX]) -> ca.SX:
+        """The slip rates, in parts of minus the force, that lower the forces of a trial to kinetic friction where the force follows the pull.
+
+        resisting: as of the method. With the gain of the contact alone one that stuck neighbours hold would yield so far that its pull turned round.
+        """
         rows = ca.SX.zeros(self.slip.numel())
         kinetic = load * self.at_speed(sliding, ca.SX.zeros(len(self.places)))
         for i in self.places:
             pulled = self._pulled(i)
-            own, now = (gain[i, i] + gain[i + 1, i + 1]) / 2, 0 if before is None else before[i]
+            own, now = resisting[i], 0 if before is None else before[i]
             rows[i] = rows[i + 1] = pulled * ((own + now) * length(holding[i : i + 2], 1 - pulled) / (kinetic[i] + 1 - pulled) - own)
         return rows
 

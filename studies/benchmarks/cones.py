@@ -1,4 +1,4 @@
-"""Random bodies that rub on the ground and on each other in two directions, under loads and pulls that change in time: two and three cones that hold each other.
+"""Random bodies that rub on the ground and on each other in two directions, under loads and pulls that change in time: two or three cones that couple.
 
     m v' = pull(t) - c v + sum of forces        stick: v_rel = 0, |F| <= static        slip: F = - kinetic v_rel / |v_rel|
 
@@ -73,7 +73,9 @@ class Sliders(Component):
             losses[f"rub{k}"] = -ca.dot(contact.force, slip)
         for v, mass, force in bodies:
             flow[v] = force / mass
-        return Equations(flow, elements=elements, stored=sum(mass * ca.sumsqr(v) for v, mass, _ in bodies) / 2, losses=losses, supplies=supplies)
+        return Equations(
+            flow, elements=elements, stored=sum(mass * ca.sumsqr(v) for v, mass, _ in bodies) / 2, losses=losses, supplies=supplies
+        )
 
 
 def trial(seed: int, number: int) -> tuple[Sliders, dict[str, Any], float]:
@@ -97,7 +99,9 @@ def trial(seed: int, number: int) -> tuple[Sliders, dict[str, Any], float]:
     inputs: dict[str, Any] = {}
     for k in range(contacts):
         mean = random.uniform(0.5, 4.0) * random.choice([1.0, 10.0])
-        inputs[f"plane.load{k}"] = sine(mean * newton, mean * random.uniform(0, 0.9) * newton, random.uniform(0.2, 2) / time, random.uniform(0, 6))
+        inputs[f"plane.load{k}"] = sine(
+            mean * newton, mean * random.uniform(0, 0.9) * newton, random.uniform(0.2, 2) / time, random.uniform(0, 6)
+        )
     for i in range(bodies):
         mean, amplitude = random.uniform(0, 2), random.uniform(0.2, 4) * random.integers(3) / 2
         inputs[f"plane.pull{i}"] = sine(mean * newton, amplitude * newton, random.uniform(0.2, 1.5) / time, random.uniform(0, 6))
@@ -130,9 +134,7 @@ def _findings(run: Any, again: Any) -> Iterator[tuple[str, str]]:
         if element.directions < 2:
             continue
         second = elements[i + 1]
-        slip, force = (
-            run.computed(ca.vertcat(a, b)) for a, b in ((element.slip, second.slip), (element.multiplier, second.multiplier))
-        )
+        slip, force = (run.computed(ca.vertcat(a, b)) for a, b in ((element.slip, second.slip), (element.multiplier, second.multiplier)))
         bound, rubs = run.computed(ca.SX(element.static)), np.hypot(*force.T)
         size, fast = np.hypot(*slip.T), run.mode[:, i] == 1
         if (rubs > bound * (1 + 1e-6) + 1e-9 * bound.max()).any():

@@ -100,7 +100,7 @@ class Cones:
         for i in self.places:
             pulled = self._pulled(i)
             own, now = resisting[i], 0 if before is None else before[i]
-            rows[i] = rows[i + 1] = pulled * ((own + now) * length(holding[i : i + 2], 1 - pulled) / (kinetic[i] + 1 - pulled) - own)
+            rows[i] = rows[i + 1] = pulled * ((own + now) * length(holding[i : i + 2], 1 - pulled) / (kinetic[i] + (1 - pulled)) - own)
         return rows
 
     def directed(self, holding: ca.SX, bounds: ca.SX, side: ca.SX, gain: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -101,6 +101,7 @@ class Program:
         ints[work_layout.N], ints[work_layout.NE], ints[work_layout.NG] = kernel.states, kernel.elements, kernel.guards
         ints[work_layout.COUPLED] = kernel.coupled
         ints[work_layout.BOUNDS] = len(self.bounded)
+        ints[work_layout.LEVERS] = sum(self.form.levers)
         ints[work_layout.FIRST_HELD] = self.first_held
         ints[list(work_layout.FORMULAS)] = *kernel.addresses, self.formulas.order, self.formulas.implicit, self.formulas.two_errors
         return ints

@@ -169,6 +169,14 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
         )
         return NoModes(words + _sharing(program, point, work, t), so_far)
     labels = _labels(program)
+    if status == work_layout.NOT_FINITE:
+        name = labels[int(np.argmin(np.isfinite(work.x[: len(labels)])))]
+        return SimulationError(f"The state `{name}` is not finite at t = {t:.9g} s." + _sharing(program, point, work, t), so_far)
+    if status == work_layout.STALLED:
+        cause = bottleneck(run, program, work, np.bincount(work.ev_i[: int(work.ints[work_layout.EVENTS])], minlength=len(names)))
+        return SimulationError(
+            f"The run makes no progress at t = {t:.9g} s: a million steps have moved it by less than a millionth of that; {cause}.", so_far
+        )
     finite = np.isfinite(work.k[: len(labels)])
     if not finite.all():
         words = f"The rate of `{labels[int(np.argmin(finite))]}` is not finite at t = {t:.9g} s."

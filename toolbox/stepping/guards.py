@@ -23,6 +23,12 @@ def flies(w, i):
     return w.loader[i] >= 0 and w.m[w.loader[i]] == 1.0
 
 
+def without_lever(w, i):
+    """Whether element i is a friction that seems to stick because its lever is exactly zero, of what `probe` has left in `z`."""
+    ne = w.ints[layout.NE]
+    return w.lever[i] == 1 and w.m[i] == 0.0 and w.z[4 * ne + i] == 0.0 and w.z[3 * ne + i] > 0.0
+
+
 def two_directions(w, i):
     """Whether element i is a friction with two slip directions, of which the second is the next element."""
     return i + 1 < w.ints[layout.NE] and w.loader[i + 1] == layout.SECOND
@@ -62,8 +68,10 @@ def refresh(w):
 def held_quietly(w):
     """Take over new held outputs where they change no mode, as guards at the current point show; False where one may, and nothing has been decided yet.
 
-    Outputs never enter a slip, and a contact that sticks lets go only where its guards, which are then negative, say so.
+    Outputs never enter a slip, and a contact that sticks lets go only where its guards, which are then negative, say so, or where its lever is zero.
     """
+    if w.ints[layout.LEVERS] > 0:
+        return False
     for i in range(w.ints[layout.NE]):
         if w.kind[i] != layout.FRICTION:
             return False
@@ -117,6 +125,14 @@ def project(w, t):
             for j in range(w.ints[layout.N]):
                 w.x[j] = w.z[j]
             return
+
+
+def finite(w):
+    """Whether all states are finite numbers."""
+    total = 0.0
+    for i in range(w.ints[layout.N]):
+        total += 0.0 * w.x[i]
+    return total == 0.0
 
 
 def accept_guard(w, j):

@@ -12,21 +12,8 @@ UNDECIDED = 9.0
 """Mode at the start of an element that begins as the states and forces say."""
 
 # --- status codes of `advance`
-(
-    DONE,
-    RECORDS_FULL,
-    EVENTS_FULL,
-    PAUSED,
-    SAMPLE_DUE,
-    ENDLESS,
-    UNDERFLOW,
-    INCONSISTENT,
-    NEGATIVE_BOUND,
-    NO_SERIES,
-    GROWTH,
-    NOT_FINITE,
-    STALLED,
-) = range(13)
+(DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND, NO_SERIES, GROWTH,
+ NOT_FINITE, STATE_NOT_FINITE, STALLED) = range(14)  # fmt: skip
 
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length

@@ -19,9 +19,10 @@ from toolbox.export.casadi_text import casadi_text
 SIGNATURE = "(double t, double h, const double *x, const double *k, const double *p, const double *m, double *y)"
 
 
-def model_text(name: str, program: Program, along: Sequence[int] | None = None) -> str:
+def model_text(name: str, program: Program, calling: str, along: Sequence[int] | None = None) -> str:
     """All functions of a program, that of its signals (states, then what is none) as `signals`, and `NAME_update` that calls a sampled law by its number.
 
+    calling: the text that calls them: what it does not call is left out.
     along: places of parameters, with which `forward` is there, too: derivatives of slopes and signals along a change k of states and of these parameters.
     """
     equations, form, formulas = program.equations, program.form, program.formulas
@@ -52,6 +53,8 @@ def model_text(name: str, program: Program, along: Sequence[int] | None = None) 
         made["step"], step = _step(formulas, equations), ""
     else:
         made["rhs"], step = equations.rhs, _looped_step(name, formulas, n, equations.field.numel_out(0))
+    always = ("rhs", *(f"update_{i}" for i in range(len(program.updates))))
+    made = {word: function for word, function in made.items() if word in always or f"{name}_model_{word}(" in calling + step}
     named = {word: _renamed(function, f"{name}_casadi_{word}") for word, function in made.items()}
     wrappers = [_wrapper(name, word, function, n if word == "field" else 0) for word, function in named.items()]
     return "\n\n".join(

@@ -52,8 +52,8 @@ def _due(w, t, every_node, undecided):
     for sampling in (False, True):  # a loop, so that the code for what follows a change is there once
         if sampling:
             status, changed = samples(w, t)
-            if status == layout.SAMPLE_DUE:
-                return layout.SAMPLE_DUE
+            if status != layout.DONE:
+                return status
             changed = changed or undecided
         else:
             changed = jumps(w, t)
@@ -228,7 +228,7 @@ def advance(w, series):
             return layout.EVENTS_FULL
         status = _due(w, t, every_node, undecided)
         if status == layout.DONE and not finite(w):
-            return layout.NOT_FINITE
+            return layout.STATE_NOT_FINITE
         if status != GO_ON:
             return status
         if w.ints[layout.ACCEPTED] + w.ints[layout.REJECTED] >= budget:

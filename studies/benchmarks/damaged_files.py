@@ -1,8 +1,8 @@
 """Does every file that is damaged give the same, or an error that says so, and never end, fill or stop the process that reads it?
 
 A file of each kind is damaged: cut, bits flipped, bytes overwritten, doubled, left out; and, where it holds arrays, the archive stays sound, but an array has
-another shape or type, is missing, or a note says something else. Each copy is read, and the values that were read are used, in a child process of its own, forked
-from one that has all modules. Its death, time and memory are looked at. What comes of it:
+another shape or type, is missing, or a note says something else. Each copy is read, and what was read is used, in a child process of its own, forked from
+one that has all modules. Its death, time and memory are looked at. What comes of it:
 
     same      what the whole file gives
     other     something else that can be used: what the damaged file says, where it carries no checksum, or where a sound archive holds other numbers

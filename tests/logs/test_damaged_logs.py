@@ -117,11 +117,9 @@ def test_a_sheet_that_unpacks_to_400_mb_is_refused_before_it_is_unpacked(tmp_pat
 
 
 def test_a_parquet_file_of_fifty_million_rows_is_refused_before_it_is_read(tmp_path):
-    pyarrow = pytest.importorskip("pyarrow")
-    import pyarrow.parquet
-
+    pyarrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     part = pyarrow.table({"time [s]": np.zeros(5_000_000), "block.speed [m/s]": np.zeros(5_000_000)})
-    with pyarrow.parquet.ParquetWriter(tmp_path / "rig.parquet", part.schema) as writer:
+    with parquet.ParquetWriter(tmp_path / "rig.parquet", part.schema) as writer:
         for _ in range(10):
             writer.write_table(part)
     assert (tmp_path / "rig.parquet").stat().st_size < 2**20
@@ -132,7 +130,9 @@ def test_arrays_of_a_mat_file_of_version_7_3_are_measured_before_they_are_read(t
     h5py = pytest.importorskip("h5py")
     path = tmp_path / "rig.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
-        file.create_dataset("time", (1, 100_000_000), "f8", chunks=(1, 100_000), compression="gzip").attrs["MATLAB_class"] = np.bytes_("double")
+        file.create_dataset("time", (1, 100_000_000), "f8", chunks=(1, 100_000), compression="gzip").attrs["MATLAB_class"] = np.bytes_(
+            "double"
+        )
     with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
     assert f"but it takes {-(-3 * 8 * 100_000_000 // 2**20)} MiB" in refused_cheaply(path)

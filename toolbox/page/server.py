@@ -7,6 +7,7 @@ that there are, numbers are checked as everywhere, and nothing becomes a path or
 
 from __future__ import annotations
 
+import contextlib
 import json
 import secrets
 import socket
@@ -42,6 +43,12 @@ PORTS = 20
 """Ports that are tried, one after the other, before the system gives one."""
 
 
+HALF_OPEN = 32
+"""Connections that may wait without having shown the token: one more ends the oldest of them, so that nobody can keep the user out."""
+
+UNANSWERED = "The page cannot answer this question; the log says why."
+
+
 class Server(ThreadingHTTPServer):
     """Serves one page. answer: (what is asked for, what the page sent) -> what it gets, or an iterator of such things, which are sent one by one."""
 
@@ -50,6 +57,8 @@ class Server(ThreadingHTTPServer):
 
     def __init__(self, answer: Callable[[str, Any], Any], port: int):
         self.answer, self.token = answer, secrets.token_urlsafe(24)
+        self._strangers: dict[Any, None] = {}
+        self._lock = threading.Lock()
         super().__init__(("127.0.0.1", _free(port)), Handler)
 
     @property
@@ -62,6 +71,27 @@ class Server(ThreadingHTTPServer):
         """What the header `Host` may be."""
         port = self.server_address[1]
         return f"127.0.0.1:{port}", f"localhost:{port}"
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Begin a connection, and end the oldest of those that have not shown the token where there are too many."""
+        with self._lock:
+            self._strangers[request] = None
+            oldest = next(iter(self._strangers)) if len(self._strangers) > HALF_OPEN else None
+            if oldest is not None:
+                del self._strangers[oldest]
+                with contextlib.suppress(OSError):
+                    oldest.shutdown(socket.SHUT_RDWR)
+        super().process_request(request, client_address)
+
+    def let_in(self, request: Any) -> None:
+        """Count a connection as one of the user's from now on."""
+        with self._lock:
+            self._strangers.pop(request, None)
+
+    def shutdown_request(self, request: Any) -> None:
+        """End a connection."""
+        self.let_in(request)
+        super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a browser that went away."""
@@ -113,6 +143,10 @@ class Handler(BaseHTTPRequestHandler):
             return
         except (SceneError, SimulationError) as refusal:
             found = {"error": str(refusal)}
+        except Exception:
+            LOG.exception("a question of the page failed")
+            self._refuse(500, UNANSWERED)
+            return
         if isinstance(found, Iterator):
             self._stream(found)
         elif isinstance(found, bytes):
@@ -129,6 +163,7 @@ class Handler(BaseHTTPRequestHandler):
         if not compare_digest(token.encode("utf-8", "replace"), self.server.token.encode()):
             self._refuse(403, "The address lacks its token: open the one that was printed.")
             return None
+        self.server.let_in(self.connection)
         return rest[0].removesuffix("/") if rest else ""
 
     def _headers(self, status: int, kind: str) -> None:

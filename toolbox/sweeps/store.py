@@ -25,7 +25,7 @@ from typing import Any, Literal
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.files.atomic import clear_left, replaced, replaced_folder
+from toolbox.files.atomic import replaced, replaced_folder
 from toolbox.files.journal import Journal
 from toolbox.files.reading import LARGEST, most_unpacked, opened
 from toolbox.modelling.closed_loop import ClosedLoop
@@ -77,9 +77,6 @@ class Store:
                 f"Argument `out` must be a new folder, or that of the same sweep, but `{self.path}` holds one with other {words}."
             )
         self.settings = notes["settings"]
-        for name in metadata.parts(notes):
-            for folder, _, _ in os.walk(self.path / name):
-                clear_left(Path(folder))
 
     def begin(self, settings: Mapping[str, Any], together: int = 1) -> None:
         """Lay out a new store. settings: to be found again in `settings`;  together: runs that are worked on at once, which one chunk holds at least."""

@@ -233,6 +233,7 @@ def tried(command, tmp_path, monkeypatch, every):
     return failed
 
 
+@pytest.mark.filterwarnings("ignore:coroutine:RuntimeWarning")  # which zarr leaves where an interrupt is put into it
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize(("command", "every"), [("sweep", 29), ("tune", 13), pytest.param("map", 97, marks=pytest.mark.slow)])
 def test_the_same_call_goes_on_after_a_failing_file_operation(command, every, tmp_path, monkeypatch, quick, exhaustive):

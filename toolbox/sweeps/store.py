@@ -308,7 +308,7 @@ def _check_file(path: Path) -> None:
     """Raise SceneError for what is no regular file, and for a chunk that unpacks to more than it may. Zstandard: RFC 8878, section 3.1.1."""
     if not os.path.lexists(path) or path.is_dir():
         return
-    with opened(path) as file:
+    with opened(path, apart=True) as file:
         head, size = file.read(18), os.fstat(file.fileno()).st_size
     if head[:4] != b"\x28\xb5\x2f\xfd" or (len(head) < 18 and len(head) < size):
         return

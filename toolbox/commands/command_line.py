@@ -48,8 +48,8 @@ from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.commands.terminal import complaint, printing
 from toolbox.errors import SceneError, SimulationError, UnusualValue
 from toolbox.files.atomic import check_folder
-from toolbox.files.reading import noted
 from toolbox.files.interrupts import GATE
+from toolbox.files.reading import noted
 from toolbox.files.unit_systems import SYSTEMS, units
 from toolbox.messages import sign_of_life
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import itertools
 import os
 import random
+import signal
 import threading
+import time
 
 import pytest
 
@@ -94,6 +96,33 @@ def test_a_command_that_is_killed_at_any_operation_leaves_all_of_the_old_or_all_
         if ended:
             break
     assert seen == {False, True} and at > 5
+
+
+@posix
+def test_three_hundred_kills_at_random_instants_lose_nothing_and_leave_no_mixture(tmp_path):
+    draw, out, words, seen = random.Random(1), tmp_path / "out", ("old", "new"), set()
+    results(out, "old")
+    mine(out)
+    whole = [
+        {name: what for name, what in content(out).items() if name != "old.txt"}
+        | dict.fromkeys(("table.csv", f"{word}.txt"), word.encode())
+        for word in words
+    ]
+    for _ in range(300):
+        child = os.fork()
+        if child == 0:
+            try:
+                for word in itertools.cycle(words):
+                    results(out, word)
+            finally:
+                os._exit(1)
+        time.sleep(draw.uniform(0.0, 0.02))
+        os.kill(child, signal.SIGKILL)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+        assert content(out) in whole
+        seen.add(content(out)["table.csv"])
+    assert seen == {b"old", b"new"}
+    assert all(path.name.endswith(".part") for path in tmp_path.glob(".*"))
 
 
 @posix

@@ -101,7 +101,7 @@ def untimed(run: Timed) -> Timed:
 def _read(given: argparse.Namespace, known: Mapping[str, str]) -> dict[str, str]:
     """{path: SHA-256} of the files that a command was given or has read so far; known: those of before, which count as they were then."""
     typed = [path for name, value in vars(given).items() if name not in WRITTEN for path in _paths(value)]
-    found = hashes(path for path in {*typed, *given.read} if str(path) not in known) | known
+    found = hashes(path for path in {*typed, *given.read} if str(path) not in known) | dict(known)
     return dict(sorted(found.items()))
 
 

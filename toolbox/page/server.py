@@ -137,22 +137,20 @@ class Handler(BaseHTTPRequestHandler):
             self._refuse(400, "The request is no JSON.")
             return
         try:
-            found = self.server.answer(name, asked)
+            found = _body(self.server.answer(name, asked))
         except LookupError:
             self._refuse(404, "There is no such question.")
             return
         except (SceneError, SimulationError) as refusal:
-            found = {"error": str(refusal)}
+            found = _body({"error": str(refusal)})
         except Exception:
             LOG.exception("a question of the page failed")
             self._refuse(500, UNANSWERED)
             return
         if isinstance(found, Iterator):
             self._stream(found)
-        elif isinstance(found, bytes):
-            self._send(200, "application/octet-stream", found)
         else:
-            self._send(200, "application/json", json.dumps(found, allow_nan=False).encode())
+            self._send(200, *found)
 
     def _allowed(self) -> str | None:
         """What is asked for behind the token; None, with an answer, for who may not ask."""
@@ -186,8 +184,8 @@ class Handler(BaseHTTPRequestHandler):
         self.send_header("Connection", "close")
         self.end_headers()
         self.close_connection = True
-        for each in found:
-            self.wfile.write(json.dumps(each, allow_nan=False).encode() + b"\n")
+        for line in _lines(found):
+            self.wfile.write(line)
             self.wfile.flush()
 
     def _refuse(self, status: int, why: str) -> None:
@@ -201,6 +199,25 @@ class Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:
         """Say nothing of every request."""
+
+
+def _body(found: Any) -> Any:
+    """(type, bytes) of an answer; one that comes piece by piece as it is."""
+    if isinstance(found, Iterator):
+        return found
+    if isinstance(found, bytes):
+        return "application/octet-stream", found
+    return "application/json", json.dumps(found, allow_nan=False).encode()
+
+
+def _lines(found: Iterator[Any]) -> Iterator[bytes]:
+    """The pieces of an answer, each as a line of JSON; the last one is an error if the next one fails."""
+    try:
+        for each in found:
+            yield json.dumps(each, allow_nan=False).encode() + b"\n"
+    except Exception:
+        LOG.exception("a question of the page failed")
+        yield json.dumps({"error": UNANSWERED}).encode() + b"\n"
 
 
 def _free(port: int) -> int:

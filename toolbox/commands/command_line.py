@@ -49,6 +49,7 @@ from toolbox.commands.terminal import complaint, printing
 from toolbox.errors import SceneError, SimulationError, UnusualValue
 from toolbox.files.atomic import check_folder
 from toolbox.files.interrupts import GATE
+from toolbox.files.reading import noted
 from toolbox.files.unit_systems import SYSTEMS, units
 from toolbox.messages import sign_of_life
 
@@ -88,14 +89,15 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
             check_folder(given.out)
         if watch is not None:
             watch.words = words
-        for path in given.load:
-            from toolbox.scenes.catalogue import load_parts
-
-            load_parts(path)
         with (
             sign_of_life(f"{given.parser.prog.rpartition(' ')[2]} is at work"),
+            noted() as given.read,
             nullcontext() if given.units is None else units(given.units),
         ):
+            for path in given.load:
+                from toolbox.scenes.catalogue import load_parts
+
+                load_parts(path)
             if not (given.json or given.quiet):
                 return given.action(given)
             with redirect_stdout(io.StringIO()):

@@ -114,7 +114,7 @@ def earlier(report: str, mark: str, names: Sequence[str] | Callable[[str], Itera
 
     def left(path: Path) -> set[str]:
         try:
-            text = text_of(path / report)
+            text = text_of(path / report, apart=True)
         except SceneError:
             return set()
         told = [*(names(text) if callable(names) else names)] if re.search(mark, text) else []

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import numbers
 from toolbox.commands.recording import answer
-from toolbox.commands.terminal import asked_otherwise, check_known, common, complaint, loaded, pairs, plain, ranges
+from toolbox.commands.terminal import asked_otherwise, check_known, common, loaded, pairs, plain, ranges
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in
+from toolbox.messages import complaint
 
 if TYPE_CHECKING:
     from toolbox.modelling.closed_loop import ClosedLoop
@@ -31,7 +32,6 @@ def add(commands: Any) -> None:
     verb = commands.add_parser(
         "chance",
         parents=[common("folder for table, figure and data; that of an interrupted search is continued")],
-        help="chance of stick-slip over one or two numbers, where others are known as distributions only",
         description="Simulate every controller of a scene at all points with the same draws of what is uncertain, and print the chance of stick-slip with its "
         "bounds by Clopper and Pearson, and the lowest set-point that is free with 95 %. Every run begins where the scene begins.",
         epilog="example: stickslip chance studies/scenes/jansen_2.toml --over top.reference='40 rpm:140 rpm:11' --uncertain bit.weight='97 kN +- 8 kN' "

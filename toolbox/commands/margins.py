@@ -43,7 +43,6 @@ def add(commands: Any) -> None:
     verb = commands.add_parser(
         "margins",
         parents=[common("folder for report, tables, figures and data; those of an earlier call are replaced")],
-        help="disk, gain, phase and delay margin of every controller at its working point, and how wrong the model may be",
         description="Linearise every controller of a scene where it runs steadily and print its margins. With --wrong, also find the smallest joint error of "
         "these numbers with which the machine itself fails, in parts of their ranges, beside the bound by mu.",
         epilog="example: stickslip margins studies/scenes/jansen_2.toml --controller 'soft torque' --wrong bit.weight=20% --wrong chain.inertia.0=30% "

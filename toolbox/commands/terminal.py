@@ -128,12 +128,6 @@ def heading(row: type) -> str:
     return f"^{','.join(field.name for field in dataclasses.fields(row))}\n"
 
 
-def complaint(text: str, code: int) -> int:
-    """Say what went wrong on stderr, in one line, and return the exit code."""
-    print(f"stickslip: {' '.join(text.split())}", file=sys.stderr)
-    return code
-
-
 def file_stems(labels: Sequence[str]) -> list[str]:
     """Beginnings of file names: numbered, so that they differ and keep the order of the scene."""
     plain = [re.sub(r"[^a-z0-9]+", "_", label.lower()).strip("_")[:40] for label in labels]

@@ -14,9 +14,9 @@ from toolbox import Sampled, closed_loop, compose, hopf_points
 from toolbox.onsets.growth import SmoothBranch
 from toolbox.onsets.sampled_map import section
 from toolbox.onsets.twins import SAMPLES, _exponent, twin_growth
-from toolbox.robustness.steady_loop import steady_loop
 from toolbox.simulation.request import Request
 from toolbox.steady_states.equilibria import EquilibriumBranch
+from toolbox.steady_states.steady_loop import steady_loop
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 REFERENCE = closed_loop(RIG, PI()).number("top.reference")

@@ -27,12 +27,12 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_starts
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
-from toolbox.robustness.loop import LinearLoop, NoDerivative, acts, checked_smooth, zero_order_hold
 from toolbox.simulation.budget import Budget
 from toolbox.simulation.methods import EventExact
 from toolbox.simulation.samples import Samples
 from toolbox.simulation.simulate import simulate
 from toolbox.steady_states.linear import equilibrium, input_values, linearise
+from toolbox.steady_states.linear_loop import LinearLoop, NoDerivative, acts, checked_smooth, zero_order_hold
 from toolbox.steady_states.running import at_set_points
 
 KICK = 0.02

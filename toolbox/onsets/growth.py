@@ -1,8 +1,10 @@
 """How fast a small disturbance of smooth running grows, for every law.
 
 - A loop that acts continuously: the poles of its equations at the steady state.
-- A sampled loop: the multipliers of its map over a few sample times, in the states, the memory of the laws, the signals held and the outputs on their way.
-  Its derivatives are differences of short runs of the machine as it runs; they count where two sizes of the differences, and both of their sides, agree.
+- A sampled loop whose controllers have slopes: the multipliers of its exact matrix over the period of all sample times (`sampled_matrix`),
+  in the states, the memory of the controllers, the signals held and the outputs on their way.
+- A sampled controller without a slope, as one in Python: the same by differences of short runs of the machine as it runs. They count where two sizes of the
+  differences, and both of their sides, agree.
 - Where they do not, as under a law that switches or whose slope is infinite, or where a Python law does not tell its memory: two runs from both sides of
   smooth running, and the growth of what is between them.
 

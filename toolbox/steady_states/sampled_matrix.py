@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 MOST_INSTANTS = 2000
 """Samples and arrivals within the common period beyond which there is no matrix: sample times that have no common period to speak of."""
 
+SAMPLE, ARRIVAL = 0, 1
+"""What is due at an instant, in this order."""
+
 SAME = 1e-9
 """Instants that are this close, as a fraction of the shortest period, are one."""
 
@@ -50,44 +53,67 @@ def matrix_over_period(point: SampledPoint, slope: FloatArray) -> tuple[FloatArr
     NoDerivative
         If the sample times have no common period of a sensible length.
     """
-    n, h, z = point.n, point.h, point.z
-    periods, delays = [period for period, _ in point.clocks], [delay for _, delay in point.clocks]
+    periods = [period for period, _ in point.clocks]
     span, counts = common_period(periods)
     if 2 * sum(counts) > MOST_INSTANTS:
         raise NoDerivative(f"the sample times {sorted(set(periods))} s have no common period of less than {MOST_INSTANTS} instants")
     near = SAME * min(periods)
-    own = [np.flatnonzero(point.owner == c) for c in range(len(periods))]
-    waiting = [math.floor((delay + near) / period) for period, delay in zip(periods, delays, strict=True)]
-    parts = [delay - count * period for period, delay, count in zip(periods, delays, waiting, strict=True)]  # of a period
-    size = n + h + z + sum(count * places.size for count, places in zip(waiting, own, strict=True))
-    start = np.eye(size)
-    x, held, memory = start[:n], start[n : n + h].copy(), start[n + h : n + h + z].copy()
-    queues: list[list[FloatArray]] = []
-    place = n + h + z
-    for count, places in zip(waiting, own, strict=True):
-        queues.append([start[place + k * places.size : place + (k + 1) * places.size] for k in range(count)])
-        place += count * places.size
-    samples = [(k * period, 0, c) for c, period in enumerate(periods) for k in range(counts[c])]
-    arrivals = [(k * period + (part if part > near else 0.0), 1, c)
-                for c, (period, part) in enumerate(zip(periods, parts, strict=True)) for k in range(counts[c])]  # fmt: skip
-    instants = _together(sorted([*samples, *arrivals]), near)
-    drift, force = slope[:n, :n], slope[:n, n : n + h]
-    steps: dict[float, tuple[FloatArray, FloatArray]] = {}
-    for (at, due), following in zip(instants, [*[each[0] for each in instants[1:]], span], strict=True):
-        taken = {c for kind, c in due if kind == 0}
-        answers = slope[n:, :n] @ x + slope[n:, n : n + h] @ held + slope[n:, n + h :] @ memory if taken else None
-        for c in sorted(taken):
-            assert answers is not None
-            queues[c].append(answers[own[c]])
-            memory[point.memory_of[c]] = answers[h:][point.memory_of[c]]
-        for c in sorted({c for kind, c in due if kind == 1}):
-            held[own[c]] = queues[c].pop(0)
-        length = following - at
-        key = round(length / near)
-        if key not in steps:
-            steps[key] = zero_order_hold(drift, force, length)
-        x = steps[key][0] @ x + steps[key][1] @ held
-    return np.vstack([x, held, memory, *(each for queue in queues for each in queue)]), span
+    waiting = [math.floor((delay + near) / period) for period, delay in point.clocks]
+    late = [delay - count * period for (period, delay), count in zip(point.clocks, waiting, strict=True)]  # by parts of a period
+    due = []
+    for c, (period, part) in enumerate(zip(periods, late, strict=True)):
+        for k in range(counts[c]):
+            due += [(k * period, SAMPLE, c), (k * period + (part if part > near else 0.0), ARRIVAL, c)]
+    rows = Rows(point, slope, waiting)
+    instants = _together(sorted(due), near)
+    for (at, what), following in zip(instants, [*(each[0] for each in instants[1:]), span], strict=True):
+        rows.sample([c for kind, c in what if kind == SAMPLE])
+        rows.arrive([c for kind, c in what if kind == ARRIVAL])
+        rows.flow(following - at)
+    return rows.matrix, span
+
+
+class Rows:
+    """States, held signals, memory and outputs on their way, as rows over what they were at the beginning of the period; waiting: outputs of each controller
+    that are on their way then."""
+
+    def __init__(self, point: SampledPoint, slope: FloatArray, waiting: Sequence[int]):
+        n, h, z = point.n, point.h, point.z
+        self.point, self.slope = point, slope
+        self.own = [np.flatnonzero(point.owner == c) for c in range(len(point.clocks))]
+        sizes = [n, h, z, *(places.size for count, places in zip(waiting, self.own, strict=True) for _ in range(count))]
+        pieces = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
+        self.states, self.held, self.memory = pieces[:3]
+        self.queues = [[pieces.pop(3) for _ in range(count)] for count in waiting]
+        self.pieces: dict[float, tuple[FloatArray, FloatArray]] = {}
+
+    def sample(self, controllers: Sequence[int]) -> None:
+        """The samples of one instant, which read the signals held before it."""
+        if not controllers:
+            return
+        of_states, of_held, of_memory = np.split(self.slope[self.point.n :], [self.point.n, self.point.n + self.point.h], axis=1)
+        answers = of_states @ self.states + of_held @ self.held + of_memory @ self.memory
+        for c in controllers:
+            self.queues[c].append(answers[self.own[c]])
+            self.memory[self.point.memory_of[c]] = answers[self.point.h :][self.point.memory_of[c]]
+
+    def arrive(self, controllers: Sequence[int]) -> None:
+        """The arrival of the oldest outputs of controllers."""
+        for c in controllers:
+            self.held[self.own[c]] = self.queues[c].pop(0)
+
+    def flow(self, length: float) -> None:
+        """The motion between two instants."""
+        if length not in self.pieces:
+            n, h = self.point.n, self.point.h
+            self.pieces[length] = zero_order_hold(self.slope[:n, :n], self.slope[:n, n : n + h], length)
+        of_states, of_held = self.pieces[length]
+        self.states = of_states @ self.states + of_held @ self.held
+
+    @property
+    def matrix(self) -> FloatArray:
+        """All rows, one below the other."""
+        return np.vstack([self.states, self.held, self.memory, *(each for queue in self.queues for each in queue)])
 
 
 def _together(instants: Sequence[tuple[float, int, int]], near: float) -> list[tuple[float, list[tuple[int, int]]]]:

@@ -11,7 +11,7 @@ from controllers import LQG, PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, measure, simulate, worst_case
 from toolbox.robustness import cycle_phases
-from toolbox.robustness.steady_loop import smooth_start
+from toolbox.steady_states.steady_loop import smooth_start
 
 REFERENCE = 6.5
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}

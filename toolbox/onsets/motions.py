@@ -34,17 +34,20 @@ class Growth:
     period
         Period of its swing [s]; inf where it does not swing.
     way
-        How it is known: "poles", "differences" or "twin runs"; "runs" where none of them tells and the rate is nan, so that only runs can.
+        How it is known: "poles", "matrices", "differences" or "twin runs"; "runs" where none of them tells and the rate is nan, so that only runs can.
+    error
+        How far the rate may be from the true one [1/s].
     """
 
     rate: float
     period: float
     way: str
+    error: float = 0.0
 
     @staticmethod
-    def of(exponent: complex, way: str) -> Growth:
+    def of(exponent: complex, way: str, error: float = 0.0) -> Growth:
         """The growth of a motion that goes as exp(exponent t)."""
-        return Growth(float(exponent.real), 2 * math.pi / abs(exponent.imag) if exponent.imag else math.inf, way)
+        return Growth(float(exponent.real), 2 * math.pi / abs(exponent.imag) if exponent.imag else math.inf, way, error)
 
     def __str__(self) -> str:
         return f"{told_growth(self.rate)}, by {self.way}"

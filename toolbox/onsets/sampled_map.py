@@ -35,6 +35,9 @@ NEUTRAL = 1e-9
 EXACT = 1e-12
 """Accuracy of the runs of a map."""
 
+NOISE = 1e-13
+"""What two such runs may differ by that begin alike, as a fraction of each entry: a hundred times what was measured against exact matrices."""
+
 
 def section(clocks: list[tuple[float, float]]) -> tuple[float, float]:
     """(phase, common period) of all sample times: a phase in the middle of the longest time without a sample or a late output."""
@@ -163,9 +166,11 @@ class SampledMap:
         along = complex(np.log(finer.mean()) / self.span)  # exact where entries of the matrix are rough, as under a law that switches
         if any(abs(each - along) > AGREES * max(abs(exponent), 1e-2 / self.span) for each in apart):
             return None
+        spread = abs(apart[0] - along)  # of two sizes of the steps
+        noise = NOISE * np.abs(row / size) @ np.abs(point) / (STEP / 2) / self.span  # of the runs
         values = np.zeros(self.state.values.size)
         values[self.places] = in_phase(motion * size, self.rows)[: self.places.size]
-        return Smooth(self.state_at(point), Growth.of(along, "differences"), values)
+        return Smooth(self.state_at(point), Growth.of(along, "differences", spread + noise), values)
 
     def _along(self, point: FloatArray, end: FloatArray, motion: np.ndarray, row: np.ndarray) -> np.ndarray:
         """The multiplier of a motion, by differences of half the step along it, upwards and downwards; row: its left eigenvector."""

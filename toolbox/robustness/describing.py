@@ -41,9 +41,9 @@ from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import all_described
 from toolbox.modelling.steady_point import Equilibrium, function_of, mode_numbers
 from toolbox.orbits.orbit import Cycle
-from toolbox.robustness.loop import STABLE, LinearLoop
 from toolbox.scenes.judged import judged_contact
 from toolbox.steady_states.linear import equilibrium
+from toolbox.steady_states.linear_loop import STABLE, LinearLoop
 
 ANGLES = 48
 """Angles of Gauss and Legendre at which friction is averaged over each part of half a turn in which the slip has one sign."""

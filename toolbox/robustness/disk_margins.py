@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.halving import zero
-from toolbox.robustness.loop import LinearLoop
+from toolbox.steady_states.linear_loop import LinearLoop
 
 MANY = 100
 """Periods of delay beyond which a part of a period more is a shift of phase and nothing else."""

@@ -31,10 +31,10 @@ from toolbox.modelling.closing import all_described
 from toolbox.modelling.laws import Sampled
 from toolbox.modelling.numbers import put_all
 from toolbox.onsets.coming_to import Settled
-from toolbox.robustness.steady_loop import smooth_start
 from toolbox.scenes.judged import judged_contact, judged_measures, judged_speed, set_point
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
+from toolbox.steady_states.steady_loop import smooth_start
 from toolbox.sweeps.sweep import sweep
 
 DELAY = "delay"

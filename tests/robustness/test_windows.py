@@ -15,7 +15,7 @@ from models import BitRock, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, margins, onset
 from toolbox.onsets.map_loop import NONE
 from toolbox.robustness import windows
-from toolbox.robustness.steady_loop import linear_loop
+from toolbox.steady_states.steady_loop import linear_loop
 
 OVER = {"top.reference": ("30 rpm", "140 rpm"), "bit.weight": ("60 kN", "110 kN")}
 LAW = PI(4_000.0, 1_500.0, reference="110 rpm")

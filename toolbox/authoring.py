@@ -57,9 +57,9 @@ if TYPE_CHECKING:
     from toolbox.prediction.rollout_loop import Motion as Motion
     from toolbox.prediction.rollout_loop import advance_interval as advance_interval
     from toolbox.prediction.rollout_loop import advance_rollout as advance_rollout
-    from toolbox.robustness.loop import zero_order_hold as zero_order_hold
     from toolbox.simulation.deadline import time_left as time_left
     from toolbox.simulation.samples import window as window
+    from toolbox.steady_states.linear_loop import zero_order_hold as zero_order_hold
     from toolbox.translation.compiled import Compiled as Compiled
 
 __getattr__, __dir__ = faces.face()

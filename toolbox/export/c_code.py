@@ -15,6 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.errors import SceneError, suggest
 from toolbox.export.from_control import LinearLaw
 from toolbox.export.law_text import Declared, c_paths, written
@@ -65,7 +66,7 @@ class OpenLaw:
         return [
             (variable.label if variable.length is None else f"{variable.label}.{i}", variable.unit)
             for variable in self.memory
-            for i in range(variable.length or 1)
+            for i in range(count_of(variable.length))
         ]
 
 

@@ -139,6 +139,8 @@ const char *@NAME@_status_text(int status) {
     case @UPPER@_INCONSISTENT: return "no modes are consistent";
     case @UPPER@_NEGATIVE_BOUND: return "the bound of a friction is negative: is its load?";
     case @UPPER@_NOT_FINITE: return "a controller gives a command, or remembers a value, that is no finite number";
+    case @UPPER@_STATE_NOT_FINITE: return "a state is no finite number";
+    case @UPPER@_STALLED: return "a million steps have hardly moved the time";
     case @UPPER@_BACKWARD: return "the time asked for lies before the present one, or is no number";
     case @UPPER@_UNKNOWN: return "there is no such number, or it cannot be set now";
     case @UPPER@_OUTSIDE: return "the value is not finite, out of bounds, or not allowed beside the others";

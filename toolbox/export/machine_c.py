@@ -51,7 +51,7 @@ FIXED = (
 )
 """Entries of `Work.ints` that are constants in C."""
 
-CONSTANT = ("group", "excited", "kind", "initial", "attached", "loader", "bound", "keys", "clocks")
+CONSTANT = ("group", "excited", "kind", "initial", "attached", "loader", "lever", "bound", "keys", "clocks")
 """Arrays that are constants in C."""
 
 EVENTS, STEPS = 64, 10_000
@@ -76,6 +76,8 @@ STATUS = {
     layout.INCONSISTENT: ("INCONSISTENT", "no modes are consistent"),
     layout.NEGATIVE_BOUND: ("NEGATIVE_BOUND", "the bound of a friction is negative: is its load?"),
     layout.NOT_FINITE: ("NOT_FINITE", "a controller gives a command, or remembers a value, that is no finite number"),
+    layout.STATE_NOT_FINITE: ("STATE_NOT_FINITE", "a state is no finite number"),
+    layout.STALLED: ("STALLED", "a million steps have hardly moved the time"),
 }
 
 

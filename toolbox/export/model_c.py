@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import casadi as ca
 
+from toolbox.arguments import count_of
 from toolbox.compilation.explicit_step import LONG, RungeKutta
 from toolbox.compilation.formulas import ClosedEquations
 from toolbox.compilation.program import Program
@@ -64,7 +65,7 @@ def model_text(name: str, program: Program, calling: str, along: Sequence[int] |
 def signals_of(program: Program) -> ca.SX:
     """The states, then the signals that are none, as one column."""
     system = program.system
-    states = sum(size or 1 for _, size, _ in system.states.values())
+    states = sum(count_of(size) for _, size, _ in system.states.values())
     wanted = [system.x[:states], *[ca.densify(value) for name, (value, _) in system.signals.items() if system.rows(name) is None]]
     return ca.densify(program.closed(ca.vertcat(*wanted)))
 

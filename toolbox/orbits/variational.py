@@ -80,7 +80,7 @@ class VariationalEquations:
         modes = ca.vertcat(m, self.sides)
         slope = ca.jacobian(field, z)
         rows, entries = (np.array(v, np.int64) for v in slope.sparsity().get_triplet())
-        function = ca.Function("slope", [t, x, p, modes], [ca.vertcat(field, slope.nz[:])])
+        function = ca.Function("slope", [t, x, p, modes], [ca.vertcat(field, ca.reshape(slope.nz[:], slope.nnz(), 1))])
         body = plain_body(function, 0)
         text = "\n".join([function_text("slope", body), *sorted(body.declarations)])
         address = compiled(text, ["slope"], body.count)["slope"]

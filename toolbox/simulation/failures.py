@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program
 from toolbox.errors import BudgetError, ControllerError, NoModes, SimulationError, ZenoError
@@ -190,7 +191,7 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
     if status == work_layout.INCONSISTENT:
         inside = (
             [e.name for e in program.system.elements if e.rigid and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
-            if t == 0.0
+            if not work.ints[work_layout.STARTED]
             else []
         )
         if inside:
@@ -202,6 +203,14 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
         )
         return NoModes(words + _sharing(program, point, work, t), so_far)
     labels = _labels(program)
+    if status == work_layout.STATE_NOT_FINITE:
+        name = labels[int(np.argmin(np.isfinite(work.x[: len(labels)])))]
+        return SimulationError(f"The state `{name}` is not finite at t = {t:.9g} s." + _sharing(program, point, work, t), so_far)
+    if status == work_layout.STALLED:
+        cause = bottleneck(run, program, work, np.bincount(work.ev_i[: int(work.ints[work_layout.EVENTS])], minlength=len(names)))
+        return SimulationError(
+            f"The run makes no progress at t = {t:.9g} s: a million steps have moved it by less than a millionth of that; {cause}.", so_far
+        )
     finite = np.isfinite(work.k[: len(labels)])
     if not finite.all():
         name = labels[int(np.argmin(finite))]
@@ -224,7 +233,7 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
 
 def _labels(program: Program) -> list[str]:
     """The name of every entry of the states."""
-    return [name if size is None else f"{name}.{i}" for name, (_, size, _) in program.system.states.items() for i in range(size or 1)]
+    return [name if size is None else f"{name}.{i}" for name, (_, size, _) in program.system.states.items() for i in range(count_of(size))]
 
 
 TOLD_APART = 1e-5

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.guards import bounds_hold, loads_hold, nudge, refresh, two_directions
+from toolbox.stepping.guards import bounds_hold, loads_hold, nudge, refresh, two_directions, without_lever
 from toolbox.stepping.modes import settle, turn_switches
 from toolbox.stepping.noise import normal
 from toolbox.translation.words import call
@@ -56,7 +56,7 @@ def inputs_changed(w, t, slips_jump):
                 w.m[i] = math.copysign(1.0, slip)
                 w.zero[i] = False
                 wrong = True
-            elif not abs(force) <= static * (1.0 + 1e-9):
+            elif not abs(force) <= static * (1.0 + 1e-9) or without_lever(w, i):
                 wrong = True
         elif w.m[i] * slip < 0.0:
             w.m[i] = -w.m[i]

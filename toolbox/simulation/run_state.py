@@ -2,7 +2,8 @@
 
 A run that begins with the state in which another one ended goes on as if it had never been cut, at the same absolute time: inputs, clocks, delays and the
 noise of each sample are functions of that time and of the number of the sample, so that they follow by themselves. The pieces equal the whole run to the
-accuracy of the steps, which are cut in other places.
+accuracy of the steps, which are cut in other places. A switch exactly at the cut is listed once: by the piece that ends there, or at the beginning of the
+next one where the first ends just before it.
 """
 
 from __future__ import annotations

@@ -130,7 +130,15 @@ def test_the_result_draws_every_run(found):
 
 @pytest.mark.parametrize(
     ("typed", "factors"),
-    [("20%", (0.8, 1.2)), ("±20 %", (0.8, 1.2)), ("+20%", (1.2,)), ("-5 %", (0.95,)), (["10%", 1.3], (0.9, 1.1, 1.3)), (0.2, (0.2,))],
+    [
+        ("20%", (0.8, 1.2)),
+        ("±20 %", (0.8, 1.2)),
+        ("+- 20 %", (0.8, 1.2)),
+        ("+20%", (1.2,)),
+        ("-5 %", (0.95,)),
+        (["10%", 1.3], (0.9, 1.1, 1.3)),
+        (0.2, (0.2,)),
+    ],
 )
 def test_a_share_is_an_error_to_either_side_as_on_the_command_line(rig, typed, factors):
     """`margins --wrong bit.weight=20%` tries 20 % less and 20 % more; it was a factor of 0.2 here."""

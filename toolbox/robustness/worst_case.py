@@ -401,8 +401,9 @@ def _factors(name: str, given: Any) -> list[float]:
     found: list[float] = []
     for each in given if isinstance(given, (list, tuple, np.ndarray)) else [given]:
         if isinstance(each, str) and each.strip().endswith("%"):
-            share = number(name, each.strip().lstrip("±"), above=-1)
-            sides = (share,) if each.strip()[0] in "+-" else (-share, share)
+            text = each.strip().replace("+-", "±", 1)
+            share = number(name, text.lstrip("±"), above=-1)
+            sides = (share,) if text[0] in "+-" else (-share, share)
             found += numbers(name, [1.0 + side for side in sides], above=0)
         else:
             found += numbers(name, np.ravel(each), above=0)

@@ -188,11 +188,6 @@ def locate(w, h, low):
     return fraction * h
 
 
-def falls_from_zero(w, h, j):
-    """Whether guard j, which starts at zero, falls over the step h by more than round-off: a run may begin where a guard falls through zero."""
-    return w.side[j] * w.g[w.ints[layout.NG] + j] * h < -1e-9 * guard_size(w, j)
-
-
 def watch(w, h, error, node):
     """Whether a guard has crossed zero over the step in `y`, and whether one may have dipped below it; its end guards are then in `g_high`.
 
@@ -213,8 +208,6 @@ def watch(w, h, error, node):
                 suspicious = suspicious or hermite_minimum(a, w.side[j] * w.g[ng + j] * h, b, slope)[1] <= 0.5 * max(a, b)
         elif b < -1e-12 * guard_size(w, j):
             hit = True
-        elif falls_from_zero(w, h, j) and b > 0.0 and error <= 1.0:
-            suspicious = True
     if hit or suspicious:
         for j in range(2 * ng):
             w.g_high[j] = w.y[end + j]

@@ -463,4 +463,8 @@ def begin(w):
         g, rate = w.z[2 * n + j], w.z[2 * n + ng + j]
         w.side[j] = -1.0 if g < 0.0 or (g == 0.0 and rate < 0.0) else 1.0
     refresh(w)
+    for i in range(ne):  # a run may be cut where a guard is about to fall through zero, as at a release
+        if w.initial[i] != layout.UNDECIDED and w.m[i] == 0.0 and w.kind[i] != layout.SWITCH:
+            w.armed[2 * i] = True
+            w.armed[2 * i + 1] = True
     return bounds_hold(w)

@@ -189,9 +189,8 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         for j in rigid:
             bound[j] = balanced_size[j] / gain[j, j]
         impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements, floor)
-    pace = ca.diag(gain) * ca.vertcat(
-        *[1 if e.rigid else bound[i] for i, e in enumerate(elements)]
-    )  # of a rigid contact that of a force of 1
+    # of a rigid contact the pace is that of a force of 1
+    pace = ca.diag(gain) * ca.vertcat(*[1 if e.rigid else bound[i] for i, e in enumerate(elements)])
     probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, solved, bound, pace)))
     return Switching(
         field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,

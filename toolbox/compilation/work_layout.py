@@ -8,22 +8,12 @@ import numpy as np
 
 from toolbox.modelling.elements import FRICTION, RIGID, SWITCH  # noqa: F401
 
+UNDECIDED = 9.0
+"""Mode at the start of an element that begins as the states and forces say."""
+
 # --- status codes of `advance`
-(
-    DONE,
-    RECORDS_FULL,
-    EVENTS_FULL,
-    PAUSED,
-    SAMPLE_DUE,
-    ENDLESS,
-    UNDERFLOW,
-    INCONSISTENT,
-    NEGATIVE_BOUND,
-    NO_SERIES,
-    GROWTH,
-    NOT_FINITE,
-    STALLED,
-) = range(13)
+(DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND, NO_SERIES, GROWTH,
+ NOT_FINITE, STATE_NOT_FINITE, STALLED) = range(14)  # fmt: skip
 
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
@@ -77,7 +67,8 @@ class Work(NamedTuple):
     group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
     side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
-    kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
+    kind, initial: kind of each element and its mode at the start, UNDECIDED where the states and forces decide;
+    attached: the rigid contact that loads a friction, or -1;
     loader: the unilateral contact without which a friction has no load, -1, or SECOND;  bound: what changes the bound of each element, see above;
     lever: 1 for a friction whose lever may vanish;
     bounced: rigid contacts that have just left again;

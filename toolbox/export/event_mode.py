@@ -103,7 +103,9 @@ def event_mode(w: Any, entered: bool) -> int:
         if not inputs_changed(w, t, True):
             return no_modes(w, t)
         status = HAPPENED
-    _, changed = samples(w, t)
+    failed, changed = samples(w, t)
+    if failed != layout.DONE:
+        return failed
     if changed:
         if not held_quietly(w) and not inputs_changed(w, t, False):
             return no_modes(w, t)

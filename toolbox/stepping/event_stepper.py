@@ -19,7 +19,7 @@ from typing import Any
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.between import load_node, open_step, step_between
 from toolbox.stepping.calendar import GO_ON, inputs_changed, jumps, next_stop, outputs_before, outputs_due, record, samples
-from toolbox.stepping.crossings import dip_inside, hermite_minimum, locate, rising_fraction, watch
+from toolbox.stepping.crossings import dip_inside, falls_from_zero, hermite_minimum, locate, rising_fraction, watch
 from toolbox.stepping.events import after_event, project_event
 from toolbox.stepping.guards import accept, finite, guard_size, held_quietly, no_modes, project
 from toolbox.stepping.impacts import many_at_once
@@ -52,8 +52,8 @@ def _due(w, t, every_node, undecided):
     for sampling in (False, True):  # a loop, so that the code for what follows a change is there once
         if sampling:
             status, changed = samples(w, t)
-            if status == layout.SAMPLE_DUE:
-                return layout.SAMPLE_DUE
+            if status != layout.DONE:
+                return status
             changed = changed or undecided
         else:
             changed = jumps(w, t)
@@ -84,7 +84,9 @@ def _first_dip(w, t, h):
     ng, end, top = w.ints[layout.NG], 2 * w.ints[layout.N], 1.0
     for j in range(ng):
         a, b = w.side[j] * w.g[j], w.side[j] * w.g_high[j]
-        if not (w.armed[j] and b > 0.0 and w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.g_high[ng + j] > 0.0):
+        if not (
+            (w.armed[j] or falls_from_zero(w, h, j)) and b > 0.0 and w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.g_high[ng + j] > 0.0
+        ):
             continue
         slope = w.side[j] * w.g_high[ng + j] * h
         if hermite_minimum(a, w.side[j] * w.g[ng + j] * h, b, slope)[1] <= 0.5 * max(a, b):
@@ -226,7 +228,7 @@ def advance(w, series):
             return layout.EVENTS_FULL
         status = _due(w, t, every_node, undecided)
         if status == layout.DONE and not finite(w):
-            return layout.NOT_FINITE
+            return layout.STATE_NOT_FINITE
         if status != GO_ON:
             return status
         if w.ints[layout.ACCEPTED] + w.ints[layout.REJECTED] >= budget:

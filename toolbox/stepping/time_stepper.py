@@ -124,8 +124,8 @@ def _advance(w):
             return layout.EVENTS_FULL
         changed = jumps(w, t)
         status, held = samples(w, t)
-        if status == layout.SAMPLE_DUE:
-            return layout.SAMPLE_DUE
+        if status != layout.DONE:
+            return status
         if w.ints[layout.STARTED] == 0 or changed or held:
             w.ints[layout.STARTED] = 1
             if every > 0:
@@ -134,7 +134,7 @@ def _advance(w):
                 record(w, t, w.x)
         status = outputs_due(w, t, every > 0)
         if status == layout.DONE and not finite(w):
-            return layout.NOT_FINITE
+            return layout.STATE_NOT_FINITE
         if status != GO_ON:
             return status
         if w.ints[layout.ACCEPTED] >= budget:

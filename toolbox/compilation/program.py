@@ -21,7 +21,8 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.input_kinds import ExpressionKey
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.numbers import WITHOUT_SLOPE, Number
-from toolbox.modelling.switching import Switching, depending, switching
+from toolbox.modelling.singular_gains import depending
+from toolbox.modelling.switching import Switching, switching
 from toolbox.modelling.two_directions import resolution
 
 

@@ -88,7 +88,7 @@ class Cones:
 
     def resisting(self, moved: Sequence[ca.SX]) -> dict[int, ca.SX]:
         """The slip rates that a force of 1 makes while the others hold: less than where nothing else does. moved: forces for a rate of 1 each."""
-        return {i: 1 / forces[i] for i, forces in zip(self.places, moved, strict=False)}
+        return {i: 1 / forces[i] for i, forces in zip(self.places, moved, strict=True)}
 
     def yielding(self, holding: ca.SX, before: ca.SX | None, load: ca.SX, sliding: ca.SX, resisting: Mapping[int, ca.SX]) -> ca.SX:
         """The slip rates, in parts of minus the force, that lower the forces of a trial to kinetic friction where the force follows the pull.

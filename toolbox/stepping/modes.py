@@ -83,45 +83,63 @@ def decide(w, t):
     return settled
 
 
+STUCK, ARRIVES, LET_GO = 1.0, 2.0, 3.0
+"""What a friction is where another comes to rest, behind the modes in `m_other`; 0 for none of these."""
+
+
+def _what_was_stuck(w):
+    """Note what every friction without slip was; returns how many were stuck, 0 where none comes to rest."""
+    ne, kept, arrives = w.ints[layout.NE], 0, False
+    for i in range(ne):
+        w.m_other[ne + 1 + i] = 0.0
+        if w.kind[i] == layout.FRICTION and w.zero[i] and w.m[i] == 0.0:
+            if w.before[i] != 0.0:
+                w.m_other[ne + 1 + i] = ARRIVES
+                arrives = True
+            elif not w.forced[i]:
+                w.m_other[ne + 1 + i] = STUCK
+                kept += 1
+    return kept if arrives else 0
+
+
+def _agrees_with_stuck(w, t, way):
+    """Whether modes are found with what was stuck at rest, beginning with what arrives at rest (0), going on (1) or going back (-1)."""
+    ne = w.ints[layout.NE]
+    for i in range(ne):
+        if w.m_other[ne + 1 + i] == STUCK:
+            w.m[i], w.zero[i] = 0.0, False
+        elif w.m_other[ne + 1 + i] == ARRIVES:
+            w.m[i] = abs(way) * w.before[i] if two_directions(w, i) else way * w.before[i]
+    for _ in range(20 + 4 * ne):
+        if modes_consistent(w, t, True, -1):
+            break
+    for i in range(ne):
+        w.zero[i] = w.zero[i] or w.m_other[ne + 1 + i] == STUCK
+    return modes_consistent(w, t, False, -1)
+
+
 def _stuck_stay(w, t):
     """Find modes in which what was stuck before stays so, where a friction comes to rest beside it; False, with the modes as they were, where none agree.
 
     What comes to rest is tried at rest, going on and going back. What holds least of all is let go where none of that is consistent.
     """
-    ne = w.ints[layout.NE]
-    kept, arrives = 0, False
-    for i in range(ne):
-        friction = w.kind[i] == layout.FRICTION and w.zero[i] and w.m[i] == 0.0
-        stuck = friction and w.before[i] == 0.0 and not w.forced[i]
-        w.m_other[ne + 1 + i] = 1.0 if stuck else 2.0 if friction and w.before[i] != 0.0 else 0.0
-        kept += 1 if stuck else 0
-        arrives = arrives or w.m_other[ne + 1 + i] == 2.0
-    if not arrives or kept == 0:
+    ne, kept = w.ints[layout.NE], _what_was_stuck(w)
+    if kept == 0:
         return False
     if modes_consistent(w, t, False, -1):
         return True
-    for _ in range(ne):
+    while kept > 0:
         worst, most = -1, 1.0
         for way in (0.0, 1.0, -1.0):
-            for i in range(ne):
-                if w.m_other[ne + 1 + i] == 1.0:
-                    w.m[i], w.zero[i] = 0.0, False
-                elif w.m_other[ne + 1 + i] == 2.0:
-                    w.m[i] = abs(way) * w.before[i] if two_directions(w, i) else way * w.before[i]
-            for _ in range(20 + 4 * ne):
-                if modes_consistent(w, t, True, -1):
-                    break
-            for i in range(ne):
-                w.zero[i] = w.zero[i] or w.m_other[ne + 1 + i] == 1.0
-            if modes_consistent(w, t, False, -1):
+            if _agrees_with_stuck(w, t, way):
                 return True
             for i in range(ne if way == 0.0 else 0):
                 part = abs(w.z[2 * ne + i]) / max(w.z[3 * ne + i], 1e-300)
-                if w.m_other[ne + 1 + i] == 1.0 and part > most:
+                if w.m_other[ne + 1 + i] == STUCK and part > most:
                     worst, most = i, part
-        if worst < 0 or kept == 1:
+        if worst < 0:
             break
-        w.m_other[ne + 1 + worst] = 3.0  # let go, and decided like the others from here on
+        w.m_other[ne + 1 + worst] = LET_GO  # decided like the others from here on
         kept -= 1
     for i in range(ne):
         if w.m_other[ne + 1 + i] > 0.0:

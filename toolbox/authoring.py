@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from toolbox.arguments import whole as whole
     from toolbox.compilation.notices import announced as announced
     from toolbox.errors import suggest as suggest
-    from toolbox.export.c_code import Declared as Declared
-    from toolbox.export.c_code import written as written
+    from toolbox.export.law_text import Declared as Declared
+    from toolbox.export.law_text import written as written
     from toolbox.faces import face as face
     from toolbox.figures.style import line_styles as line_styles
     from toolbox.figures.style import name_axis as name_axis
@@ -57,9 +57,9 @@ if TYPE_CHECKING:
     from toolbox.prediction.rollout_loop import Motion as Motion
     from toolbox.prediction.rollout_loop import advance_interval as advance_interval
     from toolbox.prediction.rollout_loop import advance_rollout as advance_rollout
-    from toolbox.robustness.loop import zero_order_hold as zero_order_hold
     from toolbox.simulation.deadline import time_left as time_left
     from toolbox.simulation.samples import window as window
+    from toolbox.steady_states.linear_loop import zero_order_hold as zero_order_hold
     from toolbox.translation.compiled import Compiled as Compiled
 
 __getattr__, __dir__ = faces.face()

@@ -58,6 +58,10 @@ class NoModes(SimulationError):
     """An instant at which no modes of the elements are consistent with the forces."""
 
 
+class ControllerError(SimulationError):
+    """A controller whose command, or whose memory, is not a finite number; the message names the controller, the signal and the time."""
+
+
 class BudgetError(SimulationError):
     """A run that used up its `Budget` of steps, events or seconds."""
 

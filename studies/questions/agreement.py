@@ -48,11 +48,11 @@ from toolbox.authoring import in_si
 from toolbox.onsets.growth import SmoothBranch
 from toolbox.onsets.motions import slip_rows
 from toolbox.onsets.results import Onset
-from toolbox.robustness.loop import NoDerivative
-from toolbox.robustness.steady_loop import steady_loop
 from toolbox.simulation.request import Request
 from toolbox.simulation.run_state import RunState
 from toolbox.steady_states.equilibria import EquilibriumBranch
+from toolbox.steady_states.linear_loop import NoDerivative
+from toolbox.steady_states.steady_loop import steady_loop
 
 PARAMETER = "top.reference"
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))

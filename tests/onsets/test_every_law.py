@@ -21,7 +21,7 @@ def sticks_at(law, value, speed):
 
 @pytest.mark.parametrize(
     ("law", "loss", "end", "way"),
-    [(Sampled(SuperTwisting(), 0.01), 3.7279, 7.7388, "twin runs"), (Sampled(PI(), 0.01, delay=0.05), 3.9785797, 9.4801, "differences")],
+    [(Sampled(SuperTwisting(), 0.01), 3.7279, 7.7388, "twin runs"), (Sampled(PI(), 0.01, delay=0.05), 3.9785797, 9.4801, "matrices")],
     ids=["super-twisting", "late PI"],
 )
 def test_a_law_that_is_only_sampled_has_both_borders(law, loss, end, way):

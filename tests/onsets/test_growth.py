@@ -7,16 +7,19 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
+from scipy.optimize import brentq
 
 from controllers import PI, ImplicitSlidingMode, Lifting, SlidingMode, SoftTorque, SuperTwisting
 from models import BitRock, TorsionalChain, wells
-from toolbox import Sampled, closed_loop, compose, hopf_points
+from toolbox import Sampled, closed_loop, compose, hopf_points, onset
 from toolbox.onsets.growth import SmoothBranch
 from toolbox.onsets.sampled_map import section
+from toolbox.onsets.search import OnsetSearch
 from toolbox.onsets.twins import SAMPLES, _exponent, twin_growth
-from toolbox.robustness.steady_loop import steady_loop
 from toolbox.simulation.request import Request
 from toolbox.steady_states.equilibria import EquilibriumBranch
+from toolbox.steady_states.steady_loop import steady_loop
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 REFERENCE = closed_loop(RIG, PI()).number("top.reference")
@@ -71,11 +74,68 @@ def test_a_continuous_law_loses_smooth_running_at_its_hopf_point():
     ],
     ids=["PI", "late PI", "late soft torque", "implicit sliding mode", "sliding mode"],
 )
-def test_differences_of_the_map_have_the_multipliers_of_the_matrix_of_the_loop(law):
+def test_matrix_over_the_period_and_differences_of_the_map_have_the_multipliers_of_the_loop_closed_at_its_commands(law):
     found, loop = branch(law), steady_loop(closed_loop(RIG, law, inputs={"top.reference": 5.0})).loop()
     multipliers = np.linalg.eigvals(loop.A + loop.B @ loop.C)  # closed: what the law gives is what the plant gets
-    assert found(5.0).growth.way == "differences"
-    assert found.rate(5.0) == pytest.approx(math.log(np.abs(multipliers).max()) / law.period, rel=1e-7)
+    rate = math.log(np.abs(multipliers).max()) / law.period
+    assert found(5.0).growth.way == "matrices"
+    assert found.rate(5.0) == pytest.approx(rate, rel=1e-10)
+    differences = found.by_runs(5.0).growth
+    assert differences.way == "differences"
+    assert abs(differences.rate - rate) <= differences.error < 1e-5
+
+
+def zero_order_hold(a, b, period):
+    whole = np.zeros((len(a) + 1, len(a) + 1))
+    whole[:-1, :-1], whole[:-1, -1:] = a, b
+    found = expm(whole * period)
+    return found[:-1, :-1], found[:-1, -1:]
+
+
+def string_at(speed):
+    """Matrices of the string of two inertias about smooth running: x = (twist, speed of the top, of the bit), driven by the torque at the top."""
+    rock = -97_347.0 * 0.155575 * 0.3 * 0.9 * math.exp(-0.9 * speed)  # slope of the rock torque by the speed
+    a = np.array([[0, 1, -1], [-473 / 2122, -(23.2 + 425) / 2122, 23.2 / 2122], [473 / 374, 23.2 / 374, -(23.2 + 50 + rock) / 374]])
+    return a, np.array([[0.0], [1 / 2122], [0.0]])
+
+
+def growth_by_hand(law, speed):
+    """Growth [1/s] of the string under a sampled PI with a delay, from its transition matrices: state (x, integral, torques on their way)."""
+    period, (whole, part) = law.period, divmod(law.delay, law.period)
+    whole = int(whole)
+    a, b = string_at(speed)
+    f, g = zero_order_hold(a, b, period)
+    late = g - zero_order_hold(a, b, period - part)[1]
+    matrix = np.zeros((5 + whole, 5 + whole))
+    torque = np.zeros(5 + whole)
+    torque[1], torque[3] = -law.law.proportional, law.law.integral
+    past = [torque, *np.eye(5 + whole)[4:]]  # torque of this sample, of the one before, ...
+    matrix[:3, :3] = f
+    matrix[:3] += (g - late) * past[whole] + late * past[whole + 1]
+    matrix[3, 1], matrix[3, 3] = -period, 1.0
+    for k in range(whole + 1):
+        matrix[4 + k] = past[k]
+    return math.log(np.abs(np.linalg.eigvals(matrix)).max()) / period
+
+
+@pytest.mark.parametrize(("period", "delay"), [(0.01, 0.0), (0.01, 0.034), (0.2, 0.13), (0.01, 0.4321)])
+def test_the_border_of_a_sampled_pi_is_that_of_its_transition_matrices_and_its_tolerance_holds_the_distance(period, delay):
+    law = Sampled(PI().design(RIG), period, delay=delay)
+    right = brentq(lambda speed: growth_by_hand(law, speed), 2.0, 6.5, xtol=1e-14)
+    [border] = onset(closed_loop(RIG, law, inputs={"top.reference": 6.0}), "top.reference", (3.0, 8.0), values=3, duration=60.0).losses
+    assert border.followed == "matrices"
+    assert abs(border.value - right) <= border.tolerance <= 1e-8
+    [by_python] = search_losses(Sampled(PythonPI(law.law, period), period, delay=delay), border.value - 0.3, border.value + 0.3)
+    assert by_python.followed == "differences"
+    assert abs(by_python.value - right) <= by_python.tolerance < 1e-3
+
+
+def search_losses(law, low, high):
+    """Borders of smooth running by the growth alone."""
+    found = branch(law)
+    search = OnsetSearch(base=found.run, branch=found, element="bit", signal="bit.speed", perturbation=1e-3, period=SWING, budget=10.0,
+                         free=REFERENCE, followed=None)  # fmt: skip
+    return search.losses([low, high], 1e-3)
 
 
 def test_a_sampled_loop_loses_smooth_running_where_the_matrix_does_and_near_its_continuous_form():

@@ -183,7 +183,7 @@ def test_a_sampled_law_is_mapped_as_it_runs_sampled():
     np.testing.assert_array_equal(maps[0].smooth.verdict, maps[1].smooth.verdict)
     np.testing.assert_array_equal(maps[0].sticking.verdict, maps[1].sticking.verdict)
     assert (maps[0].growth != maps[1].growth).all() and np.allclose(maps[0].growth, maps[1].growth, rtol=0.05)
-    assert "differences" in maps[1].notes[0] and not maps[0].notes
+    assert "matrices" in maps[1].notes[0] and not maps[0].notes
 
 
 def test_parameters_of_plant_and_law_may_be_varied():

@@ -31,10 +31,10 @@ from toolbox import (
     state,
 )
 from toolbox.robustness.disk_margins import LoopMargins, joint_margins, loop_margins, scaled_norm
-from toolbox.robustness.loop import LinearLoop
 from toolbox.robustness.margins import disk_margin
 from toolbox.robustness.measured import measured_margins, with_delay, with_gain
-from toolbox.robustness.steady_loop import steady_loop
+from toolbox.steady_states.linear_loop import LinearLoop
+from toolbox.steady_states.steady_loop import steady_loop
 
 J, DRAG, GAIN, INTEGRAL = 2.0, 0.5, 3.0, 4.0
 

@@ -14,7 +14,7 @@ from toolbox import Sampled, SceneError, closed_loop, compose, equilibrium, marg
 from toolbox.halving import halved
 from toolbox.robustness import smallest_error
 from toolbox.robustness.joint_errors import PRECISION
-from toolbox.robustness.steady_loop import smooth_start
+from toolbox.steady_states.steady_loop import smooth_start
 
 SPEED = 5.0
 

@@ -8,7 +8,7 @@ import pytest
 
 from studies.questions import robustness as study
 from toolbox import closed_loop, measure, simulate
-from toolbox.robustness.steady_loop import steady_loop
+from toolbox.steady_states.steady_loop import steady_loop
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,6 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip explore`."""
     page = commands.add_parser(
         "explore",
-        help="a local page: turn a number of a scene and see traces, verdict and map at once",
         description="Serve a page to the browser of this computer, on which every number of a scene is turned: traces, verdict with its reason, phase plane, "
         "spectrum, poles, and the working point on the map with both borders. It is served to this computer alone, only to who has the address, and ends "
         "with Ctrl-C or its terminal.",

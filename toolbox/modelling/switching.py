@@ -15,6 +15,10 @@ and is free (F_i = 0) in mode 1. A switch has no multiplier: its mode is a numbe
 
     sticking: sum_j A_ij P_j = -(1 + e_i) v_i        sliding:  P_i + m_i K_i P = 0
 
+A lever may vanish, as that of a crank at its dead centre: slip = p(q) w with p = 0. There the slip passes through zero however fast the shaft turns, A is zero,
+and no force can hold it. A contact is therefore put at zero slip only where its own force keeps it there, |F_i| <= static_i; elsewhere the state stays as it is
+and force decides the mode, with which a slip that was positive goes on as a negative one.
+
 A friction with two slip directions has two rows, which hold and slide together, and its force a direction (`toolbox.modelling.two_directions`).
 """
 
@@ -62,6 +66,10 @@ class Switching(NamedTuple):
         For every element the number of the unilateral contact without which it has no load, or -1.
     open_field, balance
         Where forces hold each other, dx/dt with the forces as symbols, and what these forces make zero; empty elsewhere.
+    levers
+        1 for every friction whose lever may vanish, else 0.
+    floor
+        What is added to the own gain of an element that holds, so that no balance of forces is without solution.
     probed
         What the loops decide modes by, [slip | slip rate | force | bound | pace] of all elements: pace is the slip rate that a force at its bound makes.
     """
@@ -82,8 +90,20 @@ class Switching(NamedTuple):
     loader: tuple[int, ...]
     open_field: ca.SX
     balance: ca.SX
+    levers: tuple[int, ...]
+    floor: ca.SX
     probed: ca.SX
 
+
+VANISHING = 1e-60
+"""What is added to the gain of a lever that may vanish: the force that would hold its slip there is then too large, not undefined."""
+
+YIELDING = 1e-13
+"""What is added, in parts of their own gain, to that of rigid contacts which stand against each other: where a body has no play both are closed, and their
+balance has no solution of its own. The one that would pull is then let go; the other carries its force to this part of it."""
+
+HELD = 1e-6
+"""By what part of its bound the force of a contact whose lever may vanish may exceed it where the contact is put at zero slip: events are located so far."""
 
 NEIGHBOURS = 4
 """From how many contacts away, each of which holds the next, the round-off of a force is counted: with every one it falls by half or more."""
@@ -111,11 +131,19 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     slip_of_state = ca.jacobian(slip, x)
     gain = ca.sparsify(ca.mtimes(slip_of_state, gain_of_force))
     _check_forces(elements, force, static, gain_of_force, coupling, gain)
+    levers = _levers(elements, slip_of_state, gain_of_force, gain, ca.vertcat(t, x))
+    opposed = _opposed(elements, gain, ca.vertcat(t, x))
+    floor = _floor(gain, levers, opposed)
     free = ca.substitute(flow, force, ca.SX.zeros(force.shape))
     free_rate = ca.mtimes(slip_of_state, free) + ca.jacobian(slip, t)
     zero = ca.SX.zeros(force.shape)
     # the factors of the law are grouped so that all but the law itself is constant over a step
     free_load, free_sliding = ca.substitute(load, force, zero), ca.substitute(sliding, force, zero)
+    # a contact with the ground takes what it holds before others see it: what is left for these is then zero, not round-off that turns their direction
+    order = sorted(range(len(elements)), key=lambda i: slip_of_state[i - elements[i].second, :].nnz())
+
+    def solved_for(matrix: ca.SX, right: ca.SX) -> ca.SX:
+        return masked_solve(matrix[order, order], right[order])[np.argsort(order).tolist()] if cones.places else masked_solve(matrix, right)
 
     def balanced(sticks: ca.SX, side: ca.SX, speeds: ca.SX, yielding: ca.SX | None = None) -> Balance:
         """Forces for given elements that stick, directions in which the others slide, and slip speeds of those with two directions.
@@ -124,30 +152,34 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         """
         laws = cones.at_speed(free_sliding, speeds)
         matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(1 - sticks) + ca.diag(side) @ cones.at_speed(coupling, speeds))
+        matrix = ca.sparsify(matrix + ca.diag(sticks * floor))
         if yielding is not None:
             matrix = ca.sparsify(matrix + ca.diag(yielding))
         right = -(sticks * free_rate + side * free_load * laws)
         if matrix.sparsity().is_diag():
             pivot = ca.diag(matrix)
             return Balance(matrix, right, -(sticks / pivot) * free_rate - (side * free_load / pivot) * laws)
-        return Balance(matrix, right, masked_solve(matrix, right))
+        return Balance(matrix, right, solved_for(matrix, right))
 
     own_mode = cones.shared(mode)
     sticks, side, speeds = holds * (1 - own_mode * own_mode), mode, ca.SX(0, 1)
     if cones.places:
         tried, yielding = cones.trial(sticks, side), None
-        holding = balanced(*tried).force
-        for _ in range(cones.sweeps(gain)):
-            yielding = cones.yielding(holding, yielding, free_load, free_sliding, gain)
-            holding = balanced(*tried, yielding).force
-        side, speeds = cones.directed(holding, ca.substitute(static, force, holding), side, gain)
-    slides = 1 - sticks
+        trial = balanced(*tried)
+        sweeps = cones.sweeps(gain)
+        resisting = cones.resisting([solved_for(trial.matrix, ca.SX(ca.DM.eye(len(elements))[:, i])) for i in cones.places if sweeps])
+        for _ in range(sweeps):
+            yielding = cones.yielding(trial.force, yielding, free_load, free_sliding, resisting)
+            trial = balanced(*tried, yielding)
+        side, speeds = cones.directed(trial.force, ca.substitute(static, force, trial.force), side, gain)
     matrix, right, solved = balanced(sticks, side, speeds)
     terms, open_field, balance = ca.fabs(solved), ca.SX(0, 1), ca.SX(0, 1)
     if not matrix.sparsity().is_diag():
         terms = _sizes(matrix, right, solved)
         open_field = _held_exactly(free + gain_of_force @ force, slip, slip_of_state, x, t, sticks)
         balance = matrix @ force - right
+    if cones.places:
+        terms = cones.rounded(terms, solved, trial.force, _sizes(*trial))
     bound = ca.substitute(static, force, solved)
     field = _held_exactly(free + gain_of_force @ solved, slip, slip_of_state, x, t, sticks)
     slip_rate = free_rate + gain @ solved
@@ -156,12 +188,20 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     stuck = sticks * solved
     cones.moving_at(slip_rate)
     guards = cones.at_speed(_guards(elements, cones, stuck, limit), speeds)
+    for pair in opposed:
+        for i, j in (pair, pair[::-1]):
+            still = (1 - mode[j]) * mode[i]
+            guards[2 * i] = (1 - still) * guards[2 * i] + still * _play(t, x, elements, gain, i, j)
     watched = [cones.at_speed(getattr(e, e.watched), speeds) for e in elements if e.watched]
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
-    of_impulse = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides))  # sticking rows as for forces, sliding ones give no impulse
-    projected = _project(x, slip, slip_of_state, gain_of_force, of_impulse, sticks)
+    held = ca.SX(sticks)
+    for i in np.flatnonzero(levers).tolist():  # squares, since a size would be a kink
+        held[i] = sticks[i] * (solved[i] ** 2 <= ((1 + HELD) * bound[i]) ** 2)
+    of_impulse = ca.sparsify(ca.diag(held) @ gain + ca.diag(1 - held))  # held rows as for forces, others give no impulse
+    of_impulse = ca.sparsify(of_impulse + ca.diag(held * floor))
+    projected = _project(x, slip, slip_of_state, gain_of_force, of_impulse, held)
     burden = ca.fabs(gain_of_force) @ terms
     attached, impulse = [-1] * len(elements), None
     rigid = [i for i, element in enumerate(elements) if element.rigid]
@@ -173,15 +213,75 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         balanced_size = ca.fabs(slip_of_state) @ ca.fabs(free) + ca.fabs(ca.jacobian(slip, t))
         for j in rigid:
             bound[j] = balanced_size[j] / gain[j, j]
-        impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements)
+        impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements, floor)
     pace = ca.diag(gain) * ca.vertcat(
         *[1 if e.rigid else bound[i] for i, e in enumerate(elements)]
     )  # of a rigid contact that of a force of 1
     probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, solved, bound, pace)))
     return Switching(
         field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,
-        probed,
+        levers, floor, probed,
     )  # fmt: skip
+
+
+def _levers(elements: Sequence[Element], slip_of_state: ca.SX, gain_of_force: ca.SX, gain: ca.SX, along: ca.SX) -> tuple[int, ...]:
+    """1 for every friction all of whose ways to act on its own slip change with the states or time, so that all can vanish at once, else 0.
+
+    They cannot where the gain does not change with them, as that of a wall around a shaft, whose levers are a cosine and a sine. A relay has no law and is
+    none: at a surface that its switch does not reach it must not hold by force what it cannot.
+    """
+    found = []
+    for i, element in enumerate(elements):
+        alone = element.law is not None and element.slides and element.directions == 1 and not element.second
+        columns = [j for j in slip_of_state[i, :].sparsity().get_col() if gain_of_force.has_nz(j, i)] if alone else []
+        turns = bool(columns) and len(depending([slip_of_state[i, j] for j in columns], along)) == len(columns)
+        found.append(int(turns and _changes(gain[i, i], along)))
+    return tuple(found)
+
+
+def _changes(value: ca.SX, along: ca.SX) -> bool:
+    """Whether a value differs between points, by more than its round-off."""
+    others = [symbol for symbol in ca.symvar(value) if not ca.depends_on(along, symbol)]
+    numbers = ca.Function("value", [along, ca.vertcat(ca.SX(0, 1), *others)], [value])
+    found = np.array([float(numbers(ca.DM(np.random.default_rng(seed).normal(size=along.numel())), 0.7)) for seed in range(4)])
+    return not np.ptp(found) <= 1e-12 * np.abs(found).max()
+
+
+def _floor(gain: ca.SX, levers: Sequence[int], opposed: set[tuple[int, int]]) -> ca.SX:
+    """What is added to the own gain of every element that holds, so that no pivot is zero: nothing to most."""
+    floor = ca.SX(len(levers), 1)
+    for i in np.flatnonzero(levers).tolist():
+        floor[i] = VANISHING
+    for i in {i for pair in opposed for i in pair}:
+        floor[i] = YIELDING * gain[i, i]
+    return floor
+
+
+def _opposed(elements: Sequence[Element], gain: ca.SX, along: ca.SX) -> set[tuple[int, int]]:
+    """Pairs of rigid contacts that stand against each other, as two stops of one body: one closes as fast as the other opens, so that both hold one motion."""
+    rigid = [i for i, element in enumerate(elements) if element.rigid]
+    pairs = [(i, j) for k, i in enumerate(rigid) for j in rigid[:k] if gain.has_nz(i, j)]
+    if not pairs:
+        return set()
+    both = ca.vertcat(*[gain[i, i] * gain[j, j] for i, j in pairs])
+    shared = ca.vertcat(*[gain[i, j] * ca.fabs(gain[j, i]) for i, j in pairs])
+    symbols = ca.symvar(ca.vertcat(both, shared))
+    compared = ca.Function("compared", symbols, [both, shared], {"max_io": 10**9})
+    found = set(pairs)
+    for seed in range(2):
+        random = np.random.default_rng(seed)
+        a, b = (np.array(value).ravel() for value in compared.call([ca.DM(0.5 + random.random(symbol.shape)) for symbol in symbols]))
+        found &= {pair for pair, one, other in zip(pairs, a, b, strict=True) if abs(one + other) <= 1e-12 * abs(one)}
+    return {(i, j) for i, j in found if not depending([gain[i, j], gain[i, i], gain[j, j]], along)}
+
+
+def _play(t: ca.SX, x: ca.SX, elements: Sequence[Element], gain: ca.SX, i: int, j: int) -> ca.SX:
+    """The gap of contact i while contact j, which stands against it, is closed: the play of both, a number that no state changes.
+
+    The gap itself also holds what the closure of j has drifted by, which is no depth of i.
+    """
+    play = elements[i].closure - gain[i, j] / gain[j, j] * elements[j].closure
+    return ca.sqrt(ca.substitute(play, ca.vertcat(t, x), ca.SX.zeros(1 + x.numel())) ** 2 + 1e-300)
 
 
 def _sizes(matrix: ca.SX, right: ca.SX, solved: ca.SX) -> ca.SX:
@@ -244,7 +344,15 @@ def _loaders(elements: Sequence[Element]) -> tuple[int, ...]:
 
 
 def _impact(
-    x: ca.SX, slip: ca.SX, gain_of_force: ca.SX, gain: ca.SX, coupling: ca.SX, strength: ca.SX, mode: ca.SX, elements: Sequence[Element]
+    x: ca.SX,
+    slip: ca.SX,
+    gain_of_force: ca.SX,
+    gain: ca.SX,
+    coupling: ca.SX,
+    strength: ca.SX,
+    mode: ca.SX,
+    elements: Sequence[Element],
+    floor: ca.SX,
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """State, impulses, slips before and after, and bounds of impulses at an impact in which the elements marked as sticking take part."""
     sticking, elastic = ca.SX.sym("sticking", len(elements)), ca.SX.sym("elastic")
@@ -253,6 +361,7 @@ def _impact(
     # an impact may turn a slip, and then the mode is no longer the way it went before: a law knows no speed below zero
     coupling = ca.substitute(coupling, mode[rubbing], ca.sign(slip[rubbing])) if rubbing else coupling
     matrix = ca.sparsify(ca.diag(sticking) @ gain + ca.diag(1 - sticking) + ca.diag((1 - sticking) * mode) @ coupling)
+    matrix = ca.sparsify(matrix + ca.diag(sticking * floor))
     impulses = masked_solve(matrix, -sticking * (1 + elastic * restitution) * slip)
     results = (x + gain_of_force @ impulses, impulses, slip, slip + gain @ impulses, strength @ impulses)
     return sticking, elastic, ca.vertcat(*map(ca.densify, results))

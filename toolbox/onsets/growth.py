@@ -1,8 +1,10 @@
 """How fast a small disturbance of smooth running grows, for every law.
 
 - A loop that acts continuously: the poles of its equations at the steady state.
-- A sampled loop: the multipliers of its map over a few sample times, in the states, the memory of the laws, the signals held and the outputs on their way.
-  Its derivatives are differences of short runs of the machine as it runs; they count where two sizes of the differences, and both of their sides, agree.
+- A sampled loop whose controllers have slopes: the multipliers of its exact matrix over the period of all sample times (`sampled_matrix`),
+  in the states, the memory of the controllers, the signals held and the outputs on their way.
+- A sampled controller without a slope, as one in Python: the same by differences of short runs of the machine as it runs. They count where two sizes of the
+  differences, and both of their sides, agree.
 - Where they do not, as under a law that switches or whose slope is infinite, or where a Python law does not tell its memory: two runs from both sides of
   smooth running, and the growth of what is between them.
 
@@ -19,18 +21,20 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from toolbox.arguments import FloatArray
+from toolbox.arguments import FloatArray, count_of
 from toolbox.errors import SceneError, SimulationError
 from toolbox.halving import zero
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium
+from toolbox.onsets.exact_growth import exact_run, exact_smooth
 from toolbox.onsets.motions import Growth, Smooth, in_phase, least_damped, moved, slip_rows, swing_period, swings
 from toolbox.onsets.sampled_map import SampledMap
 from toolbox.onsets.twins import twin_growth
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
 from toolbox.steady_states.equilibria import flow_slopes
+from toolbox.steady_states.linear_loop import NoDerivative
 from toolbox.steady_states.running import at_set_points
 
 Place = TypeVar("Place", float, complex)
@@ -69,12 +73,13 @@ class SmoothBranch(Generic[Place]):
     ):
         known = base.system.parameters
         silent = {
-            name: np.full(known[name].size or 1, value) for end, value in EXACT_SENSORS.items() for name in known if name.endswith(end)
+            name: np.full(count_of(known[name].size), value) for end, value in EXACT_SENSORS.items() for name in known if name.endswith(end)
         }
         self.run = dataclasses.replace(base, system=base.system.with_parameters(silent)) if silent else base
         self.numbers: Callable[[Place], Sequence[tuple[Number, float]]] = numbers
         self.followed: Callable[[Place], Equilibrium | None] | None = followed
         self.known: dict[Place, Smooth | None] = {}
+        self.exact = exact_run(self.run) if self.run.system.updates else None
         self.slopes: FloatArray | None = None
         self.rough = 0
 
@@ -123,6 +128,26 @@ class SmoothBranch(Generic[Place]):
 
         return zero(rate, one, other, precision or 1e-10 * max(abs(one), abs(other)), 1e-10)
 
+    def width(self, value: float, one: float, other: float, precision: float) -> float:
+        """How far on either side of a border its place may be, given how far the growth may be from the true one; at most up to `one` and `other`.
+
+        Within it the growth, as it is known, is so near zero that its sign is not sure.
+        """
+
+        def sure(at: float) -> bool:
+            found = self(at)
+            return found is not None and abs(found.growth.rate) > found.growth.error
+
+        widest = precision
+        for end in (one, other):
+            way, rate, here = abs(end - value), self.rate(end), self(value)
+            error = math.inf if here is None else here.growth.error
+            part = max(precision, 2.0 * error * way / abs(rate)) if rate and math.isfinite(rate * error) else way
+            while part < way and not sure(value + math.copysign(part, end - value)):
+                part *= 2.0
+            widest = max(widest, min(part, way))
+        return widest
+
     def _continuous(self, value: Place) -> Smooth | None:
         point = None if self.followed is None else self.followed(value)
         if point is None:
@@ -140,6 +165,24 @@ class SmoothBranch(Generic[Place]):
         return Smooth(state, Growth.of(complex(exponents[best]), "poles"), in_phase(motions[:, best], rows))
 
     def _sampled(self, value: Place) -> Smooth | None:
+        found = self._by_matrices(value)
+        return self.by_runs(value) if found is None else found
+
+    def _by_matrices(self, value: Place) -> Smooth | None:
+        """Smooth running from the exact matrix of the sampled loop; None where a controller has no slope, or none is found."""
+        if self.exact is None:
+            return None
+        run, target = with_numbers(self.exact, self.numbers(value)), self.at(value)
+        for begin in self._beginnings(run, value):
+            try:
+                found = exact_smooth(run, begin, target)
+            except NoDerivative:
+                return None
+            if found is not None:
+                return found
+        return None
+
+    def by_runs(self, value: Place) -> Smooth | None:
         run, nearest = self.at(value), None
         for begin in self._beginnings(run, value):
             nearest = nearest or begin
@@ -185,7 +228,7 @@ class SmoothBranch(Generic[Place]):
                 point = find()
                 if point is not None:
                     yield begun_at(run, point)
-        near = [other for other, smooth in self.known.items() if smooth is not None and smooth.growth.way == "differences"]
+        near = [other for other, smooth in self.known.items() if smooth is not None and smooth.growth.way in ("matrices", "differences")]
         if near:
             yield self.known[min(near, key=lambda other: abs(other - value))].state  # type: ignore[union-attr]
 

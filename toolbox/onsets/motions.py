@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import FloatArray
+from toolbox.arguments import FloatArray, count_of
 from toolbox.measuring.judge import told_growth
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.steady_point import Equilibrium, function_of
@@ -34,17 +34,20 @@ class Growth:
     period
         Period of its swing [s]; inf where it does not swing.
     way
-        How it is known: "poles", "differences" or "twin runs"; "runs" where none of them tells and the rate is nan, so that only runs can.
+        How it is known: "poles", "matrices", "differences" or "twin runs"; "runs" where none of them tells and the rate is nan, so that only runs can.
+    error
+        How far the rate may be from the true one [1/s].
     """
 
     rate: float
     period: float
     way: str
+    error: float = 0.0
 
     @staticmethod
-    def of(exponent: complex, way: str) -> Growth:
+    def of(exponent: complex, way: str, error: float = 0.0) -> Growth:
         """The growth of a motion that goes as exp(exponent t)."""
-        return Growth(float(exponent.real), 2 * math.pi / abs(exponent.imag) if exponent.imag else math.inf, way)
+        return Growth(float(exponent.real), 2 * math.pi / abs(exponent.imag) if exponent.imag else math.inf, way, error)
 
     def __str__(self) -> str:
         return f"{told_growth(self.rate)}, by {self.way}"
@@ -86,7 +89,7 @@ def swings(point: Equilibrium, row: FloatArray) -> Iterator[tuple[complex, Float
 
 def moved(state: RunState, plant: HybridSystem, motion: FloatArray) -> RunState:
     """The state with a motion of the plant added to it."""
-    places = {name: slice(first, first + (size or 1)) for name, (first, size, _) in plant.states.items()}
+    places = {name: slice(first, first + count_of(size)) for name, (first, size, _) in plant.states.items()}
     return state.with_values({name: np.atleast_1d(state[name]) + motion[place] for name, place in places.items()})
 
 

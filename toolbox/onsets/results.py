@@ -37,7 +37,7 @@ class Border:
     beyond
         Regime of the run that left a border of stick-slip; empty for other borders.
     followed
-        How the growth of smooth running is known ("poles", "differences", "twin runs"), or how the cycle or steady state that was followed ends there
+        How the growth of smooth running is known ("poles", "matrices", "differences", "twin runs"), or how the followed cycle or steady state ends there
         ("fold", "period doubling", ..., "break-away"); empty for a border by runs alone.
     """
 
@@ -434,5 +434,5 @@ class Onset(Told, Result):
 
 COLUMNS = ("regime", "severity", "sticks", "longest", "rate", "lowest", "highest")
 
-GROWTHS = ("poles", "differences", "twin runs")
+GROWTHS = ("poles", "matrices", "differences", "twin runs")
 """Ways in which the growth of smooth running is known."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import FloatArray
+from toolbox.arguments import FloatArray, count_of
 from toolbox.onsets.motions import Growth, Smooth, in_phase, least_damped, slip_rows
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
@@ -34,6 +34,9 @@ NEUTRAL = 1e-9
 
 EXACT = 1e-12
 """Accuracy of the runs of a map."""
+
+NOISE = 1e-13
+"""What two such runs may differ by that begin alike, as a fraction of each entry: a hundred times what was measured against exact matrices."""
 
 
 def section(clocks: list[tuple[float, float]]) -> tuple[float, float]:
@@ -65,7 +68,7 @@ class SampledMap:
         late = max(delay for _, delay in run.clocks)
         until = phase + common * math.ceil((late + 2 * common) / common)
         self.state = self._again(begin, until - begin.time).last
-        self.places = np.concatenate([np.arange(first, first + (size or 1)) for _, first, size in self.state.layout]).astype(int)
+        self.places = np.concatenate([np.arange(first, first + count_of(size)) for _, first, size in self.state.layout]).astype(int)
         self.told = all(law is None or isinstance(law, np.ndarray) for law in self.state.laws)
         n = self.state.states.size
         rows = slip_rows(run.system, self.state.states, run.system.values)
@@ -163,9 +166,11 @@ class SampledMap:
         along = complex(np.log(finer.mean()) / self.span)  # exact where entries of the matrix are rough, as under a law that switches
         if any(abs(each - along) > AGREES * max(abs(exponent), 1e-2 / self.span) for each in apart):
             return None
+        spread = abs(apart[0] - along)  # of two sizes of the steps
+        noise = NOISE * np.abs(row / size) @ np.abs(point) / (STEP / 2) / self.span  # of the runs
         values = np.zeros(self.state.values.size)
         values[self.places] = in_phase(motion * size, self.rows)[: self.places.size]
-        return Smooth(self.state_at(point), Growth.of(along, "differences"), values)
+        return Smooth(self.state_at(point), Growth.of(along, "differences", spread + noise), values)
 
     def _along(self, point: FloatArray, end: FloatArray, motion: np.ndarray, row: np.ndarray) -> np.ndarray:
         """The multiplier of a motion, by differences of half the step along it, upwards and downwards; row: its left eigenvector."""

@@ -74,7 +74,9 @@ class OnsetSearch(JudgedRuns[float]):
         smooth = self.branch(a)
         way = smooth.growth.way if smooth is not None else ""
         precision = 1e-9 * max(abs(a), abs(b)) if way != "twin runs" else tolerance / 10
-        return Border(self.branch.loss(a, b, precision), precision, "above" if self.branch.rate(b) < 0 else "below", True, followed=way)
+        value = self.branch.loss(a, b, precision)
+        width = precision if way == "poles" else self.branch.width(value, a, b, precision)
+        return Border(value, width, "above" if self.branch.rate(b) < 0 else "below", True, followed=way)
 
     def _is_smooth(self, value: float, origin: float, finer: float = 1.0) -> bool:
         return not self.branch.rate(value) > 0 and self.smooth(value, finer).regime == SMOOTH  # what grows needs no run to be unsafe

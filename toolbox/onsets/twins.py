@@ -38,6 +38,7 @@ def twin_growth(run: Run, state: RunState, away: FloatArray, swing: float) -> Gr
             for kick in kicks
         ]
         found: list[complex] = []
+        apart = math.inf
         try:
             for _ in range(LONGEST_TWIN):
                 exponents, sizes = zip(*[each.on(swing) for each in twins], strict=True)
@@ -46,6 +47,7 @@ def twin_growth(run: Run, state: RunState, away: FloatArray, swing: float) -> Gr
                 if not linear or sizes[1] > 0.1 or not abs(exponents[0].real - exponents[1].real) <= near:
                     break
                 found.append(exponents[0])
+                apart = abs(exponents[0].real - exponents[1].real)
                 if len(found) > 2 and np.ptp([each.real for each in found[-3:]]) < max(
                     0.05 * AGREES * 2 * math.pi / swing, 1e-3 * abs(found[-1].real)
                 ):
@@ -53,7 +55,8 @@ def twin_growth(run: Run, state: RunState, away: FloatArray, swing: float) -> Gr
         except SimulationError:
             return None
         if len(found) > 1 and abs(found[-1].real - found[-2].real) < max(AGREES * 2 * math.pi / swing, 0.1 * abs(found[-1].real)):
-            return Growth.of(found[-1], "twin runs")
+            spread = float(np.ptp([each.real for each in found[-3:]]))
+            return Growth.of(found[-1], "twin runs", spread + apart)
     return None
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from toolbox.figures.style import LINES, drawn_on
 from toolbox.robustness.disk_margins import LoopMargins, frequencies
-from toolbox.robustness.loop import LinearLoop
+from toolbox.steady_states.linear_loop import LinearLoop
 
 
 def margins_diagram(loop: LinearLoop, rows: Sequence[LoopMargins], axes: Any = None) -> Any:

@@ -42,10 +42,10 @@ from toolbox.modelling.closing import all_described
 from toolbox.modelling.laws import Sampled
 from toolbox.onsets.coming_to import Settled
 from toolbox.robustness.disk_margins import balancing, frequencies, peak
-from toolbox.robustness.loop import NoDerivative
-from toolbox.robustness.steady_loop import linear_loop
 from toolbox.robustness.worst_case import DELAY, Outcome, Trials, declared_value
 from toolbox.simulation.simulate import simulate
+from toolbox.steady_states.linear_loop import NoDerivative
+from toolbox.steady_states.steady_loop import linear_loop
 
 SIZES = 8
 """Steps of the size of errors in which the search goes outwards."""

@@ -31,8 +31,8 @@ from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import names
-from toolbox.robustness.loop import zero_order_hold
 from toolbox.steady_states.linear import linearise
+from toolbox.steady_states.linear_loop import zero_order_hold
 from toolbox.steady_states.running import running
 
 ON_THE_BORDER = 1e-9

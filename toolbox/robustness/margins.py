@@ -18,10 +18,10 @@ from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import all_described
 from toolbox.robustness.disk_margins import JointMargins, LoopMargins, frequencies, joint_margins, largest_disk, loop_margins
-from toolbox.robustness.loop import LinearLoop, NoDerivative
 from toolbox.robustness.measured import MeasuredMargins, measured_margins
-from toolbox.robustness.steady_loop import smooth_start, steady_loop
 from toolbox.steady_states.linear import input_values
+from toolbox.steady_states.linear_loop import LinearLoop, NoDerivative
+from toolbox.steady_states.steady_loop import smooth_start, steady_loop
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def margins(
     """Compute disk margin, peak sensitivity, gain, phase and delay margin of a closed loop at steady running.
 
     Sampling, hold and delay count as they are. The plant is linearised where the closed loop runs steadily, a sampled law by its update, and the loop is
-    broken at every input that a law drives (`toolbox.robustness.steady_loop`; what each margin means: `toolbox.robustness.disk_margins`). Noise and encoder
+    broken at every input that a law drives (`toolbox.steady_states.steady_loop`; what each margin means: `toolbox.robustness.disk_margins`). Noise and encoder
     steps of `Sampled` are left out.
 
     Parameters

@@ -125,15 +125,18 @@ def candidate(w, h, low, high, width):
 def rising_fraction(w, h, j):
     """Where guard j, at zero now and negative after the step h, is positive in between: a fraction, or 0 where it only falls.
 
-    A contact released exactly at its limit has no slip rate yet, so that neither the guard nor its slope tells which way it goes.
+    A contact released exactly at its limit has no slip rate yet, so that neither the guard nor its slope tells which way it goes. A guard that rises now is
+    followed down to the round-off of time: the flight between two impacts is short where the bounces end, whatever the step.
     """
-    fraction = 0.5
-    for _ in range(24):
+    fraction, shortest = 0.5, 1e-9
+    if w.side[j] * w.g[w.ints[layout.NG] + j] > 0.0:
+        shortest = min(shortest, 4.0 * layout.EPS * (abs(w.reals[layout.TIME]) + h) / h)
+    for _ in range(36):
         call(w.ints[layout.STEP], w.reals[layout.TIME], fraction * h, w.x, w.k, w.p, w.m, w.y)
         if w.side[j] * w.y[2 * w.ints[layout.N] + j] > 0.0:
             return fraction
         fraction *= 0.5 if fraction > 0.01 else 0.1
-        if fraction < 1e-9:
+        if fraction < shortest:
             break
     return 0.0
 
@@ -185,6 +188,11 @@ def locate(w, h, low):
     return fraction * h
 
 
+def falls_from_zero(w, h, j):
+    """Whether guard j, which starts at zero, falls over the step h by more than round-off: a run may begin where a guard falls through zero."""
+    return w.side[j] * w.g[w.ints[layout.NG] + j] * h < -1e-9 * guard_size(w, j)
+
+
 def watch(w, h, error, node):
     """Whether a guard has crossed zero over the step in `y`, and whether one may have dipped below it; its end guards are then in `g_high`.
 
@@ -205,6 +213,8 @@ def watch(w, h, error, node):
                 suspicious = suspicious or hermite_minimum(a, w.side[j] * w.g[ng + j] * h, b, slope)[1] <= 0.5 * max(a, b)
         elif b < -1e-12 * guard_size(w, j):
             hit = True
+        elif falls_from_zero(w, h, j) and b > 0.0 and error <= 1.0:
+            suspicious = True
     if hit or suspicious:
         for j in range(2 * ng):
             w.g_high[j] = w.y[end + j]

@@ -19,9 +19,10 @@ from typing import Any
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.between import load_node, open_step, step_between
 from toolbox.stepping.calendar import GO_ON, inputs_changed, jumps, next_stop, outputs_before, outputs_due, record, samples
-from toolbox.stepping.crossings import dip_inside, hermite_minimum, locate, rising_fraction, watch
+from toolbox.stepping.crossings import dip_inside, falls_from_zero, hermite_minimum, locate, rising_fraction, watch
 from toolbox.stepping.events import after_event, project_event
-from toolbox.stepping.guards import accept, guard_size, held_quietly, no_modes, project
+from toolbox.stepping.guards import accept, finite, guard_size, held_quietly, no_modes, project
+from toolbox.stepping.impacts import many_at_once
 from toolbox.stepping.modes import begin
 from toolbox.stepping.quiet_samples import REFRESHED, cut_short, from_sample_to_sample, samples_rule
 from toolbox.stepping.series_steps import checked_end, open_series, watch_series
@@ -36,6 +37,7 @@ from toolbox.stepping.step_control import (
     outgrown,
     scaled_error,
     spread_round_off,
+    stalls,
 )
 from toolbox.translation.compiled import Compiled
 from toolbox.translation.words import call
@@ -50,8 +52,8 @@ def _due(w, t, every_node, undecided):
     for sampling in (False, True):  # a loop, so that the code for what follows a change is there once
         if sampling:
             status, changed = samples(w, t)
-            if status == layout.SAMPLE_DUE:
-                return layout.SAMPLE_DUE
+            if status != layout.DONE:
+                return status
             changed = changed or undecided
         else:
             changed = jumps(w, t)
@@ -82,7 +84,9 @@ def _first_dip(w, t, h):
     ng, end, top = w.ints[layout.NG], 2 * w.ints[layout.N], 1.0
     for j in range(ng):
         a, b = w.side[j] * w.g[j], w.side[j] * w.g_high[j]
-        if not (w.armed[j] and b > 0.0 and w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.g_high[ng + j] > 0.0):
+        if not (
+            (w.armed[j] or falls_from_zero(w, h, j)) and b > 0.0 and w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.g_high[ng + j] > 0.0
+        ):
             continue
         slope = w.side[j] * w.g_high[ng + j] * h
         if hermite_minimum(a, w.side[j] * w.g[ng + j] * h, b, slope)[1] <= 0.5 * max(a, b):
@@ -213,7 +217,7 @@ def advance(w, series):
     ne = w.ints[layout.NE]
     every_node = w.ints[layout.NODES] == 1
     budget = w.ints[layout.ACCEPTED] + w.ints[layout.REJECTED] + w.ints[layout.BUDGET]
-    rejected, undecided = False, False
+    rejected, undecided, turns = False, False, 0
     if w.ints[layout.STARTED] == 0 and not begin(w):
         return no_modes(w, w.reals[layout.TIME])
     while True:
@@ -223,6 +227,8 @@ def advance(w, series):
         if w.ints[layout.EVENTS] + 2 * ne + 1 > w.ev_t.size:
             return layout.EVENTS_FULL
         status = _due(w, t, every_node, undecided)
+        if status == layout.DONE and not finite(w):
+            return layout.STATE_NOT_FINITE
         if status != GO_ON:
             return status
         if w.ints[layout.ACCEPTED] + w.ints[layout.REJECTED] >= budget:
@@ -261,6 +267,10 @@ def advance(w, series):
         node = t_new == stop and w.ints[layout.JUMP] < w.jump_t.size and w.jump_t[w.ints[layout.JUMP]] == stop
         turned, event, h, t_new, error = _crossed(w, t, h, t_new, error, node, series)
         if turned:
+            turns += 1
+            if turns > 2 * many_at_once(w):
+                w.ints[layout.CULPRIT] = ne
+                return layout.ENDLESS
             continue
         if series is not None:  # noqa: SIM102
             if h > 0.0:
@@ -283,7 +293,7 @@ def advance(w, series):
         if series is None:  # noqa: SIM102
             if not event:
                 _next_size(w, h, h_wanted, error, rejected)
-        rejected = False
+        rejected, turns = False, 0
         refresh = w.ints[layout.ACCEPTED] % REFRESHED == 0
         if event or refresh:  # with the modes, and with the speed in a law, it changes how fast a mode grows
             w.reals[layout.FOLLOWED] = 0.0
@@ -295,12 +305,14 @@ def advance(w, series):
         else:
             project(w, t_new)
         if refresh:
+            if stalls(w, t_new):
+                return layout.STALLED
             measure_round_off(w)
             spread_round_off(w, h)
         if every_node and h > 0.0:
             record(w, t_new, w.x)
         if event:
-            status = after_event(w, t_new)
+            status = after_event(w, t_new, h == 0.0)
             if status != layout.DONE:
                 return status
             if every_node:

@@ -121,6 +121,23 @@ def _first_fall(w, h, j, shift, length):
     return 2.0, 2.0
 
 
+def _dip_from_zero(w, h, j):
+    """A fraction of the step h at which guard j, which starts at zero and falls, is below zero by more than round-off; 2 where its polynomial shows none."""
+    n, ng, order = w.ints[layout.N], w.ints[layout.NG], w.ints[layout.ORDER]
+    width = n + ng
+    power = 1.0
+    for k in range(order + 1):
+        w.z[k] = w.side[j] * w.k[(order if k == 0 else k - 1) * width + n + j] * power
+        power *= h
+    part = 0.5
+    for _ in range(30):
+        value, _slope = _value(w.z, order, part)
+        if value < -1e-12 * guard_size(w, j):
+            return part
+        part *= 0.5
+    return 2.0
+
+
 def _value(c, degree, s):
     """Value and slope of a polynomial."""
     value, slope = c[degree], 0.0
@@ -175,9 +192,14 @@ def watch_series(w, h, node):
                 continue  # at its bound, or a bound at zero, where an input turns: what follows decides
         elif b < -1e-12 * guard_size(w, j):
             hit, doubtful = True, True
+            if w.side[j] * w.k[n + j] > 0.0:  # it rises first, for how long its polynomial tells: a low flight is far shorter than the step
+                zero, fraction = _first_fall(w, h, j, 1, 1.0)
         elif b > 0.0:
-            rise = w.side[j] * w.k[n + j] > 0.0
-            zero, fraction = _first_fall(w, h, j, 1 if rise else 2, 1.0)
+            rate = w.side[j] * w.k[n + j]
+            if rate * h < -1e-9 * guard_size(w, j):  # a run may begin where a guard falls through zero, and comes back within the step
+                fraction = _dip_from_zero(w, h, j)
+            if fraction > 1.0:
+                zero, fraction = _first_fall(w, h, j, 1 if rate > 0.0 else 2, 1.0)
             doubtful = doubtful or fraction <= 1.0
         if fraction <= 1.0:
             hit = True

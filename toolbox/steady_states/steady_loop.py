@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +19,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import mapping
+from toolbox.arguments import count_of, mapping
 from toolbox.errors import SceneError, SimulationError
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Equations, Signal
@@ -27,12 +28,12 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_starts
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
-from toolbox.robustness.loop import LinearLoop, NoDerivative, acts, checked_smooth, zero_order_hold
 from toolbox.simulation.budget import Budget
 from toolbox.simulation.methods import EventExact
 from toolbox.simulation.samples import Samples
 from toolbox.simulation.simulate import simulate
 from toolbox.steady_states.linear import equilibrium, input_values, linearise
+from toolbox.steady_states.linear_loop import LinearLoop, NoDerivative, acts, checked_smooth, zero_order_hold
 from toolbox.steady_states.running import at_set_points
 
 KICK = 0.02
@@ -132,8 +133,9 @@ class SampledPoint:
             names += entries
             owners += [c] * len(entries)
         everything = ca.vertcat(field, *following, *outputs)
-        used = np.any(np.array(ca.DM(ca.jacobian(everything, system.held).sparsity())) != 0, axis=0)
-        used |= np.array([name in plant.inputs for name in names])
+        used = system.once(
+            ("read by laws",), lambda: np.any(np.array(ca.DM(ca.jacobian(everything, system.held).sparsity())) != 0, axis=0)
+        ) | np.array([name in plant.inputs for name in names])
         self.places = np.flatnonzero(used)
         self.names = tuple(names[k] for k in self.places)
         self.owner = np.array([owners[k] for k in self.places])
@@ -142,12 +144,17 @@ class SampledPoint:
         memory = ca.vertcat(*[update.memory for update in system.updates])
         noise = ca.vertcat(*[update.noise for update in system.updates])
         self.n, self.h, self.z = system.x.numel(), len(self.places), memory.numel()
-        q = ca.vertcat(system.x, held, memory)
-        values = ca.vertcat(field, ca.vertcat(*outputs)[self.places.tolist()], *following)
-        values = ca.substitute(values, noise, ca.SX.zeros(noise.shape)) if noise.numel() else values
-        symbols = [q, system.t, system.u, system.p, system.m]
-        self._value = ca.Function("step", symbols, [ca.densify(values)])
-        self._slope = ca.Function("slope", symbols, [ca.densify(ca.jacobian(values, q))])
+        ends = np.cumsum([0, *(update.memory.numel() for update in system.updates)]).tolist()
+        self.memory_of = [slice(first, last) for first, last in itertools.pairwise(ends)]
+
+        def functions() -> tuple[ca.Function, ca.Function]:
+            q = ca.vertcat(system.x, held, memory)
+            values = ca.vertcat(field, ca.vertcat(*outputs)[self.places.tolist()], *following)
+            values = ca.substitute(values, noise, ca.SX.zeros(noise.shape)) if noise.numel() else values
+            symbols = [q, system.t, system.u, system.p, system.m]
+            return ca.Function("step", symbols, [ca.densify(values)]), ca.Function("slope", symbols, [ca.densify(ca.jacobian(values, q))])
+
+        self._value, self._slope = system.once(("sampled point", self.names), functions)
         self.m = np.ones(len(system.elements))
 
     def placed(self, states: Mapping[str, Any], memory: Mapping[str, Any], modes: Mapping[str, float]) -> bool:
@@ -165,7 +172,7 @@ class SampledPoint:
         place = self.n + self.h
         for update in self.system.updates:
             for name, (first, size) in update.places.items():
-                q[place + first : place + first + (size or 1)] = memory.get(name, 0.0)
+                q[place + first : place + first + count_of(size)] = memory.get(name, 0.0)
             place += update.memory.numel()
         for _ in range(2):
             q[self.n : self.n + self.h] = self.value(q)[self.n : self.n + self.h]
@@ -179,12 +186,12 @@ class SampledPoint:
         q[self.n + self.h :] = self.value(q)[self.n + self.h :]
         return q
 
-    def start(self, plant: HybridSystem, q: np.ndarray) -> dict[str, Any]:
-        """Start values of a run: states of the plant KICK off the point, and what the laws remember and hold there."""
-        found: dict[str, Any] = {self.names[j]: q[self.n + j] for j in self.driven}
+    def start(self, plant: HybridSystem, q: np.ndarray, kick: float = KICK) -> dict[str, Any]:
+        """Start values of a run: states of the plant a part `kick` off the point, and what the laws remember and hold there."""
+        found: dict[str, Any] = {name: q[self.n + j] for j, name in enumerate(self.names) if name}
         for name, (first, size, _) in self.system.states.items():
             value = q[first] if size is None else q[first : first + size]
-            found[name] = (1.0 - KICK) * value if name in plant.states else value
+            found[name] = (1.0 - kick) * value if name in plant.states else value
         place = self.n + self.h
         for update in self.system.updates:
             for name, (first, size) in update.places.items():
@@ -235,6 +242,10 @@ class SampledPoint:
             q = q + step
         size = np.abs(slope(q)) @ np.abs(q) + np.abs(q) * (np.diag(still) > 0) + rows * 1e-12
         return q if (np.abs(residual(q)) <= 1e-11 * size + 1e-12 * rows).all() else None
+
+    def slips(self, q: np.ndarray) -> np.ndarray:
+        """Slips of all contacts at q, shape (elements,)."""
+        return np.array(self.system.slips(0.0, q[: self.n], self.u, self.system.values, self.m)).ravel()
 
     def loop(self, slope: np.ndarray, delay: float = 0.0, only: int | None = None) -> LinearLoop:
         """The linear loop from the slopes at the steady q, with commands that come some delay [s] later than they do: all, or `only` one."""
@@ -298,8 +309,7 @@ def sampled_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> SteadyLoo
             break
     if q is None:
         raise NoDerivative(reason)
-    slips = np.array(system.slips(0.0, q[: point.n], point.u, system.values, point.m)).ravel()
-    for element, mode, slip in zip(system.elements, point.m, slips, strict=True):
+    for element, mode, slip in zip(system.elements, point.m, point.slips(q), strict=True):
         if element.law is not None and mode * slip <= STANDS:
             raise SceneError(
                 f"Argument `controller` must keep `{element.name}` sliding at steady running, but its slip is {mode * slip:.3g} {element.slip_unit}."

@@ -69,11 +69,7 @@ def of_folder(folder: Path) -> list[Section]:
 
 
 def _section(folder: Path, kind: Kind) -> Section:
-    links = sorted(path for path in folder.rglob("*") if path.is_symlink())
-    if followed := [path for path in links if path.suffix not in KINDS or path.parent != folder]:
-        raise SceneError(
-            f"A folder of results must hold no symbolic links, but `{followed[0]}` is one, and a report would show the file to which it leads."
-        )
+    links = _links(folder)
     scene = load_scene(folder / "scene.toml") if (folder / "scene.toml").is_file() else None
     text = text_of(folder / kind.mark) if kind.mark.endswith(".txt") else ""
     origin = Origin.read(folder) if (folder / ORIGIN).is_file() else None
@@ -103,6 +99,16 @@ def _section(folder: Path, kind: Kind) -> Section:
         folder,
         more + remarks,
     )
+
+
+def _links(folder: Path) -> list[Path]:
+    """Figures in a folder that are symbolic links. Raises SceneError where anything else is one."""
+    links = sorted(path for path in folder.rglob("*") if path.is_symlink())
+    if followed := [path for path in links if path.suffix not in KINDS or path.parent != folder]:
+        raise SceneError(
+            f"A folder of results must hold no symbolic links, but `{followed[0]}` is one, and a report would show the file to which it leads."
+        )
+    return links
 
 
 def _caption(path: Path, scene: Scene | None) -> str:

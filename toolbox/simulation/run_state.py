@@ -2,8 +2,12 @@
 
 A run that begins with the state in which another one ended goes on as if it had never been cut, at the same absolute time: inputs, clocks, delays and the
 noise of each sample are functions of that time and of the number of the sample, so that they follow by themselves. The pieces equal the whole run to the
-accuracy of the steps, which are cut in other places. A switch exactly at the cut is listed once: by the piece that ends there, or at the beginning of the
-next one where the first ends just before it.
+accuracy of the steps, which are cut in other places.
+
+A switch at the cut is listed once by the pieces together. The piece that ends there lists it if its steps reach the switch by their end. The modes in its last
+state are then those behind the switch, and the next piece does not list it again. Otherwise the next piece lists it at its beginning. A jump of an input at
+the cut, and a late output that arrives there, switch in the piece that ends; a sample due at the cut is taken by the next piece. A contact that numbers changed
+between the pieces tear loose is listed by the next piece, too.
 """
 
 from __future__ import annotations

@@ -48,6 +48,7 @@ def simulate(
         Start values {state, or signal that is a state: value}; all other states are 0, and the time is 0. Or one instant of another run (`run.at(12.5)`), or an
         `equilibrium`, whose states are taken. Or `run.last`: the run goes on where that one ended, at the same absolute time, with the memory of all laws and
         what is on its way to the plant, so that the pieces are one run; inputs are those of that time, and `run.time` begins there.
+        A switch at the cut is listed once by the pieces together: by the one that ends there if its steps reach it, else by the next.
     inputs
         Inputs {signal, or parameter of the plant that changes in time: value}. A value is a number, a table (times, values), a shape of `toolbox.inputs`
         (`step`, `ramp`, `sine`, `noise`, `square`, `triangle`, `inputs.sweep`), or a casadi expression of `toolbox.time`.

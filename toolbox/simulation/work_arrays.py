@@ -151,7 +151,7 @@ def _resolution(run: Run) -> tuple[float, float, float]:
     The end of slip costs steps in proportion to the logarithm of its time only. Of the break-away, in parts of the time in which the pull has risen to the
     bound, the way is wrong by the fourth power of the share, and explicit steps are as many as its inverse.
     """
-    return 1e-12 * run.duration, 1e-4 * run.accuracy**0.5 * run.duration, run.accuracy**0.25
+    return 1e-12 * run.end, 1e-4 * run.accuracy**0.5 * run.end, run.accuracy**0.25
 
 
 def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:

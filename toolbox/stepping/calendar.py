@@ -53,12 +53,12 @@ def inputs_changed(w, t, slips_jump):
         elif w.m[i] == 0.0:
             jumped = slips_jump and abs(slip - w.m_other[i]) > max(4.0 * layout.EPS * 1e7 * abs(w.y[i] - slip), 1e-9 * w.guard_scale[2 * i])
             if jumped and slip != 0.0:
-                w.m[i] = math.copysign(1.0, slip)
+                w.m[i] = 1.0 if two_directions(w, i) else math.copysign(1.0, slip)
                 w.zero[i] = False
                 wrong = True
             elif not abs(force) <= static * (1.0 + 1e-9) or without_lever(w, i):
                 wrong = True
-        elif w.m[i] * slip < 0.0:
+        elif w.m[i] * slip < 0.0 and not two_directions(w, i):
             w.m[i] = -w.m[i]
             wrong = True
     for i in range(ne):

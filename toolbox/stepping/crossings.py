@@ -123,22 +123,24 @@ def candidate(w, h, low, high, width):
 
 
 def rising_fraction(w, h, j):
-    """Where guard j, at zero now and negative after the step h, is positive in between: a fraction, or 0 where it only falls.
+    """Where guard j, at zero now and negative after the step h, is positive in between, and a later place where it is not: fractions of h.
 
-    A contact released exactly at its limit has no slip rate yet, so that neither the guard nor its slope tells which way it goes. A guard that rises now is
-    followed down to the round-off of time: the flight between two impacts is short where the bounces end, whatever the step.
+    The first is 0 where the guard only falls. A contact released exactly at its limit has no slip rate yet, so that neither the guard nor its slope tells
+    which way it goes. A guard that rises now is followed down to the round-off of time: the flight between two impacts is short where the bounces end,
+    however long the step.
     """
-    fraction, shortest = 0.5, 1e-9
+    fraction, later, shortest = 0.5, 1.0, 1e-9
     if w.side[j] * w.g[w.ints[layout.NG] + j] > 0.0:
-        shortest = min(shortest, 4.0 * layout.EPS * (abs(w.reals[layout.TIME]) + h) / h)
-    for _ in range(36):
+        shortest = min(shortest, 4.0 * layout.EPS * abs(w.reals[layout.TIME]) / h)
+    for _ in range(40):
         call(w.ints[layout.STEP], w.reals[layout.TIME], fraction * h, w.x, w.k, w.p, w.m, w.y)
         if w.side[j] * w.y[2 * w.ints[layout.N] + j] > 0.0:
-            return fraction
+            return fraction, later
+        later = fraction
         fraction *= 0.5 if fraction > 0.01 else 0.1
         if fraction < shortest:
             break
-    return 0.0
+    return 0.0, 1.0
 
 
 def locate(w, h, low):
@@ -175,7 +177,7 @@ def locate(w, h, low):
                 near = True
             elif value < 0.0:
                 below = True
-        if (near and not below) or width * h <= 4.0 * layout.EPS * (abs(t) + h):
+        if (near and not below) or width * h <= 4.0 * layout.EPS * (abs(t) + fraction * h):
             return fraction * h
         if below:
             high = fraction

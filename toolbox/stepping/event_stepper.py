@@ -109,8 +109,9 @@ def _from_zero(w, h):
     """Guards that start at zero and are negative at the end of the step h: where each was positive in between.
 
     Returns (whether a kink took the side that it goes to, whether an element has to decide again here, the fraction of the step before which nothing
-    happens, the step, shortened where another guard comes first). The guards at that fraction are left in `g_low`.
+    happens, the step, shortened to where a guard has fallen again or another one comes first). The guards at that fraction are left in `g_low`.
     """
+    t = w.reals[layout.TIME]
     ng, ne, end = w.ints[layout.NG], w.ints[layout.NE], 2 * w.ints[layout.N]
     low = 0.0
     for j in range(2 * ng):
@@ -118,7 +119,7 @@ def _from_zero(w, h):
     for j in range(ng):
         if w.armed[j] or w.side[j] * w.g_high[j] >= -1e-12 * guard_size(w, j):
             continue
-        rise = rising_fraction(w, h, j)
+        rise, fall = rising_fraction(w, h, j)
         if (
             rise == 0.0 and 2 * ne <= j < ng - w.ints[layout.BOUNDS]
         ):  # a kink that starts at zero is on the side it goes to, which changes nothing else
@@ -135,10 +136,14 @@ def _from_zero(w, h):
             low = 0.0
             for i in range(2 * ng):
                 w.g_low[i], w.g_high[i] = w.g[i], w.y[end + i]
-        elif low == 0.0 or rise < low:
+            continue
+        if low == 0.0 or rise < low:
             low = rise
             for i in range(2 * ng):
                 w.g_low[i] = w.y[end + i]
+        if fall < 1.0:  # however long the step, its end is looked for close to the rise
+            low = low / fall
+            h = _step_to(w, t, h, fall) * h
     return False, False, low, h
 
 

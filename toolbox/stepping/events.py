@@ -29,7 +29,7 @@ def after_event(w, t, again):
 
     again: whether a guard that was at zero has gone below it from the start of a step.
     """
-    if t - w.reals[layout.LAST_EVENT] <= 1e-13 * max(abs(t), min(w.reals[layout.HORIZON], 1.0)):
+    if t - w.reals[layout.LAST_EVENT] <= 1e-13 * abs(t):
         w.ints[layout.CLOSE] += 1
         if w.ints[layout.CLOSE] > 2 * many_at_once(w):
             return layout.ENDLESS

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.guards import guard_size, nudge, project
+from toolbox.stepping.guards import guard_size, nudge, project, two_directions
 from toolbox.translation.words import call
 
 MOST_TRIED = 8192
@@ -239,8 +239,12 @@ def impact(w, t):
                 w.bounced[i] = not w.zero[i]
                 w.m[i] = 0.0 if w.zero[i] else 1.0
         elif w.kind[i] == layout.FRICTION:
+            if two_directions(w, i):
+                after = math.sqrt(after * after + w.y[n + 2 * ne + i + 1] ** 2)
             w.zero[i] = w.m_other[i] == 1.0 or abs(after) <= 1e-9 * w.guard_scale[2 * i]
             w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, after)
+            if two_directions(w, i) and w.before[i] == 0.0:
+                w.m[i + 1] = abs(w.m[i])
     if piles_up(w):
         _close_what_does_not_part(w, t)
     _end_low_flights(w, t)

@@ -14,6 +14,9 @@ from toolbox.translation.words import call
 ROUND_OFF = 4.0 * layout.EPS * 1e7
 """What the round-off of a number is in parts of what `nudge` changes it by."""
 
+SEEN = 2e-9
+"""How far a guard must have passed zero, in parts of its size, to have been passed: more than events are located to."""
+
 
 def modes_consistent(w, t, change, one):
     """Whether the modes of the elements marked in `zero` agree with the forces; with `change`, correct those that do not (only `one`, or all)."""
@@ -184,7 +187,7 @@ def turn_switches(w):
         size = max(
             w.guard_scale[2 * i], w.guard_scale[2 * i + w.ints[layout.NG]]
         )  # in both positions: a position that is new has seen nothing yet
-        if w.kind[i] == layout.SWITCH and w.g[2 * i] < -2e-9 * size:
+        if w.kind[i] == layout.SWITCH and w.g[2 * i] < -SEEN * size:
             w.m[i] = 1.0 - w.m[i]
             turned = True
     return turned
@@ -397,7 +400,7 @@ def _gaps_open(w, t):
     than 1e-14 of the way that its acceleration covers in the run, as the last numbers of a run that came to rest are.
     """
     n, ne = w.ints[layout.N], w.ints[layout.NE]
-    span = w.reals[layout.END] - t
+    span = max(w.reals[layout.END], w.reals[layout.HORIZON]) - t
     rigid = False
     for i in range(ne):
         rigid = rigid or w.kind[i] == layout.RIGID
@@ -427,11 +430,21 @@ def _turn_switches(w, t):
         turned = False
         for i in range(ne):
             g, rate = w.z[2 * n + 2 * i], w.z[2 * n + ng + 2 * i]
-            if w.kind[i] == layout.SWITCH and (g < 0.0 or (g == 0.0 and rate < 0.0)):
+            size = max(w.guard_scale[2 * i], w.guard_scale[2 * i + ng])  # 0 but where a run goes on
+            if w.kind[i] == layout.SWITCH and (g < -SEEN * size or (size == 0.0 and g == 0.0 and rate < 0.0)):
                 w.m[i] = 1.0 - w.m[i]
                 turned = True
         if not turned:
             break
+
+
+def _arm_what_falls(w):
+    """Arm the guards about to fall through zero where a run goes on, as it may be cut at a release or a rest, but not those that stay at zero."""
+    for j in range(2 * w.ints[layout.NE]):
+        i, rate = j // 2, w.side[j] * w.g[j + w.ints[layout.NG]]
+        if w.initial[i] != layout.UNDECIDED and w.kind[i] != layout.SWITCH:
+            falls = rate < 0.0 and not w.zero[i] and j % 2 == 0
+            w.armed[j] = w.armed[j] or falls or (w.m[i] == 0.0 and (rate < 0.0 or w.side[j] * w.g[j] > 0.0))
 
 
 def begin(w):
@@ -465,15 +478,23 @@ def begin(w):
             elif not w.zero[i]:
                 w.m[i] = 1.0
             continue
-        if not w.zero[i]:
-            w.m[i] = math.copysign(1.0, slip)
+        if known and (w.zero[i] or abs(slip) <= SEEN * w.guard_scale[2 * i]):
+            # it sticks, has just been let go, or is about to come to rest, which is an event still to come
+            w.zero[i] = w.m[i] == 0.0 or (w.zero[i] and w.m[i] * w.z[ne + i] >= -1e-7 * abs(w.z[4 * ne + i]))
+        elif not w.zero[i]:
+            w.m[i] = 1.0 if two_directions(w, i) else math.copysign(1.0, slip)
         w.forced[i] = w.zero[i] and w.m[i] != 0.0  # it had just been let go
-        if two_directions(w, i):
+        if two_directions(w, i) and (not known or w.m[i] == 0.0 or w.initial[i] == 0.0):
             w.m[i + 1] = abs(w.m[i])
     _turn_switches(w, t)
     project(w, t)
     if not decide(w, t):
         return False
+    for i in range(ne):  # what an earlier run held, and numbers that have changed since let go, switches here
+        if two_directions(w, i):
+            w.m[i] = abs(w.m[i])
+        if w.zero[i] and w.initial[i] != layout.UNDECIDED and w.m[i] != w.initial[i]:
+            note_event(w, t, i, w.initial[i], w.m[i])
     if not loads_hold(w, t, layout.BY_CONTACT):  # one that is constant has no guard
         return False
     call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
@@ -481,8 +502,5 @@ def begin(w):
         g, rate = w.z[2 * n + j], w.z[2 * n + ng + j]
         w.side[j] = -1.0 if g < 0.0 or (g == 0.0 and rate < 0.0) else 1.0
     refresh(w)
-    for i in range(ne):  # a run may be cut where a guard is about to fall through zero, as at a release
-        if w.initial[i] != layout.UNDECIDED and w.m[i] == 0.0 and w.kind[i] != layout.SWITCH:
-            w.armed[2 * i] = True
-            w.armed[2 * i + 1] = True
+    _arm_what_falls(w)
     return bounds_hold(w)

@@ -20,7 +20,7 @@ With `--reference` other plants, at ordinary numbers, are compared with a refere
     python -m studies fuzz --reference [--structures 3000] [--draws 3] [--seed 1] [--jobs 2] [--first N] [--log FOLDER]
 
 With `--section` machines of one kind are judged by rules of their own (`studies.benchmarks.fuzz_sections`): levers that vanish, cones that hold each other,
-controllers with numbers up to their bounds:
+controllers with numbers up to their bounds, bodies that come to rest, runs that are cut and go on:
 
     python -m studies fuzz --section levers [--structures 300] [--seed 1] [--jobs 2] [--first N]
 """

@@ -12,7 +12,7 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
-SECTIONS = ("levers", "cones", "controllers")
+SECTIONS = ("levers", "cones", "controllers", "rests", "cuts")
 """Modules of `studies.benchmarks`."""
 LONGEST = 120.0
 """Time that one machine may take [s], compilation and repetitions at a higher accuracy included."""

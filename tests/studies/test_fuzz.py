@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from studies.benchmarks import differential
+from studies.benchmarks import differential, fuzz_sections
 from studies.benchmarks.fuzz import DEFECTS, examine
 from toolbox import compose, simulate
 
@@ -26,6 +26,13 @@ def test_a_random_machine_of_every_kind_moves_as_explicit_modes_and_scipy_say(nu
     found = []
     differential.examine(1, number, 1, lambda **words: found.append(words))
     assert {words["end"] for words in found} == {"right"}
+
+
+@pytest.mark.parametrize("section", ["rests", "cuts"])
+@pytest.mark.parametrize("number", range(6))
+def test_random_bodies_come_to_rest_and_random_runs_go_on_where_they_are_cut(section, number):
+    """All methods, ordinary units and others; `python -m studies fuzz --section rests` takes hundreds."""
+    assert {kind for kind, _ in fuzz_sections.judged(section, 5, number)} == {"right"}
 
 
 def test_what_the_reference_moves_by_at_rest_is_no_error_of_a_run_that_rests():

@@ -14,7 +14,7 @@ from toolbox.arguments import count_of
 from toolbox.compilation.formulas import ClosedEquations, Formulas
 from toolbox.errors import SceneError
 from toolbox.modelling.clamps import passing_nan
-from toolbox.modelling.elements import FRICTION, Element
+from toolbox.modelling.elements import FRICTION, RIGID, SWITCH, Element
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.garbage import uncollected
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -47,6 +47,7 @@ class Program:
     first_held: int
     excited: np.ndarray
     kind: np.ndarray
+    rigid: np.ndarray
     initial: np.ndarray
     attached: np.ndarray
     loader: np.ndarray
@@ -142,7 +143,7 @@ def _programmed(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], formul
 
 
 SHARED = (
-    "equations", "form", "updates", "expressions", "excited", "kind", "initial", "attached", "loader",
+    "equations", "form", "updates", "expressions", "excited", "kind", "rigid", "initial", "attached", "loader",
     "varying", "bounded", "p_size", "coefficient_slot", "held_slot", "table_slot", "first_held", "groups", "group_count",
 )  # fmt: skip
 """Attributes that programs of one system and one kind of inputs have in common."""
@@ -193,7 +194,8 @@ def _closed(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], locates: b
         "updates": updates,
         "excited": np.array(excited, np.int64),
         "kind": np.array([element.kind for element in elements], np.int64),
-        "initial": np.array([e.initial for e in elements], float),
+        "rigid": np.flatnonzero([element.kind == RIGID for element in elements]),
+        "initial": np.array([e.initial if e.kind == SWITCH else work_layout.UNDECIDED for e in elements], float),
         "attached": np.array(form.attached, np.int64),
         "loader": np.array([work_layout.SECOND if e.second else j for e, j in zip(elements, form.loader, strict=True)], np.int64),
         "varying": varying,

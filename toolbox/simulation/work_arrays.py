@@ -65,18 +65,17 @@ def work_arrays(run: Run, program: Program) -> Any:
         capacity = 1024 + int(min(sum([1.05 * run.duration / period for period, _ in run.clocks]), MAX_SAMPLES))
     x = np.zeros(n)  # behind the states come those of hidden forces
     x[: state.states.size] = state.states
-    initial = np.where(program.kind == work_layout.SWITCH, program.initial, work_layout.UNDECIDED)
+    initial, sizes = program.initial, np.zeros(2 * ng)
     if state.modes is not None:
         initial = np.where(_same_gaps(program, state, p, x), state.modes, initial)
-    sizes = np.zeros((2, ng))
     if state.sizes is not None:
-        sizes[:, : 2 * ne] = state.sizes
+        sizes.reshape(2, ng)[:, : 2 * ne] = state.sizes
     events = _event_room(128 + 4 * ne, program, run.budget.events)
     return work_layout.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(kernel.slopes), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room),
         x_other=np.zeros(n), p_other=np.zeros(p.size), m_other=np.zeros(2 * ne + 1),
         scale=np.zeros(n), noise=np.zeros(n + ng), group=program.groups, group_scale=np.zeros(program.group_count),
-        g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=sizes.ravel(), slot=np.zeros(ng, np.int64), side=np.ones(ng),
+        g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=sizes, slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
         kind=program.kind, initial=initial, attached=program.attached, loader=program.loader, lever=np.array(program.form.levers, np.int64),
         bound=_bounds(program), bounced=np.zeros(ne, np.bool_),
@@ -93,7 +92,7 @@ def work_arrays(run: Run, program: Program) -> Any:
 def _same_gaps(program: Program, state: RunState, p: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Whether each element may begin in the mode that a state has: a rigid contact only where its gap is the one with which that mode was decided."""
     same = np.ones(program.kind.size, bool)
-    rigid = np.flatnonzero(program.kind == work_layout.RIGID)
+    rigid = program.rigid
     if rigid.size:
         now, moved = (closures(program, state.time, *point) for point in ((x, p), (x * (1.0 + 1e-7), p * (1.0 + 0.7e-7))))
         then = np.full(rigid.size, np.nan) if state.closures is None else state.closures
@@ -252,6 +251,6 @@ def state_of(run: Run, program: Program, work: Any) -> RunState:
     t, elements = float(work.reals[work_layout.TIME]), program.kind.size
     return dataclasses.replace(
         run.start, time=t, states=work.x[: program.system.x.numel()].copy(), memory=work.memory.copy(), held=held.copy(), modes=work.m.copy(),
-        closures=closures(program, t, work.x, work.p) if (program.kind == work_layout.RIGID).any() else None,
+        closures=closures(program, t, work.x, work.p) if program.rigid.size else None,
         sizes=work.guard_scale.reshape(2, -1)[:, : 2 * elements].copy(), taken=taken, applied=applied, waiting=waiting, laws=(), carried=True,
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 The loop knows no model. It calls the machine code of `toolbox.compilation.kernel` through raw addresses, keeps one armed flag per guard, ends steps exactly
 on events, and decides modes by forces alone. What it does at an instant stands in the files beside this one, each by its noun: `calendar`, `guards`,
-`crossings`, `modes`, `impacts`, `step_control`, `noise`.
+`crossings`, `starts`, `modes`, `impacts`, `step_control`, `noise`.
 
 How an event is found: an armed guard that changes sign over a step, or whose minimum inside it proves to be negative, is located by stepping again from
 the start of the step to the root of a cubic Hermite interpolant, with shrinking brackets. No dense output is involved, so
@@ -23,9 +23,9 @@ from toolbox.stepping.crossings import dip_inside, hermite_minimum, locate, risi
 from toolbox.stepping.events import after_event, project_event
 from toolbox.stepping.guards import accept, finite, guard_size, held_quietly, no_modes, project
 from toolbox.stepping.impacts import many_at_once
-from toolbox.stepping.modes import begin
 from toolbox.stepping.quiet_samples import REFRESHED, cut_short, from_sample_to_sample, samples_rule
 from toolbox.stepping.series_steps import checked_end, open_series, watch_series
+from toolbox.stepping.starts import begin
 from toolbox.stepping.step_control import (
     LEAP,
     LEAP_OF_SETTLED,

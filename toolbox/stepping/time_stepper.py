@@ -10,7 +10,8 @@ import math
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.calendar import GO_ON, jumps, next_stop, outputs_due, record, samples
 from toolbox.stepping.guards import finite, project
-from toolbox.stepping.modes import BEYOND, begin, note_event
+from toolbox.stepping.modes import BEYOND, note_event
+from toolbox.stepping.starts import begin
 from toolbox.translation.compiled import Compiled
 from toolbox.translation.words import call
 

@@ -299,7 +299,7 @@ def test_control_c_ends_the_process_with_130_and_nothing_written(tmp_path, belt)
         [sys.executable, "-m", "toolbox", "study", str(belt), "--out", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True
     )
     patience = time.monotonic() + 60
-    while not list(tmp_path.glob(".stickslip-*")) and process.poll() is None and time.monotonic() < patience:
+    while not list(tmp_path.glob(".*.part")) and process.poll() is None and time.monotonic() < patience:
         time.sleep(0.005)
     process.send_signal(signal.SIGINT)  # while it loads the event loop, long before it is done
     errors = process.communicate(timeout=60)[1]

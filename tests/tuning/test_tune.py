@@ -21,7 +21,6 @@ from toolbox import (
     Equations,
     Sampled,
     SceneError,
-    SimulationError,
     closed_loop,
     compose,
     linearise,
@@ -32,6 +31,7 @@ from toolbox import (
     sweep,
     tune,
 )
+from toolbox.errors import ControllerError
 from toolbox.scenes.cases import Case
 from toolbox.scenes.scene import Scene
 from toolbox.tuning import search
@@ -466,7 +466,7 @@ def test_the_law_as_given_fails_aloud_where_it_is_wrong_and_is_recorded_where_on
     with pytest.raises(SceneError, match="no such law"):
         tune(scene(Case("escape", Escape(growth=6.0))), "escape", "severity", {"escape.growth": (0.5, 1.0)}, runs=10)
     found = tune(scene(Case("escape", Escape(growth=3.0)), duration=1.0), "escape", torque_of, {"escape.growth": (0.5, 1.0)}, runs=10)
-    assert found.before.failed and found.before.failures[0].startswith(SimulationError.__name__)
+    assert found.before.failed and found.before.failures[0].startswith(ControllerError.__name__)
     assert found.law.growth <= 1.0
 
 

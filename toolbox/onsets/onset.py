@@ -106,10 +106,9 @@ def onset(
     inputs, continuous = loop.constant_inputs("an onset to exist"), _continuous_form(loop)
     check_autonomous(loop, "an onset to exist")
     check_one_direction(loop.system.elements, "`onset`", "judge runs of it, by `sweep`")
-    free = loop.acting(
-        parameter, "onset"
-    )  # what it refuses of the loop as it runs, such as a sample time, the continuous form does not have
-    free = free if continuous is None else continuous.acting(parameter, "onset")
+    free = loop.acting(parameter, "onset", lambda number: number.kind.borders)
+    if continuous is not None and free.kind.has_slope:
+        free = continuous.acting(parameter, "onset")
     low, high = free.span(between)
     asked_unit = asked_in(tuple(free.in_si("between", tuple(between))), free.unit)
     whole("values", values, 3)

@@ -67,10 +67,7 @@ MOVING = {**dict.fromkeys(("sensitivity", "hopf_points", "severity_map", "worst_
 START = dict.fromkeys(STEADY, "it is a start value, of which a motion that has settled knows nothing") | {"worst_case": "give `starts`"}
 CLOCK = {"sensitivity": "by which a run has no slope"}
 NOISE = {"hopf_points": "of which smooth running and cycles without noise know nothing"}
-RESOLUTION = {
-    "hopf_points": "by which the equations of the loop have no slope",
-    "sensitivity": "by which the equations of the loop have no slope",
-}
+RESOLUTION = {"hopf_points": "by which the equations of the loop have no slope", "sensitivity": "what is rounded has the derivative 0"}
 OVERRIDDEN = dict.fromkeys(("sensitivity", "sweep", "worst_case", *STEADY), "the input `top.reference` takes its place: vary that one")
 
 NUMBERS = [
@@ -89,7 +86,7 @@ NUMBERS = [
     Varied(CONTINUOUS, "bit.speed", "start", (7.0, 9.0), START),
     Varied(SAMPLED, "softtorque.sample_time", "sample time", (0.01, 0.02), CLOCK),
     Varied(SAMPLED, "softtorque.delay", "delay", (0.01, 0.02), CLOCK),
-    Varied(NOISY, "pi.sensors.noise.0", "noise", (0.01, 0.02), NOISE),
+    Varied(NOISY, "pi.sensors.noise.0", "noise", (0.01, 0.02), NOISE | {"sensitivity": RESOLUTION["sensitivity"]}),
     Varied(NOISY, "pi.sensors.resolution.0", "resolution", (0.01, 0.02), RESOLUTION),
     Varied(SAMPLED, "pi.angle", "start", (5.0, 6.0), START),
     Varied(CONTINUOUS.at("top.reference", 8.0), "pi.reference", "parameter", (7.0, 9.0), OVERRIDDEN),

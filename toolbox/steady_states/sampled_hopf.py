@@ -1,6 +1,6 @@
 """Poles and Hopf points of sampled loops, from the exact matrix of the loop over the period of its samples.
 
-    z = exp(s T),   |z| = 1 at the border of stability;   a pair of poles z = exp(+-i w T) with 0 < w T < pi is a Hopf point
+z = exp(s T),   |z| = 1 at the border of stability;   a pair of poles z = exp(+-i w T) with 0 < w T < pi is a Hopf point
 """
 
 from __future__ import annotations
@@ -118,7 +118,9 @@ class SampledBranch:
         for value in reversed(grid):
             self.again(value)
         if not any(found is not None for found in self.known.values()):
-            raise NoSteadyState(f"There is no steady running for `{self.free.name}` from {low:g} to {high:g} {self.free.unit}: {self.reason}")
+            raise NoSteadyState(
+                f"There is no steady running for `{self.free.name}` from {low:g} to {high:g} {self.free.unit}: {self.reason}"
+            )
         found = []
         for a, b in itertools.pairwise(grid):
             sides = self.swings(a), self.swings(b)
@@ -155,5 +157,5 @@ class SampledBranch:
         plant, at = loop.closed.plant, point.start(loop.closed.plant, q, kick=0.0)
         states = np.concatenate([np.atleast_1d(at[name]) for name in plant.states])
         given = {**{n: v for n, v in loop.values.items() if n in plant.inputs}, **{n: float(at[n]) for n in plant.inputs if n in at}}
-        words = {e.name: ("slip+" if mode > 0 else "slip-") for e, mode in zip(loop.system.elements, point.m, strict=True)}
+        words = {e.name: e.legend[round(float(mode))] for e, mode in zip(loop.system.elements, point.m, strict=True)}
         return Equilibrium(plant, states, input_values(plant, given), words)

@@ -65,6 +65,9 @@ class NumberKind:
         """The loop with another value of the number of that name."""
         raise NotImplementedError
 
+    def check(self, loop: Loop, name: str, values: Iterable[float]) -> None:
+        """Raise SceneError where the loop does not bear one of the values, beyond the bounds of the number."""
+
     def varied(self, system: HybridSystem, inputs: Mapping[str, Any], name: str, value: float) -> tuple[HybridSystem, dict[str, Any]]:
         """A closed system and its inputs with another value; as they are where the number does not enter the equations."""
         return system, dict(inputs)

@@ -30,6 +30,7 @@ from toolbox.measuring.judge import BUDGET, NOT_DECIDED, STANDS, STICKS
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.elements import check_one_direction
+from toolbox.modelling.numbers import Number
 from toolbox.onsets.coexisting import coexisting
 from toolbox.onsets.cycles import exact
 from toolbox.onsets.growth import SmoothBranch, check_autonomous
@@ -127,10 +128,7 @@ def onset(
     if followed is not None and low <= at <= high:
         followed(at)  # first, because a guess is near this one
     notes: list[str] = []
-    if loop.sampled:
-        hopf = _sampled_hopf_points(loop, free, branch, grid)
-    else:
-        hopf = _hopf_points(continuous, followed, grid, notes)
+    hopf = _sampled_hopf_points(loop, free, branch, grid) if loop.sampled else _hopf_points(continuous, followed, grid, notes)
     steady = [value for value in map(float, grid) if branch(value) is not None]
     if not steady:
         reason = f": {followed.reason}" if followed is not None else ", at the set-points of the laws or elsewhere."

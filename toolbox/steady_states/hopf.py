@@ -36,7 +36,7 @@ from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
 from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes, state_values
 from toolbox.steady_states.linear import holding_elements, steady_state
-from toolbox.steady_states.sampled_hopf import SampledBranch
+from toolbox.steady_states.sampled_hopf import SampledBranch, check_slopes
 from toolbox.steady_states.zeros import NEARER, newton, searched
 
 
@@ -134,6 +134,7 @@ def hopf_points(
     SceneError
         If a name is unknown, the range is none, or the plant has no steady state in the range.
     """
+    check_slopes(loop)
     free = loop.acting(parameter, "hopf_points", lambda number: number.kind.poles)
     if loop.sampled:
         _refuse_modes(mode, "hopf_points")
@@ -215,6 +216,7 @@ def hopf_curve(
     SceneError
         As `hopf_points` does.
     """
+    check_slopes(loop)
     other, free = (loop.acting(name, "hopf_curve", lambda number: number.kind.poles) for name in (over, parameter))
     within, loop = free.span(between), loop if loop.sampled else loop.continuous
     closed, inputs = loop.system, loop.constant_inputs("steady running")

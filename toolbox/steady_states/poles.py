@@ -13,7 +13,7 @@ from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.steady_states.equilibria import EquilibriumBranch
 from toolbox.steady_states.linear import linearise
-from toolbox.steady_states.sampled_hopf import SampledBranch
+from toolbox.steady_states.sampled_hopf import SampledBranch, check_slopes
 
 
 @takes_loop
@@ -44,6 +44,7 @@ def pole_locus(loop: ClosedLoop, parameter: str, values: Sequence[NumberOrText],
     """
     from scipy.optimize import linear_sum_assignment
 
+    check_slopes(loop)
     free = loop.acting(parameter, "pole_locus", lambda number: number.kind.poles)
     if loop.sampled:
         if mode:

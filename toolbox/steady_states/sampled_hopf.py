@@ -28,6 +28,14 @@ REAL = 1e-9
 """Imaginary part of a pole, as a fraction of its size, below which it is real."""
 
 
+def check_slopes(loop: ClosedLoop) -> None:
+    """Raise SceneError where a controller is a Python callable, which has no slope."""
+    if loop.closed.callables:
+        raise SceneError(
+            "Argument `loop` must hold controllers with slopes, but a Python callable has neither a slope nor a continuous form: `onset` judges its runs."
+        )
+
+
 class SampledBranch:
     """Steady running of a sampled loop over one number, each value once: its exact matrix.
 
@@ -36,8 +44,7 @@ class SampledBranch:
 
     def __init__(self, loop: ClosedLoop, free: Number, guess: Mapping[str, Any] | None = None):
         self.loop, self.free, self.guess = without_sensor_errors(loop), free, dict(guess or {})
-        if loop.closed.callables or any(update.external for update in self.loop.system.updates):
-            raise SceneError("Argument `loop` must hold controllers with slopes, but one is a Python callable: `onset` judges its runs.")
+        check_slopes(loop)
         if loop.changes_in_time:
             raise SceneError("Argument `loop` must not depend on time itself for steady running, but time enters the equations.")
         self.known: dict[float, tuple[SampledPoint, ClosedLoop, FloatArray, FloatArray, float] | None] = {}
@@ -123,10 +130,10 @@ class SampledBranch:
             )
         found = []
         for a, b in itertools.pairwise(grid):
-            sides = self.swings(a), self.swings(b)
-            if sides[0] is None or sides[1] is None:
+            left, right = self.swings(a), self.swings(b)
+            if left is None or right is None:
                 continue
-            counts = [int((side.real > 0.0).sum()) for side in sides]
+            counts = [int((side.real > 0.0).sum()) for side in (left, right)]
             for k in range(min(counts), max(counts)):
                 value = self._crossing(k, a, b)
                 if value is not None:

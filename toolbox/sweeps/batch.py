@@ -23,7 +23,7 @@ from toolbox.measuring.measures import Measure
 from toolbox.measuring.readings import RunningMeasures
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.laws import Sampled
-from toolbox.modelling.number_kinds import clock_value, former_name
+from toolbox.modelling.number_kinds import clock_path, clock_prefixes
 from toolbox.modelling.numbers import Number
 from toolbox.simulation.budget import UNHURRIED
 from toolbox.simulation.carry_out import carry_out, compiled_loop, formulas_of
@@ -279,9 +279,8 @@ def single(task: Task, i: int) -> Run:
     varied = {name: inputs[name] for name in inputs if inputs[name] is not base.inputs[name]}
     base = base if task.clocks is None else _on_clocks(base, list(map(tuple, task.clocks[i].tolist())))
     start = start.on_clocks(base.clocks)
-    own_numbers = {
-        name: value for name, value in parameters.items() if former_name(base.loop, name) is None and not _is_clock(base.loop, name)
-    }
+    clocked = {clock_path(base.loop, index) for index in clock_prefixes(base.loop).values()}  # `Sampled` says what they are
+    own_numbers = {name: value for name, value in parameters.items() if name not in clocked}
     loop = base.loop.but(inputs={**base.loop.inputs, **varied}, parameters={**base.loop.parameters, **own_numbers})
     if task.starts is not None:
         loop = loop.but(start={**loop.start, **state_values(system, start.states)})
@@ -289,16 +288,14 @@ def single(task: Task, i: int) -> Run:
     return dataclasses.replace(base, plant=plant, system=system, inputs=inputs, start=start, loop=loop, seeds=seeds)
 
 
-def _is_clock(loop: Any, name: str) -> bool:
-    """Whether a parameter of the closed system is the sample time of a controller, which its `Sampled` says."""
-    return clock_value(loop, name) is not None
-
-
 def _on_clocks(run: Run, clocks: list[tuple[float, float]]) -> Run:
     """A run whose sampled controllers have other sample times and delays."""
-    given = iter(clocks)
-    laws = [dataclasses.replace(law, **dict(zip(("period", "delay"), next(given), strict=True))) if isinstance(law, Sampled) else law
-            for law in run.loop.laws]  # fmt: skip
+    given, laws = iter(clocks), []
+    for law in run.loop.laws:
+        if isinstance(law, Sampled):
+            period, delay = next(given)
+            law = dataclasses.replace(law, period=period, delay=delay)
+        laws.append(law)
     return dataclasses.replace(run, clocks=clocks, loop=run.loop.with_laws(laws))
 
 

@@ -277,7 +277,7 @@ def varied_held(run: Run, variations: Variations) -> np.ndarray | None:
     plant = run.plant
     names = [name for name in variations.names if name not in run.system.inputs and plant.has_parameter(name)]
     clocks = varied_clocks(run, variations)
-    late = [any(delay > 0 for _, delay in run.clocks)] if clocks is None else (clocks[:, :, 1] > 0.0).any(axis=1).tolist()
+    late = [any(delay > 0 for _, delay in run.clocks)] if clocks is None else [bool((clocks[:, :, 1] > 0.0).any())]
     if run.start.carried or not any(late) or (not names and clocks is None):
         return None
     values = np.repeat(plant.values[:, None], len(variations.points), axis=1)

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from controllers.bumpless import acting, begun
+from controllers.observers.linear import refuse_swinging
 from controllers.string_model import drilling_point, entries, with_entries
 from controllers.torque_limits import TorqueLimits
 from toolbox import Equations, Quantity, SceneError, Update, quantity, state
@@ -81,6 +82,18 @@ class HInfinity(TorqueLimits):
             self, order=n + 1, places=places, matrices=tuple(matrices.tolist()), torque=u, begins=(*(begins / steady).tolist(), steady),
             worst=self.margin * high,
         )  # fmt: skip
+
+    def check_period(self, period):
+        """Raise SceneError where samples are too far apart for the steps of K, free or cut by its limits: poles that decay would grow."""
+        if self.matrices is None:
+            return
+        n = self.order
+        _, C, drive = np.reshape(self.matrices[-3 * n :], (3, n))
+        A = np.zeros((n, n))
+        A.ravel()[list(self.places) or slice(None)] = self.matrices[: -3 * n]
+        free, cut = np.linalg.eigvals(A), np.linalg.eigvals(A - np.outer(drive, C))
+        rates = np.concatenate([free[free.real <= 0.0], cut if self.limits_known else []])
+        refuse_swinging(type(self).__name__, rates, period, "A larger `speed_noise` has slower poles.")
 
     def continuous(self, signal):
         x, angle, rate, turning, command, _ = self._law(signal, None)

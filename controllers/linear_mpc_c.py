@@ -171,7 +171,7 @@ int {name}_step(const double *y, double *memory, double *u) {{
   static double g[{width}], low[{many}], high[{many}], primal[{width}], dual[{many}], next[{memory}], w[{work[3]}];
   static int iw[{work[2]}];
   const double *arg[{work[0]}];
-  double *res[{work[1]}], solved, sound;
+  double *res[{work[1]}], solved, sound, given;
   int i, failed;
   arg[0] = y;
   arg[1] = memory;
@@ -200,13 +200,12 @@ int {name}_step(const double *y, double *memory, double *u) {{
   arg[2] = primal;
   arg[3] = dual;
   arg[4] = &solved;
-  res[0] = u;
+  res[0] = &given;
   res[1] = next;
   res[2] = &sound;
   failed = {name}_after(arg, res, iw, w, 0);
   if (failed) return failed;
   if (sound == 0.0) osqp_cold_start(&{name}_solver);
-  for (i = 0; i < {memory}; ++i) memory[i] = next[i];
-  return 0;
+  return {name}_keep(&given, next, memory, u);
 }}
 """

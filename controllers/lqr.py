@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from controllers.bumpless import acting, begun, over
@@ -23,8 +24,8 @@ class LQR(TorqueLimits):
 
     The sizes are Bryson's: the deviation that counts as much as any other (A. E. Bryson, Y.-C. Ho, Applied Optimal Control, 1975). `design` linearises the
     plant with the bit sliding at `reference`, takes x_0 and u_0 from there and K from the Riccati equation (scipy). x_0 and u_0 follow a set-point that moves
-    (`slope`, per rad/s). Where torque limits are known, z is led back by (wanted - command) / (K_i tracking). Sampled, z begins where the law gives the torque
-    that acts (`controllers.bumpless`).
+    (`slope`, per rad/s). Where torque limits are known, z is led back by (wanted - command) / (K_i tracking), sampled within
+    one period at least. Sampled, z begins where the law gives the torque that acts (`controllers.bumpless`).
 
     The law measures all states of the string. Range: near that operating point. K holds the twist of that point, too, so that a stuck bit is wound up and freed
     only as fast as the integral overcomes K: tens of seconds at low set-points.
@@ -97,11 +98,14 @@ class LQR(TorqueLimits):
         angle = state("lqr.angle", "rad")
         wanted, error = self._feedback(signal, angle)
         command, memory = self.limited(wanted, period)
-        update = Update({angle: angle + period * self._rate(error, wanted, command), **memory}, {"top.torque": (command, "N m")})
+        update = Update({angle: angle + period * self._rate(error, wanted, command, period), **memory}, {"top.torque": (command, "N m")})
         return begun(update, signal, "lqr", {angle: over(self._feedback(signal, 0.0)[0] - acting(signal), self.gain[-1])})
 
-    def _rate(self, error, wanted, command):
-        return error if command is wanted else error + (wanted - command) / (self.gain[-1] * self.tracking)
+    def _rate(self, error, wanted, command, period=None):
+        if command is wanted:
+            return error
+        tracking = self.tracking if period is None else ca.fmax(self.tracking, period)
+        return error + (wanted - command) / (self.gain[-1] * tracking)
 
 
 def _with_integral(A: np.ndarray, row: np.ndarray) -> np.ndarray:

@@ -16,8 +16,9 @@ class PI(TorqueLimits):
     """PI speed control: u = proportional e + integral int e dt, e = reference - top speed.
 
     Continuous, or sampled with u_k = proportional e_k + integral z_k, z_(k+1) = z_k + period e_k. The field `reference` is the default of
-    the signal `top.reference` [rad/s]. Where torque limits are known, the integral is led back with the time proportional / integral: z' = e +
-    (command - wanted) / proportional. Sampled, z begins where the law gives the torque that acts (`controllers.bumpless`), at 0 where none does.
+    the signal `top.reference` [rad/s]. Where torque limits are known, the integral is led back with the time proportional / integral, or within one period
+    where that is longer: z' = e + (command - wanted) / max(proportional, period integral). Sampled, z begins where the law gives the torque that acts
+    (`controllers.bumpless`), at 0 where none does.
     """
 
     proportional: Quantity = quantity(4000.0, "N m s/rad", "proportional gain", at_least=0)
@@ -55,19 +56,16 @@ class PI(TorqueLimits):
         error = signal("top.reference", "rad/s", default=self.reference) - signal("top.speed", "rad/s")
         wanted = self.proportional * error + self.integral * angle
         command, _ = self.limited(wanted)
-        return Equations(flow={angle: self._rate(error, wanted, command)}, gives={"top.torque": (command, "N m")})
+        return Equations(flow={angle: self.led_back(error, wanted, command, self.proportional)}, gives={"top.torque": (command, "N m")})
 
     def sampled(self, signal, period):
         angle = state("pi.angle", "rad")
         error = signal("top.reference", "rad/s", default=self.reference) - signal("top.speed", "rad/s")
         wanted = self.proportional * error + self.integral * angle
         command, memory = self.limited(wanted, period)
-        rate = self._rate(error, wanted, command)
+        rate = self.led_back(error, wanted, command, self.proportional, period * self.integral)
         update = Update(memory={angle: angle + period * rate, **memory}, outputs={"top.torque": (command, "N m")})
         return begun(update, signal, "pi", {angle: over(acting(signal) - self.proportional * error, self.integral)})
-
-    def _rate(self, error, wanted, command):
-        return error if command is wanted else error + (command - wanted) / self.proportional
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,9 @@ class TorqueLimits(Controller):
 
     `limited` gives the command; a law with an integral feeds command - wanted back to it, so that it does not wind up (back-calculation: K. J.
     Åström, T. Hägglund, Advanced PID Control, ISA 2006, section 3.5). A rate can be kept by sampled laws only.
+
+    Sampled, the tracking time in which the integral follows is never shorter than the period T: the excess wanted - command is multiplied by
+    1 - T / max(T_t, T) from sample to sample, which is between 0 and 1. With 1 - T / T_t it would grow without bound where T > 2 T_t.
     """
 
     measures: ClassVar[tuple[str, ...]] = ("top.speed",)
@@ -67,3 +70,10 @@ class TorqueLimits(Controller):
         step = self.torque_rate * period
         command = ca.fmin(ca.fmax(command, last - step), last + step)
         return command, {last: command}
+
+    @staticmethod
+    def led_back(error: Any, wanted: Any, command: Any, torque: Any, least: Any = None) -> Any:
+        """Rate of the integral of an error [rad/s] which is led back with (command - wanted) / torque; least: of that torque [N m s/rad], where sampled."""
+        if command is wanted:
+            return error
+        return error + (command - wanted) / (torque if least is None else ca.fmax(torque, least))

@@ -12,6 +12,7 @@ from controllers.bumpless import acting, begun, over
 from controllers.string_model import lumped_string
 from controllers.torque_limits import TorqueLimits
 from toolbox import Equations, Quantity, Update, quantity, state
+from toolbox.authoring import number
 from toolbox.modelling import OptionalQuantity
 
 
@@ -26,7 +27,8 @@ class ZTorque(TorqueLimits):
     filter: J_c = J (1 - sqrt(zeta T_f / J))^2 leaves drive and filter a double real pole at -sqrt(zeta / (J T_f)).
 
     `design` reads what is not given from a lumped chain: zeta = sqrt(k J_b) (k all springs in series, J_b all below the drive), P = zeta less the drag of the
-    drive, I = zeta sqrt(k / J_b) / 5. Where torque limits are known, z is led back by (command - wanted) / zeta. Sampled, f begins at the measured speed and z
+    drive, I = zeta sqrt(k / J_b) / 5. Where torque limits are known, z is led back by (command - wanted) / zeta. The filter is one Euler step a sample, which
+    swings ever more where the period is above 2 T_f: such sample times are refused. Sampled, f begins at the measured speed and z
     where the law gives the torque that acts (`controllers.bumpless`), both at 0 where none acts.
 
     Source: the matching of U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018); J_c and I are choices of this file.
@@ -64,19 +66,23 @@ class ZTorque(TorqueLimits):
         }
         return replace(self, back_calculation=zeta, **{name: value for name, value in numbers.items() if getattr(self, name) is None})
 
+    def check_period(self, period):
+        """Raise SceneError where the filter of the acceleration would swing ever more."""
+        number("sample_time", period, "s", at_most=2.0 * self.filter_time)
+
     def continuous(self, signal):
         f, z = state("ztorque.speed", "rad/s"), state("ztorque.angle", "rad")
         error, wanted, acceleration = self._wanted(signal, f, z)
         command, _ = self.limited(wanted)
-        return Equations(flow={f: acceleration, z: self._rate(error, wanted, command)}, gives={"top.torque": (command, "N m")})
+        rate = self.led_back(error, wanted, command, self.back_calculation)
+        return Equations(flow={f: acceleration, z: rate}, gives={"top.torque": (command, "N m")})
 
     def sampled(self, signal, period):
         f, z = state("ztorque.speed", "rad/s"), state("ztorque.angle", "rad")
         error, wanted, acceleration = self._wanted(signal, f, z)
         command, memory = self.limited(wanted, period)
-        update = Update(
-            {f: f + period * acceleration, z: z + period * self._rate(error, wanted, command), **memory}, {"top.torque": (command, "N m")}
-        )
+        rate = self.led_back(error, wanted, command, self.back_calculation, period * self.integral)
+        update = Update({f: f + period * acceleration, z: z + period * rate, **memory}, {"top.torque": (command, "N m")})
         starts = {f: signal("top.speed", "rad/s"), z: over(acting(signal) - self.impedance * error, self.integral)}
         return begun(update, signal, "ztorque", starts)
 
@@ -85,9 +91,6 @@ class ZTorque(TorqueLimits):
         error = signal("top.reference", "rad/s", default=self.reference) - speed
         acceleration = (speed - f) / self.filter_time
         return error, self.impedance * error + self.integral * z + self.inertia * acceleration, acceleration
-
-    def _rate(self, error, wanted, command):
-        return error if command is wanted else error + (command - wanted) / self.back_calculation
 
 
 def compensated(inertia: float, impedance: float, filter_time: float) -> float:

@@ -31,7 +31,8 @@ def radau(n: int) -> tuple[np.ndarray, np.ndarray]:
     """The point 0 and the n Radau points of (0, 1], shape (n+1,), and the matrix that takes values there to slopes there, (n+1, n+1)."""
     legendre = np.zeros(n + 1)
     legendre[n - 1 :] = -1.0, 1.0
-    points = np.append(0.0, (np.sort(np.polynomial.legendre.legroots(legendre)) + 1) / 2)
+    roots = np.polynomial.legendre.legroots(legendre).real  # all are real, but some versions of numpy return them as complex numbers
+    points = np.append(0.0, (np.sort(roots) + 1) / 2)
     points[-1] = 1.0
     distance = points[:, None] - points + np.eye(n + 1)
     products = distance.prod(axis=1)

@@ -22,6 +22,11 @@ else:
     """What results hold: arrays of floats and of truths, as a type checker sees them."""
 
 
+def count_of(size: int | None) -> int:
+    """Return how many numbers a parameter or state has: 1 if its size is None (a scalar), else its size, which may be 0 for an empty tuple."""
+    return 1 if size is None else size
+
+
 def mapping(word: str, given: Any) -> dict[str, Any]:
     """A mapping of names to values as a dictionary, empty for None."""
     if given is not None and not (isinstance(given, Mapping) and all(isinstance(name, str) for name in given)):

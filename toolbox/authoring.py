@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from toolbox.arguments import whole as whole
     from toolbox.compilation.notices import announced as announced
     from toolbox.errors import suggest as suggest
-    from toolbox.export.c_code import Declared as Declared
-    from toolbox.export.c_code import written as written
+    from toolbox.export.law_text import Declared as Declared
+    from toolbox.export.law_text import written as written
     from toolbox.faces import face as face
     from toolbox.figures.style import line_styles as line_styles
     from toolbox.figures.style import name_axis as name_axis

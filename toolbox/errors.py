@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NoReturn
 
 
 def check_version(package: str) -> None:
@@ -18,6 +18,21 @@ def check_version(package: str) -> None:
     least = next((found[1] for line in declared if (found := re.match(rf"{package}>=([0-9.]+)", line))), "0")
     if _release(installed) < _release(least):
         raise ImportError(f"{package} {installed} does not work with the toolbox: pip install '{package}>={least}'.")
+
+
+def optional(package: str, what: str, extra: str) -> Any:
+    """Import a package that only an extra installs; raises ImportError that says how to get it."""
+    from importlib import import_module
+
+    try:
+        return import_module(package)
+    except ImportError:
+        raise ImportError(f"{what} needs {package}: pip install -e '.[{extra}]' in the folder of the toolbox.") from None
+
+
+def no_array(value: Any, instead: str) -> NoReturn:
+    """Raise TypeError for a value of which numpy would make an array without shape that holds nothing but it."""
+    raise TypeError(f"A {type(value).__name__} is not one array: {instead}.")
 
 
 def _release(version: str) -> tuple[int, ...]:
@@ -56,6 +71,10 @@ class ZenoError(SimulationError):
 
 class NoModes(SimulationError):
     """An instant at which no modes of the elements are consistent with the forces."""
+
+
+class ControllerError(SimulationError):
+    """A controller whose command, or whose memory, is not a finite number; the message names the controller, the signal and the time."""
 
 
 class BudgetError(SimulationError):

@@ -30,6 +30,12 @@ LOG.addHandler(_Said())
 LOG.setLevel(logging.INFO)
 
 
+def complaint(text: str, code: int) -> int:
+    """Say what went wrong on stderr, in one line, and return the exit code."""
+    print(f"stickslip: {' '.join(text.split())}", file=sys.stderr)
+    return code
+
+
 _STEP: ContextVar[Callable[[], None] | None] = ContextVar("step", default=None)
 
 

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
+from controllers.bumpless import over
 from controllers.string_model import StringModel, entries, string_model, with_entries
 from toolbox import Equations, Quantity, SceneError, Update, quantity, state
 from toolbox.halving import halved
@@ -28,8 +29,8 @@ class StringObserver(Observer):
     """What the observers of a string share: the model with its disturbance, the estimates, and how a sample is integrated.
 
     estimates: all states of the string by name, `top.speed`, `bit.speed` [rad/s], `top.load`, `bit.torque` [N m] and, where the plant has a
-    rock `BitRock` with exponential friction, `bit.friction_scale` [1]: the torque over that of the declared rock at the estimated speed, NaN-free and
-    meaningful while the bit turns. A sample is one Runge-Kutta step of order four with measurement and command held; samples too far apart for that are
+    rock `BitRock` with exponential friction, `bit.friction_scale` [1]: the torque over that of the declared rock at the estimated speed, 0 where that is none,
+    and meaningful while the bit turns. A sample is one Runge-Kutta step of order four with measurement and command held; samples too far apart for that are
     refused, which a Kalman filter bounds by about 2.8 J speed_noise sqrt(period) / drive_walk, J the inertia of the drive.
     """
 
@@ -100,15 +101,7 @@ class StringObserver(Observer):
         rows.ravel()[list(self.places) or slice(None)] = self.model
         rates = np.linalg.eigvals(rows[:n] - self.slope() * np.outer(self.gain, rows[n + 1]))
 
-        def swings(time: float) -> bool:
-            return bool((np.abs(one_step(lambda z: rates * z, np.ones(n), time)) > 1.0 + GROWN).any())
-
-        if swings(period):
-            longest, _ = halved(swings, 0.0, period, 1e-3)
-            raise SceneError(
-                f"Argument `sample_time` must be at most {longest:.3g} s for {type(self).__name__} with these numbers, but it is {period:g} s: its fastest "
-                f"pole is at {np.abs(rates).max():.3g} 1/s, and a sample is one Runge-Kutta step. What trusts the measured speed less has slower poles."
-            )
+        refuse_swinging(type(self).__name__, rates, period, "What trusts the measured speed less has slower poles.")
 
     def _stacked(self):
         """The number of states, and the rows of the model."""
@@ -153,7 +146,7 @@ class StringObserver(Observer):
         }
         if self.rock is not None:
             at_speed, excess, decay = self.rock
-            estimates["bit.friction_scale"] = (x[n - 1] / (at_speed + excess * ca.exp(-decay * ca.fabs(bit @ x))), "1")
+            estimates["bit.friction_scale"] = (over(x[n - 1], at_speed + excess * ca.exp(-decay * ca.fabs(bit @ x))), "1")
         return estimates
 
     def continuous(self, signal):
@@ -172,6 +165,20 @@ def one_step(rate: Any, x: Any, period: Any) -> Any:
     c = rate(x + period / 2 * b)
     d = rate(x + period * c)
     return x + period / 6 * (a + 2 * b + 2 * c + d)
+
+
+def refuse_swinging(law: str, rates: np.ndarray, period: float, remedy: str) -> None:
+    """Raise SceneError where states with these poles [1/s], none of which grows, would grow in Runge-Kutta steps of a period [s]."""
+
+    def swings(time: float) -> bool:
+        return bool((np.abs(one_step(lambda z: rates * z, np.ones(rates.size), time)) > 1.0 + GROWN).any())
+
+    if swings(period):
+        longest, _ = halved(swings, 0.0, period, 1e-3)
+        raise SceneError(
+            f"Argument `sample_time` must be at most {longest:.3g} s for {law} with these numbers, but it is {period:g} s: its fastest "
+            f"pole is at {np.abs(rates).max():.3g} 1/s, and a sample is one Runge-Kutta step. {remedy}"
+        )
 
 
 def with_disturbance(model: StringModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -141,7 +141,7 @@ class ElasticPad(Component):
         system = np.block(
             [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(self._body.mass, stiffness), -np.linalg.solve(self._body.mass, damping)]]
         )
-        found = np.linalg.eigvals(system)
+        found = np.linalg.eigvals(system).astype(complex)
         return found[np.argsort(-found.real)]
 
     def flutter_friction(self, up_to: float = 2.0, tolerance: float = 1e-6) -> float:

@@ -18,6 +18,11 @@ become 0, become huge or tiny (ten to the power of +-9), or move by up to ten ti
 With `--reference` other plants, at ordinary numbers, are compared with a reference that shares no code with the event loop (`studies.benchmarks.differential`):
 
     python -m studies fuzz --reference [--structures 3000] [--draws 3] [--seed 1] [--jobs 2] [--first N] [--log FOLDER]
+
+With `--section` machines of one kind are judged by rules of their own (`studies.benchmarks.fuzz_sections`): levers that vanish, cones that hold each other,
+controllers with numbers up to their bounds:
+
+    python -m studies fuzz --section levers [--structures 300] [--seed 1] [--jobs 2] [--first N]
 """
 
 from __future__ import annotations
@@ -58,6 +63,8 @@ from models import (
     Transition,
     wells,
 )
+from studies.benchmarks import fuzz_sections
+from studies.benchmarks.fuzz_sections import SECTIONS
 from toolbox import (
     Budget,
     Component,
@@ -447,8 +454,12 @@ if __name__ == "__main__":
             "--first", type=int, default=0, metavar="N", help="number of the first structure, to go on where a search was stopped"
         )
         parser.add_argument("--reference", action="store_true", help="compare with explicit modes and scipy")
+        parser.add_argument("--section", choices=SECTIONS, help="machines of one kind, judged by rules of their own")
         parser.add_argument("--log", metavar="FOLDER", help="with --reference: keep what is found, and go on from there")
         words = vars(parser.parse_args())
+        if (section := words.pop("section")) is not None:
+            del words["draws"], words["reference"], words["log"]
+            sys.exit(1 if fuzz_sections.main(section, **words) else 0)
         compare, log = words.pop("reference"), words.pop("log")
         words["draws"] = words["draws"] or (3 if compare else 300)
         if compare:

@@ -7,13 +7,24 @@ rtol 1e-12, over 401 times of the whole horizon, relative to the size of that st
 alternate, those of scipy the least of three, on one core with caches warm; the ratio decides, not the time.
 
     python -m studies speed [--target 1e-6] [--only CASE ...]           (needs scipy; heyoka for the last columns)
+
+With `--against TREE` this tree is compared with another checkout of the project. The two take turns, each in a process of its own with its own compiled code,
+and what counts is the median over the turns of the ratio of their processor times, so that the load of the machine and its clock fall out.
+
+    python -m studies speed --against TREE [--turns 9] [--only CASE ...]
 """
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,6 +40,12 @@ SETTINGS = [mantissa * 10.0**-power for power in range(4, 13) for mantissa in (1
 METHODS = ("explicit", "taylor", "event")
 TURNS = 101
 """Turns in which ours and heyoka alternate."""
+
+HERE = Path(__file__).resolve().parents[2]
+"""This tree."""
+
+SLOWER = 0.03
+"""Part by which this tree may be slower than another."""
 
 
 def scaled_error(states: np.ndarray, truth: np.ndarray) -> float:
@@ -110,13 +127,104 @@ def row(name: str, case: Case, target: float = TARGET) -> str:
     return line + (f"{1e3 * theirs:9.3f}{default / theirs:9.2f}" if heyoka else f"{'-':>9}{'-':>9}")
 
 
+def turn_of(tree: Path, code: Path, names: Sequence[str], accuracy: float) -> dict[str, Any]:
+    """Return one turn of a tree (see `one_turn.turn`): by its own interpreter where it has one, with compiled code in a folder of its own."""
+    own = [path for path in (tree / ".venv" / "bin" / "python", tree / ".venv" / "Scripts" / "python.exe") if path.exists()]
+    script = f"import runpy; runpy.run_path({str(HERE / 'studies' / 'benchmarks' / 'one_turn.py')!r})['report']()"
+    asked = [str(own[0]) if own else sys.executable, "-P", "-c", script, ",".join(names), ",".join(METHODS), str(accuracy)]
+    surroundings = os.environ | {"PYTHONPATH": str(tree), "STICKSLIP_CACHE_DIR": str(code), "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(asked, cwd=tree, env=surroundings, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"The cases do not run in {tree}:\n{done.stderr.strip()}")
+    found = json.loads(done.stdout.splitlines()[-1])
+    if Path(found["tree"]) != tree:
+        raise SystemExit(f"The interpreter of {tree} runs the packages of {found['tree']}.")
+    return found
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Processor times of the cases [s] in this tree and another, by turn, shape (turns, cases), and the switches of each."""
+
+    names: tuple[str, ...]
+    ours: np.ndarray
+    theirs: np.ndarray
+    switches: tuple[tuple[int, int], ...]
+
+    @property
+    def ratios(self) -> np.ndarray:
+        """Median over the turns of the ratio of this tree to the other, shape (cases,)."""
+        return np.median(self.ours / self.theirs, axis=0)
+
+    @property
+    def overall(self) -> float:
+        """Median over the turns of the geometric mean of the ratios of all cases."""
+        return float(np.median(np.exp(np.log(self.ours / self.theirs).mean(axis=1))))
+
+    @property
+    def keeps(self) -> bool:
+        """Whether this tree is at most 3 % slower over all cases."""
+        return self.overall <= 1.0 + SLOWER
+
+    def __str__(self) -> str:
+        lines = [
+            f"{'case and method':<20}{'other':>10}{'this':>10}{'ratio':>9}{'quartiles':>16}{'switches':>12}",
+            f"{'':<20}{'[ms]':>10}{'[ms]':>10}",
+        ]
+        for i, name in enumerate(self.names):
+            low, high = np.quantile(self.ours[:, i] / self.theirs[:, i], (0.25, 0.75))
+            times = f"{1e3 * np.median(self.theirs[:, i]):10.3f}{1e3 * np.median(self.ours[:, i]):10.3f}"
+            theirs, ours = self.switches[i]
+            counted = str(ours) if ours == theirs else f"{theirs} / {ours}"
+            lines.append(f"{name:<20}{times}{self.ratios[i]:9.3f}{f'{low:.3f} to {high:.3f}':>16}{counted:>12}")
+        lines.append(f"{'all':<20}{'':>20}{self.overall:9.3f}")
+        slower = [f"{name} ({ratio:.3f})" for name, ratio in zip(self.names, self.ratios, strict=True) if ratio > 1.0 + SLOWER]
+        apart = [name for name, (theirs, ours) in zip(self.names, self.switches, strict=True) if theirs != ours]
+        verdict = (
+            f"This tree is {'within' if self.keeps else 'not within'} {100 * SLOWER:g} % of the other: {100 * (self.overall - 1.0):+.1f} %."
+        )
+        verdict += f" Slower by more than {100 * SLOWER:g} %: {', '.join(slower) or 'no case'}."
+        return "\n".join([*lines, "", verdict + (f" Other switches: {', '.join(apart)}." if apart else "")])
+
+
+def compared(other: Path, names: Sequence[str], turns: int, accuracy: float) -> Comparison:
+    """Return the comparison of this tree with another over turns that alternate, behind one turn each that compiles."""
+    with tempfile.TemporaryDirectory() as folder:
+        trees = {"other": (other.resolve(), Path(folder) / "other"), "this": (HERE, Path(folder) / "this")}
+        found: dict[str, list[dict[str, Any]]] = {name: [] for name in trees}
+        for i in range(turns + 1):
+            for name in list(trees)[:: 1 if i % 2 else -1]:
+                found[name].append(turn_of(*trees[name], names, accuracy))
+    if found["this"][0]["versions"] != found["other"][0]["versions"]:
+        print(f"This tree runs with {found['this'][0]['versions']}, the other with {found['other'][0]['versions']}.")
+    first = {name: each[0]["rows"] for name, each in found.items()}
+    for name, rows in first.items():
+        for row_name, one in rows.items():
+            if "failure" in one:
+                print(f"Left out: {row_name}, in {name} tree {one['failure']}")
+    both = [name for name, one in first["this"].items() if "seconds" in one and "seconds" in first["other"].get(name, {})]
+    if not both:
+        raise SystemExit("No case runs in both trees.")
+    ours, theirs = ([[one["rows"][name]["seconds"] for name in both] for one in found[tree][1:]] for tree in ("this", "other"))
+    switches = [(first["other"][name]["switches"], first["this"][name]["switches"]) for name in both]
+    return Comparison(tuple(both), np.array(ours), np.array(theirs), tuple(switches))
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = parser_of(__doc__)
     known = cases()
     parser.add_argument("--target", type=float, default=TARGET, help=f"largest error ({TARGET:g})")
     parser.add_argument("--only", nargs="+", choices=list(known), default=list(known), metavar="CASE", help=f"some of: {', '.join(known)}")
+    parser.add_argument("--against", type=Path, metavar="TREE", help="another checkout of the project, with which this one is compared")
+    parser.add_argument("--turns", type=int, default=9, help="turns in which the two alternate (9)")
     given = parser.parse_args(arguments)
+    if given.against is not None:
+        if given.turns < 1 or not (given.against / "studies" / "benchmarks" / "cases.py").is_file():
+            parser.error("`--turns` must be at least 1, and `--against` a checkout of the project with `studies/benchmarks/cases.py`.")
+        comparison = compared(given.against, given.only, given.turns, given.target)
+        print(comparison)
+        sys.exit(not comparison.keeps)
     print(f"{'':<30}{'explicit formulas':^43}{'Taylor series':^27}{'chosen':^19}{'scipy':>10}{'heyoka':>9}{'chosen/':>9}")
     print(
         f"{'case':<30}{'error':>9}{'kernel':>9}{'call':>9}{'scipy/k':>8}{'/call':>8}{'error':>10}{'kernel':>9}{'scipy/k':>8}{'error':>10}{'kernel':>9}{'':>10}{'':>9}{'heyoka':>9}"

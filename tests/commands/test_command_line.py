@@ -605,3 +605,23 @@ def test_devices_and_pipes_are_refused_and_not_read(tmp_path, belt, no_figures, 
     arguments = {"scene": ["simulate", str(path)], "data": ["fit", str(belt), str(path), "--free", "block.mass"]}
     assert main([*arguments.get(place, ["simulate", str(belt)]), "--out", str(tmp_path / "out")]) == 2
     assert f"must be a regular file, but it is a {'device' if kind == 'zero' else 'pipe'}" in one_line(capsys)
+
+
+MISSPELT = {
+    "map, second axis": ["map", "--x", "top.reference=3:14", "--y", "bit.wob=50kN:110kN", "--shape", "3x3"],
+    "map, first axis": ["map", "--x", "bit.wob=50kN:110kN", "--y", "top.reference=3:14", "--shape", "3x3"],
+    "sweep": ["sweep", "--vary", "bit.wob=50kN:110kN:3"],
+    "onset": ["onset", "--parameter", "bit.wob", "--from", "50kN", "--to", "110kN"],
+    "chance": ["chance", "--over", "top.reference=3:4:3", "--uncertain", "bit.wob=80kN:90kN"],
+    "margins": ["margins", "--wrong", "bit.wob=20%"],
+    "basin": ["basin", "--controller", "stiff PI", "--box", "bit.wob=0:1", "--runs", "5"],
+    "tune": ["tune", "--controller", "stiff PI", "--free", "bit.wob=1:2", "--objective", "settling"],
+}
+
+
+@pytest.mark.parametrize("words", MISSPELT.values(), ids=MISSPELT)
+def test_a_misspelt_number_is_the_one_that_is_named_with_its_neighbour(words, tmp_path, capsys):
+    """The first case of this scene has no controller, so that its set-point is missing, too: that is not what was misspelt."""
+    assert main([words[0], "studies/scenes/jansen_2.toml", *words[1:], "--out", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert "`bit.wob`" in told and "did you mean `bit.weight`" in told and not (tmp_path / "out").exists()

@@ -72,11 +72,9 @@ def test_sweeps_comparisons_and_lists_are_json(belt, tmp_path, capsys):
 
 def test_every_command_says_what_it_found():
     """A command without data for `--json` would print null."""
-    import inspect
-
-    for command in command_line.COMMANDS:
-        source = inspect.getsource(command)
-        assert "given.found" in source or "answer(given" in source, command.__name__  # `answer` keeps what was found
+    for module, _ in command_line.COMMANDS.values():
+        source = (Path(command_line.__file__).parent / f"{module}.py").read_text()
+        assert "given.found" in source or "answer(given" in source, module  # `answer` keeps what was found
 
 
 @pytest.mark.parametrize("command", ["simulate", "study"])
@@ -188,16 +186,55 @@ def test_list_finds_by_name_first_and_else_by_what_is_said(capsys):
     assert "RationalStribeck" in capsys.readouterr().out
 
 
-def test_a_shell_is_told_what_could_be_typed_next(tmp_path):
-    pytest.importorskip("argcomplete")
+def completed(line, tmp_path):
+    """What a shell is told could stand behind a line."""
     told = tmp_path / "told"
     environment = {
-        **os.environ, "_ARGCOMPLETE": "1", "COMP_LINE": "stickslip st", "COMP_POINT": "12", "_ARGCOMPLETE_IFS": "\n", "_ARGCOMPLETE_STDOUT_FILENAME": str(told),
+        **os.environ, "_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE_IFS": "\n", "_ARGCOMPLETE_STDOUT_FILENAME": str(told),
     }  # fmt: skip
     subprocess.run(
         [sys.executable, "-c", "from toolbox.commands.command_line import script; script()"], env=environment, check=False, timeout=100
     )
-    assert told.read_text().strip() == "study"
+    return told.read_text().split()
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("stickslip st", ["study"]), ("stickslip s", ["study", "simulate", "sweep", "schedule"]), ("stickslip map --sh", ["--shape"]),
+        ("stickslip study --units ", ["si", "metric", "oilfield"]), ("stickslip --ver", ["--version"]),
+    ],
+)  # fmt: skip
+def test_a_shell_is_told_what_could_be_typed_next(line, words, tmp_path):
+    pytest.importorskip("argcomplete")
+    assert sorted(completed(line, tmp_path)) == sorted(words)
+
+
+@pytest.mark.parametrize("line", ["--version", "--help", ""])
+def test_what_needs_no_command_imports_none_and_none_of_what_they_calculate_with(line):
+    program = f"""
+import sys
+from toolbox.commands.command_line import script
+sys.argv = ["stickslip", *{line.split()!r}]
+try:
+    script()
+finally:
+    print([name for name in ("numpy", "casadi", "toolbox.commands.study", "toolbox.commands.terminal") if name in sys.modules], file=sys.stderr)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=100)
+    assert done.returncode == (0 if line else 2)
+    assert done.stderr.splitlines()[-1] == "[]"
+
+
+def test_a_command_imports_no_other_command():
+    program = """
+import sys
+from toolbox.commands.command_line import main
+assert main(["list", "measures", "--quiet"]) == 0
+print(sorted(set(COMMANDS) & {name.rpartition(".")[2] for name in sys.modules if name.startswith("toolbox.commands.")}))
+""".replace("COMMANDS", repr([module for module, _ in command_line.COMMANDS.values()]))
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=100)
+    assert done.stdout.strip() == "['listing']"
 
 
 RIG = """
@@ -240,8 +277,15 @@ SCENES = {"compare": {"first.toml", "second.toml"}}
 """{command: its scenes, where they are more than one}."""
 
 
+def verb_of(name):
+    """The parser of a command."""
+    [commands] = (each.choices for each in command_line._parser([name])._actions if isinstance(each.choices, dict))
+    assert set(commands) == set(command_line.COMMANDS)
+    return commands[name]
+
+
 def test_every_command_that_writes_a_folder_is_tried_below():
-    [commands] = (each.choices for each in command_line._parser()._actions if isinstance(each.choices, dict))
+    commands = {name: verb_of(name) for name in command_line.COMMANDS}
     writing = {name for name, verb in commands.items() if any("--out" in each.option_strings for each in verb._actions)}
     assert writing - {"export"} == set(EVERY)  # what is exported is a program, not a result
     for name, verb in commands.items():

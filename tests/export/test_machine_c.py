@@ -1,22 +1,26 @@
 """Plants and loops as C: the same switches in the same order as `simulate`, from a loop that nobody wrote a second time."""
 
+import ctypes
 import errno
 import io
+import math
 import os
 import shutil
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
 import toolbox.stepping.modes as modes_of_the_loop
-from controllers import LinearMPC, SoftTorque, StiffPI
+from controllers import PI, LinearMPC, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, wells
 from models.friction import Hyperbolic
 from studies.benchmarks.machines_in_c import COMPILER, DONE, OVERRUN, STRICT, CompiledMachine
-from toolbox import Sampled, Scene, SceneError, closed_loop, compose, export_c, simulate
+from toolbox import Controller, Sampled, Scene, SceneError, Update, closed_loop, compose, export_c, quantity, simulate, state
 from toolbox.commands.command_line import main
 from toolbox.compilation import work_layout as layout
 from toolbox.export.machine_c import EVENTS, MODELS, machine, machine_files
@@ -284,3 +288,99 @@ def test_only_the_steps_that_go_to_c_are_compiled():
     made = machine(closed_loop(plant), "belt", 10.0)
     assert [key[-1] for key in made.run.system.cache if key[0] == "program"] == [made.program.formulas.name]
     assert simulate(plant, 10.0).program.formulas.series  # which are others
+
+
+@dataclass(frozen=True)
+class Overflowing(Controller):
+    """z_k = g^k; commands clip(z_k^2 - 3 z_k^2, -1, 1), which from the k on at which z_k^2 is beyond all numbers is a clip of inf - inf."""
+
+    measures = ("block.speed",)
+    drives = ("block.force",)
+
+    growth: float = quantity(1.0, "1", "factor g of the memory", above=0)
+
+    def sampled(self, signal, period):
+        exponent = state("overflowing.exponent", "1")
+        size = ca.exp(exponent) + 0.0 * signal("block.speed", "m/s")
+        wanted = size**2 - 3.0 * size**2
+        return Update({exponent: exponent + ca.log(self.growth)}, {"block.force": (ca.fmin(ca.fmax(wanted, -1.0), 1.0), "N")})
+
+
+def overflow(growth):
+    """The first sample whose square is no number."""
+    return math.floor(math.log(sys.float_info.max) / (2.0 * math.log(growth))) + 1
+
+
+@compiled
+def test_a_controller_that_gives_no_finite_number_stops_the_machine_and_is_named(tmp_path):
+    loop = closed_loop(compose(BlockOnBelt()), Overflowing(), sample_time=0.01)
+    found = CompiledMachine(export_c(loop, tmp_path / "belt", part="loop", duration=1.0)[0])
+    assert found.set("PARAMETER", "overflowing.growth", 1e10) == DONE
+    last = overflow(1e10)
+    assert found.step((last - 0.5) * 0.01) == DONE
+    assert found.step(1.0) == layout.NOT_FINITE == int(found.macros["BELT_NOT_FINITE"])
+    time = found._function("time", ctypes.c_double)(found.memory)
+    assert time == pytest.approx(last * 0.01) and found.step(1.0) == layout.NOT_FINITE  # it does not go on
+    name = found._function("culprit_name", ctypes.c_char_p, ctypes.c_int)(found.memory, layout.NOT_FINITE)
+    assert name == b"block.force of Overflowing"
+    text = found.library["belt_status_text"]
+    text.restype = ctypes.c_char_p
+    assert b"no finite number" in text(layout.NOT_FINITE)
+
+
+REFUSED = {
+    "pi.proportional": (0.0, -1.0, np.nan, np.inf), "pi.integral": (-1e-300, -np.inf), "pi.highest_torque": (0.0, -1.0), "pi.lowest_torque": (2e4, 3e4),
+    "bit.friction.static": (0.4,), "bit.friction.kinetic": (0.81,), "bit.radius": (0.0,), "chain.inertia.1": (0.0, -5.0), "bit.weight": (-1.0, np.nan),
+}  # fmt: skip
+
+
+@compiled
+def test_numbers_that_python_refuses_change_nothing(tmp_path):
+    loop = closed_loop(RIG, PI(lowest_torque=0.0, highest_torque=2e4), sample_time=0.01)
+    found = CompiledMachine(export_c(loop, tmp_path / "rig", part="loop", duration=1.0)[0])
+    for step in (False, True):
+        before = bytes(found.memory.raw)
+        for name, values in REFUSED.items():
+            for value in values:
+                group = "INPUT" if name == "bit.weight" else "PARAMETER"
+                assert found.set(group, name, value) == -3, (name, value)
+        assert bytes(found.memory.raw) == before
+        if not step:
+            found.step(0.5)
+    for name, value in (
+        ("pi.highest_torque", 4e4),
+        ("pi.lowest_torque", 3e4),
+        ("bit.friction.static", 0.9),
+        ("bit.friction.kinetic", 0.85),
+    ):
+        assert found.set("PARAMETER", name, value) == DONE  # in this order no pair is ever wrong
+
+
+@compiled
+def test_the_step_of_a_law_returns_a_status_and_keeps_its_memory(tmp_path):
+    c, h = export_c(closed_loop(RIG, PI(lowest_torque=0.0, highest_torque=2e4), sample_time=0.01), tmp_path / "drive")
+    library = c.with_suffix(".so")
+    subprocess.run([COMPILER, *STRICT, "-shared", "-fPIC", str(c), "-lm", "-o", str(library)], check=True)
+    macros = dict(line.split()[1:3] for line in h.read_text().splitlines() if line.startswith("#define") and len(line.split()) > 2)
+    law, many = ctypes.CDLL(str(library)), int(macros["DRIVE_GAINS"])
+    memory, gains, u = (np.zeros(int(size)) for size in (macros["DRIVE_MEMORY"], many, macros["DRIVE_DRIVES"]))
+    at = [array.ctypes.data_as(ctypes.c_void_p) for array in (memory, gains, u)]
+
+    def stepped(*y):
+        given = np.array([*y, *[8.0] * (int(macros["DRIVE_READS"]) - len(y))])
+        return law.drive_step_with(at[1], given.ctypes.data_as(ctypes.c_void_p), at[0], at[2])
+
+    law.drive_start(at[0])
+    law.drive_gains(at[1])
+    assert stepped(1.0) == 0 and u[0] > 0.0
+    kept = memory.copy(), u.copy()
+    for bad in (np.nan, np.inf, -np.inf):
+        assert stepped(bad) == int(macros["DRIVE_NOT_FINITE"])
+    rows = [line.split() for line in h.read_text().splitlines() if line.split()[1:2] and line.split()[1].startswith("gains[")]
+    names = [words[2] for words in rows]
+    for name, value in (("law.proportional", 0.0), ("law.integral", -1.0), ("law.highest_torque", -1.0), ("law.integral", np.nan)):
+        law.drive_gains(at[1])
+        gains[names.index(name)] = value
+        assert stepped(1.0) == int(macros["DRIVE_OUTSIDE"]) and law.drive_allowed(at[1]) == 0
+    np.testing.assert_array_equal(kept[0], memory)
+    np.testing.assert_array_equal(kept[1], u)

@@ -222,6 +222,9 @@ def test_a_quantity_of_a_million_digits_is_refused_at_once_in_a_short_line(value
         ("80 c/min", "rad/s", "80 rpm"),
         ("2 KNM", "N m", "2 kN m"), ("40 Nms/rad", "N m s/rad", "40 N m s/rad"),
         ("3 kgm2", "kg m2", "3 kg m2"), ("500 lb-ft/rad", "N m/rad", "500 lbf ft/rad"),
+        ("12 N.m", "N m", "12 N m"), ("12 kN . m", "N m", "12 kN m"), ("3 kg.m2", "kg m2", "3 kg m2"), ("3 m2.kg", "kg m2", "3 kg m2"),
+        ("7 ft. lb.", "N m", "7 lbf ft"), ("5 in.", "m", "5 in"), ("60 ft./min.", "m/s", "60 ft/min"), ("2 m^0.5.m^1.5", "m2", "2 m2"),
+        ("3 Nm2", "N m2", "3 N m2"), ("3 kNms2", "N m s2", "3 kN m s2"),
     ],
 )  # fmt: skip
 def test_habits_of_drillers_and_letters_of_the_wrong_case_are_understood_where_only_one_unit_fits(text, unit, same):
@@ -286,3 +289,9 @@ def test_everyday_units_are_read_without_the_registry_and_as_it_reads_them(word,
 @pytest.mark.parametrize("text", ["", "m m/", "furlong", "m**0.5", "s**-1/2", "(N m)/s", "2 m", "/s", "kgm", "* m", "kK", "m 1"])
 def test_what_is_no_product_of_everyday_units_is_left_to_the_registry(text):
     assert plain(text) is None
+
+
+@pytest.mark.parametrize("text", ["7 ft..lb", "7 ft.2 lb", "7 ft/.lb", "7 .ft lb", "7 ft...", "7 acre..in"])
+def test_a_dot_that_stands_for_nothing_is_an_unknown_unit(text):
+    with pytest.raises(SceneError, match="has the unknown unit"):
+        parse(text, "N m")

@@ -695,3 +695,32 @@ def test_the_casadi_functions_of_a_plant_agree_with_its_runs():
         assert float(plant.slips(run.time[k], run.states[k], u, plant.values, mode)) == run["bit.slip"][k]
         if mode[0] == 0:
             assert abs(np.array(plant.rhs(run.time[k], run.states[k], u, plant.values, mode)).ravel()[-1]) < 1e-13
+
+
+@dataclass(frozen=True)
+class Stops(Component):
+    """A mass whose stops may be none: an empty tuple between two others, and an empty row of states."""
+
+    mass: tuple[float, ...] = quantity((1.5,), "kg", "mass", above=0)
+    restitution: tuple[float, ...] = quantity((), "1", "restitution of each stop", at_least=0, at_most=1)
+    stiffness: tuple[float, ...] = quantity((6.0,), "N/m", "stiffness", at_least=0)
+
+    def equations(self, signal):
+        x, v, play = state("mass.position", "m"), state("mass.speed", "m/s"), state("stop.play", "m", len(self.restitution))
+        flow = {x: v, v: -self.stiffness[0] * x / self.mass[0]}
+        return Equations(flow={**flow, play: 0.0 * play} if self.restitution else flow)
+
+
+def test_a_parameter_that_is_an_empty_tuple_is_checked_as_itself():
+    """sqrt(6 / 1.5) = 2 rad/s; the stiffness behind the empty tuple is beyond the bounds of the restitution."""
+    plant = compose(Stops())
+    run = simulate(plant, 1.0, start={"mass.position": 1.0})
+    assert run["mass.position"][-1] == pytest.approx(np.cos(2.0), rel=1e-6)
+    assert plant.parameter("mass.restitution").size == 0 and plant.parameter("mass.stiffness").tolist() == [6.0]
+    assert plant.with_parameters({"mass.restitution": []}).parameter("mass.mass").tolist() == [1.5]
+    with pytest.raises(SceneError, match=r"Argument `mass.restitution` must be >= 0 and <= 1, but it is 2"):
+        compose(Stops(restitution=(0.5, 2.0)))
+    with pytest.raises(SceneError, match=r"Argument `mass.stiffness` must be >= 0 N/m, but it is -1"):
+        compose(Stops(stiffness=(-1.0,)))
+    with pytest.raises(SceneError, match=r"`mass.restitution` must have shape \(0,\)"):
+        plant.with_parameters({"mass.restitution": [0.5]})

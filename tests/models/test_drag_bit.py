@@ -50,6 +50,16 @@ def test_radau_points_give_exact_slopes_of_polynomials_and_integrate_twice_their
     assert np.linalg.solve(slopes[1:, 1:], right)[-1] == pytest.approx(1 / (2 * n - 1), rel=1e-10)
 
 
+@pytest.mark.parametrize("kind", [float, complex])
+def test_radau_points_are_real_numbers_whichever_kind_the_roots_come_in(kind, monkeypatch):
+    roots = np.polynomial.legendre.legroots
+    monkeypatch.setattr(np.polynomial.legendre, "legroots", lambda series: roots(series).real.astype(kind))
+    points, slopes = radau(2)
+    assert points.dtype == slopes.dtype == float
+    # P2 - P1 = (3 s^2 - 2 s - 1) / 2 is zero at -1/3 and 1
+    np.testing.assert_allclose(points, [0.0, 1 / 3, 1.0], rtol=1e-14)
+
+
 @pytest.mark.parametrize("n", [1, 2, 4, 8, 10, 16, 24])
 def test_no_wave_grows_in_the_profile_neither_on_bottom_nor_off_it(n):
     _, slopes = radau(n)

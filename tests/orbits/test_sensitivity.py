@@ -62,6 +62,34 @@ def test_a_block_without_friction_has_the_derivative_of_its_matrix_exponential()
     np.testing.assert_allclose(exact.states[-1], theory, atol=1e-10)
 
 
+@dataclass(frozen=True)
+class Rotor(Component):
+    """A rotor that coasts: inertia w' = -drag w - friction, one state."""
+
+    inertia: float = quantity(1.0, "kg m2", "inertia", above=0)
+    drag: float = quantity(0.01, "N m s/rad", "drag", at_least=0)
+    friction: Coulomb = Coulomb(static=0.2, kinetic=0.2)
+
+    def equations(self, signal):
+        w = state("rotor.speed", "rad/s")
+        bearing = DryFriction("bearing", w, self.friction, slip_unit="rad/s", force_unit="N m")
+        return Equations(flow={w: (bearing.force - self.drag * w) / self.inertia}, elements=[bearing])
+
+
+@pytest.mark.parametrize("names", [["rotor.inertia"], ["rotor.inertia", "rotor.drag"], ["rotor.speed", "rotor.drag", "rotor.inertia"]])
+def test_a_plant_with_one_state_has_the_derivatives_of_its_closed_form(names):
+    """w(t) = (1 + T / c) exp(-c t / J) - T / c, with J 1 kg m2, c 0.01 N m s/rad, T 0.2 N m, from 1 rad/s."""
+    end, inertia, drag, torque = 3.0, 1.0, 0.01, 0.2
+    decay, level = math.exp(-drag * end / inertia), torque / drag
+    exact = {
+        "rotor.inertia": (1.0 + level) * decay * drag * end / inertia**2,
+        "rotor.drag": -(level / drag) * decay - (1.0 + level) * decay * end / inertia + level / drag,
+        "rotor.speed": decay,
+    }
+    found = sensitivity(simulate(compose(Rotor()), end, start={"rotor.speed": 1.0}, accuracy=1e-10), names)
+    assert np.asarray(found["rotor.speed"])[-1] == pytest.approx([exact[name] for name in names], rel=1e-7)
+
+
 def test_the_release_of_a_block_on_a_belt_moves_with_static_friction_as_the_closed_form_says():
     # from x = 0 at belt speed v the block sticks until k x = F_s: t = F_s / (k v)
     plant = compose(BlockOnBelt(belt_speed=0.5, stiffness=2.0, friction=Coulomb(static=1.0, kinetic=0.6)))

@@ -1,8 +1,11 @@
 """A report: every number in it is that of the arrays it came from, and the page needs nothing else."""
 
+import base64
 import csv
 import html.parser
+import json
 import math
+import os
 import re
 import shutil
 import time
@@ -15,6 +18,7 @@ from models import BitRock, Coulomb, TorsionalChain, wells
 from toolbox import Sampled, closed_loop, compose, simulate
 from toolbox.commands.command_line import main
 from toolbox.errors import SceneError
+from toolbox.files.origin import Origin
 from toolbox.onsets.results import Onset
 from toolbox.reports import report, to_pdf
 from toolbox.reports.machine import sketch
@@ -284,3 +288,44 @@ def test_without_a_program_that_prints_a_pdf_is_refused_and_nothing_is_written(f
 def test_a_browser_prints_the_page(folders, tmp_path):
     report(folders / "study", path=tmp_path / "r.html", pdf=True)
     assert (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="symbolic links of POSIX")
+def test_a_report_shows_no_file_outside_of_its_folders(folders, tmp_path):
+    secret = '<svg xmlns="http://www.w3.org/2000/svg"><text>secret of mine</text></svg>'
+    (tmp_path / "secret.svg").write_text(secret)
+    (tmp_path / "secret.txt").write_text("secret of mine")
+    coded = base64.b64encode(secret.encode()).decode()
+    copy = shutil.copytree(folders / "study", tmp_path / "study")
+
+    def page():
+        return report(copy, path=tmp_path / "report.html").read_text()
+
+    (copy / "own.svg").write_text(secret)
+    assert coded in page()  # the same figure without a link is shown
+    (copy / "own.svg").unlink()
+    (copy / "01_evil.svg").symlink_to(tmp_path / "secret.svg")
+    assert coded not in page() and "Left out, because they are symbolic links: 01_evil.svg." in page()
+    for name in ("study.txt", "scene.toml", "table.csv", "origin.json"):
+        (copy / name).rename(copy / "kept")
+        (copy / name).symlink_to(tmp_path / "secret.txt")
+        with pytest.raises(SceneError, match=f"must hold no symbolic links, but `.*{name}` is one"):
+            page()
+        (copy / name).unlink()
+        (copy / "kept").rename(copy / name)
+    (tmp_path / "above").mkdir()
+    (tmp_path / "above" / "inner").symlink_to(copy)
+    with pytest.raises(SceneError, match="but `.*above` is none"):
+        report(tmp_path / "above", path=tmp_path / "report.html")
+    (tmp_path / "given").symlink_to(copy)
+    assert "Two inertias" in report(tmp_path / "given", path=tmp_path / "report.html").read_text()
+
+
+def test_an_origin_that_names_files_elsewhere_opens_none(folders, tmp_path, monkeypatch):
+    copy = shutil.copytree(folders / "study", tmp_path / "study")
+    (tmp_path / "secret.txt").write_text("mine")
+    told = json.loads((copy / "origin.json").read_text())
+    told["files"] = {"../secret.txt": "0", str(tmp_path / "secret.txt"): "0"}
+    (copy / "origin.json").write_text(json.dumps(told))
+    monkeypatch.setattr("toolbox.files.origin.hashes", lambda paths: pytest.fail(f"opened {paths}"))
+    assert Origin.read(copy).changed(copy) == list(told["files"])

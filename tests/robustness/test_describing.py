@@ -5,9 +5,10 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq, fsolve
 
 from controllers import SlidingMode, SoftTorque, StiffPI
-from models import BitRock, BlockOnBelt, oscillators, wells
+from models import BitRock, BlockOnBelt, TorsionalChain, oscillators, wells
 from models.friction import Coulomb, Exponential
 from toolbox import Component, DryFriction, Equations, SceneError, closed_loop, compose, equilibrium, limit_cycle, simulate, state
 from toolbox.robustness import describing_function
@@ -156,3 +157,94 @@ def test_the_cycle_beside_a_hopf_point_is_that_of_averaging_however_small(belt_s
     (cycle,) = describing_function(closed_loop(compose(replace(oscillators.THOMSEN_FIDLIN, belt_speed=belt_speed)))).cycles
     assert cycle.amplitude == pytest.approx(2.0 * np.sqrt(hopf**2 - belt_speed**2), rel=1e-6)
     assert cycle.period == pytest.approx(2.0 * np.pi, rel=1e-9) and cycle.stable and not cycle.sticks
+
+
+class Rig:
+    """Two inertias under a constant torque, with the two equations of a first harmonic written out."""
+
+    def __init__(self, draw):
+        self.top, self.bit, self.stiffness, self.damping = draw(800, 2500), draw(150, 500), draw(200, 900), draw(5, 60)
+        self.drag, self.bit_drag, self.rock = draw(50, 500), draw(10, 80), draw(6e4, 1.3e5) * 0.155575
+        speed = draw(1.0, 9.0)
+        self.torque = (self.drag + self.bit_drag) * speed + self.rock * (0.5 + 0.3 * np.exp(-0.9 * speed))
+        self.nodes, self.weights = np.polynomial.legendre.leggauss(200)
+
+    @property
+    def loop(self):
+        chain = TorsionalChain((self.top, self.bit), (self.stiffness,), (self.damping,), top_drag=self.drag, bit_drag=self.bit_drag)
+        return closed_loop(compose(chain, BitRock(weight=self.rock / 0.155575)), inputs={"top.torque": self.torque})
+
+    def friction(self, speed):
+        return self.rock * np.sign(speed) * (0.5 + 0.3 * np.exp(-0.9 * np.abs(speed)))
+
+    def dynamic_stiffness(self, s):
+        """Torque of the rock that turns the bit by exp(s t), with the sign of a load."""
+        spring = self.damping + self.stiffness / s
+        return -(self.bit * s + self.bit_drag + spring - spring**2 / (self.top * s + self.drag + spring))
+
+    def equations(self, mean, amplitude, frequency):
+        """(mean torque that is missing, N - 1/G), with the half turn parted where the bit turns back."""
+        turn = np.arccos(np.clip(-mean / amplitude, -1.0, 1.0))
+        constant = harmonic = 0.0
+        for a, b in ((0.0, turn), (turn, np.pi)):
+            angle = (a + b) / 2 + (b - a) / 2 * self.nodes
+            torque = self.friction(mean + amplitude * np.cos(angle)) * self.weights * (b - a) / 2 / np.pi
+            constant, harmonic = constant + torque.sum(), harmonic + 2.0 * (torque * np.cos(angle)).sum() / amplitude
+        return (self.drag + self.bit_drag) * mean + constant - self.torque, harmonic - self.dynamic_stiffness(1j * frequency).real
+
+    def dense(self, frequency, highest):
+        """All (mean, amplitude) that a mesh finds on which both equations change their signs."""
+        mean, amplitude, angle = np.linspace(-12.0, 20.0, 501), np.linspace(0.02, highest, 200), np.pi * (np.arange(80) + 0.5) / 80
+        planes = np.empty((2, amplitude.size, mean.size))
+        for i, size in enumerate(amplitude):
+            torque = self.friction(mean[:, None] + size * np.cos(angle))
+            planes[0, i] = (self.drag + self.bit_drag) * mean + torque.mean(axis=1) - self.torque
+            planes[1, i] = 2.0 * (torque * np.cos(angle)).mean(axis=1) / size - self.dynamic_stiffness(1j * frequency).real
+        corners = np.stack([planes[:, :-1, :-1], planes[:, 1:, :-1], planes[:, :-1, 1:], planes[:, 1:, 1:]])
+        found = []
+        for i, j in np.argwhere(((corners.max(axis=0) > 0) & (corners.min(axis=0) < 0)).all(axis=0)):
+            place, _, solved, _ = fsolve(lambda x: self.equations(*x, frequency), [mean[j], amplitude[i]], full_output=True, epsfcn=1e-8)
+            torque, gain = self.equations(*place, frequency)
+            right = solved == 1 and abs(torque) < 1e-6 * self.torque and abs(gain) < 1e-4 * self.rock
+            if right and 0.02 < place[1] < highest and all(np.hypot(*(place - other)) > 0.01 for other in found):
+                found.append(place)
+        return found
+
+
+def solves_both_equations(rig, cycle):
+    torque, gain = rig.equations(cycle.mean, cycle.amplitude, cycle.frequency)
+    stiffness = rig.dynamic_stiffness(1j * cycle.frequency)
+    return abs(torque) < 1e-7 * rig.torque and abs(gain) < 1e-5 * abs(stiffness) and abs(stiffness.imag) < 1e-6 * abs(stiffness)
+
+
+def test_where_the_mean_slip_has_three_values_no_cycle_is_predicted_that_solves_only_one_equation():
+    """At one amplitude three mean slips balance this torque; a search from amplitude to amplitude jumped between them and called the jump a cycle."""
+    chain = TorsionalChain(inertia=(1200, 270), stiffness=(420,), damping=(11,), top_drag=130, bit_drag=20)
+    found = describing_function(closed_loop(compose(chain, BitRock(weight=89e3)), inputs={"top.torque": 7630.0}))
+    branches = np.split(found.amplitude, np.flatnonzero(np.isnan(found.amplitude)))
+    assert not found.cycles and len(branches) == 2 and np.diff(branches[0]).min() < 0.0 < np.diff(branches[0]).max()
+
+
+def test_every_cycle_solves_both_equations():
+    draw = np.random.default_rng(5).uniform
+    cycles = [solves_both_equations(rig, each) for rig in (Rig(draw) for _ in range(2)) for each in describing_function(rig.loop).cycles]
+    assert len(cycles) > 3 and all(cycles)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 8])
+def test_a_dense_search_finds_no_other_cycle(seed):
+    draw = np.random.default_rng(seed).uniform
+    number = 0
+    for _ in range(6):
+        rig = Rig(draw)
+        found = describing_function(rig.loop)
+        assert all(solves_both_equations(rig, each) for each in found.cycles)
+        crossing = np.flatnonzero(found.response.imag[:-1] * found.response.imag[1:] < 0.0)
+        for low, high in zip(found.omega[crossing], found.omega[crossing + 1], strict=True):
+            frequency = brentq(lambda w, rig=rig: rig.dynamic_stiffness(1j * w).imag, low, high, xtol=1e-15)
+            near = [(each.mean, each.amplitude) for each in found.cycles if low < each.frequency < high]
+            for place in rig.dense(frequency, 2.9 * found.slip):
+                assert min(np.hypot(*(np.reshape(near, (-1, 2)) - place).T), default=np.inf) < 1e-3
+                number += 1
+    assert number > 8

@@ -8,11 +8,14 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from controllers import PI, SoftTorque
 from models import BitRock, wells
-from toolbox import SceneError, closed_loop, compose, margins, onset
+from toolbox import Sampled, SceneError, closed_loop, compose, margins, onset
+from toolbox.onsets.map_loop import NONE
 from toolbox.robustness import windows
+from toolbox.steady_states.steady_loop import linear_loop
 
 OVER = {"top.reference": ("30 rpm", "140 rpm"), "bit.weight": ("60 kN", "110 kN")}
 LAW = PI(4_000.0, 1_500.0, reference="110 rpm")
@@ -80,6 +83,21 @@ def test_the_legend_fits_on_a_figure_as_wide_as_the_text_of_a_page(found):
     assert words == ["free", "smooth only undisturbed", "smooth running is lost", "stick-slip ends", "working point"]
     box = legend.get_window_extent()
     assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width
+
+
+def test_a_point_of_the_map_that_nothing_decides_does_not_hide_the_border_beside_it():
+    """At 4 rad/s a swing grows with a time constant of an hour, so that no run tells where it ends; its poles tell that smooth running is lost."""
+    law, rig = Sampled(PI(reference=8.0), 0.01, 0.03), compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+    over = {"top.reference": (3.0, 5.0), "bit.weight": (60e3, 138e3)}
+    found = windows(lambda depth: rig, [2000.0], law, over, along=[99e3], shape=(3, 3))
+    loop = closed_loop(rig, law).at("bit.weight", 99e3)
+
+    def grows(reference):
+        poles = np.abs(linear_loop(loop.at("top.reference", reference)).poles())
+        return np.log(np.max(poles[np.abs(poles - 1.0) > 1e-9]))
+
+    assert found.maps[0].smooth.verdict[1, 1] == NONE and found.maps[0].growth[1, 1] > 0.0
+    assert found.smooth[0, 0] == pytest.approx(brentq(grows, 3.0, 5.0), abs=0.1 * found.maps[0].resolution)  # of a cell of 1 rad/s
 
 
 def test_mistakes_are_told():

@@ -128,6 +128,26 @@ def test_the_result_draws_every_run(found):
     assert sum(line.get_xdata().size for line in ripple.lines) == len(found.outcomes)
 
 
+@pytest.mark.parametrize(
+    ("typed", "factors"),
+    [
+        ("20%", (0.8, 1.2)),
+        ("±20 %", (0.8, 1.2)),
+        ("+- 20 %", (0.8, 1.2)),
+        ("+20%", (1.2,)),
+        ("-5 %", (0.95,)),
+        (["10%", 1.3], (0.9, 1.1, 1.3)),
+        (0.2, (0.2,)),
+    ],
+)
+def test_a_share_is_an_error_to_either_side_as_on_the_command_line(rig, typed, factors):
+    """`margins --wrong bit.weight=20%` tries 20 % less and 20 % more; it was a factor of 0.2 here."""
+    loop = closed_loop(rig, SoftTorque(reference=REFERENCE))
+    found, same = (worst_case(loop, 2.0, errors={"bit.weight": given}) for given in (typed, factors))
+    assert list(found.by_error) == list(same.by_error) == ["declared", *(f"bit.weight {100 * (each - 1):+.3g} %" for each in factors)]
+    assert [each.mean_error for each in found.outcomes] == [each.mean_error for each in same.outcomes]
+
+
 def test_mistakes_are_told(rig, stuck):
     law = Sampled(SoftTorque(reference=REFERENCE), 0.01)
     for arguments, word in (
@@ -135,6 +155,9 @@ def test_mistakes_are_told(rig, stuck):
         ({"errors": {"chain.inertai.0": 0.8}}, "chain.inertia"),
         ({"errors": {"bit.weight": -1.0}}, "must be (> 0|a finite number)"),
         ({"errors": {"bit.weight": (0.8, "x")}}, "must be (> 0|a finite number)"),
+        ({"errors": {"bit.weight": "-120 %"}}, "`bit.weight` must be > -1"),
+        ({"errors": {"bit.weight": "120 %"}}, "`bit.weight` must be > 0"),
+        ({"corners": [{"bit.weight": "20 %"}]}, "must be one factor in `corners`, such as 1.2 or `.20 %`, but it is '?20 %"),
     ):
         with pytest.raises(SceneError, match=word):
             worst_case(closed_loop(rig, law), 10.0, **arguments)

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -151,6 +152,37 @@ def test_a_run_read_back_goes_to_pandas_and_csv_like_the_run(tmp_path):
     back = Trajectory.load(run.save(tmp_path / "run.npz"))
     pandas.testing.assert_frame_equal(back.to_pandas(), run.to_pandas())
     assert back.to_csv(tmp_path / "back.csv").read_text() == run.to_csv(tmp_path / "run.csv").read_text()
+
+
+def test_a_data_frame_and_a_data_set_have_the_units_of_every_signal_and_agree(tmp_path):
+    pytest.importorskip("pandas")
+    pytest.importorskip("xarray")
+    run = simulate(RIG, 5.0)
+    frame, data = run.to_pandas(), run.to_xarray()
+    for name in run.names:
+        assert data[name].attrs["units"] == run.unit(name)
+        np.testing.assert_array_equal(data[name].values, run[name])
+        columns = [name] if run[name].ndim == 1 else [f"{name}.{i}" for i in range(run[name].shape[1])]
+        assert {frame.attrs["units"][each] for each in columns} == {run.unit(name)}
+        np.testing.assert_array_equal(frame[columns].to_numpy().reshape(run[name].shape), run[name])
+    for name, words in run.modes.items():
+        assert data[f"{name}.mode"].values.tolist() == frame[f"{name}.mode"].tolist() == words.tolist()
+    assert any(run[name].ndim == 2 for name in run.names)  # a vector is among them
+    assert data["time"].attrs["units"] == frame.attrs["units"]["time"] == "s"
+    np.testing.assert_array_equal(data["time"].values, run.time)
+    back = Trajectory.load(run.save(tmp_path / "run.npz"))
+    assert back.to_xarray().identical(data) and back.to_pandas().attrs == frame.attrs
+
+
+def test_a_run_is_no_array_and_says_what_to_take_instead(tmp_path):
+    run = simulate(RIG, 5.0)
+    for each in (run, Trajectory.load(run.save(tmp_path / "run.npz"))):
+        for make in (np.asarray, np.array, np.mean, lambda whole: np.add(whole, 1.0), lambda whole: np.asarray(whole, dtype=object)):
+            with pytest.raises(
+                TypeError, match="is not one array: take a signal, such as .*, or all of them, `run.to_pandas\\(\\)`"
+            ) as caught:
+                make(each)
+            assert np.asarray(eval(re.search("such as `(.*?)`", str(caught.value))[1], {"run": each})).shape == each.time.shape
 
 
 def test_a_run_read_back_keeps_the_error_that_was_asked(tmp_path):

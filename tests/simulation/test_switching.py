@@ -3,6 +3,7 @@
 import itertools
 import math
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -11,8 +12,10 @@ import pytest
 from models import BlockOnBelt, Coulomb
 from models.friction import Drop
 from toolbox import Component, DryFriction, Equations, Sampled, SimulationError, compose, quantity, simulate, state, sweep, time
+from toolbox.compilation import work_layout as layout
 from toolbox.inputs import sine
 from toolbox.modelling import Hysteresis, Relay  # fmt: skip
+from toolbox.stepping.step_control import stalls
 
 METHODS = ("event", "explicit", "stiff")
 
@@ -186,6 +189,45 @@ def test_with_static_and_kinetic_friction_equal_there_is_one_choice():
         a, b = np.random.default_rng(seed).uniform(1, 3, 2)
         run = simulate(compose(Pair(0.8, 0.8)), 20.0, inputs={"a.force": sine(0.0, a, 0.31), "b.force": sine(0.0, b, 0.17)})
         assert len(run.events) > 5 and run.ambiguous == []
+
+
+def test_a_contact_that_sticks_is_not_torn_loose_by_one_that_comes_to_rest_where_it_can_stay():
+    """At every switch at which one contact arrives and the other lets go, no set of modes in which that one sticks agrees with the forces."""
+    torn, arrivals = 0, 0
+    for seed in (16, 46, 58, 9, 27):
+        random = np.random.default_rng(seed)
+        static, kinetic = random.uniform(0.5, 1.5), random.uniform(0.1, 0.4)
+        amplitudes, frequencies = random.uniform(1, 3, 2), random.uniform(0.1, 0.5, 2)
+        plant = compose(Pair(static, kinetic))
+        loads = {f"{body}.force": sine(0.0, a, f) for body, a, f in zip("ab", amplitudes, frequencies, strict=True)}
+        run = simulate(plant, 20.0, inputs=loads, accuracy=1e-9)
+        for event in run.events:
+            here = {other.element: other for other in run.events if other.time == event.time}
+            loose = [name for name, other in here.items() if other.before == "stick"]
+            arrivals += (
+                event.before != "stick" and run.at(event.time - 1e-6)["rub.slip" if event.element == "ground" else "ground.slip"] == 0.0
+            )
+            if event.before == "stick" or not loose:
+                continue
+            at = run.at(event.time)
+            sets = consistent_sets(plant, static, kinetic, *at.states[0][:4], at["a.force"], at["b.force"], (True, True))
+            torn += any(modes[["ground", "rub"].index(loose[0])] == 0 for modes in sets)
+    assert arrivals > 20 and torn == 0
+
+
+# ------------------------------------------------------------------------------------------------------------------------------- no progress
+def test_a_run_stalls_where_a_million_steps_do_not_move_time_and_only_there():
+    def stalls_at(begin, end, steps, horizon):
+        ints, reals = np.zeros(layout.INTS, np.int64), np.zeros(layout.REALS)
+        ints[layout.ACCEPTED], reals[layout.LOOKED_AT], reals[layout.HORIZON] = steps, begin, horizon
+        return stalls(SimpleNamespace(ints=ints, reals=reals), end)
+
+    for scale in (1e-6, 1.0, 1e6):
+        assert stalls_at(0.5 * scale, 0.5 * (1 + 1e-7) * scale, 1_000_000, scale)
+        assert not stalls_at(0.5 * scale, 0.5 * (1 + 1e-7) * scale, 999_999, scale)  # not yet
+        assert not stalls_at(0.5 * scale, 0.5 * (1 + 1e-5) * scale, 1_000_000, scale)  # slow, not standing still
+        assert not stalls_at(0.0, 1e-9 * scale, 1_000_000, scale)  # a fast transient at the start
+        assert stalls_at(0.0, 1e-14 * scale, 1_000_000, scale)
 
 
 # ------------------------------------------------------------------------------------------------------------------- durations beyond all clocks

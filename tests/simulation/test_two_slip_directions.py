@@ -514,6 +514,71 @@ def test_feet_on_springs_of_their_own_break_away_where_the_pull_reaches_the_sum_
     assert np.abs(holds["body.place"]).max() < 2e-3 and goes["body.place"][-1, 0] > 5e-3
 
 
+# ------------------------------------------------------------------------------------------------------------- contacts that hold each other
+@dataclass(frozen=True)
+class Pile(Component):
+    """A body on a ground that holds it and is pulled aside, and another on top of it that is pulled across; in units of length, time and mass."""
+
+    units: Quantities = quantity((1.0, 1.0, 1.0), "1", "units [m, s, kg]")
+    ground_first: bool = True
+
+    def equations(self, signal):
+        u, v = state("pile.u", "m/s", 2), state("pile.v", "m/s", 2)
+        load, pull, side = (signal(f"pile.{word}", "N", default=0.0) for word in ("load", "pull", "side"))
+        length, second, mass = (self.units[i] for i in range(3))
+        ground = DryFriction("ground", u, Coulomb(1.0, 1.0), 50.0 * mass * length / second**2)
+        rub = DryFriction("rub", v - u, Coulomb(0.73, 0.73), load)
+        flow = {u: (ca.vertcat(side, 0) + ground.force - rub.force) / (0.5 * mass), v: (ca.vertcat(0, pull) + rub.force) / (0.7 * mass)}
+        return Equations(flow, elements=[ground, rub] if self.ground_first else [rub, ground])
+
+
+@pytest.mark.parametrize(
+    "units", [(1.0, 1.0, 1.0), (1e-6, 1.0, 1.0), (1.0, 1e-6, 1.0), (1.0, 1e6, 1.0), (1.0, 1.0, 1e6), (1e-6, 1e6, 1e-6)]
+)
+@pytest.mark.parametrize("ground_first", [True, False])
+@pytest.mark.parametrize("side", [0.0, 0.3])
+def test_a_body_that_creeps_off_a_pile_takes_as_few_steps_whatever_pulls_at_what_is_held(units, ground_first, side):
+    """What is held aside has no part in the motion along y, m v' = pull - .73 load: its round-off must not turn the friction, which took 200 000 steps."""
+    length, second, mass = units
+    newton = mass * length / second**2
+    load, pull = (3.637, 1.8185, 1.29, 5.347), (0.3, 1.6126, 0.22515, 0.0)
+    inputs = {
+        "pile.load": sine(load[0] * newton, load[1] * newton, load[2] / second, load[3]),
+        "pile.pull": sine(pull[0] * newton, pull[1] * newton, pull[2] / second, pull[3]),
+        "pile.side": side * newton,
+    }
+    run = simulate(compose(Pile(units, ground_first)), 1.5 * second, inputs=inputs)
+    assert [event.after for event in run.events] == ["slip", "stick", "slip"]
+    assert len(run.time) <= 320 * (1.0 if second <= 1.0 else 1.2)  # steps from rest begin at a microsecond
+    t = np.linspace(run.events[-1].time / second, 1.5, 20_001)
+    force = pull[0] + pull[1] * np.sin(2 * np.pi * pull[2] * t) - 0.73 * (load[0] + load[1] * np.sin(2 * np.pi * load[2] * t + load[3]))
+    assert force[0] == pytest.approx(0.0, abs=1e-6)
+    np.testing.assert_allclose(run.states[-1] * second / length, [0.0, 0.0, 0.0, np.trapezoid(force, t) / 0.7], atol=2e-7)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_contact_that_breaks_away_beside_stuck_ones_slides_against_its_pull(method):
+    """The middle one of three in a pile reaches its bound; those beside it hold it, so that it moves with the mass of the other two alone."""
+
+    @dataclass(frozen=True)
+    class Tower(Component):
+        def equations(self, signal):
+            speeds = [state(f"tower.v{i}", "m/s", 2) for i in range(3)]
+            push = signal("tower.push", "N", default=0.0)
+            names, coefficients = ("foot", "middle", "top"), ((2.0, 2.0), (1.0, 0.6), (2.0, 2.0))
+            slips = [speeds[0], speeds[1] - speeds[0], speeds[2] - speeds[1]]
+            foot, middle, top = (DryFriction(n, slip, Coulomb(*c)) for n, slip, c in zip(names, slips, coefficients, strict=True))
+            forces = [foot.force - middle.force, middle.force - top.force, top.force + push * ca.vertcat(0.6, 0.8)]
+            return Equations({v: f / m for v, f, m in zip(speeds, forces, (0.1, 1.0, 0.5), strict=True)}, elements=[top, middle, foot])
+
+    run = simulate(compose(Tower()), 2.0, inputs={"tower.push": time}, method=method)
+    (event,) = run.events
+    assert event.element == "middle" and event.time == pytest.approx(1.0, abs=1e-7)
+    # from t = 1 on 1.5 v' = t - .6:  v = ((t - .6)^2 - .16) / 3 along the push
+    speed = (1.4**2 - 0.4**2) / 3.0
+    np.testing.assert_allclose(run.states[-1], [0.0, 0.0, 0.6 * speed, 0.8 * speed, 0.6 * speed, 0.8 * speed], atol=1e-6)
+
+
 def test_a_wrong_slip_or_load_is_told_what_to_write():
     def built(slip, load=1.0):
         return lambda: DryFriction("wall", slip, Coulomb(), load)

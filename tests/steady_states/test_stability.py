@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from controllers import PI, IdealSlidingMode, SoftTorque, StiffPI
-from models import BitRock, BlockOnBelt, Coulomb, Exponential, TopDrive, TwoDisks, closed_forms, oscillators, wells
+from models import BitRock, BlockOnBelt, Coulomb, Exponential, Tabulated, TopDrive, TwoDisks, closed_forms, oscillators, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, linearise, measure, simulate
 from toolbox.errors import NoSteadyState
 from toolbox.inputs import sine
@@ -145,6 +145,21 @@ def test_where_nothing_falls_there_is_no_hopf_point():
     assert hopf_points(compose(BlockOnBelt(damping=0.1, friction=Coulomb())), "block.belt_speed", (0.1, 1.0)) == []
     curve = hopf_curve(compose(oscillators.VERASZTO_STEPAN), "block.belt_speed", (0.01, 1.0), "block.damping", [5.746, 80.0])
     assert curve[0] == pytest.approx(0.190616, rel=1e-5) and math.isnan(curve[1])
+
+
+def test_a_kink_of_a_table_at_which_the_poles_jump_across_the_axis_is_an_abrupt_loss():
+    """m x'' + (c + s) x' + k x = 0 with the slope s of the table: -5, -12.7, -4.4, 0 N s/m, so that c = 8 N s/m is too little only from 0.06 to 0.115 m/s."""
+    table = Tabulated(speeds=(0.0, 0.06, 0.115, 0.275, 1.0), coefficients=(2.4, 2.1, 1.4, 0.7, 0.7), static=2.4)
+    block = compose(BlockOnBelt(mass=0.25, stiffness=60.0, damping=8.0, belt_speed=0.08, friction=table))
+    low, high = hopf_points(block, "block.belt_speed", (0.01, 0.5))
+    growth = (0.7 / 0.055 - 8.0) / (2 * 0.25)
+    for point, value, stable in ((low, 0.06, "below"), (high, 0.115, "above")):
+        assert point.value == pytest.approx(value, rel=1e-9) and point.stable == stable and point.kind == "abrupt"
+        assert point.frequency == pytest.approx(math.sqrt(60.0 / 0.25 - growth**2), rel=1e-9)
+    assert "abrupt loss of stability" in str(low)
+    assert hopf_curve(block, "block.belt_speed", (0.01, 0.5), "block.mass", [0.25, 0.5]) == pytest.approx([0.115, 0.115], rel=1e-9)
+    calm = compose(BlockOnBelt(mass=0.25, stiffness=60.0, damping=13.0, belt_speed=0.08, friction=table))
+    assert hopf_points(calm, "block.belt_speed", (0.01, 0.5)) == []
 
 
 # --- soft or hard

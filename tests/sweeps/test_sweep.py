@@ -335,6 +335,15 @@ def test_what_is_saved_comes_back(tmp_path):
     assert data["severity"].dims == ("bit.weight", "pi.reference")
     assert data["bit.weight"].attrs["units"] == "N"
     assert float(data["severity"].sel({"bit.weight": 97e3, "pi.reference": 12.0})) == found["severity"][1, 2]
+    pytest.importorskip("pandas")
+    frame = found.to_pandas()
+    assert frame.attrs["units"] == {"bit.weight": "N", "pi.reference": "rad/s", **found.measure_units}
+    for values in frame.to_dict("records"):
+        place = {name: values[name] for name in ("bit.weight", "pi.reference")}
+        assert float(data["severity"].sel(place)) == values["severity"] and values["error"] == ""
+    assert len(frame) == found.runs
+    with pytest.raises(TypeError, match=r"A Sweep is not one array: take a measure, such as `found\['severity'\]`"):
+        np.asarray(found)
     (tmp_path / "text.npz").write_text("nothing")
     with pytest.raises(SceneError, match="File `.*text.npz` must be a file written by `Sweep.save`"):
         Sweep.load(tmp_path / "text.npz")

@@ -16,6 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.calibration.columnwise import Columnwise
 from toolbox.calibration.misfit import ContactMisfit
 from toolbox.calibration.panels import Panel
@@ -45,7 +46,7 @@ class MemoryLoop(ContactMisfit):
         plant = loop.closed.plant
         self.loop, self.plant, self.numbers, self.contact = loop, plant, list(numbers), contact
         self.names = [number.name for number in numbers]
-        rows = [(first, size or 1) for name, (first, size, _) in plant.states.items() if name.startswith(f"{contact}.")]
+        rows = [(first, count_of(size)) for name, (first, size, _) in plant.states.items() if name.startswith(f"{contact}.")]
         self.memory = [row for first, size in rows for row in range(first, first + size)]
         memory = plant.x[self.memory]
         self.output = self._force_signal(recording, memory)

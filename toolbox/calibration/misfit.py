@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import within
+from toolbox.arguments import count_of, within
 from toolbox.calibration.recording import Recording
 from toolbox.calibration.shifts import Shift
 from toolbox.errors import SceneError
@@ -169,7 +169,7 @@ class ContactMisfit(Misfit):
         own = [
             name if size is None else f"{name}.{row - first}"
             for name, (first, size, _) in self.plant.states.items()
-            if first <= row < first + (size or 1)
+            if first <= row < first + count_of(size)
         ]
         alias = [name for name, (e, _) in self.plant.signals.items() if e.numel() == 1 and ca.is_equal(e, symbol)]
         label: Any = (alias or own)[0]

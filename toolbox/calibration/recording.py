@@ -17,7 +17,7 @@ from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.units import NumberOrText
 from toolbox.logs.cells import factor
-from toolbox.logs.flaws import KINDS, Flaw, increasing, is_null, marked, spacing
+from toolbox.logs.flaws import KINDS, Flaw, increasing, is_null, marked, spacing, without_strays
 from toolbox.logs.grids import Source
 from toolbox.modelling.hybrid_system import HybridSystem
 
@@ -339,7 +339,8 @@ def _recording(
             f"The times of {name} must increase, but only {order.size} of {time.size} do: where several samples have one time, write times with more digits; "
             "where the table is upside down, turn it."
         )
-    flaws = _time_flaws(time, order)
+    increases, order = order, without_strays(time, order)
+    flaws = _time_flaws(time, order, np.setdiff1d(increases, order))
     own = time[order] - time[order[0]]
     signals, units = {}, {}
     for signal, (column, unit) in columns_of.items():
@@ -358,7 +359,7 @@ def _recording(
                 f"{here} must name its unit, such as `{column.name} [{wanted}]`: write so there, or where you say which column is `{signal}`."
             )
         scale = 1.0 if unit is None or (unit == "1" and wanted == "1") else factor(unit, wanted, column.name)
-        values = np.where(none, np.nan, raw * scale)[order]
+        values = (np.where(none, np.nan, raw) * scale)[order]
         if np.isfinite(values).sum() < 3:
             raise SceneError(f"{here} must hold at least three values, but {int(none.sum())} of {size} samples are none.")
         flaws += _flaws_of(signal, own, values, np.where(none, raw, np.nan)[order], none[order], kinds)
@@ -368,16 +369,16 @@ def _recording(
     return Recording(own, signals, name, units, tuple(flaws), tuple(source.notes + notes))
 
 
-def _time_flaws(time: np.ndarray, order: np.ndarray) -> list[Flaw]:
+def _time_flaws(time: np.ndarray, order: np.ndarray, stray: np.ndarray) -> list[Flaw]:
     flaws = []
     kept = time[order]
     begin = kept[0]
     good = np.isfinite(time)
     none = np.flatnonzero(~good)
-    good[order] = False
+    good[order] = good[stray] = False
     lost = np.flatnonzero(good)
     again = np.isin(time[lost], kept) if lost.size else np.zeros(0, bool)
-    for kind, places in (("repeated", lost[again]), ("backward", lost[~again])):
+    for kind, places in (("stray", stray), ("repeated", lost[again]), ("backward", lost[~again])):
         if places.size:
             flaws.append(Flaw("time", kind, time[places] - begin, time[places] - begin))
     if none.size:

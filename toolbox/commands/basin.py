@@ -20,7 +20,6 @@ def add(commands: Any) -> None:
                 controller="the controller whose working point is disturbed; the first one of the scene without",
             )
         ],
-        help="from which part of a box of disturbances a working point comes back, and the smallest that tips it",
         description="Disturb states of the steady running of a scene, drawn evenly from a box, and count from which it comes back, with bounds by Clopper and "
         "Pearson. A short bump of torque is a jump of a speed: its impulse over the inertia.",
         epilog="example: stickslip basin studies/scenes/jansen_2.toml --controller 'stiff PI' --box bit.speed='0 rpm:290 rpm' --runs 500 --out basin",

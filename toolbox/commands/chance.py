@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import numbers
 from toolbox.commands.recording import answer
-from toolbox.commands.terminal import asked_otherwise, common, complaint, loaded, pairs, plain, ranges
-from toolbox.errors import SceneError, suggest
+from toolbox.commands.terminal import asked_otherwise, check_known, common, loaded, pairs, plain, ranges
+from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in
+from toolbox.messages import complaint
 
 if TYPE_CHECKING:
     from toolbox.modelling.closed_loop import ClosedLoop
@@ -31,7 +32,6 @@ def add(commands: Any) -> None:
     verb = commands.add_parser(
         "chance",
         parents=[common("folder for table, figure and data; that of an interrupted search is continued")],
-        help="chance of stick-slip over one or two numbers, where others are known as distributions only",
         description="Simulate every controller of a scene at all points with the same draws of what is uncertain, and print the chance of stick-slip with its "
         "bounds by Clopper and Pearson, and the lowest set-point that is free with 95 %. Every run begins where the scene begins.",
         epilog="example: stickslip chance studies/scenes/jansen_2.toml --over top.reference='40 rpm:140 rpm:11' --uncertain bit.weight='97 kN +- 8 kN' "
@@ -130,11 +130,10 @@ def with_numbers(
     """
     loops: dict[str, ClosedLoop] = {}
     failures: dict[str, Exception] = {}
-    known: set[str] = set()
+    check_known(scene, labels, names)
     for label in labels:
         try:
             loop = scene[label]
-            known |= loop.numbers().keys()
             for name in names:
                 if verb is None:
                     loop.number(name)
@@ -144,9 +143,6 @@ def with_numbers(
         except SceneError as error:
             failures[label] = error
     if not loops:
-        unknown = next((name for name in names if known and name not in known), None)
-        if unknown is not None:  # the law that has the nearest name need not be the first
-            raise SceneError(f"There is no number `{unknown}`: {suggest(unknown, known)}")
         raise failures[labels[0]]
     return loops, failures
 

@@ -19,61 +19,38 @@ import sys
 import warnings
 from collections.abc import Sequence
 from contextlib import nullcontext, redirect_stdout
+from importlib import import_module
 from typing import Any, NoReturn
 
-from toolbox.commands import (
-    basin,
-    chance,
-    compare,
-    drives,
-    environment,
-    estimate,
-    explore,
-    export,
-    fit,
-    listing,
-    margins,
-    onset,
-    posterior,
-    report,
-    schedule,
-    simulate,
-    study,
-    sweep,
-    tradeoff,
-    tune,
-    windows,
-)
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
-from toolbox.commands.terminal import complaint, printing
 from toolbox.errors import SceneError, SimulationError, UnusualValue
-from toolbox.files.atomic import check_folder
 from toolbox.files.interrupts import GATE
-from toolbox.files.unit_systems import SYSTEMS, units
-from toolbox.messages import sign_of_life
+from toolbox.messages import complaint, sign_of_life
 
-COMMANDS = (
-    study,
-    simulate,
-    explore,
-    compare,
-    onset,
-    sweep,
-    chance,
-    basin,
-    margins,
-    drives,
-    tune,
-    schedule,
-    windows,
-    fit,
-    posterior,
-    estimate,
-    tradeoff,
-    export,
-    report,
-    listing,
-)
+COMMANDS = {
+    "study": ("study", "simulate every controller of a scene; table, figures and data"),
+    "simulate": ("simulate", "simulate one controller of a scene, or all, by any method; report, figure and data"),
+    "explore": ("explore", "a local page: turn a number of a scene and see traces, verdict and map at once"),
+    "compare": ("compare", "two saved runs by their measures, or two scenes by their keys"),
+    "onset": ("onset", "where stick-slip begins and where it ends over one parameter, for every controller of a scene"),
+    "sweep": ("sweep", "simulate a scene over many values of its numbers, on all cores"),
+    "map": ("sweep", "severity of stick-slip over two parameters, with its borders"),
+    "chance": ("chance", "chance of stick-slip over one or two numbers, where others are known as distributions only"),
+    "basin": ("basin", "from which part of a box of disturbances a working point comes back, and the smallest that tips it"),
+    "margins": ("margins", "disk, gain, phase and delay margin of every controller at its working point, and how wrong the model may be"),
+    "drives": ("drives", "lowest set-point at which every controller of a drill string ends stick-slip, on this machine and on others"),
+    "tune": ("tune", "find the numbers of a control law that do best on one scene, or on the worst of several"),
+    "schedule": ("schedule", "gains of a law over the depth of a well, checked there and halfway between"),
+    "windows": ("windows", "at which speed and weight a law keeps a well smooth, over its depth"),
+    "fit": ("fit", "parameters of a scene's plant from measured signals, with confidence intervals"),
+    "posterior": ("posterior", "what numbers of a machine may be, given what was measured, as draws, and the evidence of its laws"),
+    "estimate": ("estimate", "bit speed, torque at the bit, severity and margin from a log of the surface, each with its uncertainty"),
+    "tradeoff": ("tradeoff", "error against time for every method and setting on a scene"),
+    "export": ("export", "write a machine with its controller, or the controller alone, as C or as an FMU"),
+    "report": ("report", "one page about folders of results: answers, machine, gains, figures, how to get the same again"),
+    "list": ("listing", "list wells, models, control laws, observers and friction laws; with a name, its parameters and units"),
+}  # fmt: skip
+"""{command: (module of `toolbox.commands` that declares and runs it, its line in the help)}; a module is imported when its command is typed."""
 
 
 def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> int:
@@ -81,6 +58,12 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
     words, given = NOTHING, argparse.Namespace()
     try:
         given = _parsed(arguments)
+        from toolbox.commands import environment  # here, because `--version`, the help and the completion of a word need none of it
+        from toolbox.commands.terminal import printing
+        from toolbox.files.atomic import check_folder
+        from toolbox.files.reading import noted
+        from toolbox.files.unit_systems import units
+
         given.line = shlex.join(["stickslip", *(sys.argv[1:] if arguments is None else arguments)])
         words = given.words(given)
         environment.check()
@@ -88,14 +71,15 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
             check_folder(given.out)
         if watch is not None:
             watch.words = words
-        for path in given.load:
-            from toolbox.scenes.catalogue import load_parts
-
-            load_parts(path)
         with (
             sign_of_life(f"{given.parser.prog.rpartition(' ')[2]} is at work"),
+            noted() as given.read,
             nullcontext() if given.units is None else units(given.units),
         ):
+            for path in given.load:
+                from toolbox.scenes.catalogue import load_parts
+
+                load_parts(path)
             if not (given.json or given.quiet):
                 return given.action(given)
             with redirect_stdout(io.StringIO()):
@@ -125,7 +109,7 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
 
 def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     """The arguments of a command line; one that its command does not have is an error with the usage of that command."""
-    given, unknown = _parser().parse_known_args(arguments)
+    given, unknown = _parser(sys.argv[1:] if arguments is None else arguments).parse_known_args(arguments)
     if unknown:
         given.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     return given
@@ -151,7 +135,8 @@ def script(watch: Watch | None = None) -> NoReturn:
     if "_ARGCOMPLETE" in os.environ:  # a shell asks what could be typed next
         import argcomplete
 
-        argcomplete.autocomplete(_parser())
+        before = os.environ.get("COMP_LINE", "")[: int(os.environ.get("COMP_POINT", "0"))]
+        argcomplete.autocomplete(_parser(before.split()[1 : None if before[-1:].isspace() else -1]))
     looked_after = watch or Watch()
     elsewhere = warnings.showwarning
 
@@ -176,7 +161,8 @@ def script(watch: Watch | None = None) -> NoReturn:
         raise
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser of a command line that begins with these words, with the arguments of the command that they name; of the other commands only their names."""
     parser = argparse.ArgumentParser(
         prog="stickslip",
         description="Simulate stick-slip of drill strings and brakes, and compare controllers that end it.",
@@ -185,24 +171,35 @@ def _parser() -> argparse.ArgumentParser:
     parser.set_defaults(words=lambda given: NOTHING, spelled={}, found=None)
     parser.add_argument("--version", action="version", version=f"stickslip-toolbox {_version()}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for command in COMMANDS:
-        command.add(commands)
-    for each in commands.choices.values():
-        each.add_argument(
-            "--load",
-            action="append",
-            default=[],
-            metavar="FILE.py",
-            help="a Python file with parts or laws of your own, which is run; may be repeated",
-        )
-        said = each.add_mutually_exclusive_group()
-        said.add_argument("--json", action="store_true", help="print what was found as JSON, numbers in SI, in place of text")
-        said.add_argument("--quiet", action="store_true", help="print nothing but errors")
-        each.set_defaults(parser=each)
-        each.add_argument(
-            "--units", choices=tuple(SYSTEMS), help="of what is printed and drawn; without, those that were typed, else SI; files stay SI"
-        )
+    typed = next((word for word in words if word != "--"), "")
+    module = COMMANDS[typed][0] if typed in COMMANDS else ""
+    for name, (other, line) in COMMANDS.items():
+        if other != module:
+            commands.add_parser(name, help=line, add_help=False)
+    if module:
+        import_module(f"toolbox.commands.{module}").add(commands)
+        _declare_common(commands.choices[typed])
     return parser
+
+
+def _declare_common(verb: argparse.ArgumentParser) -> None:
+    """Declare the arguments that every command has."""
+    from toolbox.files.unit_systems import SYSTEMS
+
+    verb.add_argument(
+        "--load",
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="a Python file with parts or laws of your own, which is run; may be repeated",
+    )
+    said = verb.add_mutually_exclusive_group()
+    said.add_argument("--json", action="store_true", help="print what was found as JSON, numbers in SI, in place of text")
+    said.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    verb.set_defaults(parser=verb)
+    verb.add_argument(
+        "--units", choices=tuple(SYSTEMS), help="of what is printed and drawn; without, those that were typed, else SI; files stay SI"
+    )
 
 
 def _version() -> str:

@@ -22,7 +22,6 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip compare`."""
     comparison = commands.add_parser(
         "compare",
-        help="two saved runs by their measures, or two scenes by their keys",
         description="Compare two runs that were saved (.npz, as simulate and study write them, or a folder that holds one such file): how long and how often "
         "they stick, and the extrema, mean and severity of their signals. Or compare two scenes (.toml): the keys whose values differ. With --out, the folder "
         "gets the report and both scenes, or, for runs, a figure with both over one another.",

@@ -35,7 +35,6 @@ def add(commands: Any) -> None:
     table = commands.add_parser(
         "drives",
         parents=[common("folder for table, figure and what is known of single set-points; that of an interrupted search is continued")],
-        help="lowest set-point at which every controller of a drill string ends stick-slip, on this machine and on others",
         description="One controller of a scene has the string in stick-slip; every other one takes over from it, on the declared machine, with noise, with "
         "errors of the model, with other rocks and under a weight that varies. Printed is the lowest set-point at which it ends the stick-slip and keeps it "
         "ended for half an hour, with the disk margin there, what the recovery costs, and what fails below. A law, a group and a way take from seconds to "

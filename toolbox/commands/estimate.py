@@ -23,7 +23,6 @@ def add(commands: Any) -> None:
                 controller="the controller whose border of smooth running the margin is taken to; the last one of the scene without",
             )
         ],
-        help="bit speed, torque at the bit, severity and margin from a log of the surface, each with its uncertainty",
         description="Follow a log of surface torque, top speed and, where it is there, weight on bit with an ensemble of strings that stick and slip. "
         "Printed are the estimates, and when there was stick-slip; the table has them at every sample, from that sample and those before it.",
         epilog="example: stickslip estimate studies/scenes/jansen_2.toml rig.csv --column top.torque='drive torque' --column top.speed='table speed' "

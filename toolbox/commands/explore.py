@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
+import tempfile
 import threading
 import webbrowser
+from collections.abc import Iterator
+from html import escape
 from pathlib import Path
 from typing import Any
 
 from toolbox.commands.terminal import asked_otherwise, loaded, plain
+from toolbox.files.interrupts import temporary
 
 
 def add(commands: Any) -> None:
     """Declare the arguments of `stickslip explore`."""
     page = commands.add_parser(
         "explore",
-        help="a local page: turn a number of a scene and see traces, verdict and map at once",
         description="Serve a page to the browser of this computer, on which every number of a scene is turned: traces, verdict with its reason, phase plane, "
         "spectrum, poles, and the working point on the map with both borders. It is served to this computer alone, only to who has the address, and ends "
         "with Ctrl-C or its terminal.",
@@ -44,9 +48,26 @@ def run(given: argparse.Namespace) -> int:
     page = page_of(scene, str(given.scene) if declared else None, given.units, port)
     given.found = {"address": page.address}
     print(f"{page.address}\nOpen this address in a browser on this computer; Ctrl-C ends it.", flush=True)
-    if not given.no_browser:
-        with contextlib.suppress(webbrowser.Error):
-            webbrowser.open(page.address)
     threading.Thread(target=page.warm, name="page-warm", daemon=True).start()
-    page.server.serve_forever()
+    with contextlib.ExitStack() as stack:
+        if not given.no_browser:
+            with contextlib.suppress(webbrowser.Error, OSError):
+                webbrowser.open(stack.enter_context(leading_to(page.address)).as_uri())
+        page.server.serve_forever()
     return 0
+
+
+@contextlib.contextmanager
+def leading_to(address: str) -> Iterator[Path]:
+    """A file that only this user can read, and that leads a browser to an address. It vanishes with the block, or with the process.
+
+    Why not the address itself: every user of a computer can read the arguments of its processes, and the address holds the token of the page.
+    """
+    with temporary(Path(tempfile.gettempdir()) / "stickslip") as folder:
+        folder.mkdir(mode=0o700)
+        file = folder / "explore.html"
+        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as page:
+            page.write(
+                f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={escape(address)}"><title>stickslip explore</title>\n'
+            )
+        yield file

@@ -23,7 +23,6 @@ def add(commands: Any) -> None:
                 drawn=False,
             )
         ],
-        help="write a machine with its controller, or the controller alone, as C or as an FMU",
         description="Write one case of a scene for other programs: the machine with its laws as C99 that locates every switch (a folder with sources, example, "
         "CMakeLists.txt and README.md), the law alone as C for a controller (NAME.c and NAME.h), or either as an FMU.",
         epilog="example: stickslip export studies/scenes/jansen_2.toml --controller 'softer PI, 100 Hz' --to c --out exported;   ... --to fmu --version 3.0;   "

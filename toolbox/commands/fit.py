@@ -27,7 +27,6 @@ def add(commands: Any) -> None:
                 controller="the controller of the scene that was running; the plant alone without",
             )
         ],
-        help="parameters of a scene's plant from measured signals, with confidence intervals",
         description="Fit parameters to measured signals: by simulation, driven by the measured inputs, or with --contact the friction law of one contact "
         "directly to measured torque over measured slip. The folder gets the report, the estimates (csv), all arrays (npz), a figure of model and "
         "data, and the calibrated scene: all of it, or nothing.",

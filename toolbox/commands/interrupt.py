@@ -16,8 +16,7 @@ import sys
 import threading
 from typing import NoReturn
 
-from toolbox.files.atomic import clear_own
-from toolbox.files.interrupts import GATE
+from toolbox.files.interrupts import GATE, clear_temporary
 
 INTERRUPTED = 130
 """Exit code of what was interrupted."""
@@ -89,7 +88,7 @@ class Watch:
             sys.stderr.write(f"stickslip: {' '.join(words.split())}\n")
             sys.stderr.flush()
         with contextlib.suppress(Exception):
-            clear_own()
+            clear_temporary()
         with contextlib.suppress(Exception):
             _without_workers()
         os._exit(self._code)

@@ -21,7 +21,6 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip list`."""
     listing = commands.add_parser(
         "list",
-        help="list wells, models, control laws, observers and friction laws; with a name, its parameters and units",
         description="List what scene files can name, a line each: ready-made parts such as wells, models, control laws, observers and friction laws. With a "
         "name, its parameters, their values, units and meaning; for models made from tables, what those take. `stickslip list scene` lists the keys of a "
         "scene file, `stickslip list measures` what every command can measure.",

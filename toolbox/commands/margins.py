@@ -12,6 +12,7 @@ from toolbox.commands import figures
 from toolbox.commands.recording import results
 from toolbox.commands.terminal import (
     asked_otherwise,
+    check_known,
     check_some,
     common,
     drawn_as,
@@ -42,7 +43,6 @@ def add(commands: Any) -> None:
     verb = commands.add_parser(
         "margins",
         parents=[common("folder for report, tables, figures and data; those of an earlier call are replaced")],
-        help="disk, gain, phase and delay margin of every controller at its working point, and how wrong the model may be",
         description="Linearise every controller of a scene where it runs steadily and print its margins. With --wrong, also find the smallest joint error of "
         "these numbers with which the machine itself fails, in parts of their ranges, beside the bound by mu.",
         epilog="example: stickslip margins studies/scenes/jansen_2.toml --controller 'soft torque' --wrong bit.weight=20% --wrong chain.inertia.0=30% "
@@ -72,6 +72,7 @@ def run(given: argparse.Namespace) -> int:
             "Argument `SCENE.toml` must have a controller, because margins are those of a control law, but none of its cases has one."
         )
     wrong = _wrong(given.wrong)
+    check_known(scene, labels, wrong)
     if given.duration and not wrong:
         raise SceneError("Argument `--duration` must stand beside `--wrong`: margins need no run of it.")
     duration = number("--duration", plain(given.duration or DURATION), "s", above=0)

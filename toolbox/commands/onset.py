@@ -30,7 +30,6 @@ def add(commands: Any) -> None:
     border = commands.add_parser(
         "onset",
         parents=[common("folder for figure, report and tables; those of an earlier search are replaced")],
-        help="where stick-slip begins and where it ends over one parameter, for every controller of a scene",
         description="Simulate every controller of a scene from smooth running and from inside stick-slip over one parameter or input, find both borders, "
         "and print them with the Hopf point and the margin at the working point. With --out, the folder gets a figure, the report, the scene, and "
         "per controller two tables (csv), runs and borders, and all arrays (npz): all of it, or nothing. Where numbers are known as distributions only "

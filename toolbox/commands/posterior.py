@@ -35,7 +35,6 @@ def add(commands: Any) -> None:
                 controller="the controller of the scene that was running; the plant alone without, where signals are compared",
             )
         ],
-        help="what numbers of a machine may be, given what was measured, as draws, and the evidence of its laws",
         description="Sample the posterior of numbers of a scene. Signals of the data that are inputs of the machine drive the runs; means of other "
         "signals are compared with them (--compare), or measures of a run with their values (--measured), without data. The draws (posterior.npz) are what "
         "`stickslip chance --posterior` takes.",

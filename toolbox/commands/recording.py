@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import copy
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -46,11 +46,12 @@ def results(
         return found | {ORIGIN} if found else found
 
     began, clock = datetime.now(UTC), time.perf_counter()
-    read = hashes(path for name, value in sorted(vars(given).items()) if name not in WRITTEN for path in _paths(value))
+    read = _read(given, {})
     with whole_folder(place, [*names, ORIGIN], left, last) as folder:
         yield folder
         written = sorted([*folder.iterdir(), *(place / name for name in beside)], key=lambda path: path.name)
         files = {Path(path).name: told for path, told in hashes(written).items()}
+        read = _read(given, read)
         seconds = round(time.perf_counter() - clock, 3)
         Origin(given.line, began.isoformat(timespec="seconds"), seconds, versions(), read, files).write(folder)
 
@@ -95,6 +96,13 @@ def untimed(run: Timed) -> Timed:
     found = copy.copy(run)
     found.wall_time = float("nan")  # type: ignore[attr-defined]
     return found
+
+
+def _read(given: argparse.Namespace, known: Mapping[str, str]) -> dict[str, str]:
+    """{path: SHA-256} of the files that a command was given or has read so far; known: those of before, which count as they were then."""
+    typed = [path for name, value in vars(given).items() if name not in WRITTEN for path in _paths(value)]
+    found = hashes(path for path in {*typed, *given.read} if str(path) not in known) | dict(known)
+    return dict(sorted(found.items()))
 
 
 def _paths(value: Any) -> list[Path]:

@@ -16,7 +16,6 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip report`."""
     page = commands.add_parser(
         "report",
-        help="one page about folders of results: answers, machine, gains, figures, how to get the same again",
         description="Write one page (HTML, one file, for screen and paper) about folders that other commands wrote with --out: the answers first, then the "
         "machine, the laws with the gains to type into the drive, all figures, what was printed, and how to get the same again. Without --units drill strings "
         "read in rpm, kN and kN m, other machines in SI.",

@@ -23,7 +23,6 @@ def add(commands: Any) -> None:
         parents=[
             common("folder for report, table, figure, and C for a drive", controller="the law; the first one of the scene without"),
         ],
-        help="gains of a law over the depth of a well, checked there and halfway between",
         description="Design a law at depths of a well, where the first section of the string is longer or shorter, interpolate its gains between them, and "
         "check it at every depth and halfway between: disk margin, growth of smooth running, and runs. A law that designs itself, such as SoftTorque, changes "
         "with depth; numbers that the scene gives stay.",

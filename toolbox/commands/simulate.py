@@ -26,7 +26,6 @@ def add(commands: Any) -> None:
     single = commands.add_parser(
         "simulate",
         parents=[common("folder for report, figures and data; those of an earlier simulation are replaced")],
-        help="simulate one controller of a scene, or all, by any method; report, figure and data",
         description="Simulate one controller of a scene, or all, and print each run with its measured error. With --out, the folder gets the report, the scene "
         "and, for each run, all signals (npz), the table of its scalar signals in SI with units in the headings (csv) and a figure with time traces: all "
         "of it, or nothing.",

@@ -29,7 +29,6 @@ def add(commands: Any) -> None:
                 scene="what to simulate; see `stickslip list scene` for the keys, and studies/scenes",
             )
         ],
-        help="simulate every controller of a scene; table, figures and data",
         description="Simulate every controller of a scene and print a table. The folder gets one figure with time traces, one phase plane and the "
         "trajectory (npz) per controller, a comparison, the table (csv, SI units) and the scene with every parameter in SI: all of it, or nothing. Where "
         "the scene names a log under [measured], also a figure per controller of what was measured beside what is simulated, and the deviations (csv).",

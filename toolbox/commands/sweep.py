@@ -15,6 +15,7 @@ from toolbox.commands import figures
 from toolbox.commands.recording import results
 from toolbox.commands.terminal import (
     asked_otherwise,
+    check_known,
     check_some,
     common,
     drawn_as,
@@ -46,7 +47,6 @@ def add(commands: Any) -> None:
     many = commands.add_parser(
         "sweep",
         parents=[common("folder for the results; that of an interrupted sweep is continued", required=True, drawn=False)],
-        help="simulate a scene over many values of its numbers, on all cores",
         description="Simulate every controller of a scene over a grid, a design or a table of inputs and parameters. The folder gets one folder per controller "
         "with the result (sweep.zarr, written as runs finish, and sweep.csv in SI units); an interrupted sweep that is called again goes on where it was.",
         epilog="example: stickslip sweep studies/scenes/jansen_2.toml --vary bit.weight=50kN:110kN:20 --vary top.reference=3:14:50 "
@@ -80,7 +80,6 @@ def add(commands: Any) -> None:
     chart = commands.add_parser(
         "map",
         parents=[common("folder for the results; that of an interrupted map is continued", required=True)],
-        help="severity of stick-slip over two parameters, with its borders",
         description="Simulate every controller of a scene over two inputs or parameters, from smooth running and from inside stick-slip, find the linear and "
         "both simulated borders, print and draw them. The folder gets one folder per controller with figure, report and data (map.npz, "
         "map.csv, borders.csv); an interrupted map that is called again goes on where it was.",
@@ -165,6 +164,7 @@ def _variations(given: argparse.Namespace, scene: Any, label: str) -> Variations
         return _rows(given.rows, scene, label)
     counted = given.sampling == "grid"
     parts = ranges("--vary", given.vary, counted=counted)
+    check_known(scene, scene.labels, parts)
     spans = {name: numbers(name, ends[:2], scene[label].number(name).unit) for name, ends in parts.items()}
     if counted:
         for name, (low, high) in spans.items():
@@ -204,6 +204,7 @@ def run_map(given: argparse.Namespace) -> int:
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     shape = shape_of(given.shape)
     over = ranges("--x", [given.x]) | ranges("--y", [given.y])
+    check_known(scene, labels, over)
     failures: dict[str, Exception] = {}
     given.found = {}
     new = not given.out.exists()

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import number, numbers
-from toolbox.errors import NoSteadyState, SceneError, SimulationError
+from toolbox.errors import NoSteadyState, SceneError, SimulationError, suggest
 from toolbox.files.reading import text_of
 from toolbox.messages import progress_bar
 
@@ -114,7 +114,7 @@ def earlier(report: str, mark: str, names: Sequence[str] | Callable[[str], Itera
 
     def left(path: Path) -> set[str]:
         try:
-            text = text_of(path / report)
+            text = text_of(path / report, apart=True)
         except SceneError:
             return set()
         told = [*(names(text) if callable(names) else names)] if re.search(mark, text) else []
@@ -126,12 +126,6 @@ def earlier(report: str, mark: str, names: Sequence[str] | Callable[[str], Itera
 def heading(row: type) -> str:
     """The expression that the table of rows of this kind begins with."""
     return f"^{','.join(field.name for field in dataclasses.fields(row))}\n"
-
-
-def complaint(text: str, code: int) -> int:
-    """Say what went wrong on stderr, in one line, and return the exit code."""
-    print(f"stickslip: {' '.join(text.split())}", file=sys.stderr)
-    return code
 
 
 def file_stems(labels: Sequence[str]) -> list[str]:
@@ -265,6 +259,28 @@ def span(option: str, text: str) -> tuple[float, float]:
         raise SceneError(f"Argument `{option}` must be BEGIN:END, but it is `{text}`.")
     first, last = (number(option, part if part.strip()[-1:].isalpha() else f"{part} s", "s") for part in (begin, end))
     return first, last
+
+
+def check_known(scene: Any, labels: Sequence[str], names: Iterable[str]) -> None:
+    """Raise SceneError for the first name that is a number of no case of a scene, with the nearest names of all cases.
+
+    The case that has the nearest name need not be the first: a scene may begin with a constant torque, which has no set-point.
+    """
+    for name in names:
+        known: set[str] = set()
+        refused: list[SceneError] = []
+        for label in labels:
+            try:
+                loop = scene[label]
+                known |= loop.numbers().keys()
+                loop.number(name)
+                break
+            except SceneError as error:
+                refused.append(error)
+        else:
+            if known and not any(each.endswith(f".{name}") or each.startswith(f"{name}.") for each in known):
+                raise SceneError(f"There is no number `{name}`: {suggest(name, known)}")
+            raise refused[-1]
 
 
 def check_some(refused: Mapping[str, Exception], cases: Sequence[str]) -> None:

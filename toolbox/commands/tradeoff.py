@@ -21,7 +21,6 @@ def add(commands: Any) -> None:
         parents=[
             common("folder for figure and table; those of an earlier measurement are replaced", controller="which case; the first without")
         ],
-        help="error against time for every method and setting on a scene",
         description="Run one case of a scene with every method and setting, against a truth computed twice, and print error and time of each. With --out, the "
         "folder gets the report, the figure, table (csv), data (npz) and scene: all of it, or nothing.",
         epilog="example: stickslip tradeoff studies/scenes/jansen_2.toml --out trade",

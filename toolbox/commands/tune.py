@@ -10,8 +10,9 @@ from toolbox.arguments import whole
 from toolbox.commands import figures
 from toolbox.commands.interrupt import NOTHING
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import complaint, drawn_as, earlier, figure_format, ranges, show, side_by_side
+from toolbox.commands.terminal import drawn_as, earlier, figure_format, ranges, show, side_by_side
 from toolbox.errors import SceneError
+from toolbox.messages import complaint
 
 TUNE_FILES = ("tune.txt", "tune.png", "tune.npz", "trials.csv", "scene.toml")
 
@@ -20,7 +21,6 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip tune`."""
     tuning = commands.add_parser(
         "tune",
-        help="find the numbers of a control law that do best on one scene, or on the worst of several",
         description="Search the free numbers of one control law for the smallest objective on all scenes, or for the front of several objectives, and print "
         "the numbers with the law as given beside them. The folder gets the report, a figure, every point tried (csv, npz), and each scene with "
         "the law as given and the tuned one, ready for `stickslip study`; that of the first is scene.toml, too: all of it, or nothing.",

@@ -21,7 +21,6 @@ def add(commands: Any) -> None:
                 controller="the law; the first one of the scene without",
             )
         ],
-        help="at which speed and weight a law keeps a well smooth, over its depth",
         description="Map both branches of a machine at depths of a well, where the first section of the string is longer or shorter, and print from which "
         "value of the first number on the machine is smooth, from which on stick-slip ends as well, and how far the working point is from both.",
         epilog="example: stickslip windows studies/scenes/deepening_well.toml --controller 'soft torque' --depths 1000m 2000m "

@@ -82,7 +82,7 @@ def kept(path: Path) -> bytes | None:
     if not os.path.lexists(path) or not trusted(path.parent):
         return None
     try:
-        with opened(path) as file:
+        with opened(path, apart=True) as file:
             owned = not hasattr(os, "geteuid") or os.fstat(file.fileno()).st_uid in (0, os.geteuid())
             content = file.read() if owned else b""
     except (OSError, SceneError):

@@ -99,8 +99,12 @@ def trial_step(theta: float, equations: ClosedEquations) -> ca.Function:
         return ca.substitute(expression, mode[frictions], side[frictions]) if frictions else expression
 
     inputs = ca.jacobian(flow, force)
+    pace = ca.densify(at_rest(flow))
+    for i in np.flatnonzero(form.levers).tolist():
+        # the lever where the slip is looked at: else the gain is negative in a step inside which the lever vanishes
+        inputs[:, i] += theta * h * ca.jtimes(ca.densify(inputs[:, i]), x, pace)
     slopes = about(ca.jacobian(flow, x))
-    free = h * (ca.densify(at_rest(flow)) + theta * h * about(ca.densify(ca.jacobian(flow, t))))
+    free = h * (pace + theta * h * about(ca.densify(ca.jacobian(flow, t))))
     to_slip = ca.jacobian(slip, x)
     later = ca.substitute(slip, t, t + h)
     sticks = form.sticks
@@ -108,7 +112,7 @@ def trial_step(theta: float, equations: ClosedEquations) -> ca.Function:
     target = -elastic * restitution * slip
 
     top = ca.horzcat(ca.SX.eye(n) - h * theta * slopes, -h * inputs)
-    stick_rows = ca.horzcat(h * theta * ca.mtimes(to_slip, slopes), h * ca.mtimes(to_slip, inputs))
+    stick_rows = ca.horzcat(h * theta * ca.mtimes(to_slip, slopes), h * ca.mtimes(to_slip, inputs) + h * ca.diag(form.floor))
     law_rows = ca.horzcat(
         ca.diag(mode * straight) @ (theta * about(at_side(ca.jacobian(kinetic, x)))),
         ca.SX.eye(ne) + ca.diag(mode) @ at_side(ca.jacobian(kinetic, force)),

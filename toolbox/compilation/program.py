@@ -10,8 +10,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.compilation.formulas import ClosedEquations, Formulas
 from toolbox.errors import SceneError
+from toolbox.modelling.clamps import passing_nan
 from toolbox.modelling.elements import FRICTION, Element
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.garbage import uncollected
@@ -19,7 +21,8 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.input_kinds import ExpressionKey
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.numbers import Number
-from toolbox.modelling.switching import Switching, depending, switching
+from toolbox.modelling.singular_gains import depending
+from toolbox.modelling.switching import Switching, switching
 from toolbox.modelling.two_directions import resolution
 
 
@@ -100,6 +103,7 @@ class Program:
         ints[work_layout.N], ints[work_layout.NE], ints[work_layout.NG] = kernel.states, kernel.elements, kernel.guards
         ints[work_layout.COUPLED] = kernel.coupled
         ints[work_layout.BOUNDS] = len(self.bounded)
+        ints[work_layout.LEVERS] = sum(self.form.levers)
         ints[work_layout.FIRST_HELD] = self.first_held
         ints[list(work_layout.FORMULAS)] = *kernel.addresses, self.formulas.order, self.formulas.implicit, self.formulas.two_errors
         return ints
@@ -178,7 +182,10 @@ def _closed(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], locates: b
     def of_states(expression: ca.SX) -> ca.SX:
         return ca.substitute(closed(expression), system.F, form.force) if system.elements else closed(expression)
 
-    updates = [(ca.vertcat(u.memory, u.noise), of_states(u.following), of_states(u.outputs)) for u in system.updates]
+    constants = ca.vertcat(system.t, p[:first_held])
+    updates = [
+        (ca.vertcat(u.memory, u.noise), *passing_nan([of_states(u.following), of_states(u.outputs)], constants)) for u in system.updates
+    ]
     groups, group_count = _by_unit(system, len(excited))
     return {
         "equations": equations,
@@ -204,7 +211,7 @@ def _closed(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], locates: b
 
 def _by_unit(system: HybridSystem, hidden: int) -> tuple[np.ndarray, int]:
     """The number of the unit of every state and of so many hidden forces, and how many units there are."""
-    units = [unit for _, size, unit in system.states.values() for _ in range(size or 1)] + ["hidden force"] * hidden
+    units = [unit for _, size, unit in system.states.values() for _ in range(count_of(size))] + ["hidden force"] * hidden
     known = sorted(set(units))
     return np.array([known.index(unit) for unit in units], np.int64), len(known)
 

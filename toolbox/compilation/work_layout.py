@@ -8,13 +8,17 @@ import numpy as np
 
 from toolbox.modelling.elements import FRICTION, RIGID, SWITCH  # noqa: F401
 
+UNDECIDED = 9.0
+"""Mode at the start of an element that begins as the states and forces say."""
+
 # --- status codes of `advance`
-DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND, NO_SERIES, GROWTH = range(11)
+(DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND, NO_SERIES, GROWTH,
+ NOT_FINITE, STATE_NOT_FINITE, STALLED) = range(14)  # fmt: skip
 
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED,
- CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, BOUNDS, SERIES, OPENED, INTS) = range(31)  # fmt: skip
+ CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, BOUNDS, SERIES, OPENED, LEVERS, LOOKED, INTS) = range(33)  # fmt: skip
 
 
 FORMULAS = (FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, SERIES, ORDER, IMPLICIT, TWO_ERRORS)
@@ -26,9 +30,10 @@ SECOND = -2
 
 
 # --- indices into `Work.reals`; ERROR_OLD is a binary logarithm, FOLLOWED the longest implicit step that follows modes that grow, 0 where it is not known.
+# LOOKED_AT is the time of the last look for progress, at which LOOKED steps had been taken.
 # The loop returns at END; the run ends at LAST, beyond which no step looks; HORIZON is the time over which the accuracy is promised, of which a step may add
 # its share to the error. In `simulate` the three are the same; who steps from one END to the next leaves the others as they are.
-TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, FOLLOWED, LAST, HORIZON, REALS = range(13)
+TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, FOLLOWED, LAST, HORIZON, LOOKED_AT, REALS = range(14)
 
 
 BY_CONTACT, BY_STATES, BY_NUMBERS = range(3)
@@ -62,8 +67,10 @@ class Work(NamedTuple):
     group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
     side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
-    kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
+    kind, initial: kind of each element and its mode at the start, UNDECIDED where the states and forces decide;
+    attached: the rigid contact that loads a friction, or -1;
     loader: the unilateral contact without which a friction has no load, -1, or SECOND;  bound: what changes the bound of each element, see above;
+    lever: 1 for a friction whose lever may vanish;
     bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after, and whether other modes were
     consistent, too); jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
@@ -102,6 +109,7 @@ class Work(NamedTuple):
     initial: np.ndarray
     attached: np.ndarray
     loader: np.ndarray
+    lever: np.ndarray
     bound: np.ndarray
     bounced: np.ndarray
     rec_t: np.ndarray
@@ -125,9 +133,10 @@ class Work(NamedTuple):
 
 KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Work._fields, ("float64", 1)) | {
     "ints": ("int64", 1), "group": ("int64", 1), "slot": ("int64", 1), "kind": ("int64", 1), "attached": ("int64", 1), "loader": ("int64", 1),
-    "bound": ("int64", 1), "excited": ("int64", 1), "armed": ("bool", 1), "fired": ("bool", 1), "zero": ("bool", 1), "forced": ("bool", 1),
-    "bounced": ("bool", 1), "rec_x": ("float64", 2), "rec_m": ("int8", 2), "rec_p": ("float64", 2), "ev_i": ("int32", 1), "ev_m": ("int8", 2),
-    "jump_first": ("int64", 1), "jump_index": ("int64", 1), "samplers": ("int64", 2), "clocks": ("float64", 2), "keys": ("uint64", 1), "queue": ("float64", 3),
+    "lever": ("int64", 1), "bound": ("int64", 1), "excited": ("int64", 1), "armed": ("bool", 1), "fired": ("bool", 1), "zero": ("bool", 1),
+    "forced": ("bool", 1), "bounced": ("bool", 1), "rec_x": ("float64", 2), "rec_m": ("int8", 2), "rec_p": ("float64", 2), "ev_i": ("int32", 1),
+    "ev_m": ("int8", 2), "jump_first": ("int64", 1), "jump_index": ("int64", 1), "samplers": ("int64", 2), "clocks": ("float64", 2), "keys": ("uint64", 1),
+    "queue": ("float64", 3),
 }  # fmt: skip
 """{field of `Work`: (dtype, number of dimensions)}."""
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from toolbox.arguments import mapping
 from toolbox.contacts.problem import ContactProblem
-from toolbox.errors import SceneError
+from toolbox.errors import ControllerError, SceneError
 from toolbox.files.units import in_si
+from toolbox.modelling.clamps import passing_nan
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.closing import laws_of
 from toolbox.modelling.components import Component, Equations, Signal
@@ -28,6 +29,7 @@ from toolbox.modelling.hybrid_system import HybridSystem, SampledUpdate
 from toolbox.modelling.input_kinds import input_kinds
 from toolbox.modelling.inputs import Shape, Table
 from toolbox.modelling.laws import External, fresh
+from toolbox.simulation.failures import not_finite
 
 
 @dataclass(frozen=True)
@@ -141,12 +143,12 @@ class _Law:
     def __init__(self, system: HybridSystem, update: SampledUpdate, seed: int, part: External | None = None, law: Any = None):
         from toolbox.stepping.noise import channel_key  # here, because LLVM is slow to import
 
-        self.update, self.part, self.law, self.taken = update, part, law, 0
+        self.system, self.update, self.part, self.law, self.taken = system, update, part, law, 0
         self.memory = np.zeros(update.memory.numel())
         self.keys = [channel_key(seed, zlib.crc32(name.encode())) for name in update.channels]
         known = [system.t, system.x, system.u, system.p, system.held]
         if part is None:
-            asked = [update.following, update.outputs]
+            asked = passing_nan([update.following, update.outputs], system.p)
             known += [update.memory, update.noise]
         else:
             asked = [ca.vertcat(*(system.expression(name) for name in part.measures))]
@@ -163,6 +165,10 @@ class _Law:
             following, outputs = (
                 np.array(found, float).ravel() for found in self.function(t, x, u, self.numbers, held, self.memory, noise)
             )
+            if not (np.isfinite(following).all() and np.isfinite(outputs).all()):
+                raise ControllerError(
+                    not_finite(self.system, self.system.updates.index(self.update), t, np.concatenate([following, outputs]))
+                )
             self.memory = following
             return outputs
         measured = np.array(self.function(t, x, u, self.numbers, held), float).ravel()

@@ -15,12 +15,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.errors import SceneError, suggest
-from toolbox.export.casadi_text import casadi_text
 from toolbox.export.from_control import LinearLaw
-from toolbox.files.atomic import replaced_together
+from toolbox.export.law_text import Declared, c_paths, written
+from toolbox.export.refusals import Refusals, closed_bounds, refusals_of
 from toolbox.files.units import NumberOrText
 from toolbox.messages import sign_of_life
+from toolbox.modelling.clamps import passing_nan
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.components import Slot, check_fields, law_of, numbers_of, rebuilt, symbolic_copy
 from toolbox.modelling.elements import State, time
@@ -64,7 +66,7 @@ class OpenLaw:
         return [
             (variable.label if variable.length is None else f"{variable.label}.{i}", variable.unit)
             for variable in self.memory
-            for i in range(variable.length or 1)
+            for i in range(count_of(variable.length))
         ]
 
 
@@ -133,6 +135,20 @@ def opened(law: Any, period: float | None, gains: bool = False) -> OpenLaw:
         (name, slot.spec.metadata.get("unit", "1"), value, symbol) for (slot, name, symbol), value in known if ca.depends_on(every, symbol)
     )
     return OpenLaw(title, reads, tuple(memory), following, found, names(law.drives) or tuple(found), period, used)
+
+
+def _refusals(made: Controller, law: OpenLaw) -> Refusals:
+    """What the gains of a law by itself must be."""
+    slots = list[Slot]()
+    symbolic_copy(made, "", slots)
+    names = [(name, slot) for slot in slots for name, _ in _entries(slot)]
+    places = {
+        place: [gain for gain, *_ in law.gains].index(name)
+        for place, (name, _) in enumerate(names)
+        if name in {gain for gain, *_ in law.gains}
+    }
+    bounds = {places[place]: closed_bounds(slot.spec.metadata) for place, (_, slot) in enumerate(names) if place in places}
+    return refusals_of([bounds[i] for i in range(len(law.gains))], [made], places)
 
 
 def _entries(slot: Slot) -> list[tuple[str, ca.SX]]:
@@ -267,10 +283,11 @@ def export_c(
         int NAME_step_with(const double *gains, const double *y, double *memory, double *u);
 
     `NAME_step` is called once per sample. It reads what is measured and the set-points in y and writes what is driven to u, in the order, units and with the
-    defaults that the header lists. `NAME_step_with` does the same with other gains than those of the law, which `NAME_gains` writes. `top.torque.held` is the
-    torque that acts until this sample, 0 where none does: a law takes over from it at its first sample. The memory belongs to the caller. Delays, noise and
-    the hold between samples are the machine's own. A law that is no casadi expression may write itself, by a method `export_c(c, h, period)` of what it is
-    designed as: `LinearMPC` does, with a solver in a folder NAME_osqp, and has no gains.
+    defaults that the header lists. Where a command, or a value to be remembered, is no finite number, it returns NAME_NOT_FINITE and changes nothing.
+    `NAME_step_with` does the same with other gains than those of the law, which `NAME_gains` writes; gains that Python refuses are refused by NAME_OUTSIDE.
+    `top.torque.held` is the torque that acts until this sample, 0 where none does: a law takes over from it at its first sample. The memory belongs to the
+    caller. Delays, noise and the hold between samples are the machine's own. A law that is no casadi expression may write itself, by a method
+    `export_c(c, h, period)` of what it is designed as: `LinearMPC` does, with a solver in a folder NAME_osqp, and has no gains.
 
     The loop, or a plant without laws, a folder NAME with NAME.c, NAME.h, an example main.c, CMakeLists.txt and README.md, for programs that simulate it:
 
@@ -335,166 +352,14 @@ def declared_c(loop: ClosedLoop, path: str | Path) -> Declared:
     law = opened(made, period, gains=True)
     driven = ca.vertcat(*[law.gives[name][0] for name in law.drives])
     gains = ca.vertcat(ca.SX(0, 1), *[symbol for _, _, _, symbol in law.gains])
-    step = ca.Function(f"{c.stem}_law", [law.y, law.z, gains], [ca.densify(driven), law.following], ["y", "memory", "gains"], ["u", "next"])
+    results = passing_nan([driven, law.following], gains)
+    step = ca.Function(f"{c.stem}_law", [law.y, law.z, gains], results, ["y", "memory", "gains"], ["u", "next"])
     if step.has_free():
         raise SceneError(f"{law.title} depends on {', '.join(step.get_free())}, which a law by itself does not know.")
     reads = [(name, unit, default) for name, (_, unit, default) in law.reads.items()]
     drives = [(name, law.gives[name][1]) for name in law.drives]
     declared = Declared(
-        law.title, c.stem, period, reads, law.labels, drives, gains=[(f"law.{name}", unit, value) for name, unit, value, _ in law.gains]
-    )
+        law.title, c.stem, period, reads, law.labels, drives, gains=[(f"law.{name}", unit, value) for name, unit, value, _ in law.gains],
+        refusals=_refusals(made, law),
+    )  # fmt: skip
     return written(c, h, declared, [step])
-
-
-@dataclass(frozen=True)
-class Declared:
-    """Signals and memory that the header of a law in C lists.
-
-    These are (signal, unit, default or None) of what it reads, (signal, unit) of what it drives, (name, unit) of its memory, and (name, unit, value) of its
-    gains.
-    """
-
-    title: str
-    name: str
-    period: float
-    reads: list[tuple[str, str, float | None]]
-    memory: list[tuple[str, str]]
-    drives: list[tuple[str, str]]
-    note: str = ""
-    gains: Sequence[tuple[str, str, float]] = ()
-
-
-def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Function], step: str | None = None) -> Declared:
-    """Write the pair of files of `export_c`: casadi functions, and the C of NAME_step that calls them.
-
-    Parameters
-    ----------
-    c, h
-        Paths of both files.
-    declared
-        What the header lists.
-    functions
-        The casadi functions.
-    step
-        The C of NAME_step. Without it there is one function, (y, memory, gains) -> (u, next memory), and the step is that.
-    """
-    texts = (_header(declared), _source(declared, functions, step or _step(declared, functions[0])))
-    replaced_together(dict(zip((h, c), texts, strict=True)))
-    return declared
-
-
-def c_paths(path: str | Path) -> tuple[Path, Path]:
-    """The .c and .h file of an export; raises SceneError where the name is no name in C."""
-    path = Path(path)
-    bare = path.with_suffix("") if path.suffix in (".c", ".h") else path
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", bare.name):
-        raise SceneError(f"Argument `path` must end in a name of C, letters, digits and _, but it is `{path}`.")
-    return bare.with_name(bare.name + ".c"), bare.with_name(bare.name + ".h")
-
-
-def _header(law: Declared) -> str:
-    name, upper = law.name, law.name.upper()
-    told = "{!r} before the first call", "set-point, {!r} unless it moves"
-
-    def entries(symbol: str, rows: Sequence[tuple[str, str, str]]) -> list[str]:
-        return [f" *   {symbol}[{i}]  {label} [{unit}]" + (f"  {note}" if note else "") for i, (label, unit, note) in enumerate(rows)] or [
-            " *   none"
-        ]
-
-    lines = [
-        f"/* {law.title}: a control law exported by stickslip-toolbox. SI units, angles in rad.",
-        " *",
-        f" * Call {name}_step once every {law.period!r} s, {name}_start before the first call. Returns 0 for success. Nothing is allocated.",
-        *([f" * {line}" for line in law.note.splitlines()] if law.note else []),
-        " *",
-        " * Reads:",
-        *entries("y", [(n, unit, "" if value is None else told[n.endswith(".reference")].format(value)) for n, unit, value in law.reads]),
-        " * Drives, held until the next call:",
-        *entries("u", [(n, unit, "") for n, unit in law.drives]),
-        " * Memory, which starts at 0:",
-        *entries("memory", [(n, unit, "") for n, unit in law.memory]),
-        *([" * Gains:", *entries("gains", [(n, unit, f"{value!r}") for n, unit, value in law.gains])] if law.gains else []),
-        " */",
-        f"#ifndef {upper}_H",
-        f"#define {upper}_H",
-        "",
-        f"#define {upper}_READS {len(law.reads)}",
-        f"#define {upper}_MEMORY {len(law.memory)}",
-        f"#define {upper}_DRIVES {len(law.drives)}",
-        f"#define {upper}_GAINS {len(law.gains)}",
-        f"#define {upper}_PERIOD {float(law.period)!r}",
-        "",
-        "#ifdef __cplusplus",
-        'extern "C" {',
-        "#endif",
-        "",
-        f"void {name}_start(double *memory);",
-        f"int {name}_step(const double *y, double *memory, double *u);",
-        *(
-            [
-                f"void {name}_gains(double *gains);",
-                f"int {name}_step_with(const double *gains, const double *y, double *memory, double *u);",
-            ]
-            if law.gains
-            else []
-        ),
-        "",
-        "#ifdef __cplusplus",
-        "}",
-        "#endif",
-        "",
-        f"#endif /* {upper}_H */",
-        "",
-    ]
-    return "\n".join(lines)
-
-
-def _source(law: Declared, functions: Sequence[ca.Function], step: str) -> str:
-    """The functions as casadi writes them, and the two that are called; whatever is global begins with the name."""
-    name = law.name
-    body = casadi_text(name, functions)
-    begin = [
-        f"void {name}_start(double *memory) {{",
-        *([f"  int i;\n  for (i = 0; i < {len(law.memory)}; ++i) memory[i] = 0.0;"] if law.memory else ["  (void)memory;"]),
-        "}",
-    ]
-    return f'#include "{name}.h"\n\n{body}\n\n' + "\n".join(begin) + f"\n\n{step}"
-
-
-def _step(law: Declared, function: ca.Function) -> str:
-    name, many, gains = law.name, len(law.memory), len(law.gains)
-    entry = f"{name}_step_with(const double *gains" if gains else f"{name}_step("
-    lines = [
-        f"int {entry}{', ' if gains else ''}const double *y, double *memory, double *u) {{",
-        f"  double next[{max(many, 1)}], w[{max(function.sz_w(), 1)}];",
-        f"  int iw[{max(function.sz_iw(), 1)}], i, failed;",
-        f"  const double *arg[{max(function.sz_arg(), 3)}];",
-        f"  double *res[{max(function.sz_res(), 2)}];",
-        "  arg[0] = y;",
-        "  arg[1] = memory;",
-        f"  arg[2] = {'gains' if gains else '0'};",
-        "  res[0] = u;",
-        "  res[1] = next;",
-        f"  failed = {function.name()}(arg, res, iw, w, 0);",
-        "  if (failed) return failed;",
-        f"  for (i = 0; i < {many}; ++i) memory[i] = next[i];",
-        "  return 0;",
-        "}",
-        "",
-    ]
-    if gains:
-        values = ", ".join(repr(float(value)) for _, _, value in law.gains)
-        lines += [
-            f"static const double {name}_values[{gains}] = {{{values}}};",
-            "",
-            f"void {name}_gains(double *gains) {{",
-            "  int i;",
-            f"  for (i = 0; i < {gains}; ++i) gains[i] = {name}_values[i];",
-            "}",
-            "",
-            f"int {name}_step(const double *y, double *memory, double *u) {{",
-            f"  return {name}_step_with({name}_values, y, memory, u);",
-            "}",
-            "",
-        ]
-    return "\n".join(lines)

@@ -95,7 +95,7 @@ def event_mode(w: Any, entered: bool) -> int:
             ):  # the depth at which an impact is located bounds the height of the flights that can be told from none
                 w.g[2 * i] = min(w.g[2 * i], -0.1 * HEIGHT * guard_size(w, 2 * i))
         project_event(w, t, again)
-        failed = after_event(w, t)
+        failed = after_event(w, t, again)
         if failed != layout.DONE:
             return failed
         status = HAPPENED
@@ -103,7 +103,9 @@ def event_mode(w: Any, entered: bool) -> int:
         if not inputs_changed(w, t, True):
             return no_modes(w, t)
         status = HAPPENED
-    _, changed = samples(w, t)
+    failed, changed = samples(w, t)
+    if failed != layout.DONE:
+        return failed
     if changed:
         if not held_quietly(w) and not inputs_changed(w, t, False):
             return no_modes(w, t)

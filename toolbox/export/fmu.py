@@ -14,8 +14,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from toolbox.errors import SceneError
-from toolbox.export.c_code import Declared, c_paths, declared_c
-from toolbox.export.fmu_archive import FOLDERS, REAL, compiler_here, fmu_archive, refusing
+from toolbox.export.c_code import declared_c
+from toolbox.export.fmu_archive import FOLDERS, REAL, compiler_here, fmu_archive, folder_here, refusing
+from toolbox.export.law_text import Declared, c_paths
 from toolbox.files.reading import TEXT, content
 from toolbox.files.units import NumberOrText
 from toolbox.messages import sign_of_life
@@ -88,6 +89,7 @@ def export_fmu(
         raise SceneError(f'Argument `version` must be "2.0" or "3.0", but it is {version!r}.')
     along = {f"resources/{Path(each).name}": content(Path(each), TEXT) for each in resources}
     compiler_here()
+    folder_here(version)
     if part == "loop" or (part is None and not loop.laws):
         from toolbox.export.machine_fmu import written_unit  # here, because few programs need it
 
@@ -174,6 +176,7 @@ def _interface(law: Declared, guid: str) -> str:
     sizes = {"READS": len(law.reads), "DRIVES": len(law.drives), "MEMORY": len(law.memory), "GAINS": gains}
     step = f"{name}_step_with((law)->gains, " if gains else f"{name}_step("
     lines = [
+        "#include <math.h>",
         "#include <stdlib.h>",
         "#include <string.h>",
         f'#include "{name}.h"',
@@ -183,6 +186,8 @@ def _interface(law: Declared, guid: str) -> str:
         "#define SIZE(n) ((n) ? (n) : 1)",
         f"#define START(memory) {name}_start(memory)",
         f"#define GAINS_OF(gains) {f'{name}_gains(gains)' if gains else '(gains)[0] = 0.0'}",
+        f"#define ALLOWED(gains) {f'{name}_allowed(gains)' if gains else '((void)(gains), 1)'}",
+        f"#define NOT_FINITE {name.upper()}_NOT_FINITE",
         f"#define SAMPLE(law, memory) {step}(law)->y, memory, (law)->u)",
         f"static const double defaults[] = {{{defaults}}};",
         "",

@@ -15,9 +15,15 @@ from pathlib import Path
 from toolbox.errors import SceneError
 from toolbox.files.atomic import replaced
 
-FOLDERS = {"2.0": {"linux": "linux64", "darwin": "darwin64", "win32": "win64"},
-           "3.0": {"linux": "x86_64-linux", "darwin": "x86_64-darwin", "win32": "x86_64-windows"}}  # fmt: skip
-"""{version of FMI: {platform: folder of its binary}}."""
+FOLDERS = {
+    "2.0": {("linux", "x86_64"): "linux64", ("darwin", "x86_64"): "darwin64", ("win32", "x86_64"): "win64"},
+    "3.0": {(system, processor): f"{processor}-{word}" for system, word in (("linux", "linux"), ("darwin", "darwin"), ("win32", "windows"))
+            for processor in ("x86_64", "aarch64")},
+}  # fmt: skip
+"""{version of FMI: {(platform, processor): folder of its binary}}."""
+
+PROCESSORS = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
+"""{what Python calls a processor, in small letters: what FMI 3.0 calls it}."""
 
 WINDOWS = "x86_64-w64-mingw32-gcc"
 """The compiler for Windows on other systems, mingw-w64."""
@@ -31,6 +37,20 @@ def refusing(name: str, parameters: str, answer: str) -> str:
     words = [re.split(r"[ *]", each)[-1] for each in parameters.split(",")]
     unused = " ".join(f"(void){word};" for word in words)
     return f"Status {name}({parameters}) {{ {unused} return {answer.replace('MESSAGE', f'{chr(34)}{name} is not there{chr(34)}')}; }}"
+
+
+def folder_here(version: str) -> str:
+    """The folder of the binary that this machine makes; raises SceneError where that version of FMI has no name for its processor."""
+    told = platform.machine()
+    folder = FOLDERS[version].get((sys.platform, PROCESSORS.get(told.lower(), told)))
+    if folder is None:
+        instead = (
+            'write a loop with `version="3.0"`'
+            if (sys.platform, PROCESSORS.get(told.lower())) in FOLDERS["3.0"]
+            else "make it on another machine"
+        )
+        raise SceneError(f"FMI {version} has no folder for the machine code of this processor, {told}: {instead}.")
+    return folder
 
 
 def compiler_here() -> str:
@@ -76,11 +96,11 @@ def fmu_archive(
     """
     name = target.stem
     includes = [f"-I{each}" for each in sorted({path.parent for path in folder.rglob("*.h")})]
-    compilers = {sys.platform: compiler_here()}
+    compilers = {sys.platform: (compiler_here(), folder_here(version))}
     if (windows := shutil.which(WINDOWS)) is not None:
-        compilers["win32"] = windows
+        compilers["win32"] = windows, FOLDERS[version]["win32", "x86_64"]
     binaries = {}
-    for system, compiler in compilers.items():
+    for system, (compiler, place) in compilers.items():
         suffix = {"linux": ".so", "darwin": ".dylib", "win32": ".dll"}[system]
         library = folder / f"{name}{suffix}"
         position = [] if system == "win32" else ["-fPIC"]
@@ -89,7 +109,7 @@ def fmu_archive(
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
             raise SceneError(f"The C compiler `{compiler}` failed: {done.stderr.strip()[-500:]}")
-        binaries[library] = f"binaries/{FOLDERS[version][system]}/{name}{suffix}"
+        binaries[library] = f"binaries/{place}/{name}{suffix}"
     with replaced(target) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("modelDescription.xml", description)
         for library, place in binaries.items():

@@ -10,7 +10,7 @@ typedef struct {
   void *environment;
 } Callbacks;
 typedef struct {
-  double y[SIZE(READS)], u[SIZE(DRIVES)], memory[SIZE(MEMORY)], gains[SIZE(GAINS)], start;
+  double y[SIZE(READS)], u[SIZE(DRIVES)], memory[SIZE(MEMORY)], gains[SIZE(GAINS)], start, time;
   long sample;
   Phase phase;
   Callbacks callbacks;
@@ -39,7 +39,7 @@ static void begin(Law *law) {
   int i;
   memset(law->y, 0, sizeof law->y);
   memset(law->u, 0, sizeof law->u);
-  law->start = 0.0;
+  law->start = law->time = 0.0;
   law->sample = 0;
   law->phase = MADE;
   for (i = 0; i < READS; ++i) law->y[i] = defaults[i];
@@ -82,7 +82,8 @@ Status fmi2SetupExperiment(void *c, int tolerant, double tolerance, double start
   Law *law = (Law *)c;
   (void)tolerant; (void)tolerance; (void)stops; (void)stop;
   if (law->phase != MADE) return refused(c, "fmi2SetupExperiment must be called before initialisation");
-  law->start = start;
+  if (!isfinite(start)) return refused(c, "the start time must be finite");
+  law->start = law->time = start;
   return OK;
 }
 
@@ -125,18 +126,28 @@ Status fmi2GetReal(void *c, const Reference *r, size_t n, double *value) {
   return OK;
 }
 
+/* Sets all of these numbers, or, where one is refused, none. */
 Status fmi2SetReal(void *c, const Reference *r, size_t n, const double *value) {
   Law *law = (Law *)c;
+  double gains[SIZE(GAINS)];
   size_t i;
+  memcpy(gains, law->gains, sizeof gains);
   for (i = 0; i < n; ++i) {
     double *at = place(law, (long)r[i]);
     if (!at) return refused(c, "fmi2SetReal must name a variable of this unit");
     if (at >= law->u && at < law->u + DRIVES) return refused(c, "fmi2SetReal must not write an output");
     if (law->phase >= RUNNING && at >= law->memory && at < law->memory + MEMORY)
       return refused(c, "fmi2SetReal must not write the memory of the law after initialisation");
-    *at = value[i];
+    if (!isfinite(value[i])) return refused(c, "fmi2SetReal must give finite numbers");
+    if (at >= law->gains && at < law->gains + GAINS) gains[at - law->gains] = value[i];
   }
+  if (!ALLOWED(gains)) return refused(c, "gains must be within their bounds, and allowed beside one another");
+  for (i = 0; i < n; ++i) *place(law, (long)r[i]) = value[i];
   return OK;
+}
+
+static Status failed(void *c, int status) {
+  return refused(c, status == NOT_FINITE ? "a command, or a value that the law remembers, is no finite number" : "the law failed");
 }
 
 Status fmi2DoStep(void *c, double t, double h, int final) {
@@ -144,10 +155,14 @@ Status fmi2DoStep(void *c, double t, double h, int final) {
   const double period = PERIOD;
   (void)final;
   if (law->phase != RUNNING) return refused(c, "fmi2DoStep must follow initialisation");
+  if (!isfinite(t) || !isfinite(h) || h < 0.0) return refused(c, "a communication step must have a finite time and a length >= 0");
+  if (fabs(t - law->time) > 1e-9 * fmax(period, fabs(t))) return refused(c, "a communication step must begin where the last one ended");
   while (law->start + law->sample * period < t + h - 1e-9 * period) {
-    if (SAMPLE(law, law->memory)) return refused(c, "the law failed");
+    const int status = SAMPLE(law, law->memory);
+    if (status) return failed(c, status);
     ++law->sample;
   }
+  law->time = t + h;
   return OK;
 }
 

@@ -8,9 +8,14 @@ void @NAME@_start(@NAME@_machine *w) {
 }
 
 int @NAME@_set(@NAME@_machine *w, int number, double value) {
+  double before;
   if (number < 0 || number >= SETTABLE) return @UPPER@_UNKNOWN;
-  if (!(value >= @NAME@_least[number] && value <= @NAME@_most[number])) return @UPPER@_OUTSIDE;
+  before = w->wanted[number];
   w->wanted[number] = value;
+  if (!@NAME@_allowed(w->wanted)) {
+    w->wanted[number] = before;
+    return @UPPER@_OUTSIDE;
+  }
   if (w->ints[AT_STARTED] == 0) w->p[@NAME@_places[number]] = value;
   return @UPPER@_DONE;
 }
@@ -94,6 +99,17 @@ int @NAME@_culprit(const @NAME@_machine *w) {
   return (int)w->ints[AT_CULPRIT];
 }
 
+const char *@NAME@_culprit_name(const @NAME@_machine *w, int status) {
+  const int64_t which = w->ints[AT_CULPRIT];
+  int i;
+  if (status == @UPPER@_NEGATIVE_BOUND) return @NAME@_element_name((int)which);
+  if (status != @UPPER@_NOT_FINITE) return 0;
+  for (i = @NAME@_first_value[which]; i < @NAME@_first_value[which + 1] - 1; ++i) {
+    if (!isfinite(w->z[i - @NAME@_first_value[which]])) break;
+  }
+  return @NAME@_value_names[i];
+}
+
 int64_t @NAME@_engine_steps(const @NAME@_machine *w) {
   return w->ints[AT_ACCEPTED] + w->ints[AT_REJECTED];
 }
@@ -122,9 +138,12 @@ const char *@NAME@_status_text(int status) {
     case @UPPER@_UNDERFLOW: return "the steps have become too short";
     case @UPPER@_INCONSISTENT: return "no modes are consistent";
     case @UPPER@_NEGATIVE_BOUND: return "the bound of a friction is negative: is its load?";
+    case @UPPER@_NOT_FINITE: return "a controller gives a command, or remembers a value, that is no finite number";
+    case @UPPER@_STATE_NOT_FINITE: return "a state is no finite number";
+    case @UPPER@_STALLED: return "a million steps have hardly moved the time";
     case @UPPER@_BACKWARD: return "the time asked for lies before the present one, or is no number";
     case @UPPER@_UNKNOWN: return "there is no such number, or it cannot be set now";
-    case @UPPER@_OUTSIDE: return "the value is not finite, or out of bounds";
+    case @UPPER@_OUTSIDE: return "the value is not finite, out of bounds, or not allowed beside the others";
     default: return "unknown";
   }
 }

@@ -5,7 +5,8 @@ extern "C" {
 /* Begin anew, with the start state, inputs and parameters of the export. Call it first. */
 void @NAME@_start(@NAME@_machine *w);
 
-/* Set an input or a parameter by its number. Before the first step it is there from the start; later it acts from the next step on, as a jump. */
+/* Set an input or a parameter by its number. Before the first step it is there from the start; later it acts from the next step on, as a jump.
+   Returns @UPPER@_DONE, or @UPPER@_UNKNOWN or @UPPER@_OUTSIDE, which change nothing. What is refused in Python is refused here. */
 int @NAME@_set(@NAME@_machine *w, int number, double value);
 
 /* Set a state, before the first step only. */
@@ -23,8 +24,10 @@ int @NAME@_mode(const @NAME@_machine *w, int element);
 int @NAME@_events(const @NAME@_machine *w);
 double @NAME@_event(const @NAME@_machine *w, int event, int *element, int *before, int *after);
 
-/* The friction whose bound is negative, after @UPPER@_NEGATIVE_BOUND. */
+/* The friction whose bound is negative, after @UPPER@_NEGATIVE_BOUND, or the controller whose value is no finite number, after @UPPER@_NOT_FINITE:
+   its number, and the name of the friction, or of the value and its controller; 0 after any other status. */
 int @NAME@_culprit(const @NAME@_machine *w);
+const char *@NAME@_culprit_name(const @NAME@_machine *w, int status);
 
 /* Steps of the engine since the start. */
 int64_t @NAME@_engine_steps(const @NAME@_machine *w);

@@ -8,8 +8,8 @@ copying it. What stands beside it in C, `machine.c`, only sets numbers, steps, a
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import re
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,13 +22,15 @@ import numpy as np
 from toolbox.arguments import number
 from toolbox.compilation import work_layout as layout
 from toolbox.compilation.program import Program, program_of
-from toolbox.errors import SceneError
+from toolbox.errors import ControllerError, SceneError, SimulationError
 from toolbox.export.c_language import STORED_TYPES, CTranslation, c_number, kinds_of
 from toolbox.export.model_c import model_text, signals_of
+from toolbox.export.refusals import Refusals, closed_bounds, refusals_of
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.numbers import Number
 from toolbox.simulation.carry_out import formulas_of
+from toolbox.simulation.failures import controllers_of, not_finite, values_of
 from toolbox.simulation.methods import Explicit
 from toolbox.simulation.request import Request, accuracy_of
 from toolbox.simulation.run import Run
@@ -49,7 +51,7 @@ FIXED = (
 )
 """Entries of `Work.ints` that are constants in C."""
 
-CONSTANT = ("group", "excited", "kind", "initial", "attached", "loader", "bound", "keys", "clocks")
+CONSTANT = ("group", "excited", "kind", "initial", "attached", "loader", "lever", "bound", "keys", "clocks")
 """Arrays that are constants in C."""
 
 EVENTS, STEPS = 64, 10_000
@@ -65,8 +67,6 @@ MODELS = {
 }
 """{entry of `Work.ints` with the address of machine code: the function in its place in C}."""
 
-LARGEST = sys.float_info.max
-
 STATUS = {
     layout.DONE: ("DONE", "the time asked for is reached"),
     layout.PAUSED: ("OVERRUN", "the call has made all the steps that it may: call again to go on"),
@@ -75,6 +75,9 @@ STATUS = {
     layout.UNDERFLOW: ("UNDERFLOW", "the steps have become too short"),
     layout.INCONSISTENT: ("INCONSISTENT", "no modes are consistent"),
     layout.NEGATIVE_BOUND: ("NEGATIVE_BOUND", "the bound of a friction is negative: is its load?"),
+    layout.NOT_FINITE: ("NOT_FINITE", "a controller gives a command, or remembers a value, that is no finite number"),
+    layout.STATE_NOT_FINITE: ("STATE_NOT_FINITE", "a state is no finite number"),
+    layout.STALLED: ("STALLED", "a million steps have hardly moved the time"),
 }
 
 
@@ -152,14 +155,17 @@ class Machine:
         is_input = entry.name in {each.name for each in self.inputs}
         return self.loop.number(entry.name) if is_input or self.program.system.has_parameter(entry.name) else None
 
-    def bounds(self, entry: Entry) -> tuple[float, float]:
-        """The least and the most that a settable number may be, both finite; an open bound is the next number inside."""
-        declared = self.number(entry)
-        given = declared.bounds if declared is not None else {}
-        words = {word: float(given[word]) for word in ("at_least", "above", "below", "at_most") if given.get(word) is not None}  # type: ignore[arg-type]
-        low = max(words.get("at_least", -LARGEST), float(np.nextafter(words.get("above", -np.inf), np.inf)))
-        high = min(words.get("at_most", LARGEST), float(np.nextafter(words.get("below", np.inf), -np.inf)))
-        return low, high
+    @cached_property
+    def refusals(self) -> Refusals:
+        """What settable numbers must be, by themselves and against one another."""
+        system, places = self.program.system, dict[int, int]()
+        declared = [self.number(entry) for entry in self.settable]
+        for i, entry in enumerate(self.settable):
+            if i >= len(self.inputs):
+                places[entry.place] = i
+            elif entry.name in system.parameters:  # the default of the input, in whose place it stands
+                places[system.parameters[entry.name].offset] = i
+        return refusals_of([closed_bounds(each.bounds if each is not None else {}) for each in declared], system.parts, places)
 
     @cached_property
     def states(self) -> list[Entry]:
@@ -202,10 +208,17 @@ class Machine:
 
 def why(status: int, work: Any, program: Program) -> str:
     """Why a machine cannot be stepped on, as the end of a sentence, with the contact that is in the way."""
+    if status == layout.NOT_FINITE:
+        return not_finite(program.system, int(work.ints[layout.CULPRIT]), float(work.reals[layout.TIME]), work.z)
     words = STATUS.get(status, ("", "it failed"))[1]
     if status == layout.NEGATIVE_BOUND:
         words = words.replace("a friction", f"`{program.system.elements[work.ints[layout.CULPRIT]].name}`")
     return words if words.endswith("?") else words + "."
+
+
+def stopped(status: int) -> type[SimulationError]:
+    """The kind of error of a machine that cannot be stepped on."""
+    return ControllerError if status == layout.NOT_FINITE else SimulationError
 
 
 # ---------------------------------------------------------------------------------------------------------------------------------------- refusals
@@ -313,14 +326,14 @@ def _header(made: Machine) -> str:
     for i, element in enumerate(elements):
         legend = ", ".join(f"{mode}: {word}" for mode, word in sorted(element.legend.items()))
         lines.append(f"#define {upper}_ELEMENT_{_c_name(element.name)} {i} /* {legend} */")
-    lines += ["", "/* what a step returns */"]
+    lines += ["", "/* what a step returns, and what is set */"]
     for code, (word, meaning) in STATUS.items():
         if word != "OVERRUN" or code == layout.PAUSED:
             lines.append(f"#define {upper}_{word} {code} /* {meaning} */")
     lines += [
         f"#define {upper}_BACKWARD (-1) /* the time asked for lies before the present one, or is no number */",
         f"#define {upper}_UNKNOWN (-2) /* there is no such number, or it cannot be set now */",
-        f"#define {upper}_OUTSIDE (-3) /* the value is not finite, or out of bounds */",
+        f"#define {upper}_OUTSIDE (-3) /* the value is not finite, out of bounds, or not allowed beside the others: nothing is changed */",
         "",
     ]
     lines += [
@@ -348,15 +361,15 @@ def _numbers(array: np.ndarray) -> str:
 
 
 def _tables(made: Machine) -> list[str]:
-    """Constants that `machine.c` reads: bounds, places and names of what can be set, and names of what can be read."""
+    """What `machine.c` reads: bounds, places and names of what can be set, and names of what can be read, and of what controllers give."""
     name = made.name
     second = ", ".join(str(int(element.second)) for element in made.program.system.elements) or "0"
-    bounds = [made.bounds(entry) for entry in made.settable] or [(0.0, 0.0)]
+    system = made.program.system
+    titles, values = controllers_of(system), [values_of(system, c) for c in range(len(system.updates))]
+    firsts = [0, *itertools.accumulate(map(len, values))]
     return [
-        *(
-            f"static const double {name}_{word}[{len(bounds)}] = {{{', '.join(c_number(each) for each in column)}}};"
-            for word, column in zip(("least", "most"), zip(*bounds, strict=True), strict=True)
-        ),
+        made.refusals.text(name),
+        f"static const int32_t {name}_first_value[{len(firsts)}] = {{{', '.join(map(str, firsts))}}};",
         f"static const uint8_t {name}_second[{max(len(made.program.system.elements), 1)}] = {{{second}}};",
         f"static const int32_t {name}_places[{max(len(made.settable), 1)}] = {{{', '.join(str(each.place) for each in made.settable) or '0'}}};",
         *(
@@ -365,6 +378,7 @@ def _tables(made: Machine) -> list[str]:
                 ("settable_names", [each.name for each in made.settable]),
                 ("output_names", [each.name for each in made.outputs]),
                 ("element_names", [each.name for each in made.program.system.elements]),
+                ("value_names", [f"{each} of {title}" for title, row in zip(titles, values, strict=True) for each in row]),
             )
         ),
     ]
@@ -372,6 +386,7 @@ def _tables(made: Machine) -> list[str]:
 
 def _source(made: Machine, loop: CTranslation, importer: bool) -> str:
     name = made.name
+    calling = loop.source() + filled("machine.c", made) + (filled("machine_fmi.c", made) if importer else "")
     constants = [
         f"static const {STORED_TYPES[str(made.work[word].dtype)]} {name}_{word}[{max(made.work[word].size, 1)}] = {{{_numbers(made.work[word])}}};"
         for word in CONSTANT
@@ -398,7 +413,7 @@ def _source(made: Machine, loop: CTranslation, importer: bool) -> str:
         [
             f"/* The machine of {name}.h: its equations as casadi writes them, and the event loop of the toolbox, translated. */",
             f'#include "{name}.h"\n\n#include <math.h>\n#include <string.h>',
-            model_text(name, made.program, [each.place for each in made.settable] if importer else None),
+            model_text(name, made.program, calling, [each.place for each in made.settable] if importer else None),
             "\n".join(constants),
             loop.source(),
             "\n".join(values),

@@ -36,7 +36,7 @@ static int refused(Unit *u, const char *message) {
 static int stopped(Unit *u, const @NAME@_machine *w, int status) {
   char words[512];
   const double t = u->start + w->reals[AT_TIME];
-  const char *name = status == @UPPER@_NEGATIVE_BOUND ? @NAME@_element_name(@NAME@_culprit(w)) : 0;
+  const char *name = @NAME@_culprit_name(w, status);
   if (name) snprintf(words, sizeof words, "`%.300s` at t = %.9g s: %s", name, t, @NAME@_status_text(status));
   else snprintf(words, sizeof words, "at t = %.9g s: %s", t, @NAME@_status_text(status));
   return refused(u, words);
@@ -122,19 +122,30 @@ static int get_reals(Unit *u, const unsigned int *r, size_t n, double *value) {
   return 1;
 }
 
+/* Sets all of these numbers, or, where one is refused, none. */
 static int set_reals(Unit *u, const unsigned int *r, size_t n, const double *value) {
+  @NAME@_machine *w = &u->machine;
+  double wanted[SETTABLES + 1];
   size_t k;
+  memcpy(wanted, w->wanted, SETTABLES * sizeof *wanted);
   for (k = 0; k < n; ++k) {
     const long i = (long)r[k];
-    int done = 0;
     if (i > 0 && i < FIRST_STATE) {
       if (u->phase == CONTINUOUS && i > @UPPER@_INPUTS) return refused(u, "a parameter is to be set in event mode, or between communication steps");
-      done = @NAME@_set(&u->machine, (int)i - 1, value[k]) == @UPPER@_DONE;
-      if (done && u->phase == CONTINUOUS) u->machine.p[@NAME@_places[i - 1]] = value[k];
-    } else if (i >= FIRST_STATE && i < FIRST_STATE + STATES) {
-      done = u->phase <= STARTING && @NAME@_set_state(&u->machine, (int)(i - FIRST_STATE), value[k]) == @UPPER@_DONE;
+      wanted[i - 1] = value[k];
+    } else if (i < FIRST_STATE || i >= FIRST_STATE + STATES || u->phase > STARTING || !isfinite(value[k])) {
+      return refused(u, "only inputs, parameters, and before the first step states can be set, to finite numbers");
     }
-    if (!done) return refused(u, "only inputs, parameters, and before the first step states can be set, to finite numbers within their bounds");
+  }
+  if (!@NAME@_allowed(wanted)) return refused(u, "inputs and parameters must be finite, within their bounds, and allowed beside one another");
+  for (k = 0; k < n; ++k) {
+    const long i = (long)r[k];
+    if (i < FIRST_STATE) {
+      w->wanted[i - 1] = value[k];
+      if (w->ints[AT_STARTED] == 0 || u->phase == CONTINUOUS) w->p[@NAME@_places[i - 1]] = value[k];
+    } else {
+      @NAME@_set_state(w, (int)(i - FIRST_STATE), value[k]);
+    }
   }
   u->fresh = 0;
   if (!u->exchange || u->phase <= STARTING) u->shown = STALE;
@@ -163,12 +174,13 @@ static int initialised(Unit *u) {
   return 1;
 }
 
-/* One communication step to time `until`, or with `stop` to the first switch before it. 1: it is there; 2: a switch on the way; 0: refused. */
-static int communication_step(Unit *u, double until, int stop) {
+/* One communication step of length h from time t, the present one, or with `stop` to the first switch before it. 1: it is there; 2: a switch on the way; 0: refused. */
+static int communication_step(Unit *u, double t, double h, int stop) {
   @NAME@_machine *w = &u->machine;
   int calls, status = @UPPER@_OVERRUN;
-  until -= u->start;
-  if (!isfinite(until)) return refused(u, "the end of a communication step must be a finite time");
+  double until = t + h - u->start;
+  if (!isfinite(t) || !isfinite(until)) return refused(u, "a communication step must begin and end at finite times");
+  if (fabs(t - u->start - w->reals[AT_TIME]) > 1e-9 * fmax(1.0, fabs(t))) return refused(u, "a communication step must begin at the present time");
   if (until < w->reals[AT_TIME]) {
     if (until < w->reals[AT_TIME] - 1e-9 * fmax(1.0, fabs(until))) return refused(u, "a communication step must not go back");
     until = w->reals[AT_TIME]; /* by the last bits of a sum */
@@ -274,12 +286,84 @@ static int directional(Unit *u, const unsigned int *of, size_t n, const unsigned
   return 1;
 }
 
-/* A saved state goes into an instance without its name and logger. */
-static void restore(Unit *u, const Unit *saved) {
+/* A saved state: a seal, and behind it the instance without its name and logger. Importers keep states in files, and files are damaged. */
+#define SAVED_VERSION 1
+
+typedef struct {
+  char guid[64];
+  uint64_t version, size, sum;
+} Seal;
+typedef struct {
+  Seal seal;
+  Unit unit;
+} Saved;
+
+/* A number of all bytes behind the seal, and of those of the seal in front of the sum. */
+static uint64_t sum_of(const char *bytes) {
+  uint64_t sum = UINT64_C(0x9e3779b97f4a7c15), word;
+  size_t i;
+  for (i = 0; i < sizeof(Saved); i += sizeof word) {
+    const size_t left = sizeof(Saved) - i;
+    if (i == offsetof(Saved, seal) + offsetof(Seal, sum)) continue;
+    word = 0;
+    memcpy(&word, bytes + i, left < sizeof word ? left : sizeof word);
+    sum = (sum ^ word) * UINT64_C(0xbf58476d1ce4e5b9);
+    sum = (sum ^ (sum >> 29)) * UINT64_C(0x94d049bb133111eb);
+    sum ^= sum >> 32;
+  }
+  return sum;
+}
+
+/* Whether bytes are a state of this unit, to the last bit; nothing else reads them before. */
+static int sound(Unit *u, const char *bytes, size_t size) {
+  Seal seal;
+  if (!bytes || size != sizeof(Saved)) return refused(u, "a state has another size than those of this unit");
+  memcpy(&seal, bytes, sizeof seal);
+  if (memcmp(seal.guid, GUID, sizeof GUID)) return refused(u, "a state must be one of this unit, but its GUID is another one, or damaged");
+  if (seal.version != SAVED_VERSION || seal.size != sizeof(Saved)) return refused(u, "a state was written in another form, or is damaged");
+  if (seal.sum != sum_of(bytes)) return refused(u, "a state is damaged: its checksum is not that of its bytes");
+  return 1;
+}
+
+static int save(Unit *u, void **state) {
+  Saved *saved = (Saved *)(*state ? *state : malloc(sizeof(Saved)));
+  if (!saved) return refused(u, "there is no memory for a state");
+  memset(saved, 0, sizeof *saved);
+  memcpy(saved->seal.guid, GUID, sizeof GUID);
+  saved->seal.version = SAVED_VERSION;
+  saved->seal.size = sizeof(Saved);
+  memcpy(&saved->unit, u, sizeof *u);
+  memset(&saved->unit.teller, 0, sizeof saved->unit.teller);
+  memset(saved->unit.name, 0, sizeof saved->unit.name);
+  saved->seal.sum = sum_of((const char *)saved);
+  *state = saved;
+  return 1;
+}
+
+static int restore(Unit *u, const void *state) {
   const Teller teller = u->teller;
+  const Unit *saved;
   char name[sizeof u->name];
+  if (!sound(u, (const char *)state, sizeof(Saved))) return 0;
+  saved = &((const Saved *)state)->unit;
+  if (saved->exchange != u->exchange) return refused(u, "a state of model exchange is none of co-simulation, nor the other way round");
   memcpy(name, u->name, sizeof name);
-  *u = *saved;
+  memcpy(u, saved, sizeof *u);
   u->teller = teller;
   memcpy(u->name, name, sizeof name);
+  return 1;
+}
+
+static int written(Unit *u, const void *state, char *bytes, size_t size) {
+  if (!sound(u, (const char *)state, size)) return 0;
+  memcpy(bytes, state, size);
+  return 1;
+}
+
+static int read_back(Unit *u, const char *bytes, size_t size, void **state) {
+  if (!sound(u, bytes, size)) return 0;
+  if (!*state) *state = malloc(sizeof(Saved));
+  if (!*state) return refused(u, "there is no memory for a state");
+  memcpy(*state, bytes, size);
+  return 1;
 }

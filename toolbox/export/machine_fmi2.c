@@ -45,6 +45,7 @@ EXPORT void fmi2FreeInstance(void *c) { free(c); }
 EXPORT Status fmi2SetupExperiment(void *c, int tolerant, double tolerance, double start, int stops, double stop) {
   (void)tolerant; (void)tolerance; (void)stops; (void)stop;
   if (!in(c, MADE)) return wrong(c, "fmi2SetupExperiment must be called before initialisation");
+  if (!isfinite(start)) return wrong(c, "the start time must be finite");
   ((Unit *)c)->start = start;
   return OK;
 }
@@ -77,7 +78,7 @@ EXPORT Status fmi2GetInteger(void *c, const Reference *r, size_t n, int *value) 
 EXPORT Status fmi2DoStep(void *c, double t, double h, int final) {
   (void)final;
   if (!in(c, STEPPING)) return wrong(c, "fmi2DoStep must follow the initialisation of a unit of co-simulation");
-  return answer(communication_step((Unit *)c, t + h, 0));
+  return answer(communication_step((Unit *)c, t, h, 0));
 }
 
 EXPORT Status fmi2EnterEventMode(void *c) {
@@ -145,17 +146,8 @@ EXPORT Status fmi2GetDirectionalDerivative(void *c, const Reference *of, size_t 
   return answer(directional((Unit *)c, of, n, along, m, seed, found));
 }
 
-EXPORT Status fmi2GetFMUstate(void *c, void **state) {
-  if (!*state) *state = malloc(sizeof(Unit));
-  if (!*state) return ERROR;
-  memcpy(*state, c, sizeof(Unit));
-  return OK;
-}
-
-EXPORT Status fmi2SetFMUstate(void *c, void *state) {
-  restore((Unit *)c, (const Unit *)state);
-  return OK;
-}
+EXPORT Status fmi2GetFMUstate(void *c, void **state) { return answer(save((Unit *)c, state)); }
+EXPORT Status fmi2SetFMUstate(void *c, void *state) { return answer(restore((Unit *)c, state)); }
 
 EXPORT Status fmi2FreeFMUstate(void *c, void **state) {
   (void)c;
@@ -166,22 +158,16 @@ EXPORT Status fmi2FreeFMUstate(void *c, void **state) {
 
 EXPORT Status fmi2SerializedFMUstateSize(void *c, void *state, size_t *size) {
   (void)c; (void)state;
-  *size = sizeof(Unit);
+  *size = sizeof(Saved);
   return OK;
 }
 
 EXPORT Status fmi2SerializeFMUstate(void *c, void *state, char *bytes, size_t size) {
-  if (size != sizeof(Unit)) return wrong(c, "fmi2SerializeFMUstate must give room for a state");
-  memcpy(bytes, state, size);
-  return OK;
+  return answer(written((Unit *)c, state, bytes, size));
 }
 
 EXPORT Status fmi2DeSerializeFMUstate(void *c, const char *bytes, size_t size, void **state) {
-  if (size != sizeof(Unit)) return wrong(c, "fmi2DeSerializeFMUstate must be given a state of this unit");
-  if (!*state) *state = malloc(sizeof(Unit));
-  if (!*state) return ERROR;
-  memcpy(*state, bytes, size);
-  return OK;
+  return answer(read_back((Unit *)c, bytes, size, state));
 }
 
 /* what no machine has */

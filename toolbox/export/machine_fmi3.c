@@ -62,6 +62,7 @@ EXPORT void fmi3FreeInstance(void *c) { free(c); }
 EXPORT Status fmi3EnterInitializationMode(void *c, bool tolerant, double tolerance, double start, bool stops, double stop) {
   (void)tolerant; (void)tolerance; (void)stops; (void)stop;
   if (!in(c, MADE)) return wrong(c, "fmi3EnterInitializationMode must be called once, before all steps");
+  if (!isfinite(start)) return wrong(c, "the start time must be finite");
   ((Unit *)c)->start = start;
   ((Unit *)c)->phase = STARTING;
   return OK;
@@ -100,7 +101,7 @@ EXPORT Status fmi3DoStep(void *c, double t, double h, bool no_set_prior, bool *e
   (void)no_set_prior;
   *events = *terminate = *early = false;
   if (u->phase != STEPPING) return wrong(c, "fmi3DoStep must be called in step mode");
-  done = communication_step(u, t + h, u->early);
+  done = communication_step(u, t, h, u->early);
   *last = done == 1 ? t + h : u->start + u->machine.reals[AT_TIME];
   if (done == 2) {
     *early = true;
@@ -208,17 +209,8 @@ EXPORT Status fmi3GetDirectionalDerivative(
   return answer(directional((Unit *)c, of, n, along, m, seed, found));
 }
 
-EXPORT Status fmi3GetFMUState(void *c, void **state) {
-  if (!*state) *state = malloc(sizeof(Unit));
-  if (!*state) return ERROR;
-  memcpy(*state, c, sizeof(Unit));
-  return OK;
-}
-
-EXPORT Status fmi3SetFMUState(void *c, void *state) {
-  restore((Unit *)c, (const Unit *)state);
-  return OK;
-}
+EXPORT Status fmi3GetFMUState(void *c, void **state) { return answer(save((Unit *)c, state)); }
+EXPORT Status fmi3SetFMUState(void *c, void *state) { return answer(restore((Unit *)c, state)); }
 
 EXPORT Status fmi3FreeFMUState(void *c, void **state) {
   (void)c;
@@ -229,22 +221,16 @@ EXPORT Status fmi3FreeFMUState(void *c, void **state) {
 
 EXPORT Status fmi3SerializedFMUStateSize(void *c, void *state, size_t *size) {
   (void)c; (void)state;
-  *size = sizeof(Unit);
+  *size = sizeof(Saved);
   return OK;
 }
 
 EXPORT Status fmi3SerializeFMUState(void *c, void *state, unsigned char *bytes, size_t size) {
-  if (size != sizeof(Unit)) return wrong(c, "fmi3SerializeFMUState must give room for a state");
-  memcpy(bytes, state, size);
-  return OK;
+  return answer(written((Unit *)c, state, (char *)bytes, size));
 }
 
 EXPORT Status fmi3DeserializeFMUState(void *c, const unsigned char *bytes, size_t size, void **state) {
-  if (size != sizeof(Unit)) return wrong(c, "fmi3DeserializeFMUState must be given a state of this unit");
-  if (!*state) *state = malloc(sizeof(Unit));
-  if (!*state) return ERROR;
-  memcpy(*state, bytes, size);
-  return OK;
+  return answer(read_back((Unit *)c, (const char *)bytes, size, state));
 }
 
 /* what no machine has */

@@ -23,8 +23,8 @@ int main(int count, char **words) {
     } while (status == @UPPER@_OVERRUN);
   }
   if (status != @UPPER@_DONE) {
-    const char *where = status == @UPPER@_NEGATIVE_BOUND ? @NAME@_element_name(@NAME@_culprit(&machine)) : "machine";
-    fprintf(stderr, "%s stopped at %.9g s: %s\n", where, @NAME@_time(&machine), @NAME@_status_text(status));
+    const char *where = @NAME@_culprit_name(&machine, status);
+    fprintf(stderr, "%s stopped at %.9g s: %s\n", where ? where : "machine", @NAME@_time(&machine), @NAME@_status_text(status));
   }
   @NAME@_outputs(&machine, y);
   for (i = 0; i < @UPPER@_OUTPUTS; ++i) printf("# %s = %.17g\n", @NAME@_output_name(i), y[i]);

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import casadi as ca
 
+from toolbox.arguments import count_of
 from toolbox.compilation.explicit_step import LONG, RungeKutta
 from toolbox.compilation.formulas import ClosedEquations
 from toolbox.compilation.program import Program
@@ -18,9 +19,10 @@ from toolbox.export.casadi_text import casadi_text
 SIGNATURE = "(double t, double h, const double *x, const double *k, const double *p, const double *m, double *y)"
 
 
-def model_text(name: str, program: Program, along: Sequence[int] | None = None) -> str:
+def model_text(name: str, program: Program, calling: str, along: Sequence[int] | None = None) -> str:
     """All functions of a program, that of its signals (states, then what is none) as `signals`, and `NAME_update` that calls a sampled law by its number.
 
+    calling: the text that calls them: what it does not call is left out.
     along: places of parameters, with which `forward` is there, too: derivatives of slopes and signals along a change k of states and of these parameters.
     """
     equations, form, formulas = program.equations, program.form, program.formulas
@@ -51,6 +53,8 @@ def model_text(name: str, program: Program, along: Sequence[int] | None = None) 
         made["step"], step = _step(formulas, equations), ""
     else:
         made["rhs"], step = equations.rhs, _looped_step(name, formulas, n, equations.field.numel_out(0))
+    always = ("rhs", *(f"update_{i}" for i in range(len(program.updates))))
+    made = {word: function for word, function in made.items() if word in always or f"{name}_model_{word}(" in calling + step}
     named = {word: _renamed(function, f"{name}_casadi_{word}") for word, function in made.items()}
     wrappers = [_wrapper(name, word, function, n if word == "field" else 0) for word, function in named.items()]
     return "\n\n".join(
@@ -61,7 +65,7 @@ def model_text(name: str, program: Program, along: Sequence[int] | None = None) 
 def signals_of(program: Program) -> ca.SX:
     """The states, then the signals that are none, as one column."""
     system = program.system
-    states = sum(size or 1 for _, size, _ in system.states.values())
+    states = sum(count_of(size) for _, size, _ in system.states.values())
     wanted = [system.x[:states], *[ca.densify(value) for name, (value, _) in system.signals.items() if system.rows(name) is None]]
     return ca.densify(program.closed(ca.vertcat(*wanted)))
 

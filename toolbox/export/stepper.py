@@ -15,8 +15,8 @@ import numpy as np
 from toolbox.arguments import mapping, number, whole
 from toolbox.compilation import work_layout as layout
 from toolbox.compilation.program import Program
-from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.export.machine_c import Entry, Machine, machine, why
+from toolbox.errors import SceneError, suggest
+from toolbox.export.machine_c import Entry, Machine, machine, stopped, why
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Sampled, names
@@ -91,7 +91,10 @@ class Stepper:
         self.period, self.inputs, self.outputs = period, tuple(inputs), tuple(outputs)
         self.events: list[Event] = []
         self._settable = [_entry(made.settable, name, "inputs") for name in self.inputs]
-        self._bounds = [made.bounds(entry) for entry in self._settable]
+        self._wanted = [float(made.work["p"][entry.place]) for entry in made.settable]
+        self._places = [made.settable.index(entry) for entry in self._settable]
+        self._bounds = [(made.refusals.least[place], made.refusals.most[place]) for place in self._places]
+        self._related = made.refusals.of(self._places)
         for name in self.outputs:
             if self._program.system.expression(name).numel() != 1:
                 raise SceneError(f"Argument `outputs` must name scalar signals, but `{name}` has several entries.")
@@ -197,6 +200,11 @@ class Stepper:
         inside = [low <= value <= high for value, (low, high) in zip(given, self._bounds, strict=True)]
         if not all(inside):
             self._refuse(values, given)
+        if self._related is not None:
+            for place, value in zip(self._places, given, strict=True):
+                self._wanted[place] = value
+            if not self._related.allow(self._wanted):
+                self._refuse(values, given)
         work = self._work
         changed = [(entry.place, value) for entry, value in zip(self._settable, given, strict=True) if work.p[entry.place] != value]
         if changed:  # a jump in front of those of tables, in the place of the last one
@@ -218,6 +226,9 @@ class Stepper:
             for entry, value in zip(self._settable, given, strict=True):
                 if (declared := self._made.number(entry)) is not None:
                     declared.check(value)
+            raise SceneError(
+                f"Argument `values` must be allowed beside the other numbers of the plant and its controllers, but it is {values!r}."
+            )
         raise SceneError(
             f"Argument `values` must be {len(self.inputs)} finite number(s), for {', '.join(self.inputs) or 'no input'}, but it is {values!r}."
         )
@@ -233,7 +244,7 @@ class Stepper:
             if work.ints[layout.EVENTS]:
                 self.events += self._switches()
         if status != layout.DONE:
-            raise SimulationError(f"The machine cannot be stepped on from t = {self.time:.9g} s: {why(status, work, self._program)}")
+            raise stopped(status)(f"The machine cannot be stepped on from t = {self.time:.9g} s: {why(status, work, self._program)}")
         if self._reader is not None:
             self._reader(work.reals[layout.TIME], 0.0, *self._addresses)
         return self._values.copy()

@@ -11,9 +11,8 @@ import numpy as np
 from toolbox.arguments import whole
 from toolbox.compilation import work_layout as layout
 from toolbox.compilation.work_layout import Work
-from toolbox.errors import SimulationError
 from toolbox.export.environment import Environment, Ranges, environment, gymnasium
-from toolbox.export.machine_c import why
+from toolbox.export.machine_c import stopped, why
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.stepping.event_stepper import loop_of
@@ -162,7 +161,7 @@ class VectorEnvironment(gymnasium.vector.VectorEnv):
                 switches[i] += w.ints[i, layout.EVENTS]
             if status != layout.DONE:
                 words = why(status, self._rows[i], self._machine.program)
-                raise SimulationError(f"Copy {i} cannot be stepped on from t = {w.reals[i, layout.TIME]:.9g} s: {words}")
+                raise stopped(status)(f"Copy {i} cannot be stepped on from t = {w.reals[i, layout.TIME]:.9g} s: {words}")
         return switches
 
     def _read(self) -> None:

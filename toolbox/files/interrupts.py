@@ -1,4 +1,4 @@
-"""Ctrl-C and the few operations on files that must not be cut in two.
+"""Ctrl-C, the few operations on files that must not be cut in two, and the temporary files that vanish with the process.
 
 What takes the place of an earlier result does so inside `undivided`: an interrupt that comes meanwhile waits for its end. A process that has to end at
 once (see `toolbox.commands.interrupt`) asks `closed` for a moment in which nobody is inside, and nobody comes in any more.
@@ -7,10 +7,13 @@ once (see `toolbox.commands.interrupt`) asks `closed` for a moment in which nobo
 from __future__ import annotations
 
 import contextlib
+import secrets
+import shutil
 import signal
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 
@@ -97,3 +100,36 @@ def undivided() -> Iterator[None]:
                     before(*came[0])
                 elif before == signal.SIG_DFL:
                     signal.raise_signal(signal.SIGINT)
+
+
+_TEMPORARY: set[Path] = set()
+
+
+@contextlib.contextmanager
+def temporary(path: Path) -> Iterator[Path]:
+    """A free name beside a path, `.NAME.<16 digits>.part`, which is free again after the block, or when the process is interrupted."""
+    name = path.with_name(f".{path.name[:200]}.{secrets.token_hex(8)}.part")
+    _TEMPORARY.add(name)
+    try:
+        yield name
+    finally:
+        with undivided():
+            try:
+                _remove(name)
+            finally:  # an interrupt may have cut the first try
+                _remove(name)
+                _TEMPORARY.discard(name)
+
+
+def clear_temporary() -> None:
+    """Remove the temporary files and folders of this process: for its last moment."""
+    for path in list(_TEMPORARY):
+        _remove(path)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with contextlib.suppress(OSError):
+            path.unlink()

@@ -45,7 +45,7 @@ class Journal:
         self.checked = True
         header = {"format": FORMAT, "arguments": dict(arguments)}
         try:
-            there = content(self.path, TEXT, "journal") if self.path.exists() else b""
+            there = content(self.path, TEXT, "journal", apart=True) if self.path.exists() else b""
             whole = there[: there.rfind(b"\n") + 1]
             if there and not whole and not _line(header).startswith(there):
                 raise SceneError(f"Argument `{self._word}` must be a journal of an earlier search, but `{self.path}` is something else.")

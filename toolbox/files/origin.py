@@ -71,8 +71,9 @@ class Origin:
         return found
 
     def changed(self, folder: Path) -> list[str]:
-        """Names of the files in the folder that are no longer what was written, or are gone."""
-        return [name for name, told in self.files.items() if hashes([folder / name]).get(str(folder / name)) != told]
+        """Names of the files in the folder that are no longer what was written, or are gone. A path or a link out of the folder is not followed."""
+        own = {name: folder / name for name in self.files if Path(name).name == name and not (folder / name).is_symlink()}
+        return [name for name, told in self.files.items() if name not in own or hashes([own[name]]).get(str(own[name])) != told]
 
 
 def hashes(paths: Iterable[Path]) -> dict[str, str]:

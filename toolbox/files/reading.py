@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -28,12 +30,29 @@ UNPACKED, RATIO = 256 * 2**20, 50
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket"}
 
 
-def opened(path: str | Path, most: int = LARGEST, what: str = "file") -> BinaryIO:
+_NOTING: list[set[Path]] = []
+
+
+@contextmanager
+def noted() -> Iterator[set[Path]]:
+    """Return a set to which the path of every file is added that is opened here during the block, but for `apart` ones."""
+    found: set[Path] = set()
+    _NOTING.append(found)
+    try:
+        yield found
+    finally:
+        _NOTING.remove(found)
+
+
+def opened(path: str | Path, most: int = LARGEST, what: str = "file", apart: bool = False) -> BinaryIO:
     """The regular file at a path, open for reading.
 
+    apart: it is no input of a command, but an earlier result of it, or what the toolbox keeps to go on from.
     Raises SceneError where there is none, it cannot be read, is no regular file (a pipe is not waited for), or is larger than `most` bytes; what: it is.
     """
     path = Path(path)
+    for found in _NOTING if not apart else ():
+        found.add(path)
     try:
         _check(path, os.stat(path), most, what)
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -52,19 +71,19 @@ def opened(path: str | Path, most: int = LARGEST, what: str = "file") -> BinaryI
         raise SceneError(f"{what.capitalize()} `{_named(path)}` cannot be read: {words}.") from None
 
 
-def content(path: str | Path, most: int = LARGEST, what: str = "file") -> bytes:
+def content(path: str | Path, most: int = LARGEST, what: str = "file", apart: bool = False) -> bytes:
     """The bytes of a file; else as `opened`."""
-    with opened(path, most, what) as file:
+    with opened(path, most, what, apart) as file:
         try:
             return file.read(os.fstat(file.fileno()).st_size)
         except OSError as error:
             raise SceneError(f"{what.capitalize()} `{_named(Path(path))}` cannot be read: {error.strerror}.") from None
 
 
-def text_of(path: str | Path, most: int = TEXT, what: str = "file") -> str:
+def text_of(path: str | Path, most: int = TEXT, what: str = "file", apart: bool = False) -> str:
     """The text of a file in UTF-8, with a byte order mark or without; else as `opened`. Raises SceneError for anything else than UTF-8, too."""
     try:
-        return content(path, most, what).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+        return content(path, most, what, apart).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError:
         raise SceneError(f"{what.capitalize()} `{_named(Path(path))}` must be text in UTF-8, but it is not.") from None
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, no_array
 from toolbox.files import tables
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
@@ -75,6 +75,10 @@ class Result(Printed):
     def _table(self) -> HeadedRows:
         """Headings and rows of that table."""
         raise NotImplementedError
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
+        arrays = [f"`{each.name}`" for each in dataclasses.fields(self) if isinstance(getattr(self, each.name), np.ndarray)]  # type: ignore[arg-type]
+        no_array(self, f"take one of its fields{', such as ' if arrays else ''}{', '.join(arrays[:3])}")
 
     @classmethod
     def load(cls: type[Self], path: str | Path) -> Self:

@@ -8,6 +8,7 @@ A heading that begins with # marks a column that is not read.
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -17,6 +18,9 @@ from typing import Any
 
 from toolbox.errors import SceneError, suggest
 from toolbox.files.reading import SCENE, TEXT, text_of
+
+MOST_LINES = 20
+"""Lines over which one cell between quotation marks may go on."""
 
 _HEADING = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
 
@@ -109,6 +113,46 @@ def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -
     return Table(path, tuple(found), tuple(place for place, _ in rows), headings)
 
 
+def parted(lines: Iterable[tuple[int, str]], mark: str, where: str) -> Iterator[list[str]]:
+    """Yield the cells of every row in lines of text.
+
+    Parameters
+    ----------
+    lines
+        Number and text of every line. A cell between quotation marks may go on over a few of them.
+    mark
+        Text that parts the cells.
+    where
+        The file, as the error names it.
+
+    Raises
+    ------
+    SceneError
+        If a quotation mark opens a cell and none closes it, so that one cell would take the rows below it; the message names the line.
+    """
+    first, taken = 1, 0
+
+    def counted() -> Iterator[str]:
+        nonlocal first, taken
+        for number, line in lines:
+            if taken == 0:
+                first = number
+            taken += 1
+            if taken > MOST_LINES:
+                raise csv.Error
+            yield line
+
+    try:
+        for row in csv.reader(counted(), delimiter=mark):
+            taken = 0
+            yield [cell.strip() for cell in row]
+    except csv.Error:
+        raise SceneError(
+            f"{where}, line {first}: a cell that a quotation mark opens must be closed by another within {MOST_LINES} lines and "
+            f"{csv.field_size_limit()} characters, but it is not."
+        ) from None
+
+
 def heading(name: str, unit: str) -> str:
     """A name with its unit in brackets, as a column is headed; a plain number has none."""
     return name if unit in ("", "1") else f"{name} [{unit}]"
@@ -116,7 +160,6 @@ def heading(name: str, unit: str) -> str:
 
 def write(path: str | Path, headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
     """Write a table as CSV, whole or not at all; numbers keep every digit, and a number that does not exist (nan, None) is an empty cell. Returns the path."""
-    import csv
     import io
 
     from toolbox.files.atomic import replaced
@@ -141,8 +184,6 @@ def _fault(path: Path, place: str, heading: str, words: str) -> SceneError:
 
 def _csv(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:
     """(place, {heading: cell}) of every row."""
-    import csv  # here, like the other readers, because whoever imports models reads no table
-
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if not line.lstrip().startswith("#")]
     while lines and not lines[-1][1].strip(" \t,;"):
         lines.pop()
@@ -150,14 +191,14 @@ def _csv(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:
         return []
     head = lines[0][1]
     mark = max(",;\t", key=head.count)
-    headings = [cell.strip() for cell in next(csv.reader([head], delimiter=mark))]
+    headings = next(parted(lines[:1], mark, f"Table `{path}`"), [])
     for heading in headings:
         if headings.count(heading) > 1:
             raise SceneError(f"Table `{path}` must have every column once, but `{heading}` is there {headings.count(heading)} times.")
     rows = []
     for row, (number, line) in enumerate(lines[1:], 1):
         place = f"row {row} (line {number})"
-        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=mark), [])]
+        cells = next(parted([(number, line)], mark, f"Table `{path}`"), [])
         if not any(cells):
             raise SceneError(f"Table `{path}`, {place}: the row must not be blank, because rows follow it.")
         if len(cells) != len(headings):

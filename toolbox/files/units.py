@@ -81,20 +81,24 @@ _DOGLEG = re.compile(r"(deg|rad|°)\s*/\s*([1-9][0-9]{0,3})\s*(m|ft)")
 
 _UNIT = re.compile(r"[A-Za-zµμ°%_0-9\s*/^().·²³⁻¹-]*")
 _SPELLINGS = [
+    (r"(?<=[A-Za-zµμ°%²³0-9)])\s*\.\s*(?=[A-Za-zµμ°%(])", "*"),  # ft.lb, kg.m2
+    (r"(?<=[A-Za-zµμ°%²³0-9)])\.(?=\s*(?:[/*·)]|$))", ""),  # in., ft./min
     (r"\b(?:tonnes?|t)[- ]force\b", "force_metric_ton"),
     (r"[·]", "*"),
     (r"²", "**2"),
     (r"³", "**3"),
     (r"°", "deg"),
     (r"(?<=[A-Za-z])\s*-\s*(?=[A-Za-z])", "*"),  # ft-lbf
-    (r"\b(k|M|da)?Nm\b", r"\1N m"),  # pint reads Nm as something else
-    (r"\b(k|M|da)?Nms\b", r"\1N m s"),
+    (r"\b(k|M|da)?Nm(?![A-Za-z])", r"\1N m"),  # pint reads Nm as something else
+    (r"\b(k|M|da)?Nms(?![A-Za-z])", r"\1N m s"),
     (r"\bkgm(?![A-Za-z])", "kg m"),
     (r"\brevs?\b", "turn"),
     (r"\b(k?)lbm\b", r"\1lb"),  # pounds of mass, where those of force are lbf
     (r"\b(?:bbls?|barrels?)\b", "oil_barrel"),  # of 42 gal; pint reads one of 31.5 gal
     (r"(?<=[A-Za-z])\^?(-?\d)\b", r"**\1"),  # m2, s^-1
 ]
+_STRAY_DOT = re.compile(r"\.(?![0-9])|[A-Za-z)]\s*\.")
+"""A dot that is neither of a product, nor of an abbreviation, nor a decimal point."""
 
 
 class TypedNumber(float):
@@ -378,6 +382,8 @@ def _roots(unit: str) -> tuple[tuple[Decimal, Decimal], dict[str, Decimal]]:
         return ((factor / int(dogleg[2])).normalize(_DIGITS), Decimal(0)), powers
     for pattern, replacement in _SPELLINGS:
         text = re.sub(pattern, replacement, text)
+    if _STRAY_DOT.search(text):  # some versions of pint read one as a product
+        raise _UnknownUnit(unit)
     known = plain(text)
     if known is not None:
         return (known[0].normalize(_DIGITS), Decimal(0)), known[1]

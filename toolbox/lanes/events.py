@@ -139,11 +139,16 @@ def _modes_by_force(made: Event, firing: Firing, x: list[Value]) -> tuple[list[V
     ne, p = made.ne, made.was["p"]
     first = called(made.probe, made.t, x, p, firing.modes)
     wrong, count, sound = _inconsistent(made, firing.zeros, firing.modes, first), made.zero, firing.unbroken
-    chosen = list(firing.modes)
+    chosen, arrives = list(firing.modes), made.zero > 0.0
+    for i, still in enumerate(firing.zeros):
+        if still is not None and made.program.kernel.coupled:
+            arrives |= still & made.m[i].differs(0.0)
     for i, (bad, forced) in enumerate(zip(wrong, firing.forced, strict=True)):
         if bad is not None and forced is not None:
             count = count + bad.choose(1.0, 0.0)
-            sound &= ~(bad & forced)
+            sound &= ~(
+                bad & (forced | (arrives & ~made.m[i].differs(0.0)))
+            )  # what was stuck stays so if it can, which the scalar loop finds out
             chosen[i] = bad.choose((first[ne + i] > 0.0).choose(-1.0, 1.0), firing.modes[i])
     again = _inconsistent(made, firing.zeros, chosen, called(made.probe, made.t, x, p, chosen))
     for bad in again:

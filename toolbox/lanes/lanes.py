@@ -177,6 +177,7 @@ class Lanes:
         else:
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(lambda first: chunk(first, min(first + CHUNK, n)), range(0, n, CHUNK)))
+        found.statuses[(found.statuses == work_layout.DONE) & ~np.isfinite(found.states).all(axis=1)] = work_layout.NOT_FINITE
         steps, refused, switches, merged, alone = found.counts.T.copy()
         return Batch(
             found.states, found.modes, found.statuses, steps, refused, switches, merged, alone, self.layout.values(readings), found.doubtful,

@@ -93,7 +93,7 @@ def _alone(b, w, steps):
 def _event(w, t):
     """What the scalar loop does with an event that has been stepped to; returns its status."""
     project_event(w, t, False)
-    status = after_event(w, t)
+    status = after_event(w, t, False)
     return work_layout.PAUSED if status == work_layout.DONE else status
 
 

@@ -101,12 +101,13 @@ class Sample(Pass):
 class Taken:
     """What the samples of all laws leave behind.
 
-    held: parameters with the signals held;  changed: lanes in which something held is new;  following: the next instant;  memory: (place, new, old value) of
-    what laws remember;  counts: samples taken and applied, law by law.
+    held: parameters with the signals held;  changed: lanes in which something held is new;  failed: lanes in which a law gives a value that is no finite
+    number;  following: the next instant;  memory: (place, new, old value) of what laws remember;  counts: samples taken and applied, law by law.
     """
 
     held: list[Value]
     changed: Truth
+    failed: Truth
     following: Value
     memory: list[tuple[int, Value, Value]]
     counts: list[Value]
@@ -150,7 +151,7 @@ def _samples_taken(made: Sample) -> Taken:
     laws = len(updates)
     queue = [made.number(2 * laws + i) for i in range(3)]
     (course,) = made.was["course"]
-    found = Taken(list(p), acts & (t < t), made.calendar, [], [])
+    found = Taken(list(p), acts & (t < t), acts & (t < t), made.calendar, [], [])
     place, widest = 0, max(outputs.numel() for _, _, outputs in updates)
     for c, ((z, update, outputs), law) in enumerate(zip(updates, program.system.updates, strict=True)):
         period, delay = made.number(2 * c), made.number(2 * c + 1) if made.late[c] else None
@@ -164,6 +165,10 @@ def _samples_taken(made: Sample) -> Taken:
             noise.append(Value(made.body, made.body.gather("%noise", at, takes.name)))
         function = ca.Function("update", [*made.arguments, z], [ca.densify(ca.vertcat(update, outputs))])
         values = called(function, t, made.states, p, made.m, [*memory, *noise])
+        finite = values[0] * 0.0  # 0, and nan where a value is no finite number
+        for value in values[1 : len(values) - states]:  # behind these, the memory as it was
+            finite += value * 0.0
+        found.failed |= takes & finite.differs(0.0)
         found.memory += [(place + i, takes.choose(value, old), old) for i, (value, old) in enumerate(zip(values, memory, strict=False))]
         place += z.numel()
         more = takes.choose(taken + 1.0, taken)
@@ -213,7 +218,7 @@ def _refreshed(made: Sample, taken: Taken) -> Truth:
             wrong |= ~sticks & (m[i] * slip[i] < 0.0)
         else:
             wrong |= g_new[2 * i] < -2e-9 * largest(largest(abs(g_new[2 * i]), was["guard_scale"][2 * i]), was["other_scale"][2 * i])
-    done = acts & ~(taken.changed & wrong)
+    done = acts & ~(taken.changed & wrong) & ~taken.failed  # the scalar loop says which value it is
     renewed = done & taken.changed
     for i in range(n):
         made.replace("k", i, renewed, k_new[i], was["k"][i])

@@ -1,6 +1,7 @@
 """What is wrong with samples of a log: found by rules that a machine which sticks and slips does not meet, told, and marked.
 
     null        a number that means none (-999.25, -32768, 1e30, those declared), an empty cell, text
+    stray       a time a million times farther from the others than they last
     repeated    a time that was there already;  backward: a time before those that were there
     gap         neighbours farther apart than the samples are
     clipped     the largest or smallest value of a channel that else never repeats, several times in a row
@@ -30,6 +31,9 @@ FEW = 0.05
 
 SATURATED = 0.25
 """A channel that is at its end for longer is a machine at rest, or is no measurement at all: only a part of it can be clipped."""
+
+FAR = 1e6
+"""A time that lies farther from all others than so many times their span is none of the log."""
 
 ALONE = 5
 """Samples in a row, at most, that may be outliers or reversed."""
@@ -66,6 +70,7 @@ class Flaw:
 def is_null(numbers: np.ndarray, nulls: tuple[float, ...] = ()) -> np.ndarray:
     """Where numbers, in the unit of the log, mean that there is none."""
     marked = ~(np.abs(numbers) < HUGE)  # so is nan
+    numbers = np.where(marked, np.nan, numbers)  # a signalling nan would warn
     for null in (*NULLS, *nulls):
         marked |= np.abs(numbers - null) <= 1e-9 * abs(null)
     return marked
@@ -92,6 +97,20 @@ def increasing(times: np.ndarray) -> np.ndarray:
         kept.append(k)
         k = int(before[k])
     return np.array(kept[::-1], int)
+
+
+def without_strays(times: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Places of increasing times without a few at either end that lie `FAR` times farther away than all others last: numbers that are no times."""
+    few = max(1, int(FEW * places.size))
+    while places.size > 3:
+        kept = times[places]
+        widest = int(np.argmax(np.diff(kept))) + 1
+        before, after = places[:widest], places[widest:]
+        more, less = (before, after) if before.size > after.size else (after, before)
+        if less.size > few or kept[widest] - kept[widest - 1] <= FAR * (times[more[-1]] - times[more[0]]):
+            break
+        places = more
+    return places
 
 
 def spacing(times: np.ndarray) -> tuple[float, float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -10,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from toolbox.errors import SceneError
+from toolbox.files.tables import parted
 from toolbox.logs.cells import decimal_mark, is_time, is_unit, plain_number
 
 MARKS = ("\t", ";", "|", ",", None)
@@ -59,9 +59,9 @@ def of_text(text: str, where: str, decimal: str | None = None) -> Source:
 
     Raises SceneError where no table is found, it has no headings, or commas may be decimal as well as of thousands.
     """
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")]
     mark, width = _parted(lines, where)
-    rows = _rows(lines, mark)
+    rows = _without_ends(_rows(lines, mark, where))
     seen = [cell for row in rows[-LOOKED_AT:] if len(row) == width for cell in row]
     point = decimal or ("." if mark == "," and not any(re.fullmatch(r"[+-]?\d+,\d+", cell) for cell in seen) else decimal_mark(seen))
     if point is None:
@@ -134,12 +134,14 @@ def _are_units(cells: Sequence[str]) -> bool:
     return bool(given) and all(is_unit(cell) or dates.fullmatch(cell) for cell in given)
 
 
-def _rows(lines: Sequence[str], mark: str | None) -> list[list[str]]:
-    if mark is None:
-        return [line.split() for line in lines]
-    rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=mark)]
-    if len(rows) > 2 and all(not row[-1] for row in rows[-LOOKED_AT:] if row):  # a mark at the end of every line
-        rows = [row[:-1] if row and not row[-1] else row for row in rows]
+def _rows(lines: Sequence[tuple[int, str]], mark: str | None, where: str) -> list[list[str]]:
+    return [line.split() for _, line in lines] if mark is None else list(parted(lines, mark, where))
+
+
+def _without_ends(rows: list[list[str]]) -> list[list[str]]:
+    """The rows without the empty cell behind a mark that stands at the end of every line."""
+    if len(rows) > 2 and all(not row[-1] for row in rows[-LOOKED_AT:] if row):
+        return [row[:-1] if row and not row[-1] else row for row in rows]
     return rows
 
 
@@ -147,12 +149,12 @@ def _is_value(cell: Any, mark: str) -> bool:
     return isinstance(cell, (int, float)) or plain_number(cell, mark) == plain_number(cell, mark) or is_time(cell)
 
 
-def _parted(lines: Sequence[str], where: str) -> tuple[str | None, int]:
+def _parted(lines: Sequence[tuple[int, str]], where: str) -> tuple[str | None, int]:
     """(what parts the cells, how many there are in a row): what gives most cells that are numbers in rows of one length."""
     last = lines[-LOOKED_AT:]
     best: tuple[float, str | None, int] = (0.0, None, 0)
     for mark in MARKS:
-        rows = _rows(last, mark)
+        rows = _without_ends([row for line in last for row in _rows([line], mark, where)])
         width, count = Counter(map(len, rows)).most_common(1)[0] if rows else (0, 0)
         if width < 2:
             continue

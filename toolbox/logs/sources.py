@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.archives import understood
 from toolbox.files.mat import read_mat
 from toolbox.files.reading import TEXT, content
 from toolbox.logs.grids import Column, Source, named, of_rows, of_text
+from toolbox.logs.sizes import check_hdf, check_parquet, check_sheets
 
 EXTRA = "pip install 'stickslip-toolbox[data]'"
 
@@ -95,15 +96,15 @@ def _by_pandas(path: Path, kind: str, held: bytes) -> Source:
     try:
         import pandas
 
-        if kind == ".parquet":
-            return from_frame(pandas.read_parquet(io.BytesIO(held)), bare=False)
-        sheets = pandas.read_excel(io.BytesIO(held), header=None, sheet_name=None)
+        with understood(path, "parquet" if kind == ".parquet" else "a sheet"):
+            if kind == ".parquet":
+                check_parquet(path, held)
+                return from_frame(pandas.read_parquet(io.BytesIO(held)), bare=False)
+            if held[:2] == b"PK":
+                check_sheets(path, held)
+            sheets = pandas.read_excel(io.BytesIO(held), header=None, sheet_name=None)
     except ImportError as error:
         raise ImportError(f"A file such as `{path.name}` is read by pandas with pyarrow and openpyxl, but {error}: {EXTRA}") from None
-    except (ValueError, OSError, KeyError, zipfile.BadZipFile) as error:
-        raise SceneError(
-            f"File `{path}` must be {'parquet' if kind == '.parquet' else 'a sheet'}, but it cannot be read: {error}."
-        ) from None
     full = {name: sheet for name, sheet in sheets.items() if sheet.shape[0] > 1 and sheet.shape[1] > 1}
     if not full:
         raise SceneError(f"File `{path}` must hold a table, but its sheets are empty.")
@@ -149,12 +150,9 @@ def _of_mat(path: Path) -> Source:
         raise ImportError(
             f"`{path.name}` is a MAT file of version 7.3, read by pymatreader, which is not there: {EXTRA}, or save it with `-v7`."
         ) from None
-    try:
+    with understood(path, "a MAT file that can be read as one of version 7.3 (or saved with `-v7`)"):
+        check_hdf(path)
         found = pymatreader.read_mat(str(path))
-    except Exception as error:  # of h5py, which has no common base
-        raise SceneError(
-            f"File `{path}` must be a MAT file, but it cannot be read as one of version 7.3: {error}. Save it with `-v7`."
-        ) from None
     return from_mapping(dict(_flat(found)))
 
 

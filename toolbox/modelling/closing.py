@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.errors import SceneError, suggest
 from toolbox.modelling.components import Component, checked, numbers_of, structure_of
 from toolbox.modelling.composition import NEEDED, assembled, numbered
@@ -123,7 +124,7 @@ def _assembled(plant: HybridSystem, parts: Sequence[Component]) -> HybridSystem:
         places: list[tuple[int, int]] = []
         for entry in closed.parameters.values():
             if entry.name in by_name:
-                size = entry.size or 1
+                size = count_of(entry.size)
                 places += zip(range(by_name[entry.name], by_name[entry.name] + size), range(entry.offset, entry.offset + size), strict=True)
         return closed, np.array(places, np.int64).reshape(-1, 2), sum(len(numbers_of(part)) for part in plant.parts)
 

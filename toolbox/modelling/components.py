@@ -160,21 +160,21 @@ def is_nested(value: Any) -> bool:
     return isinstance(value, (FrictionLaw, Component))
 
 
-def checked(part: Any) -> None:
+def checked(part: Any, opposing: bool = True) -> None:
     """Call `check` of a part, of its law and of the friction laws among its fields, where their numbers are finite and within bounds.
 
-    Where they are not, the parameter table of the composed plant knows the full name to complain about.
+    Where they are not, the parameter table of the composed plant knows the full name to complain about. opposing: friction is to oppose its slip, too.
     """
     for field in fields_of(type(part)):
         value = getattr(part, field.name)
         if is_nested(value):
             try:
-                checked(value)
+                checked(value, opposing)
             except SceneError as error:
                 raise SceneError(f"Field `{field.name}` of {type(part).__name__}: {error}") from None
     if all(within(number, field.spec.metadata) for field, number in _numbers(part)):
         part.check()
-        if isinstance(part, FrictionLaw):
+        if opposing and isinstance(part, FrictionLaw):
             check_opposing(part)
 
 
@@ -261,8 +261,8 @@ def structure_of(part: Any) -> Any:
     return tuple(key)
 
 
-def rebuilt(part: Any, values: np.ndarray, offset: int) -> Any:
-    """The part with its numbers read from the parameter vector."""
+def rebuilt(part: Any, values: Any, offset: int, number: Callable[[Any], Any] = float) -> Any:
+    """The part with its numbers read from the parameter vector; number: what makes one of an entry of it."""
 
     def rebuild(node: Any) -> Any:
         nonlocal offset
@@ -273,10 +273,10 @@ def rebuilt(part: Any, values: np.ndarray, offset: int) -> Any:
                 changes[field.name] = rebuild(value)
             elif field.numeric and value is not None:
                 if isinstance(value, tuple):
-                    changes[field.name] = tuple(float(v) for v in values[offset : offset + len(value)])
+                    changes[field.name] = tuple(number(v) for v in values[offset : offset + len(value)])
                     offset += len(value)
                 else:
-                    changes[field.name] = float(values[offset])
+                    changes[field.name] = number(values[offset])
                     offset += 1
         clone = copy.copy(node)  # not made anew: nobody typed these numbers, and nothing is left to convert
         for name, value in changes.items():

@@ -16,7 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import refuse
+from toolbox.arguments import count_of, refuse
 from toolbox.errors import SceneError, suggest
 from toolbox.modelling.components import (
     Component,
@@ -113,7 +113,7 @@ def numbered(shared: HybridSystem, parts: tuple[Component, ...], known: int = 0,
     for entry in system.parameters.values():
         at = entry.offset - first
         if 0 <= at < len(numbers):
-            entry.check(tuple(numbers[at : at + (entry.size or 1)]))
+            entry.check(tuple(numbers[at : at + count_of(entry.size)]))
     system.values[first : first + len(numbers)] = numbers
     return system
 
@@ -255,7 +255,7 @@ class _Composer:
             name = renamed(variable.label)
             if name in self.given or name in places:
                 raise SceneError(f"Two parts have the state `{name}`: give one of them a `name=`.")
-            places[name] = (sum(size or 1 for _, size in places.values()), variable.length)
+            places[name] = (sum(count_of(size) for _, size in places.values()), variable.length)
         for name, (_, unit) in outputs.items():
             self.held.append(ca.SX.sym(name))
             self._give(name, self.held[-1], unit)

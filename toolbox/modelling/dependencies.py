@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.errors import SceneError
 from toolbox.files.printing import columns
 from toolbox.modelling.components import numbers_of
@@ -117,7 +118,7 @@ class _Graph:
         if name in self.elements:
             return {self.system.x.numel() + self.elements.index(name)}
         start, size, _ = self.system.states[name]
-        return set(range(start, start + (size or 1)))
+        return set(range(start, start + count_of(size)))
 
     def needed(self, names: Sequence[str]) -> tuple[set[int], ca.SX]:
         """(entries that elements and signals are computed from, the expressions of all of them)."""

@@ -138,3 +138,12 @@ def calls(function: ca.Function, operations: Sequence[int] | None = None) -> dic
         return {}
     nodes = function.instructions_sx()
     return {k: nodes[k].which_function() for k, operation in enumerate(operations) if operation == ca.OP_CALL}
+
+
+def called_with(function: ca.Function, values: Sequence[ca.SX]) -> list[ca.SX]:
+    """The nonzeros of the results of a function, from those of its arguments one after the other."""
+    given = iter(values)
+    arguments = [
+        ca.SX(function.sparsity_in(i), ca.vertcat(*[next(given) for _ in range(function.nnz_in(i))])) for i in range(function.n_in())
+    ]
+    return [result.nz[k] for result in function.call(arguments) for k in range(result.nnz())]

@@ -14,7 +14,8 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import FloatArray
-from toolbox.errors import SceneError
+from toolbox.errors import ControllerError, SceneError
+from toolbox.modelling.clamps import passing_nan
 from toolbox.modelling.components import Signal, Update, fields_of, is_nested
 from toolbox.modelling.elements import state, time
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -53,6 +54,7 @@ class LawInPython:
     def __init__(self, law: Any, plant: HybridSystem, period: float | None = None):
         inside: list[Answer] = []
         outer, kind = _opened(law, plant, inside), type(law).__name__
+        self.name = kind
         told = [period, *(getattr(each.law, "dt", None) for each in inside)]
         periods = {float(each) for each in told if each is not None}
         if len(periods) != 1:
@@ -81,7 +83,8 @@ class LawInPython:
             return NumericFunction(ca.Function(name, symbols, list(map(ca.densify, results))))
 
         self.asks = [function("asks", ca.vertcat(*map(ca.SX, each.asked)), update.memory[each.count] - each.count) for each in inside]
-        self.step = function("step", following, ca.vertcat(*(ca.SX(update.outputs[name][0]) for name in self.drives)))
+        commands = ca.vertcat(*(ca.SX(update.outputs[name][0]) for name in self.drives))
+        self.step = function("step", *passing_nan([following, commands], time))
         self.memory, self.answers = np.zeros(memory.numel()), np.zeros(answers.numel())
         if not all(offers_memory(each) for each in self.inside):
             self.get_memory = None  # type: ignore[assignment, method-assign]
@@ -94,6 +97,8 @@ class LawInPython:
                 self.answers[first : first + size] = np.ravel(law(t, wanted.ravel()))
             first += size
         memory, commands = self.step(t, self.memory, y, self.answers)
+        if not np.isfinite(memory).all():
+            raise ControllerError(f"Controller `{self.name}` must remember finite numbers, but at t = {t:g} s these are {memory.ravel()}.")
         self.memory = memory.ravel()
         return commands.ravel()
 

@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import finite_array, number, refuse, whole
-from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.errors import ControllerError, SceneError, suggest
 from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
 from toolbox.modelling.elements import OptionalQuantities, Quantity, State, quantity, time
@@ -326,14 +326,20 @@ class External(Component):
     def answer(self, law: Any, time: float, values: Iterable[float], noise: Mapping[str, float]) -> np.ndarray:
         """What the callable drives at a sample, given the values of `measures` and standard normal noise by channel.
 
-        Raises SimulationError where it returns something else than one finite number for each of `drives`.
+        Raises ControllerError where it returns something else than one finite number for each of `drives`.
         """
         y = np.array([self.sensors.reading(name, value, noise.get(name, 0.0)) for name, value in zip(self.asked, values, strict=True)])
-        answer = law(time, y)
+        title = getattr(law, "__name__", type(law).__name__)
+        try:
+            answer = law(time, y)
+        except OverflowError as error:  # of Python, where numpy has an infinite number
+            raise ControllerError(
+                f"The controller must compute finite numbers, but at t = {time:g} s `{title}` overflows: {error}."
+            ) from error
         found = finite_array(answer)
         if found is None or found.size != len(self.drives):
             wanted = f"{len(self.drives)} finite value(s) for {', '.join(self.drives)}"
-            raise SimulationError(f"The controller must return {wanted}, but at t = {time:g} s it returned {answer!r}.")
+            raise ControllerError(f"The controller must return {wanted}, but at t = {time:g} s `{title}` returned {answer!r}.")
         return found.ravel()
 
 

@@ -26,7 +26,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import checked_range, refuse
+from toolbox.arguments import checked_range, count_of, refuse
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, TypedNumber, in_si, warn_unusual
 from toolbox.modelling import inputs as shapes
@@ -227,7 +227,7 @@ def number_of(loop: Loop, name: str) -> Number | None:
     sizes, (head, _, place) = remembered(system), name.rpartition(".")
     if is_remembered(system, name) and sizes.get(name) is None:
         owner = name if name in sizes else head
-        whole = np.broadcast_to(loop.start.get(owner, 0.0), sizes[owner] or 1)
+        whole = np.broadcast_to(loop.start.get(owner, 0.0), count_of(sizes[owner]))
         value = loop.start.get(name, whole[0 if name in sizes else int(place)])
         return Number(name, system.signal_unit(owner), kinds.START, float(value))
     return None
@@ -258,7 +258,7 @@ def acts(loop: Loop, name: str) -> bool:
     """Whether a parameter of the closed system enters its motion, or the default of an input that is not given."""
     system = loop.system
     entry, more = system._parameter(name), [each.default for name, each in system.inputs.items() if name not in loop.values]
-    symbol = system.p[entry.offset : entry.offset + (entry.size or 1)]
+    symbol = system.p[entry.offset : entry.offset + count_of(entry.size)]
 
     def motion() -> ca.SX:
         of_elements = [getattr(element, kind) for element in system.elements for kind in element.expressions]
@@ -331,7 +331,7 @@ def memory_places(system: HybridSystem, name: str) -> slice | None:
     for update in system.updates:
         for owner, (first, size) in update.places.items():
             if owner == name:
-                return slice(begin + first, begin + first + (size or 1))
+                return slice(begin + first, begin + first + count_of(size))
             if owner == head and tail.isdigit() and int(tail) < (size or 0):
                 return slice(begin + first + int(tail), begin + first + int(tail) + 1)
         begin += update.memory.numel()

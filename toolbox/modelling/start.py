@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import finite_array
+from toolbox.arguments import count_of, finite_array
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import in_si
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -42,7 +42,7 @@ def places_of(system: HybridSystem, name: str) -> slice | None:
     """The rows of x of a state, of an entry of a vector state, or of a signal that is a state; None for any other name."""
     rows = system.rows(name)
     if rows is not None:
-        return slice(rows[0], rows[0] + (rows[1] or 1))
+        return slice(rows[0], rows[0] + count_of(rows[1]))
     expression = system.signals[name][0] if name in system.signals else ca.SX(0, 1)
     if expression.numel() != 1 or not expression.is_symbolic():
         return None

@@ -15,12 +15,16 @@ and is free (F_i = 0) in mode 1. A switch has no multiplier: its mode is a numbe
 
     sticking: sum_j A_ij P_j = -(1 + e_i) v_i        sliding:  P_i + m_i K_i P = 0
 
+A lever may vanish, as that of a crank at its dead centre: slip = p(q) w with p = 0. There the slip passes through zero however fast the shaft turns, A is zero,
+and no force can hold it. A contact is therefore put at zero slip only where its own force keeps it there, |F_i| <= static_i; elsewhere the state stays as it is
+and force decides the mode, with which a slip that was positive goes on as a negative one.
+
 A friction with two slip directions has two rows, which hold and slide together, and its force a direction (`toolbox.modelling.two_directions`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import casadi as ca
@@ -29,6 +33,7 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.modelling.elements import Element
 from toolbox.modelling.elimination import coupled_groups, masked_solve
+from toolbox.modelling.singular_gains import depending, held_by_force, least_gains, opposed_contacts, vanishing_levers, with_play
 from toolbox.modelling.two_directions import EXACT, Cones
 
 
@@ -62,6 +67,10 @@ class Switching(NamedTuple):
         For every element the number of the unilateral contact without which it has no load, or -1.
     open_field, balance
         Where forces hold each other, dx/dt with the forces as symbols, and what these forces make zero; empty elsewhere.
+    levers
+        1 for every friction whose lever may vanish, else 0.
+    floor
+        What is added to the own gain of an element that holds, so that no balance of forces is without solution.
     probed
         What the loops decide modes by, [slip | slip rate | force | bound | pace] of all elements: pace is the slip rate that a force at its bound makes.
     """
@@ -82,6 +91,8 @@ class Switching(NamedTuple):
     loader: tuple[int, ...]
     open_field: ca.SX
     balance: ca.SX
+    levers: tuple[int, ...]
+    floor: ca.SX
     probed: ca.SX
 
 
@@ -111,11 +122,15 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     slip_of_state = ca.jacobian(slip, x)
     gain = ca.sparsify(ca.mtimes(slip_of_state, gain_of_force))
     _check_forces(elements, force, static, gain_of_force, coupling, gain)
+    levers = vanishing_levers(elements, slip_of_state, gain_of_force, gain, ca.vertcat(t, x))
+    opposed = opposed_contacts(elements, gain, ca.vertcat(t, x))
+    floor = least_gains(gain, levers, opposed)
     free = ca.substitute(flow, force, ca.SX.zeros(force.shape))
     free_rate = ca.mtimes(slip_of_state, free) + ca.jacobian(slip, t)
     zero = ca.SX.zeros(force.shape)
     # the factors of the law are grouped so that all but the law itself is constant over a step
     free_load, free_sliding = ca.substitute(load, force, zero), ca.substitute(sliding, force, zero)
+    solved_for = _solver(elements, slip_of_state) if cones.places else masked_solve
 
     def balanced(sticks: ca.SX, side: ca.SX, speeds: ca.SX, yielding: ca.SX | None = None) -> Balance:
         """Forces for given elements that stick, directions in which the others slide, and slip speeds of those with two directions.
@@ -124,30 +139,28 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         """
         laws = cones.at_speed(free_sliding, speeds)
         matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(1 - sticks) + ca.diag(side) @ cones.at_speed(coupling, speeds))
+        matrix = ca.sparsify(matrix + ca.diag(sticks * floor))
         if yielding is not None:
             matrix = ca.sparsify(matrix + ca.diag(yielding))
         right = -(sticks * free_rate + side * free_load * laws)
         if matrix.sparsity().is_diag():
             pivot = ca.diag(matrix)
             return Balance(matrix, right, -(sticks / pivot) * free_rate - (side * free_load / pivot) * laws)
-        return Balance(matrix, right, masked_solve(matrix, right))
+        return Balance(matrix, right, solved_for(matrix, right))
 
     own_mode = cones.shared(mode)
     sticks, side, speeds = holds * (1 - own_mode * own_mode), mode, ca.SX(0, 1)
     if cones.places:
-        tried, yielding = cones.trial(sticks, side), None
-        holding = balanced(*tried).force
-        for _ in range(cones.sweeps(gain)):
-            yielding = cones.yielding(holding, yielding, free_load, free_sliding, gain)
-            holding = balanced(*tried, yielding).force
-        side, speeds = cones.directed(holding, ca.substitute(static, force, holding), side, gain)
-    slides = 1 - sticks
+        trial = _trial(cones, balanced, solved_for, cones.trial(sticks, side), gain, free_load, free_sliding)
+        side, speeds = cones.directed(trial.force, ca.substitute(static, force, trial.force), side, gain)
     matrix, right, solved = balanced(sticks, side, speeds)
     terms, open_field, balance = ca.fabs(solved), ca.SX(0, 1), ca.SX(0, 1)
     if not matrix.sparsity().is_diag():
         terms = _sizes(matrix, right, solved)
         open_field = _held_exactly(free + gain_of_force @ force, slip, slip_of_state, x, t, sticks)
         balance = matrix @ force - right
+    if cones.places:
+        terms = cones.rounded(terms, solved, trial.force, _sizes(*trial))
     bound = ca.substitute(static, force, solved)
     field = _held_exactly(free + gain_of_force @ solved, slip, slip_of_state, x, t, sticks)
     slip_rate = free_rate + gain @ solved
@@ -156,32 +169,66 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     stuck = sticks * solved
     cones.moving_at(slip_rate)
     guards = cones.at_speed(_guards(elements, cones, stuck, limit), speeds)
+    guards = with_play(guards, t, x, elements, gain, opposed)
     watched = [cones.at_speed(getattr(e, e.watched), speeds) for e in elements if e.watched]
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
-    of_impulse = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides))  # sticking rows as for forces, sliding ones give no impulse
-    projected = _project(x, slip, slip_of_state, gain_of_force, of_impulse, sticks)
+    held = held_by_force(levers, sticks, solved, bound)
+    of_impulse = ca.sparsify(ca.diag(held) @ gain + ca.diag(1 - held))  # held rows as for forces, others give no impulse
+    of_impulse = ca.sparsify(of_impulse + ca.diag(held * floor))
+    projected = _project(x, slip, slip_of_state, gain_of_force, of_impulse, held)
     burden = ca.fabs(gain_of_force) @ terms
     attached, impulse = [-1] * len(elements), None
     rigid = [i for i, element in enumerate(elements) if element.rigid]
     if rigid:
         strength = ca.jacobian(static, force)
-        for i in range(len(elements)):
-            attached[i] = next((j for j in rigid if strength.has_nz(i, j) or coupling.has_nz(i, j)), -1)
+        attached = _attached(rigid, strength, coupling)
         cones.check_loads(attached)
         balanced_size = ca.fabs(slip_of_state) @ ca.fabs(free) + ca.fabs(ca.jacobian(slip, t))
         for j in rigid:
             bound[j] = balanced_size[j] / gain[j, j]
-        impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements)
-    pace = ca.diag(gain) * ca.vertcat(
-        *[1 if e.rigid else bound[i] for i, e in enumerate(elements)]
-    )  # of a rigid contact that of a force of 1
+        impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements, floor)
+    # of a rigid contact the pace is that of a force of 1
+    pace = ca.diag(gain) * ca.vertcat(*[1 if e.rigid else bound[i] for i, e in enumerate(elements)])
     probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, solved, bound, pace)))
     return Switching(
         field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,
-        probed,
+        levers, floor, probed,
     )  # fmt: skip
+
+
+def _solver(elements: Sequence[Element], slip_of_state: ca.SX) -> Callable[[ca.SX, ca.SX], ca.SX]:
+    """`masked_solve` with the slips of the fewest states first.
+
+    A contact with the ground takes what it holds before others see it: what is left for these is then zero, not round-off that turns their direction.
+    """
+    order = sorted(range(len(elements)), key=lambda i: slip_of_state[i - elements[i].second, :].nnz())
+    return lambda matrix, right: masked_solve(matrix[order, order], right[order])[np.argsort(order).tolist()]
+
+
+def _trial(
+    cones: Cones,
+    balanced: Callable[..., Balance],
+    solved_for: Callable[[ca.SX, ca.SX], ca.SX],
+    tried: tuple[ca.SX, ca.SX, ca.SX],
+    gain: ca.SX,
+    load: ca.SX,
+    sliding: ca.SX,
+) -> Balance:
+    """The balance with contacts whose force follows the pull held, and lowered to kinetic friction where several hold each other."""
+    trial, yielding, sweeps = balanced(*tried), None, cones.sweeps(gain)
+    if sweeps:
+        resisting = cones.resisting([solved_for(trial.matrix, ca.SX(ca.DM.eye(gain.shape[0])[:, i])) for i in cones.places])
+    for _ in range(sweeps):
+        yielding = cones.yielding(trial.force, yielding, load, sliding, resisting)
+        trial = balanced(*tried, yielding)
+    return trial
+
+
+def _attached(rigid: Sequence[int], strength: ca.SX, coupling: ca.SX) -> list[int]:
+    """For every element the number of the rigid contact whose force bounds it, or -1."""
+    return [next((j for j in rigid if strength.has_nz(i, j) or coupling.has_nz(i, j)), -1) for i in range(strength.shape[0])]
 
 
 def _sizes(matrix: ca.SX, right: ca.SX, solved: ca.SX) -> ca.SX:
@@ -244,7 +291,15 @@ def _loaders(elements: Sequence[Element]) -> tuple[int, ...]:
 
 
 def _impact(
-    x: ca.SX, slip: ca.SX, gain_of_force: ca.SX, gain: ca.SX, coupling: ca.SX, strength: ca.SX, mode: ca.SX, elements: Sequence[Element]
+    x: ca.SX,
+    slip: ca.SX,
+    gain_of_force: ca.SX,
+    gain: ca.SX,
+    coupling: ca.SX,
+    strength: ca.SX,
+    mode: ca.SX,
+    elements: Sequence[Element],
+    floor: ca.SX,
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """State, impulses, slips before and after, and bounds of impulses at an impact in which the elements marked as sticking take part."""
     sticking, elastic = ca.SX.sym("sticking", len(elements)), ca.SX.sym("elastic")
@@ -253,6 +308,7 @@ def _impact(
     # an impact may turn a slip, and then the mode is no longer the way it went before: a law knows no speed below zero
     coupling = ca.substitute(coupling, mode[rubbing], ca.sign(slip[rubbing])) if rubbing else coupling
     matrix = ca.sparsify(ca.diag(sticking) @ gain + ca.diag(1 - sticking) + ca.diag((1 - sticking) * mode) @ coupling)
+    matrix = ca.sparsify(matrix + ca.diag(sticking * floor))
     impulses = masked_solve(matrix, -sticking * (1 + elastic * restitution) * slip)
     results = (x + gain_of_force @ impulses, impulses, slip, slip + gain @ impulses, strength @ impulses)
     return sticking, elastic, ca.vertcat(*map(ca.densify, results))
@@ -293,11 +349,6 @@ def _single(slip_of_state: ca.SX, x: ca.SX) -> list[tuple[int, int]]:
     single = [(i, js[0]) for i, js in columns.items() if len(js) == 1]
     changed = depending([slip_of_state[i, j] for i, j in single], x)
     return [place for k, place in enumerate(single) if k not in changed]
-
-
-def depending(values: Sequence[ca.SX], symbols: ca.SX) -> set[int]:
-    """Which of many scalar expressions depend on any of the symbols."""
-    return set(ca.jacobian_sparsity(ca.vertcat(*values), symbols).row()) if values else set()
 
 
 def _project(x: ca.SX, slip: ca.SX, slip_of_state: ca.SX, gain_of_force: ca.SX, matrix: ca.SX, sticks: ca.SX) -> ca.SX:

@@ -23,7 +23,7 @@ Eng. 58 (1986) 175-200; the two ways to leave and enter rest are this toolbox's 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
@@ -86,14 +86,21 @@ class Cones:
         groups = coupled_groups(gain.sparsity())
         return SWEEPS if any(len(set(self.places) & set(group)) > 1 for group in groups) else 0
 
-    def yielding(self, holding: ca.SX, before: ca.SX | None, load: ca.SX, sliding: ca.SX, gain: ca.SX) -> ca.SX:
-        """The slip rates, in parts of minus the force, that lower the forces of a trial to kinetic friction where the force follows the pull."""
+    def resisting(self, moved: Sequence[ca.SX]) -> dict[int, ca.SX]:
+        """The slip rates that a force of 1 makes while the others hold: less than where nothing else does. moved: forces for a rate of 1 each."""
+        return {i: 1 / forces[i] for i, forces in zip(self.places, moved, strict=True)}
+
+    def yielding(self, holding: ca.SX, before: ca.SX | None, load: ca.SX, sliding: ca.SX, resisting: Mapping[int, ca.SX]) -> ca.SX:
+        """The slip rates, in parts of minus the force, that lower the forces of a trial to kinetic friction where the force follows the pull.
+
+        resisting: as of the method. With the gain of the contact alone one that stuck neighbours hold would yield so far that its pull turned round.
+        """
         rows = ca.SX.zeros(self.slip.numel())
         kinetic = load * self.at_speed(sliding, ca.SX.zeros(len(self.places)))
         for i in self.places:
             pulled = self._pulled(i)
-            own, now = (gain[i, i] + gain[i + 1, i + 1]) / 2, 0 if before is None else before[i]
-            rows[i] = rows[i + 1] = pulled * ((own + now) * length(holding[i : i + 2], 1 - pulled) / (kinetic[i] + 1 - pulled) - own)
+            own, now = resisting[i], 0 if before is None else before[i]
+            rows[i] = rows[i + 1] = pulled * ((own + now) * length(holding[i : i + 2], 1 - pulled) / (kinetic[i] + (1 - pulled)) - own)
         return rows
 
     def directed(self, holding: ca.SX, bounds: ca.SX, side: ca.SX, gain: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -112,6 +119,17 @@ class Cones:
             side[i : i + 2] = self.elements[i].mode ** 2 * self.directions[i]
             speeds.append(follows * self._speed(i) + (1 - follows) * self.along[i])
         return side, ca.vertcat(*speeds)
+
+    def rounded(self, terms: ca.SX, force: ca.SX, holding: ca.SX, held: ca.SX) -> ca.SX:
+        """The terms of all forces, with what the round-off of a trial does to those whose direction follows the pull.
+
+        held: the terms of the forces of the trial, of which a component of the pull can be no more than the round-off, as where another contact holds it.
+        """
+        terms = ca.SX(terms)
+        for i in self.places:
+            pulled = self._pulled(i)
+            terms[i : i + 2] += pulled * length(force[i : i + 2]) * held[i : i + 2] / length(holding[i : i + 2], 1 - pulled)
+        return terms
 
     def moving_at(self, rates: ca.SX) -> None:
         """Set the speeds at which slip counts as ended, and from which on the force has the direction of the slip."""

@@ -15,6 +15,7 @@ from typing import Any, Generic
 
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.journal import Journal
 from toolbox.measuring import measure
@@ -230,7 +231,7 @@ class JudgedRuns(Generic[Place]):
         if np.allclose(moved, x, rtol=1e-13, atol=0.0):
             return state
         places = {name: (first, size) for name, (first, size, _) in plant.states.items()}
-        return state.with_values({name: moved[first : first + (size or 1)] for name, (first, size) in places.items()})
+        return state.with_values({name: moved[first : first + count_of(size)] for name, (first, size) in places.items()})
 
 
 @dataclass(kw_only=True)

@@ -21,7 +21,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from toolbox.arguments import FloatArray
+from toolbox.arguments import FloatArray, count_of
 from toolbox.errors import SceneError, SimulationError
 from toolbox.halving import zero
 from toolbox.modelling.closed_loop import ClosedLoop
@@ -73,7 +73,7 @@ class SmoothBranch(Generic[Place]):
     ):
         known = base.system.parameters
         silent = {
-            name: np.full(known[name].size or 1, value) for end, value in EXACT_SENSORS.items() for name in known if name.endswith(end)
+            name: np.full(count_of(known[name].size), value) for end, value in EXACT_SENSORS.items() for name in known if name.endswith(end)
         }
         self.run = dataclasses.replace(base, system=base.system.with_parameters(silent)) if silent else base
         self.numbers: Callable[[Place], Sequence[tuple[Number, float]]] = numbers

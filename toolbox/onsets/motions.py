@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import FloatArray
+from toolbox.arguments import FloatArray, count_of
 from toolbox.measuring.judge import told_growth
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.steady_point import Equilibrium, function_of
@@ -89,7 +89,7 @@ def swings(point: Equilibrium, row: FloatArray) -> Iterator[tuple[complex, Float
 
 def moved(state: RunState, plant: HybridSystem, motion: FloatArray) -> RunState:
     """The state with a motion of the plant added to it."""
-    places = {name: slice(first, first + (size or 1)) for name, (first, size, _) in plant.states.items()}
+    places = {name: slice(first, first + count_of(size)) for name, (first, size, _) in plant.states.items()}
     return state.with_values({name: np.atleast_1d(state[name]) + motion[place] for name, place in places.items()})
 
 

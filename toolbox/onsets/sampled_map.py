@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import FloatArray
+from toolbox.arguments import FloatArray, count_of
 from toolbox.onsets.motions import Growth, Smooth, in_phase, least_damped, slip_rows
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
@@ -68,7 +68,7 @@ class SampledMap:
         late = max(delay for _, delay in run.clocks)
         until = phase + common * math.ceil((late + 2 * common) / common)
         self.state = self._again(begin, until - begin.time).last
-        self.places = np.concatenate([np.arange(first, first + (size or 1)) for _, first, size in self.state.layout]).astype(int)
+        self.places = np.concatenate([np.arange(first, first + count_of(size)) for _, first, size in self.state.layout]).astype(int)
         self.told = all(law is None or isinstance(law, np.ndarray) for law in self.state.laws)
         n = self.state.states.size
         rows = slip_rows(run.system, self.state.states, run.system.values)

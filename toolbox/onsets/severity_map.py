@@ -346,8 +346,10 @@ def severity_map(
     inside = [front.found[place] for place in places]
     branches = [_side(row, shape) for row in (smooth, inside)]
     growth = np.array([search.branch.rate(place) for place in places]).reshape(shape)
-    lost, sticks = branches[0].verdict != SMOOTH, branches[1].verdict == STICK_SLIP
-    edges = [edges_of(axes, where, branch.verdict != NONE) for where, branch in zip((lost, sticks), branches, strict=True)]
+    decided = [branch.verdict != NONE for branch in branches]
+    # smooth running that grows so slowly that no run decides where it ends up is lost all the same: its growth is known
+    lost, sticks = np.where(decided[0], branches[0].verdict != SMOOTH, growth > 0.0), branches[1].verdict == STICK_SLIP
+    edges = [edges_of(axes, lost, decided[0] | np.isfinite(growth)), edges_of(axes, sticks, decided[1])]
     with progress_bar(None, "map, borders") as search.bar:
         borders = {
             "smooth": edges[0].segments(_losses(search, plane, edges[0], halvings, learn)),

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.printing import Rows, Told
 from toolbox.files.unit_systems import reading
@@ -163,7 +164,7 @@ class Cycle(Told):
         rows = []
         system = self.run.program.system
         for name, (row, size, unit) in system.states.items():
-            for i in range(size or 1):
+            for i in range(count_of(size)):
                 if row + i in self.returning:
                     label = name if size is None else f"{name}.{i}"
                     factor, shown = reading(unit, self.run.asked)

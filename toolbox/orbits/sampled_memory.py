@@ -16,6 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.compilation.program import Program
 from toolbox.errors import GrazingError, SceneError
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -224,6 +225,6 @@ def default_slopes(run: Any, program: Program, columns: tuple[int, ...]) -> np.n
                     if closed is None:  # what the law drives is no parameter of the closed loop
                         continue
                     for j, column in enumerate(columns):
-                        if closed.offset <= column < closed.offset + (entry.size or 1):
+                        if closed.offset <= column < closed.offset + count_of(entry.size):
                             slopes[row, j] = gradient[entry.offset + column - closed.offset]
     return slopes

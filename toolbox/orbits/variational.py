@@ -12,7 +12,6 @@ continuous there. Kinks inside fabs, fmin and fmax are written with their side a
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +24,7 @@ from toolbox.compilation.emitter import compiled, function_text
 from toolbox.compilation.program import Program
 from toolbox.errors import GrazingError
 from toolbox.modelling.elements import check_one_direction
-from toolbox.modelling.elimination import calls
+from toolbox.modelling.elimination import called_with, calls
 from toolbox.orbits.sampled_memory import SampledLaws, SampledTangent, default_slopes
 from toolbox.orbits.transport import Tableau, Transport
 from toolbox.simulation.samples import Samples
@@ -81,7 +80,7 @@ class VariationalEquations:
         modes = ca.vertcat(m, self.sides)
         slope = ca.jacobian(field, z)
         rows, entries = (np.array(v, np.int64) for v in slope.sparsity().get_triplet())
-        function = ca.Function("slope", [t, x, p, modes], [ca.vertcat(field, slope.nz[:])])
+        function = ca.Function("slope", [t, x, p, modes], [ca.vertcat(field, ca.reshape(slope.nz[:], slope.nnz(), 1))])
         body = plain_body(function, 0)
         text = "\n".join([function_text("slope", body), *sorted(body.declarations)])
         address = compiled(text, ["slope"], body.count)["slope"]
@@ -369,7 +368,7 @@ def sided(expression: ca.SX, moving: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         elif op == ca.OP_OUTPUT:
             out.nz[target[1]] = work[args[0]][1]
         elif op == ca.OP_CALL:
-            sides_of = [_called(called[k], [work[i][which] for i in args]) for which in (0, 1)]
+            sides_of = [called_with(called[k], [work[i][which] for i in args]) for which in (0, 1)]
             work |= zip(target, zip(*sides_of, strict=True), strict=True)
         else:
             plain = [work[i][0] for i in args]
@@ -386,12 +385,3 @@ def sided(expression: ca.SX, moving: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
                 now = ca.SX.unary(op, *new) if len(args) == 1 else ca.SX.binary(op, *new)
             work[target[0]] = (was, now)
     return out, ca.vertcat(*sides), ca.vertcat(*arguments)
-
-
-def _called(function: ca.Function, values: Sequence[ca.SX]) -> list[ca.SX]:
-    """The nonzeros of the results of a function, from those of its arguments one after the other."""
-    given = iter(values)
-    arguments = [
-        ca.SX(function.sparsity_in(i), ca.vertcat(*[next(given) for _ in range(function.nnz_in(i))])) for i in range(function.n_in())
-    ]
-    return [result.nz[k] for result in function.call(arguments) for k in range(result.nnz())]

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from toolbox.arguments import count_of
 from toolbox.files.unit_systems import Reading, reading_of
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
@@ -154,7 +155,7 @@ def _told_twice(loop: ClosedLoop) -> set[str]:
     rows = {row_of(system, name): name for name in started(system)}  # states first, then signals that name them, too
     hidden = set()
     for name, (first, size, _) in system.states.items():
-        for i in range(size or 1):
+        for i in range(count_of(size)):
             entry = name if size is None else f"{name}.{i}"
             if rows.get(first + i, entry) != entry:
                 hidden.add(entry)

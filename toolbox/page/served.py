@@ -267,8 +267,9 @@ class Page:
     def _map(self, told: dict[str, Any]) -> Iterator[dict[str, Any]]:
         """Maps around a setting, one finer than the other, until the same page asks for another one or leaves."""
         setting = Setting.of(told.get("setting"), self.loops)
-        look, names = self._look(setting.label), told.get("axes")
-        if not isinstance(names, list) or len(names) != 2 or names[0] == names[1] or not all(name in look["controls"] for name in names):
+        look, axes = self._look(setting.label), told.get("axes")
+        names = [name for name in axes if isinstance(name, str) and name in look["controls"]] if isinstance(axes, list) else []
+        if len(names) != 2 or axes != names or names[0] == names[1]:
             raise SceneError("Argument `axes` must name two numbers of the loop.")
         page = _page(told)
         with self._lock:

@@ -7,6 +7,7 @@ that there are, numbers are checked as everywhere, and nothing becomes a path or
 
 from __future__ import annotations
 
+import contextlib
 import json
 import secrets
 import socket
@@ -42,6 +43,12 @@ PORTS = 20
 """Ports that are tried, one after the other, before the system gives one."""
 
 
+HALF_OPEN = 32
+"""Connections that may wait without having shown the token: one more ends the oldest of them, so that nobody can keep the user out."""
+
+UNANSWERED = "The page cannot answer this question; the log says why."
+
+
 class Server(ThreadingHTTPServer):
     """Serves one page. answer: (what is asked for, what the page sent) -> what it gets, or an iterator of such things, which are sent one by one."""
 
@@ -50,6 +57,8 @@ class Server(ThreadingHTTPServer):
 
     def __init__(self, answer: Callable[[str, Any], Any], port: int):
         self.answer, self.token = answer, secrets.token_urlsafe(24)
+        self._strangers: dict[Any, None] = {}
+        self._lock = threading.Lock()
         super().__init__(("127.0.0.1", _free(port)), Handler)
 
     @property
@@ -62,6 +71,27 @@ class Server(ThreadingHTTPServer):
         """What the header `Host` may be."""
         port = self.server_address[1]
         return f"127.0.0.1:{port}", f"localhost:{port}"
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Begin a connection, and end the oldest of those that have not shown the token where there are too many."""
+        with self._lock:
+            self._strangers[request] = None
+            oldest = next(iter(self._strangers)) if len(self._strangers) > HALF_OPEN else None
+            if oldest is not None:
+                del self._strangers[oldest]
+                with contextlib.suppress(OSError):
+                    oldest.shutdown(socket.SHUT_RDWR)
+        super().process_request(request, client_address)
+
+    def let_in(self, request: Any) -> None:
+        """Count a connection as one of the user's from now on."""
+        with self._lock:
+            self._strangers.pop(request, None)
+
+    def shutdown_request(self, request: Any) -> None:
+        """End a connection."""
+        self.let_in(request)
+        super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a browser that went away."""
@@ -107,18 +137,20 @@ class Handler(BaseHTTPRequestHandler):
             self._refuse(400, "The request is no JSON.")
             return
         try:
-            found = self.server.answer(name, asked)
+            found = _body(self.server.answer(name, asked))
         except LookupError:
             self._refuse(404, "There is no such question.")
             return
         except (SceneError, SimulationError) as refusal:
-            found = {"error": str(refusal)}
+            found = _body({"error": str(refusal)})
+        except Exception:
+            LOG.exception("a question of the page failed")
+            self._refuse(500, UNANSWERED)
+            return
         if isinstance(found, Iterator):
             self._stream(found)
-        elif isinstance(found, bytes):
-            self._send(200, "application/octet-stream", found)
         else:
-            self._send(200, "application/json", json.dumps(found, allow_nan=False).encode())
+            self._send(200, *found)
 
     def _allowed(self) -> str | None:
         """What is asked for behind the token; None, with an answer, for who may not ask."""
@@ -129,6 +161,7 @@ class Handler(BaseHTTPRequestHandler):
         if not compare_digest(token.encode("utf-8", "replace"), self.server.token.encode()):
             self._refuse(403, "The address lacks its token: open the one that was printed.")
             return None
+        self.server.let_in(self.connection)
         return rest[0].removesuffix("/") if rest else ""
 
     def _headers(self, status: int, kind: str) -> None:
@@ -151,8 +184,8 @@ class Handler(BaseHTTPRequestHandler):
         self.send_header("Connection", "close")
         self.end_headers()
         self.close_connection = True
-        for each in found:
-            self.wfile.write(json.dumps(each, allow_nan=False).encode() + b"\n")
+        for line in _lines(found):
+            self.wfile.write(line)
             self.wfile.flush()
 
     def _refuse(self, status: int, why: str) -> None:
@@ -166,6 +199,25 @@ class Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:
         """Say nothing of every request."""
+
+
+def _body(found: Any) -> Any:
+    """(type, bytes) of an answer; one that comes piece by piece as it is."""
+    if isinstance(found, Iterator):
+        return found
+    if isinstance(found, bytes):
+        return "application/octet-stream", found
+    return "application/json", json.dumps(found, allow_nan=False).encode()
+
+
+def _lines(found: Iterator[Any]) -> Iterator[bytes]:
+    """The pieces of an answer, each as a line of JSON; the last one is an error if the next one fails."""
+    try:
+        for each in found:
+            yield json.dumps(each, allow_nan=False).encode() + b"\n"
+    except Exception:
+        LOG.exception("a question of the page failed")
+        yield json.dumps({"error": UNANSWERED}).encode() + b"\n"
 
 
 def _free(port: int) -> int:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import FloatArray, number, whole
+from toolbox.arguments import FloatArray, count_of, number, whole
 from toolbox.errors import SceneError
 from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
 from toolbox.modelling.components import check_fields
@@ -138,8 +138,12 @@ class EnsembleFilter:
             plant.parameter("bit.weight")
         except SceneError as error:
             raise SceneError(f"Argument `loop` must be a drill string with a chain of inertias and a rock: {error}") from None
-        first, count = inertia.offset, inertia.size or 1
-        self.numbers = [[first], list(range(first + 1, first + count)), list(range(stiffness.offset, stiffness.offset + (twist.size or 1)))]
+        first, count = inertia.offset, count_of(inertia.size)
+        self.numbers = [
+            [first],
+            list(range(first + 1, first + count)),
+            list(range(stiffness.offset, stiffness.offset + count_of(twist.size))),
+        ]
 
         def row(name: str) -> int:
             slope = np.array(ca.DM(ca.jacobian(plant.expression(name), plant.x))).ravel()
@@ -147,7 +151,7 @@ class EnsembleFilter:
 
         self.top, self.bit = row("top.speed"), row("bit.speed")
         begin, end = plant.rows("chain.twist")[0], plant.rows("chain.twist")[1]  # type: ignore[index]
-        self.twists = list(range(begin, begin + (end or 1)))
+        self.twists = list(range(begin, begin + count_of(end)))
         self.contact = next(i for i, element in enumerate(plant.elements) if element.name == "bit")
         slopes = [ca.jacobian(plant.flow[self.bit], each) for each in (plant.x, plant.F[self.contact])]
         at = ca.Function("slopes", [plant.x, plant.u, plant.p, plant.m, plant.t, plant.F], [ca.densify(each) for each in slopes])
@@ -232,7 +236,7 @@ class EnsembleFilter:
     def _begin(self, torque: float, speed: float) -> None:
         n = self.members
         self.states = np.zeros((n, self.rollout.n))
-        rows = [name for name, (_, size, unit) in self.plant.states.items() for _ in range(size or 1) if name == "chain.speed"]
+        rows = [name for name, (_, size, unit) in self.plant.states.items() for _ in range(count_of(size)) if name == "chain.speed"]
         first = self.plant.rows("chain.speed")[0]  # type: ignore[index]
         self.states[:, first : first + len(rows)] = speed
         self.states[:, self.bit] += 0.5 * self.rng.standard_normal(n) * (speed > 0.0)

@@ -21,7 +21,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray, mapping, number, short, whole
 from toolbox.calibration.recording import Recording
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, optional
 from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
@@ -116,10 +116,7 @@ class Posterior(Told, Result):
 
     def to_xarray(self) -> Any:
         """An xarray Dataset with the dimensions chain and draw, as arviz reads it; needs the extra `batch`."""
-        try:
-            import xarray
-        except ImportError:
-            raise ImportError("`to_xarray` needs xarray: pip install -e '.[batch]' in the folder of the toolbox.") from None
+        xarray = optional("xarray", "`to_xarray`", "batch")
         data = {name: (("chain", "draw"), self[name][None, :], {"units": unit}) for name, unit in zip(self.names, self.units, strict=True)}
         return xarray.Dataset(data, attrs={"title": self.title, "evidence": self.evidence, "evidence_error": self.error})
 

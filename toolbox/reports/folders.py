@@ -50,27 +50,34 @@ class Kind:
 def of_folder(folder: Path) -> list[Section]:
     """The sections of a folder of results, or of all folders of results in it.
 
-    Raises SceneError where there are none, and where one is damaged.
+    A symbolic link in a folder is not followed: a figure that is one is left out, and a section tells so. The folder itself may be one.
+
+    Raises SceneError where there are none, where one is damaged, and where anything else than a figure in a folder of results is a symbolic link.
     """
     if not folder.is_dir():
         raise SceneError(f"Argument `results` must be folders of results, but there is no folder `{folder}`.")
     kind = next((each for each in ALL if (folder / each.mark).is_file()), None)
     if kind is not None:
         return [_section(folder, kind)]
-    places = sorted(path.parent for pattern in (f"*/{ORIGIN}", f"*/*/{ORIGIN}") for path in folder.glob(pattern))
-    found = [section for inner in places for section in of_folder(inner)]  # a map or a sweep has a folder in its folder for each controller
+    inner = [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink()]
+    inner += [path for above in inner for path in above.iterdir() if path.is_dir() and not path.is_symlink()]
+    places = sorted(path for path in inner if (path / ORIGIN).is_file())
+    found = [section for place in places for section in of_folder(place)]  # a map or a sweep has a folder in its folder for each controller
     if not found:
         raise SceneError(f"Argument `results` must be folders that a command of `stickslip` wrote, but `{folder}` is none.")
     return found
 
 
 def _section(folder: Path, kind: Kind) -> Section:
+    links = _links(folder)
     scene = load_scene(folder / "scene.toml") if (folder / "scene.toml").is_file() else None
     text = text_of(folder / kind.mark) if kind.mark.endswith(".txt") else ""
     origin = Origin.read(folder) if (folder / ORIGIN).is_file() else None
     remarks: tuple[str, ...] = ()
     if origin is not None and (changed := origin.changed(folder)):
         remarks = (f"Changed since they were written, or gone: {', '.join(changed)}.",)
+    if links:
+        remarks += (f"Left out, because they are symbolic links: {', '.join(path.name for path in links)}.",)
     declared = scene if isinstance(scene, Scene) else None
     first, _, below = text.strip().partition("\n")
     loops = tuple((label, declared[label]) for label in declared.labels) if declared else ()
@@ -92,6 +99,16 @@ def _section(folder: Path, kind: Kind) -> Section:
         folder,
         more + remarks,
     )
+
+
+def _links(folder: Path) -> list[Path]:
+    """Figures in a folder that are symbolic links. Raises SceneError where anything else is one."""
+    links = sorted(path for path in folder.rglob("*") if path.is_symlink())
+    if followed := [path for path in links if path.suffix not in KINDS or path.parent != folder]:
+        raise SceneError(
+            f"A folder of results must hold no symbolic links, but `{followed[0]}` is one, and a report would show the file to which it leads."
+        )
+    return links
 
 
 def _caption(path: Path, scene: Scene | None) -> str:

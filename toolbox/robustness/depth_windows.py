@@ -26,7 +26,7 @@ from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.closing import described
 from toolbox.modelling.laws import Controller, Sampled
-from toolbox.onsets.map_loop import SMOOTH
+from toolbox.onsets.map_loop import NONE, SMOOTH
 from toolbox.onsets.severity_map import MapSide, SeverityMap, severity_map
 from toolbox.robustness.margins import disk_margin
 
@@ -242,14 +242,22 @@ def closed_at(well: Callable[[float], Any], depth: float) -> ClosedLoop:
 
 
 def _from(found: SeverityMap, name: str, value: float) -> float:
-    """Value of the first number from which on a branch is smooth up to its end, at a value of the second; -inf for everywhere, inf for nowhere."""
+    """Value of the first number from which on a branch is smooth up to its end, at a value of the second; -inf for everywhere, inf for nowhere.
+
+    Beside a point of the map that nothing decided there may be no border: the branch is smooth from the next point on.
+    """
     side: MapSide = getattr(found, name)
     near = int(np.abs(found.axes[1] - value).argmin())
     column, crossings = side.verdict[:, near], found.border(name, value)
-    if not crossings.size:
-        return -math.inf if (column == SMOOTH).all() else math.inf
-    above = found.axes[0] > max([crossings[-1], *found.border(name, float(found.axes[1][near]))])
-    return float(crossings[-1]) if (column[above] == SMOOTH).all() else math.inf
+    if crossings.size:
+        above = found.axes[0] > max([crossings[-1], *found.border(name, float(found.axes[1][near]))])
+        if (column[above] == SMOOTH).all():
+            return float(crossings[-1])
+    others = np.flatnonzero(column != SMOOTH)
+    if not others.size:
+        return math.inf if crossings.size else -math.inf
+    undecided = column[others[-1]] == NONE and others[-1] + 1 < column.size
+    return float(found.axes[0][others[-1] + 1]) if undecided else math.inf
 
 
 def _border(value: float, factor: float) -> str:

@@ -8,9 +8,11 @@ slip is taken to be a mean and one harmonic, v = v_0 + A cos(w t). The friction 
     v_0 = v_s + G(0) (F_0 - F(v_s)),      1 = G(i w) N(A, v_0)
 
 v_s is the slip of steady running. Without memory friction is in phase with slip, so that N is real: the frequencies are those at which G is real, and at
-each of them N(A) = 1 / G. Seen by its own amplitude, a cycle holds where N falls with A and the imaginary part of G falls with w there, or both rise, and is
-unstable otherwise (the criterion of Loeb). That is necessary, not enough: of the other poles of the machine with the gain N in place of the contact, none may
-grow, or another swing takes over. For A > v_0 the harmonic runs backwards for a while, where the contact itself sticks: such a cycle is stick-slip.
+each of them N(A, v_0) = 1 / G. Under a constant torque several means v_0 may balance one amplitude, so both equations are solved together, along the line on
+which the means are balanced. Seen by its own amplitude, a cycle holds where N falls with A and the imaginary part of G falls with w there, or both rise, and
+is unstable otherwise (the criterion of Loeb). That is necessary, not enough: of the other poles of the machine with the gain N in place of the contact, none
+may grow, or another swing takes over, and a change of the mean may not drive itself. For A > v_0 the harmonic runs backwards for a while, where the contact
+itself sticks: such a cycle is stick-slip.
 
 Higher harmonics are left out. A string is a filter that passes little of them, and how much they change is told by the cycle itself; so is for sure whether
 it attracts, by the multipliers of `limit_cycle`.
@@ -24,7 +26,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -46,9 +48,13 @@ from toolbox.steady_states.linear_loop import STABLE, LinearLoop
 ANGLES = 48
 """Angles of Gauss and Legendre at which friction is averaged over each part of half a turn in which the slip has one sign."""
 
-AMPLITUDES, SMALL, LOWEST = 300, 12, 1e-4
+AMPLITUDES, SMALL, LOWEST = 200, 12, 1e-4
 """Amplitudes at which N is looked at before its crossings are sought: so many in equal steps up to the highest one, and below the first of them so many in
 equal ratios from this part of the highest one on, for the small cycles beside a Hopf point."""
+
+EVEN, FINE, NEAREST = 70, 25, 1e-7
+"""Differences between mean and amplitude at which the balance of constant forces is looked at: so many in equal steps, and so many in equal ratios on each
+side of zero, where the contact begins to stick, from this part of the highest amplitude on."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,8 @@ class PredictedCycle:
         Its frequency [rad/s].
     amplitude, mean
         Amplitude and mean of the slip, in the unit of the slip.
+    gain
+        N of the contact at both, which is 1 / G at the frequency: force over slip.
     stable
         Whether it attracts. An unstable one on which nothing else grows is the border between smooth running and stick-slip.
     growing
@@ -70,6 +78,7 @@ class PredictedCycle:
     frequency: float
     amplitude: float
     mean: float
+    gain: float
     stable: bool
     growing: float | None = None
 
@@ -109,7 +118,8 @@ class DescribingFunction(Result):
     omega, response
         Frequencies [rad/s], and G(i w) at them: slip over force, complex.
     amplitude, gain
-        Amplitudes of the slip, and N at them: force over slip.
+        Amplitudes of the slip, and N at them: force over slip. They follow the mean slip, which under a constant torque may have several values at one
+        amplitude: the branch from steady running comes first, and nan parts it from others.
     cycles
         The cycles that are predicted, by frequency and amplitude.
     exact
@@ -155,7 +165,8 @@ class DescribingFunction(Result):
     def _table(self) -> HeadedRows:
         """One row per amplitude: the describing function."""
         slip, force = self.units
-        return [f"amplitude [{slip}]", f"gain [{force}/({slip})]"], np.column_stack([self.amplitude, self.gain]).tolist()
+        known = np.isfinite(self.gain)
+        return [f"amplitude [{slip}]", f"gain [{force}/({slip})]"], np.column_stack([self.amplitude, self.gain])[known].tolist()
 
     def plot(self, axes: Any = None) -> Any:
         """N over amplitude with the predicted cycles, and G in the complex plane; returns both axes."""
@@ -215,57 +226,27 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
         return complex(answer(np.array([w]))[0])
 
     still, steady = float(response_at(1e-6 * reach[0]).real), float(force(np.array([slip]))[0])
-    nodes, weights = np.polynomial.legendre.leggauss(ANGLES)
-
-    def harmonics(mean: float, amplitude: float) -> tuple[float, float]:
-        """(F_0, A N): mean and first harmonic of the force, with its jump where the slip changes its sign."""
-        turn = math.acos(min(max(-mean / amplitude, -1.0), 1.0))
-        parts = [(a, b) for a, b in ((0.0, turn), (turn, math.pi)) if b > a]
-        angles = np.concatenate([(a + b) / 2 + (b - a) / 2 * nodes for a, b in parts])
-        shares = np.concatenate([(b - a) / 2 * weights for a, b in parts]) / math.pi
-        values = shares * force(mean + amplitude * np.cos(angles))
-        swing = values - shares * force(np.array([mean]))  # a constant has no first harmonic, but would have the round-off of one
-        return float(values.sum()), float(2.0 * (swing * np.cos(angles)).sum())
-
-    def mean_at(amplitude: float) -> float:
-        """The mean slip under a harmonic of an amplitude."""
-
-        def off(mean: float) -> float:
-            return mean - slip - still * (harmonics(mean, amplitude)[0] - steady)
-
-        if abs(off(slip)) <= 1e-9 * abs(slip):
-            return slip
-        width = abs(off(slip))
-        for _ in range(60):
-            if off(slip - width) * off(slip + width) < 0.0:
-                return zero(off, slip - width, slip + width, 1e-12 * abs(slip))
-            width *= 1.3
-        return math.nan
-
-    def gain_at(amplitude: float) -> float:
-        return harmonics(mean_at(amplitude), amplitude)[1] / amplitude
-
-    def missing(needed: float, amplitude: float) -> float:
-        return gain_at(amplitude) - needed
-
+    balance = _Balance(_MeanForce(force), slip, steady, still)
+    branches = _branches(balance, top)
     omega = np.geomspace(*reach, 2000)
     response = answer(omega)
-    amplitude = np.append(top * np.geomspace(LOWEST, 1.0 / AMPLITUDES, SMALL + 1)[:-1], np.linspace(0.0, top, AMPLITUDES + 1)[1:])
-    gain = np.array([gain_at(each) for each in amplitude])
     scale = float(np.median(np.abs(response)))
-    found = []
+    found: list[PredictedCycle] = []
     for w in _crossings(omega, response.imag, lambda w: response_at(w).imag):
         there = response_at(w)
         if abs(there) < 1e-9 * scale:  # the rest stands still at this frequency, whatever the contact does
             continue
         needed = (1.0 / there).real  # 0 where the rest swings undamped
         falls, growing = bool(response.imag[np.searchsorted(omega, w)] < 0.0), _growing(remainder, needed, w)
-        off = np.where(
-            np.abs(gain - needed) > 1e-12 * np.nanmax(np.abs(gain)), gain - needed, 0.0
-        )  # what is 0 but for rounding crosses nothing
-        for size in _crossings(amplitude, off, partial(missing, needed)):
-            rising = bool(gain[np.searchsorted(amplitude, size)] > needed)
-            found.append(PredictedCycle(w, size, mean_at(size), rising != falls and growing is None, growing))
+        for branch in branches:
+            for mean, size, rising in branch.at_gain(needed):
+                step = 1e-6 * (abs(mean) + size)
+                beside = balance.imbalance(np.array([mean - step, mean + step]), np.array([size, size]))
+                unsteady = 0.0 if growing is None and beside[1] < beside[0] else growing  # a change of the mean drives itself further
+                found.append(PredictedCycle(w, size, mean, needed, rising != falls and unsteady is None, unsteady))
+    apart = np.cumsum([len(branch.gain) for branch in branches])[:-1]  # a nan between two branches, so that a plot does not join them
+    amplitude = np.insert(np.concatenate([branch.places[:, 1] for branch in branches]), apart, math.nan)
+    gain = np.insert(np.concatenate([branch.gain for branch in branches]), apart, math.nan)
     exact = () if cycle is None else (cycle.period, *cycle.extremes(f"{contact}.slip"))
     return DescribingFunction(
         title=all_described(loop.laws),
@@ -280,6 +261,176 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
         exact=exact,
         asked=loop.asked,
     )
+
+
+class _MeanForce:
+    """Mean and first harmonic of the force of a contact whose slip is a mean and one harmonic."""
+
+    def __init__(self, force: Callable[[np.ndarray], np.ndarray]) -> None:
+        self.force = force
+        self.nodes, self.weights = np.polynomial.legendre.leggauss(ANGLES)
+
+    def harmonics(self, mean: FloatArray, amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (F_0, N) at means and amplitudes of one shape (k,), each half turn parted where the slip changes its sign and the force jumps."""
+        turn = np.arccos(np.clip(-mean / amplitude, -1.0, 1.0))[:, None]
+        ends = ((np.zeros_like(turn), turn), (turn, np.full_like(turn, math.pi)))
+        angles = np.cos(np.concatenate([(a + b) / 2 + (b - a) / 2 * self.nodes for a, b in ends], axis=1))
+        shares = np.concatenate([(b - a) / 2 * self.weights for a, b in ends], axis=1) / math.pi
+        values = self.force((mean[:, None] + amplitude[:, None] * angles).ravel()).reshape(angles.shape)
+        swing = values - self.force(mean)[:, None]  # a constant has no first harmonic, but would have the round-off of one
+        return (shares * values).sum(axis=1), 2.0 * (shares * swing * angles).sum(axis=1) / amplitude
+
+
+@dataclass(frozen=True)
+class _Balance:
+    """The balance of the constant forces, in the plane of amplitude and (mean - amplitude), both in the direction of steady running.
+
+    A contact begins to stick where mean and amplitude are equal. The forces change fast beside that line, so that it is an axis of the plane.
+
+    Attributes
+    ----------
+    force
+        Mean and first harmonic of the force of the contact.
+    slip, steady
+        Slip and force of steady running.
+    still
+        Constant change of the slip that a constant force of one unit makes.
+    """
+
+    force: _MeanForce
+    slip: float
+    steady: float
+    still: float
+
+    def mean(self, place: FloatArray) -> FloatArray:
+        """Return the mean slip at places, shape (..., 2): mean less amplitude, amplitude."""
+        return math.copysign(1.0, self.slip) * (place[..., 0] + place[..., 1])
+
+    def imbalance(self, mean: FloatArray, amplitude: FloatArray) -> FloatArray:
+        """Return the mean slip less the slip that the mean force makes, at means and amplitudes of one shape (k,)."""
+        return mean - self.slip - self.still * (self.force.harmonics(mean, amplitude)[0] - self.steady)
+
+    def at(self, less: float, amplitude: float) -> float:
+        """Return the imbalance at one place."""
+        place = np.array([[less, amplitude]])
+        return float(self.imbalance(self.mean(place), place[:, 1])[0])
+
+    def gain(self, places: FloatArray) -> FloatArray:
+        """Return N at places, shape (k, 2)."""
+        return self.force.harmonics(self.mean(places), places[:, 1])[1]
+
+    def reach(self, top: float) -> tuple[float, float]:
+        """Return the lowest and the highest mean slip, in the direction of steady running: the mean force is one that the contact has at some slip."""
+        low = high = self.slip
+        for _ in range(20):
+            forces = self.force.force(np.linspace(low - top, high + top, 2001))
+            ends = self.slip + self.still * (np.array([forces.min(), forces.max()]) - self.steady)
+            new = min(low, *ends), max(high, *ends)
+            if max(low - new[0], new[1] - high) <= 1e-3 * (high - low):
+                break
+            low, high = new
+        return (low, high) if self.slip > 0.0 else (-high, -low)
+
+    def between(self, low: float, high: float) -> FloatArray:
+        """Return slips that lie between two neighbours of steady running each, and beside them, in its direction: columns of a mesh that parts them."""
+        slips = np.linspace(low, high, 4001)
+        turned = math.copysign(1.0, self.slip) * slips
+        rise = np.diff(turned - self.still * self.force.force(turned))
+        extremes = slips[1:-1][np.sign(rise[1:]) != np.sign(rise[:-1])]
+        return np.concatenate([extremes, (extremes + abs(self.slip)) / 2.0])
+
+
+@dataclass(frozen=True)
+class _Branch:
+    """A line of the plane on which the constant forces are balanced.
+
+    Attributes
+    ----------
+    places
+        Points of the line in order, shape (k, 2): mean less amplitude, amplitude.
+    gain
+        N at the points, shape (k,).
+    balance
+        The balance, which holds on the line.
+    """
+
+    places: np.ndarray
+    gain: np.ndarray
+    balance: _Balance
+
+    def at_gain(self, needed: float) -> list[tuple[float, float, bool]]:
+        """Return [(mean, amplitude, whether N rises with the amplitude)] of the points of the line at which N is `needed`."""
+        off = np.where(np.abs(self.gain - needed) > 1e-12 * np.abs(self.gain).max(), self.gain - needed, 0.0)  # round-off crosses nothing
+        found = []
+        for i in map(int, np.flatnonzero(np.sign(off[:-1]) * np.sign(off[1:]) < 0.0)):
+            place = self._between(i, zero(partial(self._missing, i, needed), 0.0, 1.0, 1e-13))
+            mean, size = float(self.balance.mean(place)), float(place[1])
+            if abs(self._gain(place) - needed) > 1e-6 * np.abs(off[i : i + 2]).max() or abs(self.balance.at(*place)) > 1e-9 * (
+                abs(mean) + size
+            ):
+                continue  # N jumps past `needed` there: a jump solves no equation
+            found.append((mean, size, bool((off[i + 1] > off[i]) == (self.places[i + 1, 1] > self.places[i, 1]))))
+        return found
+
+    def _missing(self, i: int, needed: float, share: float) -> float:
+        return self._gain(self._between(i, share)) - needed
+
+    def _gain(self, place: np.ndarray) -> float:
+        return float(self.balance.gain(place[None])[0])
+
+    def _between(self, i: int, share: float) -> np.ndarray:
+        """Return the point of the line beside a point of the straight piece behind point i, across that piece."""
+        along = self.places[i + 1] - self.places[i]
+        base, across = self.places[i] + share * along, np.array([-along[1], along[0]])
+        here = self.balance.at(*base)
+        for width in 2.0 ** np.arange(-20.0, 3.0):
+            for side in (width, -width):
+                end = base + side * across
+                if end[1] > 0.0 and self.balance.at(*end) * here <= 0.0:
+                    return base + zero(lambda s: self.balance.at(*(base + s * across)), 0.0, side, 1e-15) * across
+        return base
+
+
+def _branches(balance: _Balance, top: float) -> list[_Branch]:
+    """Return the lines on which the constant forces are balanced, the one that begins at steady running first.
+
+    Under a constant torque one amplitude may have several means, so that the balance is not solved for the mean at an amplitude: its zero line is drawn in the
+    plane of both, and each of its points is refined on the edge of the mesh that it crosses.
+    """
+    amplitude = np.append(top * np.geomspace(LOWEST, 1.0 / AMPLITUDES, SMALL + 1)[:-1], np.linspace(0.0, top, AMPLITUDES + 1)[1:])
+    low, high = balance.reach(top)
+    slip = abs(balance.slip)
+    if high - low <= 1e-9 * slip:  # integral action holds the mean
+        lines = [np.column_stack([slip - amplitude, amplitude])]
+    else:
+        from contourpy import contour_generator
+
+        # steady running is no line of the mesh: the line that begins there would run along an edge and cross none
+        even = np.linspace(low - top - 0.0137 * slip, high + 0.0171 * slip, EVEN)
+        fine = top * np.geomspace(NEAREST, 0.3, FINE)
+        less = np.unique(np.concatenate([even, -fine, [0.0], fine, balance.between(low, high)]))
+        rows = [np.column_stack([less, np.full(less.size, size)]) for size in amplitude]
+        plane = np.array([balance.imbalance(balance.mean(row), row[:, 1]) for row in rows])
+        rough = cast("list[np.ndarray]", contour_generator(z=plane).lines(0.0))
+        lines = [np.array([_on_edge(balance.at, place, less, amplitude) for place in line]) for line in rough]
+    begin, span = np.array([slip, 0.0]), np.array([high - low + top, top])
+
+    def away(place: np.ndarray) -> float:
+        return float(np.abs((place - begin) / span).max())
+
+    lines = [line if away(line[0]) <= away(line[-1]) else line[::-1] for line in lines]
+    lines.sort(key=lambda line: away(line[0]))
+    return [_Branch(line, balance.gain(line), balance) for line in lines]
+
+
+def _on_edge(function: Callable[[float, float], float], place: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
+    """Return the zero of a function on an edge of a mesh, from a place on the edge in numbers of columns and rows."""
+    column, row = (float(each) for each in place)
+    if abs(row - round(row)) < abs(column - round(column)):
+        y = float(rows[round(row)])
+        return zero(lambda x: function(x, y), columns[math.floor(column)], columns[math.ceil(column)], 0.0), y
+    x = float(columns[round(column)])
+    return x, zero(lambda y: function(x, y), rows[math.floor(row)], rows[math.ceil(row)], 0.0)
 
 
 def _growing(remainder: LinearLoop, gain: float, frequency: float) -> float | None:

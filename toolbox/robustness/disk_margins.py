@@ -86,7 +86,7 @@ def frequencies(loop: LinearLoop) -> np.ndarray:
     poles = np.concatenate([loop.poles(0.0), loop.poles()])
     top = math.inf
     if loop.period is not None:
-        poles = np.log(poles[np.abs(poles) > 1e-12].astype(complex)) / loop.period
+        poles = np.log(poles[np.abs(poles) > 1e-12]) / loop.period
         top = math.pi / loop.period
     size = np.abs(poles)
     size = size[size > 1e-9 * size.max(initial=1e-300)]

@@ -170,10 +170,8 @@ def describing_diagram(found: Any, axes: Any = None) -> Any:
         slip, force = found.units
         gains.plot(found.amplitude, found.gain, label="describing function $N$", **LINES[0])
         plane.plot(found.response.real, found.response.imag, label="$G$, slip over force", **LINES[0])
-        needed: dict[float, float] = {}
-        for each in found.cycles:
-            needed.setdefault(each.frequency, float(np.interp(each.amplitude, found.amplitude, found.gain)))
-        largest = float(found.gain.max())
+        needed = {each.frequency: each.gain for each in found.cycles}
+        largest = float(np.nanmax(found.gain))
         if largest > 0.0:
             plane.plot(
                 [1.0 / largest, 1.2 * max(np.abs(found.response).max(), 1.0 / largest)],
@@ -193,7 +191,7 @@ def describing_diagram(found: Any, axes: Any = None) -> Any:
                 (found.exact[2] - found.exact[1]) / 2, color="0.4", linestyle=":", linewidth=1.2, label="half the swing of the cycle"
             )
         top = max(largest, *needed.values(), 0.0)
-        gains.set(ylim=(-0.5 * top, 2.1 * top), xlim=(0.0, found.amplitude[-1]))
+        gains.set(ylim=(-0.5 * top, 2.1 * top), xlim=(0.0, np.nanmax(found.amplitude)))
         name_axis(gains.xaxis, "amplitude of the slip", slip, found.asked)
         gains.set_ylabel(f"force over slip [{force} s/{slip.removesuffix('/s')}]")
         plane.axhline(0.0, color="0.7", linewidth=0.5, zorder=0)

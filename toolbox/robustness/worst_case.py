@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import mapping, number, numbers, whole
+from toolbox.arguments import mapping, number, numbers, short, whole
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import HeadedRows, Result
@@ -192,8 +192,8 @@ def worst_case(
     loop: ClosedLoop,
     duration: NumberOrText,
     *,
-    errors: Mapping[str, float | Sequence[float]] | None = None,
-    corners: Sequence[Mapping[str, float]] = (),
+    errors: Mapping[str, float | str | Sequence[float | str]] | None = None,
+    corners: Sequence[Mapping[str, float | str]] = (),
     starts: Sequence[Mapping[str, Any]] | None = None,
     seeds: Sequence[int] = (0,),
     after: NumberOrText | None = None,
@@ -216,9 +216,9 @@ def worst_case(
     duration
         Length of a run [s].
     errors
-        {number of the loop: factor, or several}, each tried alone; "delay" is that of the sampled laws.
+        {number of the loop: factor, or several}, each tried alone: 0.8 and 1.2, or "20 %" for both; "+20 %" is 1.2 alone. "delay" is that of the sampled laws.
     corners
-        Mappings {number of the loop: factor}, each of which is tried with all its errors at once.
+        Mappings {number of the loop: factor}, each of which is tried with all its errors at once; a share needs its sign here, "+20 %".
     starts
         Start values {state: value} of each run, for instance from `cycle_phases`; by default smooth running, which needs constant inputs.
     seeds
@@ -390,14 +390,32 @@ def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
     """{error in words: {name: factor}}, the declared machine first. Raises SceneError for factors that are no numbers > 0."""
     found: dict[str, dict[str, float]] = {"declared": {}}
     rows = [{name: factor} for name, given in mapping("errors", errors).items() for factor in _factors(name, given)]
-    rows += [{name: _factors(name, factor)[0] for name, factor in mapping("corners", corner).items()} for corner in corners]
+    rows += [{name: _factor(name, factor) for name, factor in mapping("corners", corner).items()} for corner in corners]
     for row in rows:
         found[", ".join(f"{name} {100.0 * (factor - 1.0):+.3g} %" for name, factor in row.items())] = row
     return found
 
 
 def _factors(name: str, given: Any) -> list[float]:
-    return numbers(name, np.atleast_1d(given).ravel(), above=0)
+    """Return the factors of a number: "20 %" is 20 % to either side, as on the command line, "+20 %" and "-20 %" are one side, and 0.8 is a factor."""
+    found: list[float] = []
+    for each in given if isinstance(given, (list, tuple, np.ndarray)) else [given]:
+        if isinstance(each, str) and each.strip().endswith("%"):
+            text = each.strip().replace("+-", "±", 1)
+            share = number(name, text.lstrip("±"), above=-1)
+            sides = (share,) if text[0] in "+-" else (-share, share)
+            found += numbers(name, [1.0 + side for side in sides], above=0)
+        else:
+            found += numbers(name, np.ravel(each), above=0)
+    return found
+
+
+def _factor(name: str, given: Any) -> float:
+    """Return the one factor of a number in a corner; raises SceneError for a share that may be to either side."""
+    found = _factors(name, given)
+    if len(found) != 1:
+        raise SceneError(f"Argument `{name}` must be one factor in `corners`, such as 1.2 or `+20 %`, but it is {short(given)}.")
+    return found[0]
 
 
 def declared_value(loop: ClosedLoop, name: str) -> float:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program
 from toolbox.simulation.run import Run
@@ -64,5 +65,7 @@ def _largest_error(program: Program, work: Any) -> str:
     most = int(np.argmax(np.where(np.isfinite(errors), errors, np.inf)))
     if most >= n - hidden:
         return f"the force of `{elements[most - (n - hidden)]}`"
-    labels = [f"{name}.{i}" if size else name for name, (_, size, _) in program.system.states.items() for i in range(size or 1)]
+    labels = [
+        f"{name}.{i}" if size is not None else name for name, (_, size, _) in program.system.states.items() for i in range(count_of(size))
+    ]
     return f"`{labels[most]}`"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time as clock
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -9,10 +10,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program
-from toolbox.errors import BudgetError, NoModes, SimulationError, ZenoError
+from toolbox.errors import BudgetError, ControllerError, NoModes, SimulationError, ZenoError
+from toolbox.modelling.components import law_of
 from toolbox.modelling.elimination import dependent_rows, must_be_independent
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import Controller, External, Held
 from toolbox.simulation.bottleneck import bottleneck
 from toolbox.simulation.run import Run
 from toolbox.simulation.samples import output_function
@@ -125,10 +130,40 @@ def _paradox(program: Program, point: Any, work: Any, t: float, otherwise: str =
     )
 
 
+def controllers_of(system: HybridSystem) -> list[str]:
+    """Names of the sampled controllers of a closed system, in the order of its updates."""
+    return [type(law_of(part)).__name__ for part in system.parts if isinstance(part, (Held, External))]
+
+
+def values_of(system: HybridSystem, c: int) -> list[str]:
+    """Names of the values that sampled controller c gives at a sample, in their order in `z` of the compiled loop: its memory, then its outputs."""
+    update = system.updates[c]
+    memory = [[name] if size is None else [f"{name}.{i}" for i in range(size)] for name, (_, size) in update.places.items()]
+    return [*itertools.chain(*memory), *update.names]
+
+
+def not_finite(system: HybridSystem, c: int, t: float, values: np.ndarray) -> str:
+    """Which of the values that sampled controller c gives at time t is no finite number, as a sentence; values: as `values_of` names them."""
+    name, value = next(pair for pair in zip(values_of(system, c), values, strict=False) if not np.isfinite(pair[1]))
+    return f"Controller `{controllers_of(system)[c]}` must give finite numbers, but `{name}` is {value:g} at t = {t:.9g} s."
+
+
+def _state_error(words: str, name: str, program: Program, so_far: Trajectory) -> SimulationError:
+    """The error of a state that is no finite number; of a continuous controller it names that."""
+    system = program.system
+    owner = system.owners.get(name, system.owners.get(name.rpartition(".")[0], -1))
+    law = law_of(system.parts[owner]) if 0 <= owner < len(system.parts) else None
+    if isinstance(law, Controller):
+        return ControllerError(f"Controller `{type(law).__name__}` must give finite numbers: {words[0].lower()}{words[1:]}", so_far)
+    return SimulationError(words, so_far)
+
+
 def failure(status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> SimulationError:
     """The error of a run that the loop gave up, in words of the plant."""
     so_far = trajectory_so_far(run, program, work, began, answers)
     t = float(work.reals[work_layout.TIME])
+    if status == work_layout.NOT_FINITE:
+        return ControllerError(not_finite(program.system, int(work.ints[work_layout.CULPRIT]), t, work.z), so_far)
     names = [element.name for element in program.system.elements]
     point = Trajectory.point(run, program, t, work.x, work.m, work.p)
     if status in (work_layout.INCONSISTENT, work_layout.ENDLESS, work_layout.NEGATIVE_BOUND):
@@ -156,7 +191,7 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
     if status == work_layout.INCONSISTENT:
         inside = (
             [e.name for e in program.system.elements if e.rigid and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
-            if t == 0.0
+            if not work.ints[work_layout.STARTED]
             else []
         )
         if inside:
@@ -168,19 +203,29 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
         )
         return NoModes(words + _sharing(program, point, work, t), so_far)
     labels = _labels(program)
+    if status == work_layout.STATE_NOT_FINITE:
+        name = labels[int(np.argmin(np.isfinite(work.x[: len(labels)])))]
+        return SimulationError(f"The state `{name}` is not finite at t = {t:.9g} s." + _sharing(program, point, work, t), so_far)
+    if status == work_layout.STALLED:
+        cause = bottleneck(run, program, work, np.bincount(work.ev_i[: int(work.ints[work_layout.EVENTS])], minlength=len(names)))
+        return SimulationError(
+            f"The run makes no progress at t = {t:.9g} s: a million steps have moved it by less than a millionth of that; {cause}.", so_far
+        )
     finite = np.isfinite(work.k[: len(labels)])
     if not finite.all():
-        words = f"The rate of `{labels[int(np.argmin(finite))]}` is not finite at t = {t:.9g} s."
-        return SimulationError(words + _sharing(program, point, work, t), so_far)
+        name = labels[int(np.argmin(finite))]
+        return _state_error(
+            f"The rate of `{name}` is not finite at t = {t:.9g} s." + _sharing(program, point, work, t), name, program, so_far
+        )
     if not np.isfinite(work.y[: len(labels)]).all():
         name = labels[int(np.argmin(np.isfinite(work.y[: len(labels)])))]
-        return SimulationError(
-            f"No step from t = {t:.9g} s gives a finite `{name}`: its equations, and friction laws a little beyond zero slip, must be smooth.",
-            so_far,
-        )
+        words = f"No step from t = {t:.9g} s gives a finite `{name}`: its equations, and friction laws a little beyond zero slip, must be smooth."
+        return _state_error(words, name, program, so_far)
     largest = int(np.argmax(np.abs(work.x[: len(labels)])))
     if abs(work.x[largest]) > 1e12:
-        return SimulationError(f"The run diverges: `{labels[largest]}` is {work.x[largest]:.3g} at t = {t:.9g} s.", so_far)
+        return _state_error(
+            f"The run diverges: `{labels[largest]}` is {work.x[largest]:.3g} at t = {t:.9g} s.", labels[largest], program, so_far
+        )
     words = f"The step size fell below what double precision resolves at t = {t:.9g} s{_resolution(t)}"
     words += _paradox(program, point, work, t, _too_fast(program, point, work, t, labels))
     return SimulationError(words + _sharing(program, point, work, t), so_far)
@@ -188,7 +233,7 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
 
 def _labels(program: Program) -> list[str]:
     """The name of every entry of the states."""
-    return [name if size is None else f"{name}.{i}" for name, (_, size, _) in program.system.states.items() for i in range(size or 1)]
+    return [name if size is None else f"{name}.{i}" for name, (_, size, _) in program.system.states.items() for i in range(count_of(size))]
 
 
 TOLD_APART = 1e-5

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolbox.arguments import FloatArray, finite_array, short
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, no_array, optional
 from toolbox.files.printing import columns, table
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, in_si
@@ -111,20 +111,47 @@ class Recorded(Stays):
 
         return traces(self, *signals, ax=ax)
 
+    def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
+        signal = next(iter([*self.main_signals, *self.names]), "bit.speed")
+        no_array(self, f"take a signal, such as `run[{signal!r}]`, or all of them, `run.to_pandas()` or `run.to_xarray()`")
+
     def to_pandas(self) -> Any:
-        """A pandas DataFrame of all scalar signals and modes, indexed by time; needs the extra `pandas`."""
-        try:
-            import pandas
-        except ImportError:
-            raise ImportError("`to_pandas` needs pandas: pip install -e '.[pandas]' in the folder of the toolbox.") from None
+        """Return all signals and modes as a data frame; needs the extra `pandas`.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row per recorded time, by which it is indexed, two at an event that is recorded on both sides. Entries of a vector are columns of their own
+            (`chain.speed.0`), modes are words (`bit.mode`). `attrs["units"]` is {column: unit} of the signals and of `time`.
+        """
+        pandas = optional("pandas", "`to_pandas`", "pandas")
         columns: dict[str, np.ndarray] = {}
         for name, values in self.columns(self.names).items():
             if values.ndim == 1:
                 columns[name] = values
             else:
                 columns |= {f"{name}.{i}": values[:, i] for i in range(values.shape[1])}
+        units = {name: self.unit(name) for name in columns}
         columns |= {f"{name}.mode": mode for name, mode in self.modes.items()}
-        return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
+        frame = pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
+        frame.attrs["units"] = {"time": "s", **units}
+        return frame
+
+    def to_xarray(self) -> Any:
+        """Return all signals and modes as a data set; needs the extra `batch`.
+
+        Returns
+        -------
+        xarray.Dataset
+            Signals over the coordinate `time`, two values at an event that is recorded on both sides, with the attribute `units`. A vector has its entries
+            along a dimension of its own (`chain.speed.entry`), modes are words (`bit.mode`).
+        """
+        xarray = optional("xarray", "`to_xarray`", "batch")
+        data: dict[str, Any] = {}
+        for name, values in self.columns(self.names).items():
+            data[name] = (("time", f"{name}.entry")[: values.ndim], values, {"units": self.unit(name)})
+        data |= {f"{name}.mode": ("time", mode) for name, mode in self.modes.items()}
+        return xarray.Dataset(data, {"time": ("time", self.time, {"units": "s"})})
 
     def to_csv(self, path: str | Path) -> Path:
         """Write all signals as CSV in SI, units in the headings (`bit.speed [rad/s]`), one row per recorded time, whole or not at all.

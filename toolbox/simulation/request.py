@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import FunctionType
 from typing import Any
 
@@ -22,6 +22,7 @@ from toolbox.simulation.methods import Method, Smoothing, TimeStepping, method_o
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.samples import Samples
+from toolbox.simulation.work_arrays import closures
 
 
 def accuracy_of(loop: ClosedLoop, given: float | None = None) -> float:
@@ -60,6 +61,8 @@ class Request:
             if start is not None:
                 states = states_of(start, loop.plant) | _remembered(start, system, closed.clocks, closed.callables)
             begin = RunState.begun(system, closed.plant, closed.clocks, states)
+            if isinstance(start, Samples):
+                begin = _with_modes(begin, system, start)
         if isinstance(method, TimeStepping):
             check_one_direction(
                 system.elements, f"`method={method.text!r}`", "locate its events, by 'event', or give a ContactProblem to `step_contacts`"
@@ -112,6 +115,16 @@ def _wrong_with(grid: np.ndarray | None, begin: float) -> str:
         before, after = grid[late[0] : late[0] + 2].tolist()
         return f"{before!r} s is followed by {after!r} s"
     return f"they begin at {grid[0]:g} s" if grid[0] < begin else f"they end at {float(grid[-1])!r} s"
+
+
+def _with_modes(begin: RunState, system: HybridSystem, instant: Samples) -> RunState:
+    """Return a state with the modes that the elements had at an instant of a run, if that run had the same elements."""
+    before = instant.program.system
+    if [element.name for element in before.elements] != [element.name for element in system.elements]:
+        return begin
+    p = np.concatenate([instant._constants, instant.held[0]])
+    gaps = closures(instant.program, float(instant.time[0]), instant.states[0].copy(), p) if any(e.rigid for e in before.elements) else None
+    return replace(begin, modes=instant.mode[0].copy(), closures=gaps)
 
 
 def _remembered(instant: Samples, system: HybridSystem, clocks: Sequence[tuple[float, float]], laws: Sequence[Any]) -> dict[str, Any]:

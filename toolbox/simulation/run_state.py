@@ -2,7 +2,8 @@
 
 A run that begins with the state in which another one ended goes on as if it had never been cut, at the same absolute time: inputs, clocks, delays and the
 noise of each sample are functions of that time and of the number of the sample, so that they follow by themselves. The pieces equal the whole run to the
-accuracy of the steps, which are cut in other places.
+accuracy of the steps, which are cut in other places. A switch exactly at the cut is listed once: by the piece that ends there, or at the beginning of the
+next one where the first ends just before it.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import FloatArray, finite_array
+from toolbox.arguments import FloatArray, count_of, finite_array
 from toolbox.errors import SceneError
 from toolbox.modelling.closing import kind_of
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -28,7 +29,7 @@ from toolbox.modelling.start import place_starts
 Layout = tuple[tuple[str, int, "int | None"], ...]
 """(name, first entry, number of entries) of every state of the plant, then of every state that a sampled law remembers, then of every signal that is held."""
 
-ARRAYS = ("states", "memory", "held", "modes")
+ARRAYS = ("states", "memory", "held", "modes", "closures", "sizes")
 """What of a state is one array."""
 
 
@@ -47,7 +48,14 @@ class RunState:
     held
         Signals that sampled laws hold.
     modes
-        Mode of each element; None where the states decide.
+        Mode of each element; None where the states decide. A run that goes on keeps them where its states and numbers are those that they belong to, and
+        decides anew by states and forces where something was changed by hand.
+    closures
+        Closure of the gap of each rigid contact with which its mode was decided; None where there is none. A contact at rest is closed although its gap may be
+        open or inside by round-off.
+    sizes
+        Largest guard of each element so far, in slip (or open) and in stick (or closed), shape (2, 2 elements): bounces end where they are low beside the gaps
+        that there were, in a run that goes on, too. None where the run begins.
     taken, applied
         Number of samples that each sampled law has taken, and of those whose outputs the plant has got.
     waiting
@@ -67,6 +75,8 @@ class RunState:
     memory: FloatArray
     held: FloatArray
     modes: np.ndarray | None = None
+    closures: FloatArray | None = None
+    sizes: FloatArray | None = None
     taken: tuple[int, ...] = ()
     applied: tuple[int, ...] = ()
     waiting: tuple[FloatArray, ...] = ()
@@ -120,9 +130,9 @@ class RunState:
         for name, first, size in self.layout:
             if name in given:
                 array = finite_array(given[name])
-                if array is None or (array.ndim and array.shape != (size or 1,)):
-                    raise SceneError(f"Argument `{name}` must be {size or 1} finite number(s), but it is {given[name]!r}.")
-                values[first : first + (size or 1)] = array
+                if array is None or (array.ndim and array.shape != (count_of(size),)):
+                    raise SceneError(f"Argument `{name}` must be {count_of(size)} finite number(s), but it is {given[name]!r}.")
+                values[first : first + count_of(size)] = array
         for name, first, size in self.layout:  # an entry that is named beside its vector wins
             for i in range(size or 0):
                 values[first + i] = given.get(f"{name}.{i}", values[first + i])
@@ -156,7 +166,7 @@ class RunState:
     def as_told(self, told: Mapping[str, Any]) -> RunState:
         """Return the state of a run of the same loop that `told` gave."""
         arrays: dict[str, Any] = {
-            name: None if told[name] is None else np.array(told[name], int if name == "modes" else float) for name in ARRAYS
+            name: None if told.get(name) is None else np.array(told[name], int if name == "modes" else float) for name in ARRAYS
         }
         waiting = tuple(np.array(rows, float).reshape(-1, own.shape[1]) for rows, own in zip(told["waiting"], self.waiting, strict=True))
         laws = tuple(None if each is None else np.array(each, float) for each in told["laws"])

@@ -80,6 +80,8 @@ def simulate(
         If an argument cannot be simulated; the message names it.
     SimulationError, ZenoError, BudgetError
         If the run cannot be finished; `.run` of the error is the trajectory so far.
+    ControllerError
+        If a controller gives a command, or remembers a value, that is no finite number; the message names controller, signal and time.
     AccuracyError
         If a method cannot meet the accuracy at a bearable price.
     """

@@ -16,6 +16,7 @@ from toolbox.modelling.inputs import Shape, Table
 from toolbox.simulation.budget import Budget
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
+from toolbox.simulation.samples import signal_reader
 
 MAX_RECORDS = 400_000
 """Steps of fixed length that are recorded; of more every second, third ... one is, and those next to a switch."""
@@ -64,17 +65,21 @@ def work_arrays(run: Run, program: Program) -> Any:
         capacity = 1024 + int(min(sum([1.05 * run.duration / period for period, _ in run.clocks]), MAX_SAMPLES))
     x = np.zeros(n)  # behind the states come those of hidden forces
     x[: state.states.size] = state.states
-    initial = program.initial
-    if state.modes is not None:  # the modes of what holds follow from the states, those of a switch may not
-        initial = np.where(program.kind == work_layout.SWITCH, state.modes, initial)
+    initial = np.where(program.kind == work_layout.SWITCH, program.initial, work_layout.UNDECIDED)
+    if state.modes is not None:
+        initial = np.where(_same_gaps(program, state, p, x), state.modes, initial)
+    sizes = np.zeros((2, ng))
+    if state.sizes is not None:
+        sizes[:, : 2 * ne] = state.sizes
     events = _event_room(128 + 4 * ne, program, run.budget.events)
     return work_layout.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(kernel.slopes), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room),
         x_other=np.zeros(n), p_other=np.zeros(p.size), m_other=np.zeros(2 * ne + 1),
         scale=np.zeros(n), noise=np.zeros(n + ng), group=program.groups, group_scale=np.zeros(program.group_count),
-        g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
+        g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=sizes.ravel(), slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
-        kind=program.kind, initial=initial, attached=program.attached, loader=program.loader, bound=_bounds(program), bounced=np.zeros(ne, np.bool_),
+        kind=program.kind, initial=initial, attached=program.attached, loader=program.loader, lever=np.array(program.form.levers, np.int64),
+        bound=_bounds(program), bounced=np.zeros(ne, np.bool_),
         excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
@@ -83,6 +88,25 @@ def work_arrays(run: Run, program: Program) -> Any:
         out_t=run.output_times if run.output_times is not None else _NO_NUMBERS,
         samplers=samplers, clocks=clocks, memory=state.memory.copy(), keys=keys, queue=queue,
     )  # fmt: skip
+
+
+def _same_gaps(program: Program, state: RunState, p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Whether each element may begin in the mode that a state has: a rigid contact only where its gap is the one with which that mode was decided."""
+    same = np.ones(program.kind.size, bool)
+    rigid = np.flatnonzero(program.kind == work_layout.RIGID)
+    if rigid.size:
+        now, moved = (closures(program, state.time, *point) for point in ((x, p), (x * (1.0 + 1e-7), p * (1.0 + 0.7e-7))))
+        then = np.full(rigid.size, np.nan) if state.closures is None else state.closures
+        same[rigid] = np.abs(now - then) <= 64.0 * work_layout.EPS * 1e7 * np.abs(moved - now)  # round-off of their terms
+    return same
+
+
+def closures(program: Program, t: float, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Return the closures of the gaps of the rigid contacts of a program at a point, in order."""
+    names = tuple(f"{element.name}.closure" for element in program.system.elements if element.rigid)
+    found, m = np.empty(len(names)), np.ones(program.kind.size)
+    signal_reader(program, names)(t, 0.0, *(array.ctypes.data for array in (x, x, p, m, found)))
+    return found
 
 
 def _bounds(program: Program) -> np.ndarray:
@@ -225,7 +249,9 @@ def state_of(run: Run, program: Program, work: Any) -> RunState:
         for c, update in enumerate(updates)
     )
     held = work.p[program.held_slot : program.held_slot + program.system.held.numel()]
+    t, elements = float(work.reals[work_layout.TIME]), program.kind.size
     return dataclasses.replace(
-        run.start, time=float(work.reals[work_layout.TIME]), states=work.x[: program.system.x.numel()].copy(), memory=work.memory.copy(), held=held.copy(),
-        modes=work.m.copy(), taken=taken, applied=applied, waiting=waiting, laws=(), carried=True,
+        run.start, time=t, states=work.x[: program.system.x.numel()].copy(), memory=work.memory.copy(), held=held.copy(), modes=work.m.copy(),
+        closures=closures(program, t, work.x, work.p) if (program.kind == work_layout.RIGID).any() else None,
+        sizes=work.guard_scale.reshape(2, -1)[:, : 2 * elements].copy(), taken=taken, applied=applied, waiting=waiting, laws=(), carried=True,
     )  # fmt: skip

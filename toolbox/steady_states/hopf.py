@@ -5,7 +5,8 @@ Hopf point. `hopf_points` solves for it as one system of equations in state x, p
 
     f(x, q) = 0,     A(x, q) v = i w v,     <c, v> = 1,          A = df/dx at given modes,
 
-with exact Jacobians of CasADi, so that its result is exact to round-off and no step of q limits it.
+with exact Jacobians of CasADi, so that its result is exact to round-off and no step of q limits it. At a kink of a friction law, as a table has them, the
+poles jump across the axis, and no pair is on it: such a point is found by halving, and said to be abrupt.
 
 Why this is not the whole answer: a linear criterion knows only small disturbances. Stick-slip that has begun lives on far beyond the Hopf point of
 many machines; `toolbox.onset` looks for that border too, by simulation.
@@ -28,7 +29,7 @@ from toolbox.errors import NoSteadyState, SceneError
 from toolbox.files.results import LEFT_OUT
 from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
-from toolbox.halving import zero
+from toolbox.halving import halved, zero
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -58,9 +59,11 @@ class HopfPoint:
         First Lyapunov coefficient [1/s] for an eigenvector of length one in the states. Negative: soft, a small swing grows out of the steady state.
         Positive: hard, the machine jumps to a large cycle, and both are stable on the safe side. nan where it does not exist, and for sampled loops.
     residual
-        Residual of the equations, in parts of their terms.
+        Residual of the equations, as a fraction of their terms; for an abrupt point the width of the last interval as a fraction of the value.
     asked
         {unit: unit that was typed}: the units in which `print` answers.
+    abrupt
+        Whether the poles jump across the axis, at a kink of a friction law such as a point of a table; `frequency` is then that of the growing pair.
     """
 
     parameter: str
@@ -72,6 +75,7 @@ class HopfPoint:
     coefficient: float
     residual: float
     asked: Mapping[str, str] = field(default_factory=dict)
+    abrupt: bool = False
 
     @property
     def period(self) -> float:
@@ -80,8 +84,8 @@ class HopfPoint:
 
     @property
     def kind(self) -> str:
-        """ "soft" (supercritical), "hard" (subcritical) or "unknown"."""
-        return "soft" if self.coefficient < 0 else "hard" if self.coefficient > 0 else "unknown"
+        """ "soft" (supercritical), "hard" (subcritical), "abrupt" (at a kink of a friction law) or "unknown"."""
+        return "abrupt" if self.abrupt else "soft" if self.coefficient < 0 else "hard" if self.coefficient > 0 else "unknown"
 
     def __str__(self) -> str:
         factor, unit = reading(self.unit, self.asked)
@@ -175,10 +179,11 @@ def hopf_points_of(
         if left is None or right is None or not a < b:
             continue
         counts = [int((growths > 0).sum()) for growths in (left, right)]
-        for k in range(min(counts), max(counts)):
-            near = _crossing(followed, k, a, b)
-            if near is not None:
-                found.append(_solved(followed, near, "below" if counts[0] < counts[1] else "above"))
+        stable = "below" if counts[0] < counts[1] else "above"
+        near = [at for k in range(min(counts), max(counts)) if (at := _crossing(followed, k, a, b)) is not None]
+        found += [_solved(followed, at, stable) for at in near]
+        if not near and counts[0] != counts[1] and (jump := _jump(followed, counts, a, b, stable)) is not None:
+            found.append(jump)
     return sorted(found, key=lambda point: point.value)
 
 
@@ -265,6 +270,30 @@ def _crossing(followed: EquilibriumBranch, k: int, a: float, b: float) -> float 
         return None
     growths = followed.growths(value)  # where a pair meets on the real axis it ends, with a jump of its real part
     return value if growths is not None and k < growths.size and abs(growths[k]) < 1e-4 * (abs(growth(a)) + abs(growth(b))) else None
+
+
+def _jump(followed: EquilibriumBranch, counts: Sequence[int], a: float, b: float, stable: str) -> HopfPoint | None:
+    """The place between a and b at which the slopes of the machine jump and with them the number of growing pairs; None where the slopes go on."""
+
+    def growing(value: float) -> int:
+        growths = followed.growths(value)
+        return -1 if growths is None else int((growths > 0).sum())
+
+    low, high = halved(lambda value: growing(value) == counts[1], a, b, 0.0, 1e-12 * (b - a))
+    points = followed(low), followed(high)
+    if points[0] is None or points[1] is None:
+        return None
+    slopes = [flow_slopes(point) for point in points if point is not None]
+    if np.abs(slopes[1] - slopes[0]).max() <= 1e-6 * np.abs(slopes).max():  # a pair that ends on the real axis
+        return None
+    poles = np.linalg.eigvals(slopes[1] if stable == "below" else slopes[0])
+    pairs = poles[poles.imag > 1e-9 * np.abs(poles).max()]
+    frequency = float(pairs[np.argmax(pairs.real)].imag)
+    value, width = 0.5 * (low + high), high - low
+    point = points[0] if stable == "below" else points[1]  # the steady state on the stable side
+    return HopfPoint(
+        followed.free.name, followed.free.unit, value, frequency, point, stable, math.nan, width / max(abs(value), width), abrupt=True
+    )
 
 
 def _solved(followed: EquilibriumBranch, guess: float, stable: str) -> HopfPoint:

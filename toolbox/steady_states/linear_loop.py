@@ -42,7 +42,7 @@ class LinearLoop:
     def poles(self, factor: complex | np.ndarray = 1.0) -> np.ndarray:
         """Poles of the closed loop with every command multiplied by a factor; of samples where `period` is a number."""
         k = np.diag(np.broadcast_to(np.asarray(factor), len(self.drives)))
-        return np.linalg.eigvals(self.A + self.B @ k @ np.linalg.solve(np.eye(len(self.drives)) - self.D @ k, self.C))
+        return np.linalg.eigvals(self.A + self.B @ k @ np.linalg.solve(np.eye(len(self.drives)) - self.D @ k, self.C)).astype(complex)
 
     def growth(self, factor: complex | np.ndarray = 1.0) -> float:
         """Largest real part of the poles [1/s], of log(z) / period for samples: positive where the loop is unstable."""

@@ -19,7 +19,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import mapping
+from toolbox.arguments import count_of, mapping
 from toolbox.errors import SceneError, SimulationError
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Equations, Signal
@@ -172,7 +172,7 @@ class SampledPoint:
         place = self.n + self.h
         for update in self.system.updates:
             for name, (first, size) in update.places.items():
-                q[place + first : place + first + (size or 1)] = memory.get(name, 0.0)
+                q[place + first : place + first + count_of(size)] = memory.get(name, 0.0)
             place += update.memory.numel()
         for _ in range(2):
             q[self.n : self.n + self.h] = self.value(q)[self.n : self.n + self.h]

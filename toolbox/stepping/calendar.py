@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.guards import bounds_hold, loads_hold, nudge, refresh, two_directions
+from toolbox.stepping.guards import bounds_hold, loads_hold, nudge, refresh, two_directions, without_lever
 from toolbox.stepping.modes import settle, turn_switches
 from toolbox.stepping.noise import normal
 from toolbox.translation.words import call
@@ -56,7 +56,7 @@ def inputs_changed(w, t, slips_jump):
                 w.m[i] = math.copysign(1.0, slip)
                 w.zero[i] = False
                 wrong = True
-            elif not abs(force) <= static * (1.0 + 1e-9):
+            elif not abs(force) <= static * (1.0 + 1e-9) or without_lever(w, i):
                 wrong = True
         elif w.m[i] * slip < 0.0:
             w.m[i] = -w.m[i]
@@ -86,7 +86,10 @@ def jumps(w, t):
 
 
 def samples(w, t):
-    """Take all samples due at time t, then hold the outputs due. Returns (status, whether a held value was set)."""
+    """Take all samples due at time t, then hold the outputs due. Returns (status, whether a held value was set).
+
+    NOT_FINITE where a law gives a value that is no finite number, which is left in `z`; its sample then counts as not taken.
+    """
     depth = w.queue.shape[1]
     for c in range(w.samplers.shape[0]):
         s = w.samplers[c]
@@ -99,6 +102,10 @@ def samples(w, t):
             for i in range(states, states + s[layout.NOISES]):
                 memory[i] = normal(w.keys[s[layout.FIRST_STATE] + i], s[layout.TAKEN])
             call(s[layout.ADDRESS], t, 0.0, w.x, memory, w.p, w.m, w.z)
+            for i in range(outputs):  # the memory stands behind the outputs once more, as it was
+                if not math.isfinite(w.z[i]):
+                    w.ints[layout.CULPRIT] = c
+                    return layout.NOT_FINITE, False
             for i in range(states):
                 memory[i] = w.z[i]
             slot = s[layout.TAKEN] % depth if depth > 1 else 0

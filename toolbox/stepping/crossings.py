@@ -125,15 +125,18 @@ def candidate(w, h, low, high, width):
 def rising_fraction(w, h, j):
     """Where guard j, at zero now and negative after the step h, is positive in between: a fraction, or 0 where it only falls.
 
-    A contact released exactly at its limit has no slip rate yet, so that neither the guard nor its slope tells which way it goes.
+    A contact released exactly at its limit has no slip rate yet, so that neither the guard nor its slope tells which way it goes. A guard that rises now is
+    followed down to the round-off of time: the flight between two impacts is short where the bounces end, whatever the step.
     """
-    fraction = 0.5
-    for _ in range(24):
+    fraction, shortest = 0.5, 1e-9
+    if w.side[j] * w.g[w.ints[layout.NG] + j] > 0.0:
+        shortest = min(shortest, 4.0 * layout.EPS * (abs(w.reals[layout.TIME]) + h) / h)
+    for _ in range(36):
         call(w.ints[layout.STEP], w.reals[layout.TIME], fraction * h, w.x, w.k, w.p, w.m, w.y)
         if w.side[j] * w.y[2 * w.ints[layout.N] + j] > 0.0:
             return fraction
         fraction *= 0.5 if fraction > 0.01 else 0.1
-        if fraction < 1e-9:
+        if fraction < shortest:
             break
     return 0.0
 

@@ -21,7 +21,8 @@ from toolbox.stepping.between import load_node, open_step, step_between
 from toolbox.stepping.calendar import GO_ON, inputs_changed, jumps, next_stop, outputs_before, outputs_due, record, samples
 from toolbox.stepping.crossings import dip_inside, hermite_minimum, locate, rising_fraction, watch
 from toolbox.stepping.events import after_event, project_event
-from toolbox.stepping.guards import accept, guard_size, held_quietly, no_modes, project
+from toolbox.stepping.guards import accept, finite, guard_size, held_quietly, no_modes, project
+from toolbox.stepping.impacts import many_at_once
 from toolbox.stepping.modes import begin
 from toolbox.stepping.quiet_samples import REFRESHED, cut_short, from_sample_to_sample, samples_rule
 from toolbox.stepping.series_steps import checked_end, open_series, watch_series
@@ -36,6 +37,7 @@ from toolbox.stepping.step_control import (
     outgrown,
     scaled_error,
     spread_round_off,
+    stalls,
 )
 from toolbox.translation.compiled import Compiled
 from toolbox.translation.words import call
@@ -50,8 +52,8 @@ def _due(w, t, every_node, undecided):
     for sampling in (False, True):  # a loop, so that the code for what follows a change is there once
         if sampling:
             status, changed = samples(w, t)
-            if status == layout.SAMPLE_DUE:
-                return layout.SAMPLE_DUE
+            if status != layout.DONE:
+                return status
             changed = changed or undecided
         else:
             changed = jumps(w, t)
@@ -213,7 +215,7 @@ def advance(w, series):
     ne = w.ints[layout.NE]
     every_node = w.ints[layout.NODES] == 1
     budget = w.ints[layout.ACCEPTED] + w.ints[layout.REJECTED] + w.ints[layout.BUDGET]
-    rejected, undecided = False, False
+    rejected, undecided, turns = False, False, 0
     if w.ints[layout.STARTED] == 0 and not begin(w):
         return no_modes(w, w.reals[layout.TIME])
     while True:
@@ -223,6 +225,8 @@ def advance(w, series):
         if w.ints[layout.EVENTS] + 2 * ne + 1 > w.ev_t.size:
             return layout.EVENTS_FULL
         status = _due(w, t, every_node, undecided)
+        if status == layout.DONE and not finite(w):
+            return layout.STATE_NOT_FINITE
         if status != GO_ON:
             return status
         if w.ints[layout.ACCEPTED] + w.ints[layout.REJECTED] >= budget:
@@ -261,6 +265,10 @@ def advance(w, series):
         node = t_new == stop and w.ints[layout.JUMP] < w.jump_t.size and w.jump_t[w.ints[layout.JUMP]] == stop
         turned, event, h, t_new, error = _crossed(w, t, h, t_new, error, node, series)
         if turned:
+            turns += 1
+            if turns > 2 * many_at_once(w):
+                w.ints[layout.CULPRIT] = ne
+                return layout.ENDLESS
             continue
         if series is not None:  # noqa: SIM102
             if h > 0.0:
@@ -283,7 +291,7 @@ def advance(w, series):
         if series is None:  # noqa: SIM102
             if not event:
                 _next_size(w, h, h_wanted, error, rejected)
-        rejected = False
+        rejected, turns = False, 0
         refresh = w.ints[layout.ACCEPTED] % REFRESHED == 0
         if event or refresh:  # with the modes, and with the speed in a law, it changes how fast a mode grows
             w.reals[layout.FOLLOWED] = 0.0
@@ -295,12 +303,14 @@ def advance(w, series):
         else:
             project(w, t_new)
         if refresh:
+            if stalls(w, t_new):
+                return layout.STALLED
             measure_round_off(w)
             spread_round_off(w, h)
         if every_node and h > 0.0:
             record(w, t_new, w.x)
         if event:
-            status = after_event(w, t_new)
+            status = after_event(w, t_new, h == 0.0)
             if status != layout.DONE:
                 return status
             if every_node:

@@ -24,8 +24,11 @@ def project_event(w, t, again):
         w.m[i] = w.before[i]
 
 
-def after_event(w, t):
-    """Switch what fires at an event. DONE, or the status of `advance` where switching has no end, no modes are consistent, or a bound becomes negative."""
+def after_event(w, t, again):
+    """Switch what fires at an event. DONE, or the status of `advance` where switching has no end, no modes are consistent, or a bound becomes negative.
+
+    again: whether a guard that was at zero has gone below it from the start of a step.
+    """
     if t - w.reals[layout.LAST_EVENT] <= 1e-13 * max(abs(t), min(w.reals[layout.HORIZON], 1.0)):
         w.ints[layout.CLOSE] += 1
         if w.ints[layout.CLOSE] > 2 * many_at_once(w):
@@ -35,7 +38,7 @@ def after_event(w, t):
     w.reals[layout.LAST_EVENT] = t
     if _bound_falls(w):
         return layout.NEGATIVE_BOUND
-    if not fire(w, t):
+    if not fire(w, t, again):
         return no_modes(w, t)
     if w.ints[layout.SERIES] != 0:  # the next step follows from its own coefficients
         return layout.DONE

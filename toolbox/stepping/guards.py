@@ -12,13 +12,21 @@ def guard_size(w, j):
 
 
 def close_to_zero(w, j):
-    """How near to zero a guard counts as zero: far below what the accuracy asked can see."""
+    """How near to zero a guard counts as zero: far below what the accuracy asked can see; of a gap that closes still less, since bounces amplify it."""
+    if j < 2 * w.ints[layout.NE] and w.kind[j // 2] == layout.RIGID and w.m[j // 2] == 1.0:
+        return 1e-14 * guard_size(w, j)
     return min(max(1e-5 * w.reals[layout.RTOL], 1e-13), 1e-9) * guard_size(w, j)
 
 
 def flies(w, i):
     """Whether element i is a friction without load because its contact is open: it has no force, and its slip passes through zero unhindered."""
     return w.loader[i] >= 0 and w.m[w.loader[i]] == 1.0
+
+
+def without_lever(w, i):
+    """Whether element i is a friction that seems to stick because its lever is exactly zero, of what `probe` has left in `z`."""
+    ne = w.ints[layout.NE]
+    return w.lever[i] == 1 and w.m[i] == 0.0 and w.z[4 * ne + i] == 0.0 and w.z[3 * ne + i] > 0.0
 
 
 def two_directions(w, i):
@@ -60,8 +68,10 @@ def refresh(w):
 def held_quietly(w):
     """Take over new held outputs where they change no mode, as guards at the current point show; False where one may, and nothing has been decided yet.
 
-    Outputs never enter a slip, and a contact that sticks lets go only where its guards, which are then negative, say so.
+    Outputs never enter a slip, and a contact that sticks lets go only where its guards, which are then negative, say so, or where its lever is zero.
     """
+    if w.ints[layout.LEVERS] > 0:
+        return False
     for i in range(w.ints[layout.NE]):
         if w.kind[i] != layout.FRICTION:
             return False
@@ -115,6 +125,14 @@ def project(w, t):
             for j in range(w.ints[layout.N]):
                 w.x[j] = w.z[j]
             return
+
+
+def finite(w):
+    """Whether all states are finite numbers."""
+    total = 0.0
+    for i in range(w.ints[layout.N]):
+        total += 0.0 * w.x[i]
+    return total == 0.0
 
 
 def accept_guard(w, j):

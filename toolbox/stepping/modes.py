@@ -7,9 +7,12 @@ import math
 import numpy as np
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.guards import bounds_hold, flies, guard_size, loads_hold, nudge, project, refresh, two_directions
+from toolbox.stepping.guards import bounds_hold, flies, guard_size, loads_hold, nudge, project, refresh, two_directions, without_lever
 from toolbox.stepping.impacts import impact
 from toolbox.translation.words import call
+
+ROUND_OFF = 4.0 * layout.EPS * 1e7
+"""What the round-off of a number is in parts of what `nudge` changes it by."""
 
 
 def modes_consistent(w, t, change, one):
@@ -23,7 +26,12 @@ def modes_consistent(w, t, change, one):
             continue
         rate, force, static, pace = w.z[ne + i], w.z[2 * ne + i], w.z[3 * ne + i], w.z[4 * ne + i]
         if w.kind[i] == layout.RIGID:  # pushes while closed (a multiplier below zero), and stays open where the gap grows
-            if force <= 0.0 if w.m[i] == 0.0 else rate <= 1e-9 * abs(pace) * w.guard_scale[2 * i + w.ints[layout.NG]]:
+            hands_over = w.forced[i] and w.before[i] != 0.0
+            if (
+                force <= (w.m_other[ne] if hands_over else 0.0)
+                if w.m[i] == 0.0
+                else rate <= 1e-9 * abs(pace) * w.guard_scale[2 * i + w.ints[layout.NG]]
+            ):
                 continue  # released where its force is zero, it may seem to close by the round-off of that zero
             right = 1.0 - w.m[i]
         elif flies(w, i):
@@ -53,12 +61,13 @@ def decide(w, t):
     """Modes of the elements marked in `zero`, by force: stick where the bound allows it, else slip in the direction of the excess.
 
     Starts from the modes in m and changes all inconsistent elements at once; if that does not settle, one by one. With static friction above
-    kinetic several sets can be consistent: what can stick beside the others does. Returns False where no consistent set is found.
+    kinetic several sets can be consistent: where a contact comes to rest, one that was stuck before stays so if it can, and what can stick beside the others
+    does. Returns False where no consistent set is found.
     """
     ne = w.ints[layout.NE]
     together = 20 + 4 * ne
-    settled = False
-    for attempt in range(together + 60 + 20 * ne):
+    settled = w.ints[layout.COUPLED] == 1 and _stuck_stay(w, t)
+    for attempt in range(0 if settled else together + 60 + 20 * ne):
         if modes_consistent(w, t, True, -1 if attempt < together else attempt % ne):
             settled = True
             break
@@ -69,7 +78,103 @@ def decide(w, t):
                 w.m[i] = 0.0
                 if not modes_consistent(w, t, False, -1):
                     w.m[i] = mode
+    if settled and w.ints[layout.LEVERS] > 0:
+        _let_pass(w, t)
     return settled
+
+
+STUCK, ARRIVES, LET_GO = 1.0, 2.0, 3.0
+"""What a friction is where another comes to rest, behind the modes in `m_other`; 0 for none of these."""
+
+
+def _what_was_stuck(w):
+    """Note what every friction without slip was; returns how many were stuck, 0 where none comes to rest."""
+    ne, kept, arrives = w.ints[layout.NE], 0, False
+    for i in range(ne):
+        w.m_other[ne + 1 + i] = 0.0
+        if w.kind[i] == layout.FRICTION and w.zero[i] and w.m[i] == 0.0:
+            if w.before[i] != 0.0:
+                w.m_other[ne + 1 + i] = ARRIVES
+                arrives = True
+            elif not w.forced[i]:
+                w.m_other[ne + 1 + i] = STUCK
+                kept += 1
+    return kept if arrives else 0
+
+
+def _agrees_with_stuck(w, t, way):
+    """Whether modes are found with what was stuck at rest, beginning with what arrives at rest (0), going on (1) or going back (-1)."""
+    ne = w.ints[layout.NE]
+    for i in range(ne):
+        if w.m_other[ne + 1 + i] == STUCK:
+            w.m[i], w.zero[i] = 0.0, False
+        elif w.m_other[ne + 1 + i] == ARRIVES:
+            w.m[i] = abs(way) * w.before[i] if two_directions(w, i) else way * w.before[i]
+    for _ in range(20 + 4 * ne):
+        if modes_consistent(w, t, True, -1):
+            break
+    for i in range(ne):
+        w.zero[i] = w.zero[i] or w.m_other[ne + 1 + i] == STUCK
+    return modes_consistent(w, t, False, -1)
+
+
+def _stuck_stay(w, t):
+    """Find modes in which what was stuck before stays so, where a friction comes to rest beside it; False, with the modes as they were, where none agree.
+
+    What comes to rest is tried at rest, going on and going back. What holds least of all is let go where none of that is consistent.
+    """
+    ne, kept = w.ints[layout.NE], _what_was_stuck(w)
+    if kept == 0:
+        return False
+    if modes_consistent(w, t, False, -1):
+        return True
+    while kept > 0:
+        worst, most = -1, 1.0
+        for way in (0.0, 1.0, -1.0):
+            if _agrees_with_stuck(w, t, way):
+                return True
+            for i in range(ne if way == 0.0 else 0):
+                part = abs(w.z[2 * ne + i]) / max(w.z[3 * ne + i], 1e-300)
+                if w.m_other[ne + 1 + i] == STUCK and part > most:
+                    worst, most = i, part
+        if worst < 0:
+            break
+        w.m_other[ne + 1 + worst] = LET_GO  # decided like the others from here on
+        kept -= 1
+    for i in range(ne):
+        if w.m_other[ne + 1 + i] > 0.0:
+            w.m[i] = 0.0
+    return False
+
+
+LOOKS = 7
+"""How many times are tried in which a slip without lever shows the way it goes: each is ten times longer than the one before, the last 4e-4 of the run."""
+
+
+def _let_pass(w, t):
+    """Let frictions slide whose lever is exactly zero while what they rub on moves, or is set in motion: no force holds such a slip, and its rate is zero, too.
+
+    They slide the way that a few short steps show. Where those show none, all is at rest.
+    """
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
+    for i in range(ne):
+        if not w.zero[i] or not without_lever(w, i):
+            continue
+        w.m[i] = 1.0
+        slip, h = 0.0, 1e-10 * w.reals[layout.HORIZON]
+        for _ in range(LOOKS):
+            for j in range(n):
+                w.x_other[j] = w.x[j]
+            for step in range(4):  # a force that begins at zero moves the lever in the third
+                call(w.ints[layout.FIELD], t + step * h, 0.0, w.x_other, w.k, w.p, w.m, w.y)
+                for j in range(n):
+                    w.x_other[j] += h * w.y[n + j]
+            call(w.ints[layout.PROBE], t + 4.0 * h, 0.0, w.x_other, w.k, w.p, w.m, w.y)
+            slip = w.y[i]
+            if slip != 0.0:
+                break
+            h *= 10.0
+        w.m[i] = 0.0 if slip == 0.0 or not math.isfinite(slip) else math.copysign(1.0, slip)
 
 
 def turn_switches(w):
@@ -124,19 +229,24 @@ def mark(w, again):
     ng = w.ints[layout.NG]
     first = w.ints[layout.LOCATED] // 2 if w.ints[layout.LOCATED] < 2 * w.ints[layout.NE] else -1
     alone = first >= 0 and w.m[first] != 0.0 and flies(w, first)
+    strikes = first >= 0 and w.m[first] != 0.0 and w.kind[first] == layout.RIGID
     for i in range(w.ints[layout.NE]):
         w.before[i] = w.m[i]
         w.zero[i] = w.m[i] == 0.0 and w.kind[i] != layout.SWITCH
     for j in range(ng):
         rate = w.side[j] * w.g[ng + j]
-        # a kink that is at zero and stays there has not been crossed
-        near = w.side[j] * w.g[j] <= 1e-9 * guard_size(w, j) and (rate < 0.0 or (rate == 0.0 and j < 2 * w.ints[layout.NE]))
+        # a kink that is at zero and stays there has not been crossed, nor has a gap, which takes part in the impact of another
+        stays = j >= 2 * w.ints[layout.NE] or (w.kind[j // 2] == layout.RIGID and w.m[j // 2] != 0.0 and not strikes)
+        near = w.side[j] * w.g[j] <= 1e-9 * guard_size(w, j) and (rate < 0.0 or (rate == 0.0 and not stays))
         flying = j < 2 * w.ints[layout.NE] and w.m[j // 2] != 0.0 and flies(w, j // 2)
         w.fired[j] = (near and not again and not alone and not flying) or j == w.ints[layout.LOCATED]
 
 
-def fire(w, t):
-    """Handle the marked guards: kinks change side, switches turn, elements are put at zero slip or released, and modes are decided."""
+def fire(w, t, again):
+    """Handle the marked guards: kinks change side, switches turn, elements are put at zero slip or released, and modes are decided.
+
+    again: whether a guard that was at zero has gone below it from the start of a step.
+    """
     ne, ng = w.ints[layout.NE], w.ints[layout.NG]
     kink, strike = False, False
     for j in range(2 * ne, ng - w.ints[layout.BOUNDS]):
@@ -151,8 +261,9 @@ def fire(w, t):
     if strike:
         impact(w, t)
     else:
-        _come_to_rest(w, t)
+        _come_to_rest(w, t, again)
         _release(w)
+        _take_in_what_touches(w, t)
     events = w.ints[layout.EVENTS]
     if not settle(w, t):
         return False
@@ -164,12 +275,25 @@ def fire(w, t):
     return True
 
 
-def _come_to_rest(w, t):
-    """Put frictions whose slip has ended at zero slip."""
+BEYOND = 1e3
+"""From how many times its bound the force that would hold a contact is that of a lever about to vanish, whose slip its motion decides."""
+
+
+def _cannot_hold(w, t, i):
+    """Whether the force that would hold element i is far beyond its bound, as where its lever is almost zero. Leaves its mode as it is."""
+    ne, mode = w.ints[layout.NE], w.m[i]
+    w.m[i] = 0.0
+    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    w.m[i] = mode
+    return not abs(w.z[2 * ne + i]) <= BEYOND * w.z[3 * ne + i]
+
+
+def _come_to_rest(w, t, again):
+    """Put frictions whose slip has ended at zero slip; one that begins at zero and goes the other way than its mode, and that no force holds, does so."""
     ended = False
     for i in range(w.ints[layout.NE]):
         if w.kind[i] == layout.FRICTION and w.before[i] != 0.0 and w.fired[2 * i]:
-            if flies(w, i):
+            if flies(w, i) or (again and w.lever[i] == 1 and _cannot_hold(w, t, i)):
                 w.m[i] = -w.m[i]
                 continue
             w.m[i] = 0.0  # its slip has been projected to zero already, in two directions it is now
@@ -190,6 +314,50 @@ def _release(w):
                 w.m[i] = -1.0 if w.fired[2 * i] else 1.0
         elif w.kind[i] == layout.RIGID and w.before[i] == 0.0 and w.fired[2 * i]:
             w.m[i], w.forced[i] = 1.0, True
+
+
+def _take_in_what_touches(w, t):
+    """Let forces decide on the open rigid contacts, too, whose gap is zero and stays so.
+
+    Where a stop lets go of a body without play the one opposite holds from then on: between both the force is zero, to what events are located by, and would
+    drive the body from one to the other without end.
+    """
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
+    touches, released, least = False, False, 0.0
+    for i in range(ne):
+        if w.kind[i] == layout.RIGID:
+            least = max(least, 1e-9 * w.guard_scale[2 * i + w.ints[layout.NG]])
+            released = released or w.forced[i]
+    for i in range(ne):
+        near = released or w.g[2 * i] <= 1e-9 * guard_size(w, 2 * i)
+        touches = touches or (w.kind[i] == layout.RIGID and w.m[i] != 0.0 and not w.forced[i] and near)
+    if not touches:
+        return
+    nudge(w)
+    call(w.ints[layout.FIELD], t * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
+    for i in range(ne):
+        w.m_other[i] = w.z[2 * n + 2 * i]
+    call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):
+        gap = w.z[2 * n + 2 * i]
+        part = (
+            max(ROUND_OFF, 1e7 * w.reals[layout.RTOL]) if released else ROUND_OFF
+        )  # of a body that moves with its stops the gap has drifted
+        w.m_other[i] = 1.0 if abs(gap) <= part * abs(w.m_other[i] - gap) else 0.0
+    call(w.ints[layout.PROBE], t * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.y)
+    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):
+        if (
+            w.kind[i] == layout.RIGID
+            and w.m[i] != 0.0
+            and not w.forced[i]
+            and w.m_other[i] == 1.0
+            and abs(w.z[i]) <= ROUND_OFF * abs(w.y[i] - w.z[i])
+        ):
+            w.zero[i] = True
+            if released and abs(w.z[ne + i]) <= least * abs(w.z[4 * ne + i]):
+                w.m[i], w.forced[i] = 0.0, True
+    w.m_other[ne] = least
 
 
 def _other_choice(w, t, i):
@@ -223,8 +391,13 @@ def _other_choice(w, t, i):
 
 
 def _gaps_open(w, t):
-    """Set `m_other` to 1 where a gap is closed, to 0 where it is open; False where a rigid contact is inside."""
+    """Set `m_other` to 1 where a gap is closed, to 0 where it is open; False where a rigid contact is inside.
+
+    A gap whose mode is known was looked at when that was decided. Another one is closed where it is zero within the round-off of its terms, or inside by less
+    than 1e-14 of the way that its acceleration covers in the run, as the last numbers of a run that came to rest are.
+    """
     n, ne = w.ints[layout.N], w.ints[layout.NE]
+    span = w.reals[layout.END] - t
     rigid = False
     for i in range(ne):
         rigid = rigid or w.kind[i] == layout.RIGID
@@ -232,13 +405,16 @@ def _gaps_open(w, t):
         call(w.ints[layout.FIELD], t, 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
         for i in range(ne):
             w.m_other[i] = w.z[2 * n + 2 * i]
+        call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.y)
         call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
         for i in range(ne):
             gap = w.z[2 * n + 2 * i]
-            close = abs(gap) <= 4.0 * layout.EPS * 1e7 * abs(w.m_other[i] - gap)
+            close = w.initial[i] != layout.UNDECIDED or abs(gap) <= ROUND_OFF * abs(w.m_other[i] - gap)
             if w.kind[i] == layout.RIGID and gap < 0.0 and not close:
-                w.ints[layout.CULPRIT] = i
-                return False
+                close = -gap <= 1e-14 * abs(w.y[ne + i]) * span * span
+                if not close:
+                    w.ints[layout.CULPRIT] = i
+                    return False
             w.m_other[i] = 1.0 if close else 0.0
     return True
 
@@ -261,13 +437,15 @@ def _turn_switches(w, t):
 def begin(w):
     """Modes from the start state, then slopes, guards and the first step size. False where no modes are consistent.
 
-    An element slides where its slip is not zero; at zero slip force decides. Rigid contacts are closed where their gap is, and does not close or open;
-    switches turn until their guards agree.
+    An element slides where its slip is not zero; at zero slip force decides, which begins with the mode that an earlier run has left, if there is one. Rigid
+    contacts are closed where their gap is, and does not close or open; switches turn until their guards agree.
     """
     n, ne, ng = w.ints[layout.N], w.ints[layout.NE], w.ints[layout.NG]
     t = w.reals[layout.TIME]
     for i in range(ne):
-        w.m[i] = w.initial[i]
+        w.m[i], w.forced[i] = w.initial[i], False
+        if w.m[i] == layout.UNDECIDED:
+            w.m[i] = 1.0 if w.kind[i] == layout.RIGID else 0.0
     # a slip, or a gap, is zero where it is no more than the round-off of its terms, which small relative changes show
     nudge(w)
     if not _gaps_open(w, t):
@@ -275,16 +453,21 @@ def begin(w):
     call(w.ints[layout.PROBE], t, 0.0, w.x_other, w.k, w.p_other, w.m, w.y)
     call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):
-        slip = w.z[i]
+        slip, known = w.z[i], w.initial[i] != layout.UNDECIDED
         if w.kind[i] == layout.SWITCH:
             w.zero[i] = False
             continue
-        w.zero[i] = abs(slip) <= 4.0 * layout.EPS * 1e7 * abs(w.y[i] - slip)
+        w.zero[i] = abs(slip) <= ROUND_OFF * abs(w.y[i] - slip)
         if w.kind[i] == layout.RIGID:
             w.zero[i] = w.zero[i] and w.m_other[i] == 1.0
-            w.m[i] = 0.0 if w.zero[i] else 1.0
+            if not known:
+                w.m[i] = 0.0 if w.zero[i] else 1.0
+            elif not w.zero[i]:
+                w.m[i] = 1.0
             continue
-        w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, slip)
+        if not w.zero[i]:
+            w.m[i] = math.copysign(1.0, slip)
+        w.forced[i] = w.zero[i] and w.m[i] != 0.0  # it had just been let go
         if two_directions(w, i):
             w.m[i + 1] = abs(w.m[i])
     _turn_switches(w, t)
@@ -298,4 +481,8 @@ def begin(w):
         g, rate = w.z[2 * n + j], w.z[2 * n + ng + j]
         w.side[j] = -1.0 if g < 0.0 or (g == 0.0 and rate < 0.0) else 1.0
     refresh(w)
+    for i in range(ne):  # a run may be cut where a guard is about to fall through zero, as at a release
+        if w.initial[i] != layout.UNDECIDED and w.m[i] == 0.0 and w.kind[i] != layout.SWITCH:
+            w.armed[2 * i] = True
+            w.armed[2 * i + 1] = True
     return bounds_hold(w)

@@ -69,7 +69,9 @@ def from_sample_to_sample(w, every_node, budget):
         w.reals[layout.TIME] = stop
         accept(w)
         project(w, stop)
-        _, changed = samples(w, stop)
+        status, changed = samples(w, stop)
+        if status != layout.DONE:  # the loop asks again, and ends there
+            return False
         if changed and not held_quietly(w):
             return True
         if every_node:

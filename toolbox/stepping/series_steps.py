@@ -175,6 +175,8 @@ def watch_series(w, h, node):
                 continue  # at its bound, or a bound at zero, where an input turns: what follows decides
         elif b < -1e-12 * guard_size(w, j):
             hit, doubtful = True, True
+            if w.side[j] * w.k[n + j] > 0.0:  # it rises first, for how long its polynomial tells: a low flight is far shorter than the step
+                zero, fraction = _first_fall(w, h, j, 1, 1.0)
         elif b > 0.0:
             rise = w.side[j] * w.k[n + j] > 0.0
             zero, fraction = _first_fall(w, h, j, 1 if rise else 2, 1.0)

@@ -27,6 +27,9 @@ LEAP, LEAP_OF_SETTLED, SETTLED = 10.0, 2.0, 3.0
 Steps that stability holds have errors that vanish by chance now and then. One several times longer was accepted by chance as well, and states within it were
 40 to 70 times the accuracy off. SETTLED is more than LEAP_OF_SETTLED, so that two such chances in a row make no leap."""
 
+STALL, LEAST_PROGRESS = 1_000_000, 1e-6
+"""Accepted steps in which time must grow by this part of itself, of a millionth of the run at its start: `stalls`."""
+
 PASSED_OVER = 1e3
 """What counts as its growth where an implicit step has passed over a rest between its ends."""
 
@@ -103,6 +106,22 @@ def _take_over(w, i, spread):
     """Add what other slopes pass on to the noise of slope i, unless its state is of a size that round-off does not reach."""
     if w.scale[i] <= REACH * spread * w.reals[layout.TIME] < math.inf:
         w.noise[i] += spread
+
+
+def stalls(w, t):
+    """Whether a run makes no progress: a million accepted steps, and time has grown by less than a millionth of itself.
+
+    It asks nothing of runs that are long or slow, however many steps they take. At a millionth of a millionth of the time a step, doubling the time would take
+    1e12 steps, and one step is less than 1e4 times what times can tell apart (2e-16 of the time): a motion that needs such steps could not be followed to
+    the accuracy of any run. At the start, where time is zero, a millionth of the run stands for it.
+    """
+    steps = w.ints[layout.ACCEPTED] - w.ints[layout.LOOKED]
+    if steps < STALL:
+        return False
+    whole = w.reals[layout.HORIZON]
+    stalled = t - w.reals[layout.LOOKED_AT] < LEAST_PROGRESS * min(max(abs(t), 1e-6 * whole), whole)
+    w.ints[layout.LOOKED], w.reals[layout.LOOKED_AT] = w.ints[layout.ACCEPTED], t
+    return stalled
 
 
 def first_step(w):

@@ -9,8 +9,8 @@ import math
 
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.calendar import GO_ON, jumps, next_stop, outputs_due, record, samples
-from toolbox.stepping.guards import project
-from toolbox.stepping.modes import begin, note_event
+from toolbox.stepping.guards import finite, project
+from toolbox.stepping.modes import BEYOND, begin, note_event
 from toolbox.translation.compiled import Compiled
 from toolbox.translation.words import call
 
@@ -56,10 +56,11 @@ def _agrees(w, i):
         if abs(force) <= bound * (1.0 + 1e-10) or force == 0.0:
             return True
         w.m[i] = -1.0 if force > 0.0 else 1.0
+        w.forced[i] = w.lever[i] == 1 and not abs(force) <= BEYOND * bound
         return False
     if w.m[i] * after >= -tiny:
         return True
-    w.m[i] = 0.0 if bound > 0.0 else -w.m[i]  # without load there is nothing to hold with
+    w.m[i] = 0.0 if bound > 0.0 and not w.forced[i] else -w.m[i]  # without load, or lever, there is nothing to hold with
     return False
 
 
@@ -73,6 +74,7 @@ def _step(w, t, h):
         for i in range(ne):
             w.m_other[i] = 0.0
             w.m[i] = w.before[i]
+            w.forced[i] = False
         settled = False
         for attempt in range(together + 200 + 20 * ne):
             call(w.ints[layout.STEP], t, h, w.x, w.m_other, w.p, w.m, w.y)
@@ -122,8 +124,8 @@ def _advance(w):
             return layout.EVENTS_FULL
         changed = jumps(w, t)
         status, held = samples(w, t)
-        if status == layout.SAMPLE_DUE:
-            return layout.SAMPLE_DUE
+        if status != layout.DONE:
+            return status
         if w.ints[layout.STARTED] == 0 or changed or held:
             w.ints[layout.STARTED] = 1
             if every > 0:
@@ -131,6 +133,8 @@ def _advance(w):
                     w.ints[layout.RECORDS] -= 1
                 record(w, t, w.x)
         status = outputs_due(w, t, every > 0)
+        if status == layout.DONE and not finite(w):
+            return layout.STATE_NOT_FINITE
         if status != GO_ON:
             return status
         if w.ints[layout.ACCEPTED] >= budget:

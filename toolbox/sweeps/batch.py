@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import count_of
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import program_of
 from toolbox.compilation.runge_kutta import DOP853
@@ -258,7 +259,7 @@ def single(task: Task, i: int) -> Run:
     base, numbers = task.run, np.asarray(task.numbers[i : i + 1])[0]
     parameters: dict[str, Any] = {}
     for name, entry in base.system.parameters.items():
-        own = slice(entry.offset, entry.offset + (entry.size or 1))
+        own = slice(entry.offset, entry.offset + count_of(entry.size))
         if (numbers[own] != base.system.values[own]).any():
             parameters[name] = numbers[own].tolist()[0] if entry.size is None else numbers[own].copy()
     system = base.system.with_parameters(parameters)

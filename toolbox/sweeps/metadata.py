@@ -37,7 +37,7 @@ def attributes(notes: Mapping[str, Any]) -> dict[str, str]:
 
 def digests(path: Path, names: tuple[str, ...]) -> dict[str, str]:
     """Checksums of the metadata of arrays."""
-    return {name: _digest(content(path / name / FILE, TEXT)) for name in names}
+    return {name: _digest(content(path / name / FILE, TEXT, apart=True)) for name in names}
 
 
 def notes_of(path: Path) -> dict[str, Any]:
@@ -64,7 +64,7 @@ def _check_array(path: Path, name: str, checksum: str | None) -> None:
     file = path / name / FILE
     if name in ("", ".", "..") or "/" in name or "\\" in name:
         raise SceneError(f"There is no sweep in `{path}`: an array of it cannot be called `{name}`.")
-    if checksum is not None and _digest(content(file, TEXT)) != checksum:
+    if checksum is not None and _digest(content(file, TEXT, apart=True)) != checksum:
         raise SceneError(f"The sweep in `{path}` is damaged: the checksum of `{file}` is another.")
     array = _metadata(file, "array")
     foreign = {codec["name"] for codec in array["codecs"]} - _CODECS | {array["data_type"]} - _TYPES
@@ -73,7 +73,7 @@ def _check_array(path: Path, name: str, checksum: str | None) -> None:
 
 
 def _metadata(file: Path, kind: str) -> dict[str, Any]:
-    found = json.loads(content(file, TEXT))
+    found = json.loads(content(file, TEXT, apart=True))
     if not isinstance(found, dict) or found.get("zarr_format") != 3 or found.get("node_type") != kind:
         raise SceneError(f"The file `{file}` must describe an {kind} of zarr format 3, but it does not.".replace("an group", "a group"))
     return found

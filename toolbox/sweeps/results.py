@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import FloatArray
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError, no_array, optional, suggest
 from toolbox.files.archives import Shape, check_notes, check_shapes, understood
 from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
@@ -114,12 +114,30 @@ class Sweep(Told, Result):
         numbers = (f"{name} {value * reading(unit, self.asked).factor:.5g}" for name, unit, value in rows)
         return ", ".join(numbers)
 
+    def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
+        name = next(iter(self.measures), "severity")
+        no_array(self, f"take a measure, such as `found[{name!r}]`, or all of them, `found.to_pandas()` or `found.to_xarray()`")
+
+    def to_pandas(self) -> Any:
+        """Return all runs as a data frame; needs the extra `pandas`.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row per run, in the order of `points`: the values of what was varied, the measures (nan where a run failed) and `error`, why it failed, or "".
+            `attrs` has "units", {column: unit}, and title, duration and accuracy of the sweep.
+        """
+        pandas = optional("pandas", "`to_pandas`", "pandas")
+        columns: dict[str, Any] = {name: self.points[:, k] for k, name in enumerate(self.names)}
+        columns |= {name: values.ravel() for name, values in self.measures.items()}
+        frame = pandas.DataFrame(columns | {"error": [self.errors.get(i, "") for i in range(self.runs)]})
+        units = dict(zip(self.names, self.units, strict=True)) | self.measure_units
+        frame.attrs |= {"units": units, "title": self.title, "duration": self.duration, "accuracy": self.accuracy}
+        return frame
+
     def to_xarray(self) -> Any:
         """An xarray Dataset with axes as coordinates, units as attributes, and why runs failed; needs the extra `batch`."""
-        try:
-            import xarray
-        except ImportError:
-            raise ImportError("`to_xarray` needs xarray: pip install -e '.[batch]' in the folder of the toolbox.") from None
+        xarray = optional("xarray", "`to_xarray`", "batch")
         if self.axes:
             dims = self.names
             coordinates = {n: (n, axis, {"units": u}) for n, axis, u in zip(self.names, self.axes, self.units, strict=True)}

@@ -25,7 +25,7 @@ from typing import Any, Literal
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.files.atomic import clear_left, replaced, replaced_folder
+from toolbox.files.atomic import replaced, replaced_folder
 from toolbox.files.journal import Journal
 from toolbox.files.reading import LARGEST, most_unpacked, opened
 from toolbox.modelling.closed_loop import ClosedLoop
@@ -77,9 +77,6 @@ class Store:
                 f"Argument `out` must be a new folder, or that of the same sweep, but `{self.path}` holds one with other {words}."
             )
         self.settings = notes["settings"]
-        for name in metadata.parts(notes):
-            for folder, _, _ in os.walk(self.path / name):
-                clear_left(Path(folder))
 
     def begin(self, settings: Mapping[str, Any], together: int = 1) -> None:
         """Lay out a new store. settings: to be found again in `settings`;  together: runs that are worked on at once, which one chunk holds at least."""
@@ -311,7 +308,7 @@ def _check_file(path: Path) -> None:
     """Raise SceneError for what is no regular file, and for a chunk that unpacks to more than it may. Zstandard: RFC 8878, section 3.1.1."""
     if not os.path.lexists(path) or path.is_dir():
         return
-    with opened(path) as file:
+    with opened(path, apart=True) as file:
         head, size = file.read(18), os.fstat(file.fileno()).st_size
     if head[:4] != b"\x28\xb5\x2f\xfd" or (len(head) < 18 and len(head) < size):
         return

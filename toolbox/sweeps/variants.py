@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import within
+from toolbox.arguments import count_of, within
 from toolbox.errors import SceneError
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Component, Slot, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of, symbolic_copy
@@ -195,7 +195,7 @@ def driving(part: Any, row: np.ndarray, first: int, places: Sequence[int]) -> Ca
     whole = symbolic_copy(part, "", slots)
     symbols = ca.vertcat(*(slot.symbol for slot in slots))
     free, known = [place - first for place in places], row[first : first + symbols.numel()].copy()
-    owners = [slot.owner for slot in slots for _ in range(slot.size or 1)]
+    owners = [slot.owner for slot in slots for _ in range(count_of(slot.size))]
     laws = [driving_of(law, symbols) for law in _friction_laws(whole) if any(owners[i] is law for i in free)]
 
     def drives(rows: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import number, numbers
+from toolbox.arguments import count_of, number, numbers
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
@@ -268,7 +268,7 @@ def _named(loop: ClosedLoop) -> list[tuple[str, str]]:
     first = sum(len(numbers_of(part)) for part in loop.plant.parts)
     entries = sorted(loop.system.parameters.values(), key=lambda entry: entry.offset)
     own = [entry for entry in entries if first <= entry.offset < first + len(numbers_of(loop.designed[0]))]
-    return [(entry.name if entry.size is None else f"{entry.name}.{i}", entry.unit) for entry in own for i in range(entry.size or 1)]
+    return [(entry.name if entry.size is None else f"{entry.name}.{i}", entry.unit) for entry in own for i in range(count_of(entry.size))]
 
 
 def _stuck(loop: ClosedLoop, duration: float) -> list[dict[str, Any]] | None:

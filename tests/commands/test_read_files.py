@@ -1,0 +1,133 @@
+"""`origin.json` names exactly the files that a command opened, as the system tells it, and that are no part of what is installed."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from toolbox.files.origin import Origin
+
+ROOT = Path(__file__).parents[2]
+SCENES = ROOT / "studies" / "scenes"
+
+WATCHED = """
+import json, os, sys
+seen = {}
+
+def hook(event, arguments):
+    if event == "open" and isinstance(arguments[0], (str, bytes)) and not (arguments[2] or 0) & (os.O_WRONLY | os.O_RDWR):
+        seen[os.path.realpath(os.fsdecode(arguments[0]))] = None
+
+sys.addaudithook(hook)
+from toolbox.commands.command_line import main
+for line in json.loads(sys.stdin.read()):
+    seen.clear()
+    code = main(line)
+    print("SEEN" + json.dumps([code, list(seen)]), flush=True)
+"""
+
+BELT = 'title = "belt"\nduration = 4\n[[plant]]\npart = "BlockOnBelt"\n[[controllers]]\nlabel = "one"\n'
+
+
+def opened(lines, folder):
+    """[(exit code, files that each command line opened for reading)], run one after the other in one process that the system watches."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
+    done = subprocess.run(
+        [sys.executable, "-c", WATCHED], input=json.dumps(lines), capture_output=True, text=True, cwd=folder, env=environment, check=False
+    )
+    found = [json.loads(line[4:]) for line in done.stdout.splitlines() if line.startswith("SEEN")]
+    assert len(found) == len(lines), done.stderr
+    return found, done.stderr
+
+
+def check(lines, folder, written=()):
+    """Compare the origins of commands with what the system saw; written: files, beside those of `--out`, that a command keeps for itself."""
+    found, errors = opened(lines, folder)
+    for line, (code, seen) in zip(lines, found, strict=True):
+        assert code == 0, (shlex.join(line), errors)
+        out = folder / line[line.index("--out") + 1]
+        inputs = {os.path.realpath(folder / path) for origin in out.rglob("origin.json") for path in Origin.read(origin.parent).inputs}
+        installed = (
+            "/proc/",
+            "/sys/",
+            "/dev/",
+            "/etc/",
+            "/usr/",
+            sys.base_prefix,
+            sys.prefix,
+            os.path.realpath(sys.prefix),
+            os.path.expanduser("~/."),
+        )
+        cache = os.environ.get("STICKSLIP_CACHE_DIR") or "/nonexistent"
+        own = {
+            path
+            for path in seen
+            if os.path.isfile(path)
+            and not path.startswith(
+                (*map(str, installed), os.path.realpath(cache), os.path.realpath(out), *(str(folder / name) for name in written))
+            )
+            and ".part" not in path
+            and not (path.startswith(str(ROOT)) and Path(path).parts[len(ROOT.parts)] in ("toolbox", "controllers", ".git", ".venv"))
+            and not (path.startswith(str(ROOT)) and path.endswith((".py", ".pyc", ".toml")) and not path.startswith(str(SCENES)))
+        }
+        assert inputs == own, (shlex.join(line), inputs ^ own)
+        assert inputs
+
+
+@pytest.fixture
+def rig(tmp_path):
+    """A folder with a scene whose string and survey are tables, a law in Python, and a log of a belt."""
+    (tmp_path / "tables").mkdir()
+    text = (SCENES / "aarsnes_shor.toml").read_text()
+    for kind in ("sections", "survey"):
+        (tmp_path / "tables" / f"{kind}.csv").write_bytes((ROOT / "models" / "tables" / f"aarsnes_shor_{kind}.csv").read_bytes())
+        text = text.replace(f"../../models/tables/aarsnes_shor_{kind}", f"tables/{kind}")
+    (tmp_path / "rig.toml").write_text(text)
+    (tmp_path / "belt.toml").write_text(BELT)
+    (tmp_path / "parts.py").write_text("from controllers import PI\n\n\nclass Own(PI):\n    pass\n")
+    rows = "\n".join(f"{k / 10},{0.2 + 0.01 * (k % 7)}" for k in range(60))
+    (tmp_path / "log.csv").write_text(f"time [s],block.speed [m/s]\n{rows}\n")
+    return tmp_path
+
+
+def test_an_origin_names_the_tables_of_string_and_survey_the_log_and_the_law_in_python(rig):
+    lines = [
+        ["simulate", "rig.toml", "--duration", "0.5 s", "--controller", "published PI", "--out", "one"],
+        ["simulate", "belt.toml", "--load", "parts.py", "--out", "two"],
+        ["fit", "belt.toml", "log.csv", "--free", "block.mass=0.5:2", "--starts", "1", "--out", "three"],
+        ["simulate", str(SCENES / "elastic_face.toml"), "--duration", "1 ms", "--out", "four"],
+        ["sweep", "belt.toml", "--vary", "block.mass=0.5:2:2", "--measure", "severity", "--out", "five"],
+        ["sweep", "belt.toml", "--vary", "block.mass=0.5:2:2", "--measure", "severity", "--out", "five"],
+        ["compare", "two/01_one.npz", "two/01_one.npz", "--out", "six"],
+    ]
+    check(lines, rig)
+    names = {Path(path).name for path in Origin.read(rig / "one").inputs}
+    assert names == {"rig.toml", "sections.csv", "survey.csv"}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("scene", sorted(path.name for path in SCENES.glob("*.toml")))
+def test_an_origin_names_all_files_of_every_shipped_scene(scene, tmp_path):
+    check([["simulate", str(SCENES / scene), "--duration", "10 ms", "--out", "out"]], tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("line", [
+    "study rig.toml --out out",
+    "onset rig.toml --parameter top.reference --from '100 rpm' --to '150 rpm' --values 3 --controller 'published PI' --out out",
+    "map rig.toml --x top.reference=9:14 --y chain.friction.static=0.2:0.4 --shape 2x2 --controller 'published PI' --out out",
+    "tune rig.toml --controller 'published PI' --free pi.integral=500:5000 --objective severity --runs 3 --journal journal --out out",
+    "margins rig.toml --controller 'published PI' --out out",
+    "tradeoff belt.toml --out out",
+], ids=lambda line: line.split()[0])  # fmt: skip
+def test_an_origin_names_all_files_of_every_command(line, rig):
+    (rig / "rig.toml").write_text((rig / "rig.toml").read_text().replace('"30 s"', '"4 s"').replace('"15 s"', '"2 s"'))
+    check([shlex.split(line)], rig, ("journal",))

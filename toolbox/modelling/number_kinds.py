@@ -14,6 +14,7 @@ from toolbox.arguments import refuse
 from toolbox.errors import SceneError
 from toolbox.modelling import inputs as shapes
 from toolbox.modelling.components import numbers_of
+from toolbox.modelling.design_fields import redesigned
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Held, Sampled, check_sampled
 from toolbox.modelling.start import row_of
@@ -60,6 +61,9 @@ class NumberKind:
 
     def __str__(self) -> str:
         return self.word
+
+    def __format__(self, how: str) -> str:
+        return format(self.word, how)
 
     def put(self, loop: Loop, name: str, value: float) -> Loop:
         """The loop with another value of the number of that name."""
@@ -113,8 +117,6 @@ class DesignKind(NumberKind):
     """A field of a controller that only its design knows."""
 
     def put(self, loop: Loop, name: str, value: float) -> Loop:
-        from toolbox.modelling.numbers import redesigned
-
         return redesigned(loop, name, value)
 
 

@@ -17,7 +17,6 @@ An input and a parameter of one name are one number: the input, whose default th
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import functools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -31,9 +30,10 @@ from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, TypedNumber, in_si, warn_unusual
 from toolbox.modelling import inputs as shapes
 from toolbox.modelling import number_kinds as kinds
-from toolbox.modelling.components import fields_of, is_nested, numbers_of, rebuilt
+from toolbox.modelling.components import fields_of, numbers_of, rebuilt
+from toolbox.modelling.design_fields import acts, as_sampled, design_fields, designed_law, with_field
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.laws import Controller, Sampled
+from toolbox.modelling.laws import Sampled
 from toolbox.modelling.number_kinds import NumberKind
 from toolbox.modelling.start import place_starts, places_of, row_of, started
 
@@ -159,7 +159,7 @@ def numbers_in(loop: Loop) -> dict[str, Number]:
     names = [*system.inputs]
     for name, entry in system.parameters.items():
         names += [name] if entry.size is None else [f"{name}.{i}" for i in range(entry.size)]
-    names += [name for i in range(len(loop.laws)) for name in _design_fields(loop, i)]
+    names += [name for i in range(len(loop.laws)) for name in design_fields(loop, i)]
     names += [f"{prefix}.{word}" for prefix in kinds.clock_prefixes(loop) for word in kinds.CLOCK_KINDS]
     for name, value in loop.values.items():
         names += [f"{name}.{key}" for key in _shape_numbers(value)]
@@ -201,7 +201,7 @@ def number_of(loop: Loop, name: str) -> Number | None:
                       entry.bounds if entry is not None else {}, usual)  # fmt: skip
     design = designed_law(loop, name)
     if design is not None:
-        spec, value = _design_fields(loop, design)[name]
+        spec, value = design_fields(loop, design)[name]
         return Number(name, spec.get("unit", "1"), kinds.DESIGN, float(value), spec.get("meaning", ""), _bounds(spec), spec.get("usual"))
     clock = kinds.clock_value(loop, name)
     if clock is not None:
@@ -254,20 +254,6 @@ def overridden(loop: Loop, name: str) -> str | None:
     return None
 
 
-def acts(loop: Loop, name: str) -> bool:
-    """Whether a parameter of the closed system enters its motion, or the default of an input that is not given."""
-    system = loop.system
-    entry, more = system._parameter(name), [each.default for name, each in system.inputs.items() if name not in loop.values]
-    symbol = system.p[entry.offset : entry.offset + count_of(entry.size)]
-
-    def motion() -> ca.SX:
-        of_elements = [getattr(element, kind) for element in system.elements for kind in element.expressions]
-        of_laws = [each for update in system.updates for each in (update.following, update.outputs)]
-        return ca.vertcat(system.flow, *(ca.vec(ca.SX(each)) for each in (*of_elements, *of_laws)))
-
-    return bool(ca.depends_on(system.once("motion", motion), symbol) or (more and ca.depends_on(ca.vertcat(*more), symbol)))
-
-
 def _input_value(loop: Loop, name: str) -> float:
     if name in loop.values:
         value = loop.values[name]
@@ -305,26 +291,6 @@ def _shape_numbers(value: Any) -> dict[str, float]:
 
 
 # ------------------------------------------------------------------------------------------------------------------------------- fields of a design
-def _design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any], float]]:
-    """{name: (declaration, value)} of the fields of a declared law that its design alone knows, because they act nowhere in the closed system."""
-    known = loop.__dict__.setdefault("design_fields", {})  # asked for by every number that is looked for
-    if index not in known:
-        known[index] = _found_design_fields(loop, index)
-    return known[index]
-
-
-def _found_design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any], float]]:
-    given = loop.laws[index]
-    law = given.law if isinstance(given, Sampled) else given
-    if not isinstance(law, Controller) or type(law).design is Controller.design:
-        return {}
-    prefix = law.name or type(law).__name__.lower()
-    fields: dict[str, tuple[Mapping[str, Any], float]] = {}
-    _collect(law, f"{prefix}.", fields)
-    system = loop.system
-    return {name: entry for name, entry in fields.items() if not (system.has_parameter(name) and acts(loop, name))}
-
-
 def memory_places(system: HybridSystem, name: str) -> slice | None:
     """Where something that a sampled law remembers, or an entry of it, stands among the memory of all laws; None for any other name."""
     (head, _, tail), begin = name.rpartition("."), 0
@@ -343,31 +309,6 @@ def is_remembered(system: HybridSystem, name: str) -> bool:
     return memory_places(system, name) is not None
 
 
-def designed_law(loop: Loop, name: str) -> int | None:
-    """Which law of a loop a field of that name belongs to that its design alone knows; None for none."""
-    return next((index for index in range(len(loop.laws)) if name in _design_fields(loop, index)), None)
-
-
-def _collect(node: Any, path: str, found: dict[str, tuple[Mapping[str, Any], float]]) -> None:
-    for each in fields_of(type(node)):
-        value = getattr(node, each.name)
-        if is_nested(value):
-            _collect(value, f"{path}{each.name}.", found)
-        elif each.numeric and isinstance(value, tuple):
-            found |= {f"{path}{each.name}.{i}": (each.spec.metadata, number) for i, number in enumerate(value)}
-        elif each.numeric and isinstance(value, (int, float)):
-            found[f"{path}{each.name}"] = (each.spec.metadata, value)
-
-
-def redesigned(loop: Loop, name: str, value: float) -> Loop:
-    """The loop with one field of a declared law changed, which is designed anew."""
-    index = designed_law(loop, name)
-    assert index is not None
-    given = loop.laws[index]
-    law = _replaced(given.law if isinstance(given, Sampled) else given, name.split(".")[1:], value)
-    return loop.but(laws=(*loop.laws[:index], _sampled(given, law), *loop.laws[index + 1 :]))
-
-
 def law_with_numbers(loop: Loop) -> Any:
     """The first law of a loop with the numbers that `at` changed where they act, in its own fields: ready for another loop.
 
@@ -382,16 +323,11 @@ def law_with_numbers(loop: Loop) -> Any:
         return given
     system = loop.system
     if all(_declared(law, path) for path in paths.values()):
-        written = _sampled(given, functools.reduce(lambda node, name: _replaced(node, paths[name], own[name]), own, law))
+        written = as_sampled(given, functools.reduce(lambda node, name: with_field(node, paths[name], own[name]), own, law))
         with contextlib.suppress(SceneError, np.linalg.LinAlgError):
             if np.array_equal(loop.but(laws=(written, *loop.laws[1:]), parameters=plant).system.values, system.values):
                 return written
-    return _sampled(given, rebuilt(loop.designed[0], system.values, sum(len(numbers_of(part)) for part in loop.plant.parts)))
-
-
-def _sampled(given: Any, law: Any) -> Any:
-    """A law as another one is sampled."""
-    return dataclasses.replace(given, law=law) if isinstance(given, Sampled) else law
+    return as_sampled(given, rebuilt(loop.designed[0], system.values, sum(len(numbers_of(part)) for part in loop.plant.parts)))
 
 
 def _declared(node: Any, path: list[str]) -> bool:
@@ -400,13 +336,3 @@ def _declared(node: Any, path: list[str]) -> bool:
     if isinstance(node, tuple):
         return head.isdigit() and int(head) < len(node)
     return any(each.name == head for each in fields_of(type(node))) and (not tail or _declared(getattr(node, head), tail))
-
-
-def _replaced(node: Any, path: list[str], value: float) -> Any:
-    if not path:
-        return value
-    head, *tail = path
-    if isinstance(node, tuple):
-        place = int(head)
-        return (*node[:place], _replaced(node[place], tail, value), *node[place + 1 :])
-    return dataclasses.replace(node, **{head: _replaced(getattr(node, head), tail, value)})

@@ -14,12 +14,13 @@ from toolbox.arguments import count_of, within
 from toolbox.errors import SceneError
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Component, Slot, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of, symbolic_copy
+from toolbox.modelling.design_fields import designed_law
 from toolbox.modelling.elements import FrictionLaw
 from toolbox.modelling.input_kinds import extremes
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.number_kinds import SAMPLE_TIME, clock_path, sampled_owner
-from toolbox.modelling.numbers import Number, designed_law, is_remembered
+from toolbox.modelling.numbers import Number, is_remembered
 from toolbox.modelling.opposing import driving_of
 from toolbox.modelling.start import place_starts
 from toolbox.simulation.request import Request

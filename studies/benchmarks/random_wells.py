@@ -111,7 +111,7 @@ def rested(well: Well, speed: float) -> dict[str, Any]:
     loop = well.loop.at("top.reference", speed)
     laws = [StiffPI() if isinstance(law, Sampled) and isinstance(law.law, SuperTwisting) else getattr(law, "law", law) for law in loop.laws]
     rest = equilibrium(closed_loop(loop.plant, *laws, inputs=loop.inputs))
-    remembered = [name for name, number in loop.numbers().items() if number.kind == "start" and not loop.plant.has_signal(name)]
+    remembered = [name for name, number in loop.numbers().items() if number.is_start and not loop.plant.has_signal(name)]
     return {name: rest[name] for name in (*loop.plant.states, *remembered) if name in rest}
 
 

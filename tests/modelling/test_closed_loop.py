@@ -111,14 +111,15 @@ def test_a_loop_of_a_loop_keeps_what_is_not_given_anew():
 KINDS = [
     ("bit.weight", "input", "N", 9e4), ("top.reference", "input", "rad/s", 6.0), ("bit.friction.static", "parameter", "1", 0.7),
     ("chain.inertia.0", "parameter", "kg m2", 2000.0), ("pi.proportional", "parameter", "N m s/rad", 900.0), ("softtorque.detuning", "design", "1", 2.0),
-    ("pi.period", "clock", "s", 0.02), ("bit.speed", "start", "rad/s", 3.0), ("pi.angle", "start", "rad", 2.0),
+    ("softtorque.sample_time", "sample time", "s", 0.02), ("softtorque.delay", "delay", "s", 0.02),
+    ("bit.speed", "start", "rad/s", 3.0), ("pi.angle", "start", "rad", 2.0),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "kind", "unit", "value"), KINDS, ids=[row[0] for row in KINDS])
 def test_every_kind_of_number_has_name_unit_and_value_and_can_be_put(name, kind, unit, value):
     number = LOOP.numbers()[name]
-    assert (number.name, number.kind, number.unit) == (name, kind, unit) and number == LOOP.number(name) and number.value != value
+    assert (number.name, str(number.kind), number.unit) == (name, kind, unit) and number == LOOP.number(name) and number.value != value
     changed = LOOP.at(name, value)
     assert changed.number(name).value == value and changed != LOOP and LOOP.number(name) == number
     assert changed.at(name, number.value).number(name).value == number.value
@@ -154,12 +155,12 @@ def test_a_number_that_only_the_design_knows_designs_the_law_anew():
 
 def test_a_sample_time_is_a_number_by_which_the_law_is_sampled():
     """Both the clock and the formulas of the law know it."""
-    slower = LOOP.at("pi.period", "20 ms")
-    assert slower.closed.clocks == [(0.02, 0.0)] and slower.system.parameter("pi.period") == 0.02
+    slower = LOOP.at("softtorque.sample_time", "20 ms")
+    assert slower.closed.clocks == [(0.02, 0.0)] and slower.system.parameter("pi.sample_time") == 0.02
     assert (
         slower
         == closed_loop(LOOP, SoftTorque(reference="45 rpm"), sample_time="20 ms")
-        == closed_loop(LOOP, parameters={"pi.period": "20 ms"})
+        == closed_loop(LOOP, parameters={"softtorque.sample_time": "20 ms"})
     )
     np.testing.assert_array_equal(
         simulate(slower, 1.0).states, simulate(closed_loop(LOOP, SoftTorque(reference="45 rpm"), sample_time=0.02), 1.0).states
@@ -168,7 +169,7 @@ def test_a_sample_time_is_a_number_by_which_the_law_is_sampled():
 
 def test_a_gain_is_changed_where_it_acts_and_the_design_stays():
     loop = closed_loop(RIG, LQR(reference=8.0))
-    gains = [name for name, number in loop.numbers().items() if number.kind == "parameter" and name.startswith("lqr.")]
+    gains = [name for name, number in loop.numbers().items() if number.is_parameter and name.startswith("lqr.")]
     changed = loop.at("bit.weight", 5e4)
     assert gains and all(changed.number(name).value == loop.number(name).value for name in gains)
 

@@ -12,6 +12,7 @@ import pytest
 from controllers import LinearMPC, NormalDither, SoftTorque
 from models import BitRock, BlockOnBelt, wells
 from toolbox import (
+    Sampled,
     SceneError,
     closed_loop,
     compose,
@@ -38,6 +39,7 @@ TURNING = {"chain.speed": (8.0, 8.0), "chain.twist": 18.0}
 LAW = SoftTorque(reference=8.0)
 CONTINUOUS = closed_loop(RIG, LAW, start=TURNING)
 SAMPLED = closed_loop(RIG, LAW, sample_time=0.01, start=TURNING)
+NOISY = closed_loop(RIG, Sampled(LAW, 0.01, noise={"top.speed": 0.01}, resolution={"top.speed": 0.01}), start=TURNING)
 SHAPED = closed_loop(RIG, inputs={"top.torque": sine(9e3, 500.0, 0.2), "bit.weight": ([0.0, 10.0], [9e4, 8e4])}, start=TURNING)
 SWEPT = closed_loop(RIG, inputs={"top.torque": swept_sine(9e3, 500.0, 0.1, 0.4, 10.0), "bit.weight": step(9e4, 8e4, 1.0)}, start=TURNING)
 
@@ -63,9 +65,9 @@ NODE |= {"onset": SHAPE["onset"], "margins": SHAPE["margins"]}
 NODE |= dict.fromkeys(("sweep", "worst_case"), "`bit.weight` is a table, whose times and values all runs share")
 MOVING = {**dict.fromkeys(("sensitivity", "hopf_points", "severity_map", "worst_case"), "varies in time"), "onset": SHAPE["onset"]}
 START = dict.fromkeys(STEADY, "it is a start value, of which a motion that has settled knows nothing") | {"worst_case": "give `starts`"}
-CLOCK = dict.fromkeys(("sweep", "worst_case"), "a sample time is structure; make one sweep for each")
-CLOCK |= dict.fromkeys(("sensitivity", "onset", "severity_map"), "what is sampled at other instants is another loop")
-CLOCK |= {"hopf_points": "must hold laws in their continuous form"}
+CLOCK = {"sensitivity": "by which a run has no slope"}
+NOISE = {"hopf_points": "of which smooth running and cycles without noise know nothing"}
+RESOLUTION = {"hopf_points": "by which the equations of the loop have no slope", "sensitivity": "what is rounded has the derivative 0"}
 OVERRIDDEN = dict.fromkeys(("sensitivity", "sweep", "worst_case", *STEADY), "the input `top.reference` takes its place: vary that one")
 
 NUMBERS = [
@@ -82,8 +84,11 @@ NUMBERS = [
     Varied(SWEPT, "bit.weight.at", "node", (1.0, 1.5), NODE),
     Varied(SHAPED, "top.torque", "input", (9e3, 9.5e3), MOVING | {"margins": SHAPE["margins"]}),
     Varied(CONTINUOUS, "bit.speed", "start", (7.0, 9.0), START),
-    Varied(SAMPLED, "pi.period", "clock", (0.01, 0.02), CLOCK),
-    Varied(SAMPLED, "pi.angle", "start", (5.0, 6.0), START | {"hopf_points": CLOCK["hopf_points"]}),
+    Varied(SAMPLED, "softtorque.sample_time", "sample time", (0.01, 0.02), CLOCK),
+    Varied(SAMPLED, "softtorque.delay", "delay", (0.01, 0.02), CLOCK),
+    Varied(NOISY, "pi.sensors.noise.0", "noise", (0.01, 0.02), NOISE | {"sensitivity": RESOLUTION["sensitivity"]}),
+    Varied(NOISY, "pi.sensors.resolution.0", "resolution", (0.01, 0.02), RESOLUTION),
+    Varied(SAMPLED, "pi.angle", "start", (5.0, 6.0), START),
     Varied(CONTINUOUS.at("top.reference", 8.0), "pi.reference", "parameter", (7.0, 9.0), OVERRIDDEN),
 ]
 each_number = pytest.mark.parametrize("number", NUMBERS, ids=[f"{each.name}-{k}" for k, each in enumerate(NUMBERS)])
@@ -106,7 +111,7 @@ def answered(number, verb, question):
 
 @each_number
 def test_simulate_varies_it(number):
-    assert number.loop.number(number.name).kind == number.kind
+    assert str(number.loop.number(number.name).kind) == number.kind
     assert (len(set(speeds(number.loop, number.name, number.values))) == 1) == (number.refuses == OVERRIDDEN)
 
 
@@ -177,7 +182,7 @@ BELT = compose(BlockOnBelt())
 
 def test_cycles_are_followed_through_every_number_that_has_a_slope():
     free = limit_cycle(closed_loop(BELT, start={"block.position": 1.2}), 60.0)
-    names = [name for name, number in free.loop.numbers().items() if number.kind in ("input", "parameter") and number.value > 0.0]
+    names = [name for name, number in free.loop.numbers().items() if number.kind.has_slope and number.value > 0.0]
     assert {"block.belt_speed", "block.stiffness"} <= {*names}
     for name in names:
         value = free.loop.number(name).value
@@ -208,7 +213,11 @@ def test_a_curve_of_hopf_points_and_a_law_in_python_say_so_too():
 
 
 NUMERIC = [each for each in NUMBERS if math.isfinite(each.loop.number(each.name).value)]
-FITTED = [each for each in NUMERIC if each.kind not in ("clock", "design") and each.refuses is not OVERRIDDEN]
+FITTED = [
+    each
+    for each in NUMERIC
+    if each.kind not in ("sample time", "delay", "noise", "resolution", "design") and each.refuses is not OVERRIDDEN
+]
 
 
 @pytest.mark.parametrize("number", FITTED, ids=lambda number: number.name)
@@ -253,7 +262,16 @@ sample_time = "10 ms"
 
 @pytest.mark.parametrize(
     "name",
-    ["top.reference", "bit.weight", "bit.friction.kinetic", "chain.inertia.0", "pi.proportional", "softtorque.detuning", "bit.speed"],
+    [
+        "top.reference",
+        "bit.weight",
+        "bit.friction.kinetic",
+        "chain.inertia.0",
+        "pi.proportional",
+        "softtorque.detuning",
+        "softtorque.sample_time",
+        "bit.speed",
+    ],
 )
 def test_the_command_line_sweeps_it(name, tmp_path, capsys):
     (tmp_path / "rig.toml").write_text(SCENE)
@@ -265,7 +283,7 @@ def test_the_command_line_sweeps_it(name, tmp_path, capsys):
 def test_the_command_line_says_what_it_cannot_sweep(tmp_path, capsys):
     (tmp_path / "rig.toml").write_text(SCENE)
     given = ["sweep", str(tmp_path / "rig.toml"), "--vary", "pi.period=0.01:0.02:2", "--out", str(tmp_path / "out")]
-    assert main(given) == 2 and "a sample time is structure" in capsys.readouterr().err
+    assert main(given) == 2 and "`pi.period` is named `softtorque.sample_time` now" in capsys.readouterr().err
 
 
 def test_a_number_that_stands_nowhere_among_the_parameters_of_a_program_is_told_so():
@@ -273,7 +291,7 @@ def test_a_number_that_stands_nowhere_among_the_parameters_of_a_program_is_told_
     program = simulate(loop, 0.0).program
     for name, why in (
         ("softtorque.detuning", "only the design"),
-        ("pi.period", "it is a sample time"),
+        ("softtorque.sample_time", "it is a sample time"),
         ("bit.speed", "it is a start value"),
         ("top.reference.values.1", "it is a number of a table"),
         ("bit.weight", "must be given to the loop"),

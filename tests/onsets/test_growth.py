@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 from controllers import PI, ImplicitSlidingMode, Lifting, SlidingMode, SoftTorque, SuperTwisting
 from models import BitRock, TorsionalChain, wells
-from toolbox import Sampled, closed_loop, compose, hopf_points, onset
+from toolbox import Sampled, closed_loop, compose, hopf_curve, hopf_points, onset
 from toolbox.onsets.growth import SmoothBranch
 from toolbox.onsets.sampled_map import section
 from toolbox.onsets.search import OnsetSearch
@@ -128,6 +128,19 @@ def test_the_border_of_a_sampled_pi_is_that_of_its_transition_matrices_and_its_t
     [by_python] = search_losses(Sampled(PythonPI(law.law, period), period, delay=delay), border.value - 0.3, border.value + 0.3)
     assert by_python.followed == "differences"
     assert abs(by_python.value - right) <= by_python.tolerance < 1e-3
+
+
+@pytest.mark.parametrize(("name", "low", "high"), [("softtorque.sample_time", 0.1, 0.6), ("softtorque.delay", 0.1, 0.6)])
+def test_hopf_points_over_sample_time_and_delay_are_where_the_transition_matrices_say(name, low, high):
+    law, word = SoftTorque(reference=9.0), {"softtorque.sample_time": "period", "softtorque.delay": "delay"}[name]
+    loop, gains = closed_loop(RIG, Sampled(law, 0.01)), closed_loop(RIG, law).designed[0]
+    right = brentq(lambda value: growth_by_hand(dataclasses.replace(Sampled(gains, 0.01), **{word: value}), 9.0), low, high, xtol=1e-14)
+    point, other = hopf_points(loop, name, (low, high))  # the swing of the string and that of the integral
+    assert point.value == pytest.approx(right, rel=1e-10) and point.stable == "below"
+    found = SmoothBranch(Request(loop, 1.0).checked(), lambda value: [(loop.number(name), value)], None)
+    assert found.loss(low, high) == pytest.approx(right, rel=1e-9)
+    curve = hopf_curve(loop, name, (low, high), "bit.weight", [97_347.0, 80_000.0])
+    assert curve[0] == pytest.approx(other.value, rel=1e-9) and other.value > right  # the outermost
 
 
 def search_losses(law, low, high):

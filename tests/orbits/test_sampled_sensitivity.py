@@ -208,7 +208,7 @@ def test_what_has_no_derivative_is_named():
         sensitivity(simulate(RIG, 1.0, controller=coarse), "bit.weight")
     run = simulate(RIG, 1.0, controller=StiffPI(reference=5.0), sample_time=0.1)
     with pytest.raises(SceneError, match="sample time"):
-        sensitivity(run, "pi.period")
+        sensitivity(run, "pi.sample_time")
     with pytest.raises(SceneError, match=r"pi\.gain"):
         sensitivity(run, "pi.gain")
 

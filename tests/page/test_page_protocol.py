@@ -138,7 +138,7 @@ def test_every_number_that_acts_is_a_control_once_with_its_value_in_range(page, 
 
 def test_controls_stand_in_the_order_in_which_they_are_turned_with_start_values_last(scene):
     controls = controls_of(scene["soft torque"], {})
-    starts = [each.number.kind == "start" for each in controls]
+    starts = [each.number.is_start for each in controls]
     assert 0 < sum(starts) < len(starts) and starts == sorted(starts)
     places = {each.number.name: k for k, each in enumerate(controls)}
     assert places["bit.weight"] < places["bit.friction.static"] < places["chain.stiffness.0"]
@@ -259,7 +259,7 @@ def test_a_map_waits_while_numbers_are_turned(page):
 
 
 def test_lines_of_python_and_the_saved_run_are_the_same_run(page, tmp_path, monkeypatch, scene):
-    changes = {"pi.period": 0.02, "bit.weight": 8e4, "pi.proportional": "3 kN m s/rad"}
+    changes = {"softtorque.sample_time": 0.02, "bit.weight": 8e4, "pi.proportional": "3 kN m s/rad"}
     setting = {"label": "softer PI, 100 Hz", "changes": changes, "disturbance": "rock"}
     path = tmp_path / "run.npz"
     path.write_bytes(ask(page, "save_run", setting=setting))

@@ -630,7 +630,7 @@ def test_a_scene_brings_its_controller_its_window_and_its_inputs():
         ({"bit.weight": [1e3, math.nan]}, "Argument `bit.weight` must be a row of finite numbers"),
         ({"bit.weight": 3.0}, "Argument `bit.weight` must be a row of finite numbers"),
         ({"chain.inertia": [1.0]}, "`chain.inertia` must be one number, but it has 2 entries: name one"),
-        ({"pi.period": [0.01, 0.02]}, "a sample time is structure"),
+        ({"pi.period": [0.01, 0.02]}, "`pi.period` is named `pi.sample_time` now"),
         ({}, "must name at least one number"),
         ([{"bit.weight": 1.0}, {"bit.radius": 1.0}], "must be rows that all give numbers to the same names"),
         (3, "Argument `vary` must map names to values"),

@@ -35,6 +35,7 @@ from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.closed_loop import ClosedLoop, closed_loop, takes_loop
 from toolbox.modelling.laws import names as names_of
+from toolbox.modelling.number_kinds import PARAMETER
 from toolbox.modelling.numbers import Number
 from toolbox.simulation.request import Request
 
@@ -210,13 +211,13 @@ def _parameter(loop: ClosedLoop, name: str) -> Number:
     if entry.size is not None:
         raise SceneError(f"Argument `free` must hold single numbers, such as `{name}.0`, but `{name}` has {entry.size} entries.")
     value = float(loop.closed.plant.values[entry.offset])
-    return Number(name, entry.unit, "parameter", value, entry.meaning, entry.bounds)
+    return Number(name, entry.unit, PARAMETER, value, entry.meaning, entry.bounds)
 
 
 def _free(loop: ClosedLoop, recording: Recording, name: str) -> Number:
     """A number of the loop that is neither measured nor varies in time, or the start value of a measured state; raises SceneError for any other."""
     number = loop.number(name)
-    if name in recording.signals and name not in loop.inputs and number.kind != "start":
+    if name in recording.signals and name not in loop.inputs and not number.is_start:
         raise SceneError(f"Argument `free` must not hold `{name}`, because it is measured.")
     if not math.isfinite(number.value):
         raise SceneError(f"Argument `free` must hold constant inputs, but `{name}` varies in time or is measured.")

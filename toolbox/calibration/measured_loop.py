@@ -59,7 +59,7 @@ class MeasuredLoop(ContactMisfit):
         if begin is not None:  # the samples that count are those that slip on the clock of the force
             self.recording = recording = dataclasses.replace(recording, signals=moved(recording, shifts, begin, self.output))
         self._driven = [name for name in plant.inputs if name in recording.signals]
-        parameters = [number.name for number in numbers if number.kind == "parameter"]
+        parameters = [number.name for number in numbers if number.is_parameter]
         law = self._law = LoopLaw.of(plant, self.place, self.output, inputs, self._driven, parameters)
         self._complain_about_missing(law)
         self._switches = [elements.index(twin.name) for twin in element.breaks]
@@ -203,7 +203,7 @@ class MeasuredLoop(ContactMisfit):
         self._place(values)
         both = self._of(self._slopes, self._numbers(values))
         found = np.empty((values.size, self.rows.size)).T  # column by column, as it is filled and used
-        places = [i for i, number in enumerate(self.numbers) if number.kind == "parameter"]
+        places = [i for i, number in enumerate(self.numbers) if number.is_parameter]
         for i, each in zip(places, zip(*both, strict=True), strict=True):
             found[:, i] = self._counted(*each)
         return found

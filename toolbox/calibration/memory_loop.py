@@ -58,9 +58,7 @@ class MemoryLoop(ContactMisfit):
         measured = [name for name in plant.inputs if name in self.recording.signals]
         law = self._driven(law, given, measured)
         self._sources = self._driving(law, measured)
-        self._begin = {
-            row: (number.name, i) for i, number in enumerate(numbers) if number.kind == "start" for row in self._row(number.name)
-        }
+        self._begin = {row: (number.name, i) for i, number in enumerate(numbers) if number.is_start for row in self._row(number.name)}
         self._first = np.array([self._declared(row) for row in self.memory])
         self._last: tuple[bytes, np.ndarray] = (b"", plant.values)
         free = ca.vertcat(*[plant.p[plant._parameter(name).offset] for name in self._parameters]) if self._parameters else ca.SX(0, 1)
@@ -100,7 +98,7 @@ class MemoryLoop(ContactMisfit):
 
     @property
     def _parameters(self) -> list[str]:
-        return [number.name for number in self.numbers if number.kind == "parameter"]
+        return [number.name for number in self.numbers if number.is_parameter]
 
     @property
     def how(self) -> str:
@@ -243,10 +241,10 @@ class MemoryLoop(ContactMisfit):
         found = np.empty((values.size, count)).T
         k, parameters = len(self._parameters), self._parameters
         for i, number in enumerate(self.numbers):
-            if number.kind == "parameter":
+            if number.is_parameter:
                 j = parameters.index(number.name)
                 found[:, i] = through[:, j] + of_free[j]
-            elif number.kind == "start":
+            elif number.is_start:
                 found[:, i] = through[:, k + self.memory.index(self._row(number.name)[0])]
         return found[self._kept]
 

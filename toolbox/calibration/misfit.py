@@ -36,7 +36,7 @@ class Misfit:
     def at(self, values: np.ndarray) -> ClosedLoop:
         """The loop with the free numbers at given values; raises SceneError where numbers contradict each other."""
         free = zip(self.numbers, values.tolist(), strict=True)
-        return reduce(lambda loop, pair: pair[0].put(loop, pair[1]), (pair for pair in free if pair[0].kind != "shift"), self.loop)
+        return reduce(lambda loop, pair: pair[0].put(loop, pair[1]), (pair for pair in free if not pair[0].is_shift), self.loop)
 
     @property
     def span(self) -> float:
@@ -115,7 +115,7 @@ class ContactMisfit(Misfit):
     def _of_plant(self, values: np.ndarray) -> dict[str, float]:
         """{parameter: value} of those that are free."""
         free = zip(self.numbers, values.tolist(), strict=True)
-        return {number.name: value for number, value in free if number.kind == "parameter"}
+        return {number.name: value for number, value in free if number.is_parameter}
 
     def _numbers(self, values: np.ndarray) -> np.ndarray:
         """All numbers of the plant; raises SceneError where they contradict each other. Kept for the slopes at the same place."""
@@ -138,7 +138,7 @@ class ContactMisfit(Misfit):
         """The parameters that are free, and for every part that has some of them their places among these and whether it passes its checks with others,
         of which one is that its friction laws oppose their slip.
         """
-        entries = [self.plant._parameter(number.name) for number in self.numbers if number.kind == "parameter"]
+        entries = [self.plant._parameter(number.name) for number in self.numbers if number.is_parameter]
         checks = []
         for part, first in zip(self.plant.parts, self.plant._offsets(), strict=True):
             last = first + len(numbers_of(part))

@@ -205,7 +205,7 @@ class Simulated(Misfit):
     def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of `model` with respect to the free numbers, shape (nt, k): exact, or central differences where a run has none."""
         driving = {shift.place for shift in self.shifts if set(shift.channels) - set(self.outputs)}
-        moving = [i for i, number in enumerate(self.numbers) if number.kind != "shift"]
+        moving = [i for i, number in enumerate(self.numbers) if not number.is_shift]
         found = {name: np.zeros((self.time[name].size, values.size)) for name in self.outputs}
         differenced = [*driving, *moving]
         if self.exact and moving:

@@ -114,7 +114,7 @@ class Fit(Told, Result):
     def parameters(self) -> dict[str, float]:
         """{name: estimate} of those that are parameters of the plant."""
         loop = self._machine.loop
-        taken = [each.name for each in self.misfit.numbers if each.kind == "parameter" or (each.is_input and each.name not in loop.inputs)]
+        taken = [each.name for each in self.misfit.numbers if each.is_parameter or (each.is_input and each.name not in loop.inputs)]
         return {name: self[name] for name in taken if loop.plant.has_parameter(name)}
 
     @property

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolbox.calibration.recording import Recording
+from toolbox.modelling import number_kinds as kinds
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.numbers import Number, number_of
 
@@ -40,7 +41,7 @@ def shift_number(loop: ClosedLoop, recording: Recording, name: str) -> Number | 
     most = min(MOST, PART * float(recording.time[-1]))
     bounds = {"at_least": -most, "above": None, "at_most": most}
     return Number(
-        name, "s", "shift", 0.0, f"how much later {' and '.join(channels_of(loop, recording, name))} was written than it was", bounds
+        name, "s", kinds.SHIFT, 0.0, f"how much later {' and '.join(channels_of(loop, recording, name))} was written than it was", bounds
     )
 
 
@@ -55,7 +56,7 @@ def shifts_of(loop: ClosedLoop, numbers: Sequence[Number], recording: Recording,
     return tuple(
         Shift(i, channels_of(loop, recording, number.name), float(low[i]), float(high[i]))
         for i, number in enumerate(numbers)
-        if number.kind == "shift"
+        if number.is_shift
     )
 
 

@@ -18,6 +18,7 @@ from toolbox.arguments import number, numbers
 from toolbox.errors import NoSteadyState, SceneError, SimulationError, suggest
 from toolbox.files.reading import text_of
 from toolbox.messages import progress_bar
+from toolbox.modelling.number_kinds import former_name
 
 
 def common(
@@ -268,17 +269,19 @@ def check_known(scene: Any, labels: Sequence[str], names: Iterable[str]) -> None
     """
     for name in names:
         known: set[str] = set()
+        renamed = False
         refused: list[SceneError] = []
         for label in labels:
             try:
                 loop = scene[label]
                 known |= loop.numbers().keys()
+                renamed |= former_name(loop, name) is not None
                 loop.number(name)
                 break
             except SceneError as error:
                 refused.append(error)
         else:
-            if known and not any(each.endswith(f".{name}") or each.startswith(f"{name}.") for each in known):
+            if known and not renamed and not any(each.endswith(f".{name}") or each.startswith(f"{name}.") for each in known):
                 raise SceneError(f"There is no number `{name}`: {suggest(name, known)}")
             raise refused[-1]
 

@@ -20,7 +20,7 @@ from toolbox.modelling.garbage import uncollected
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.input_kinds import ExpressionKey
 from toolbox.modelling.inputs import Shape
-from toolbox.modelling.numbers import WITHOUT_SLOPE, Number
+from toolbox.modelling.numbers import Number
 from toolbox.modelling.singular_gains import depending
 from toolbox.modelling.switching import Switching, switching
 from toolbox.modelling.two_directions import resolution
@@ -74,10 +74,10 @@ class Program:
 
         Raises SceneError for a number that stands nowhere in it, and for the seed of a noise, which is in all of its numbers.
         """
-        if number.kind == "parameter":
+        if number.is_parameter:
             return self.system._parameter(number.name).offset
-        if number.kind not in ("input", "shape"):
-            raise SceneError(f"Argument `{number.name}` must stand among the parameters of a program, but {WITHOUT_SLOPE[number.kind]}.")
+        if not (number.is_input or number.is_shape):
+            raise SceneError(f"Argument `{number.name}` must stand among the parameters of a program, but {number.kind.why}.")
         name, key = (number.name, "") if number.is_input else number.in_input(inputs)
         if key == "seed":
             raise SceneError(

@@ -32,7 +32,8 @@ from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.input_kinds import ExpressionKey, extremes, input_kinds
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Controller, Sampled
-from toolbox.modelling.numbers import WITHOUT_SLOPE, Number, number_of, numbers_in
+from toolbox.modelling.number_kinds import former_name
+from toolbox.modelling.numbers import Number, number_of, numbers_in
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.modelling.steady_point import Equilibrium
 from toolbox.modelling.told_numbers import given_as, numbers_of
@@ -217,7 +218,8 @@ class ClosedLoop(Printed):
     def overridden(self) -> dict[str, str]:
         """{parameter that has no effect: the input that takes its place}."""
         scalars = [name for name, entry in self.system.parameters.items() if entry.size is None]
-        return {name: found for name in scalars if (found := self.number(name).overridden) is not None}
+        known = [(name, number_of(self, name)) for name in scalars]
+        return {name: number.overridden for name, number in known if number is not None and number.overridden is not None}
 
     def number(self, name: str) -> Number:
         """The number of that name, or of the only name that ends so: `proportional`. Raises SceneError where there is none, with the nearest that there is."""
@@ -226,6 +228,8 @@ class ClosedLoop(Printed):
             return found
         if not isinstance(name, str):
             raise SceneError(f"Argument `parameter` must be the name of a number of the loop, but it is {name!r}.")
+        if (now := former_name(self, name)) is not None:
+            raise SceneError(f"The number `{name}` is named `{now}` now.")
         known = self.numbers()
         ending = [each for each in known if each.endswith(f".{name}")]
         if len(ending) == 1:
@@ -250,11 +254,11 @@ class ClosedLoop(Printed):
             raise SceneError(f"Argument `{name}` must have an effect to be varied, but {why}.")
         return number
 
-    def acting(self, name: str, verb: str, also: tuple[str, ...] = ()) -> Number:
-        """An input, a parameter where it acts, or a number of the kinds `also`, for a verb that needs slopes by it; raises SceneError for any other."""
+    def acting(self, name: str, verb: str, also: Callable[[Number], bool] = lambda number: False) -> Number:
+        """An input, a parameter where it acts, or a number of which `also` holds, for a verb that needs slopes by it; raises SceneError for any other."""
         number = self.free(name)
-        if number.kind not in ("input", "parameter", *also):
-            raise SceneError(f"Argument `{name}` must be an input or a parameter for `{verb}`, but {WITHOUT_SLOPE[number.kind]}.")
+        if not (number.kind.has_slope or also(number)):
+            raise SceneError(f"Argument `{name}` must be an input or a parameter for `{verb}`, but {number.kind.why}.")
         if np.isnan(number.value):
             raise SceneError(
                 f"Argument `{name}` must be a constant input for `{verb}`, but it varies in time: give `loop.at({name!r}, value)` or name a number of it."
@@ -289,7 +293,9 @@ class ClosedLoop(Printed):
         loop, values = self, dict(self.parameters)
         for name, value in mapping("parameters", given).items():
             number = None if self.plant.has_parameter(name) else number_of(self, name)
-            if number is not None and number.kind in ("design", "clock"):
+            if number is None and (now := former_name(self, name)) is not None:
+                raise SceneError(f"The number `{name}` is named `{now}` now.")
+            if number is not None and number.kind.redesigns:
                 loop = number.put(loop, value)
             else:
                 # a law may take the place of an input and its default

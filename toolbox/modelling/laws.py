@@ -266,7 +266,7 @@ class Held(Component):
 
     law: Controller = field(default_factory=Controller)
     sensors: Sensors = field(default_factory=Sensors)
-    period: Any = quantity(0.01, "s", "sample time", above=0)
+    sample_time: Any = quantity(0.01, "s", "sample time", above=0)
 
     def equations(self, signal: Signal) -> Equations:
         noise: dict[str, ca.SX] = {}
@@ -277,7 +277,7 @@ class Held(Component):
             return self.sensors.reading(name, signal(name, unit, default), noise.get(name))
 
         asked: dict[str, bool] = {}
-        update, title = self.law.sampled(_noting(sensed, asked), self.period), type(self.law).__name__
+        update, title = self.law.sampled(_noting(sensed, asked), self.sample_time), type(self.law).__name__
         if not isinstance(update, Update):
             raise SceneError(f"`{title}.sampled` must return Update, but it returned {type(update).__name__}.")
         for variable in update.memory:

@@ -5,7 +5,10 @@
     design       a field of a law that only its design knows                     softtorque.detuning
     shape        a number of the shape that an input has                         top.torque.amplitude
     node         a time or a value of the table that an input has                top.torque.values.2
-    clock        the sample time of a law                                        pi.period
+    sample time  the sample time of a controller                                 pi.sample_time
+    delay        the time from a sample until its outputs take effect            pi.delay
+    noise        the standard deviation of the noise of a sensor                 pi.sensors.noise.0
+    resolution   the step of an encoder                                          pi.sensors.resolution.0
     start        the start value of a state, or of what a sampled law remembers  bit.speed, pi.angle
 
 An input and a parameter of one name are one number: the input, whose default the parameter is.
@@ -14,9 +17,7 @@ An input and a parameter of one name are one number: the input, whose default th
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import functools
-import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,22 +29,16 @@ from toolbox.arguments import checked_range, count_of, refuse
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, TypedNumber, in_si, warn_unusual
 from toolbox.modelling import inputs as shapes
-from toolbox.modelling.components import fields_of, is_nested, numbers_of, rebuilt
+from toolbox.modelling import number_kinds as kinds
+from toolbox.modelling.components import fields_of, numbers_of, rebuilt
+from toolbox.modelling.design_fields import acts, as_sampled, design_fields, designed_law, with_field
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.laws import Controller, Held, Sampled
+from toolbox.modelling.laws import Sampled
+from toolbox.modelling.number_kinds import NumberKind
 from toolbox.modelling.start import place_starts, places_of, row_of, started
 
 Loop = Any
 """A `ClosedLoop`, which is made of numbers and therefore stands above this file."""
-
-WITHOUT_SLOPE = {
-    "design": "only the design of a law knows it, so that no equation of the loop has a slope by it: vary a gain that it gives",
-    "shape": "it shapes an input in time, and steady running has constant inputs",
-    "node": "it is a number of a table in time, by which no slope is carried: give `loop.at(name, value)` for each value",
-    "clock": "it is a sample time, and what is sampled at other instants is another loop: give `loop.at(name, value)` for each value",
-    "start": "it is a start value, of which a motion that has settled knows nothing",
-}
-"""Why a number of a kind is not one that verbs with slopes can vary."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +52,7 @@ class Number:
     unit
         Its unit in SI.
     kind
-        "input", "parameter", "design", "shape", "node", "clock" or "start" (see `toolbox.modelling.numbers`).
+        Its kind, which says how it is put into a run and what can vary it (`toolbox.modelling.number_kinds`).
     value
         Its value in the loop, in SI; NaN for an input that varies in time.
     meaning
@@ -72,7 +67,7 @@ class Number:
 
     name: str
     unit: str
-    kind: str
+    kind: NumberKind
     value: float
     meaning: str = ""
     bounds: Mapping[str, float | None] = field(default_factory=dict)
@@ -82,7 +77,42 @@ class Number:
     @property
     def is_input(self) -> bool:
         """Whether it is an input that is held constant."""
-        return self.kind == "input"
+        return self.kind is kinds.INPUT
+
+    @property
+    def is_parameter(self) -> bool:
+        """Whether it is a number of a part, a controller or its sensors, where it acts."""
+        return isinstance(self.kind, kinds.ParameterKind)
+
+    @property
+    def is_design(self) -> bool:
+        """Whether only the design of a controller knows it."""
+        return self.kind is kinds.DESIGN
+
+    @property
+    def is_clock(self) -> bool:
+        """Whether it is the sample time or the delay of a controller."""
+        return isinstance(self.kind, kinds.ClockKind)
+
+    @property
+    def is_shape(self) -> bool:
+        """Whether it is a number of the shape of an input."""
+        return self.kind is kinds.SHAPE
+
+    @property
+    def is_node(self) -> bool:
+        """Whether it is a time or a value of the table of an input."""
+        return self.kind is kinds.NODE
+
+    @property
+    def is_start(self) -> bool:
+        """Whether it is a start value."""
+        return self.kind is kinds.START
+
+    @property
+    def is_shift(self) -> bool:
+        """Whether it is the shift of a channel of a recording."""
+        return self.kind is kinds.SHIFT
 
     def in_si(self, word: str, given: Any) -> Any:
         """What an argument of it holds, with text as numbers in its unit."""
@@ -106,39 +136,21 @@ class Number:
         refuse(f"Argument `{self.name}`", value, self.unit, self.bounds)
 
     def varied(self, system: HybridSystem, inputs: Mapping[str, Any], value: float) -> tuple[HybridSystem, dict[str, Any]]:
-        """A system and its inputs with this value of an input, of a number of its shape, or of a parameter where it acts."""
-        if self.kind == "input":
-            return system, {**inputs, self.name: value}
-        if self.kind in ("shape", "node"):
-            name, key = self.in_input(inputs)
-            return system, {**inputs, name: _reshaped(inputs[name], key, value)}
-        return system.with_parameters({self.name: value}), dict(inputs)
+        """A closed system and its inputs with this value; as they are where the number does not enter the equations, as a start value."""
+        return self.kind.varied(system, inputs, self.name, value)
 
     def put(self, loop: Loop, value: NumberOrText) -> Loop:
         """The loop with this value; raises SceneError where it is out of bounds."""
         value = self.in_si(self.name, value)
         self.check(value)
-        if self.kind == "input":
-            kept = {name: given for name, given in loop.parameters.items() if name != self.name}
-            return loop.but(inputs={**loop.inputs, self.name: value}, parameters=kept)
-        if self.kind == "parameter":
-            kept = {name: given for name, given in loop.inputs.items() if name != self.name}
-            return loop.but(parameters={**loop.parameters, self.name: value}, inputs=kept)
-        if self.kind == "start":
-            row = row_of(loop.system, self.name)  # other names of the same state give way
-            kept = {name: given for name, given in loop.start.items() if row is None or row_of(loop.system, name) != row}
-            return loop.but(start={**kept, self.name: value})
-        if self.kind == "design":
-            return _redesigned(loop, self.name, value)
-        if self.kind == "clock":
-            return _resampled(loop, self.name, value)
-        name, _ = self.in_input(loop.values)
-        return loop.but(inputs={**loop.inputs, name: self.varied(loop.system, loop.values, value)[1][name]})
+        return self.kind.put(loop, self.name, value)
 
     def in_input(self, inputs: Iterable[str]) -> tuple[str, str]:
         """(input, name of the number in its shape or table), for the number of a shape."""
-        name = max((each for each in inputs if self.name.startswith(f"{each}.")), key=len)
-        return name, self.name[len(name) + 1 :]
+        return kinds.in_input(self.name, inputs)
+
+
+CLOCK_MEANINGS = {"sample time": "sample time", "delay": "time from a sample until its outputs take effect"}
 
 
 def numbers_in(loop: Loop) -> dict[str, Number]:
@@ -147,7 +159,8 @@ def numbers_in(loop: Loop) -> dict[str, Number]:
     names = [*system.inputs]
     for name, entry in system.parameters.items():
         names += [name] if entry.size is None else [f"{name}.{i}" for i in range(entry.size)]
-    names += [name for i in range(len(loop.laws)) for name in _design_fields(loop, i)]
+    names += [name for i in range(len(loop.laws)) for name in design_fields(loop, i)]
+    names += [f"{prefix}.{word}" for prefix in kinds.clock_prefixes(loop) for word in kinds.CLOCK_KINDS]
     for name, value in loop.values.items():
         names += [f"{name}.{key}" for key in _shape_numbers(value)]
     sizes = {name: system.states[name][1] if name in system.states else None for name in started(system)}
@@ -163,7 +176,7 @@ def put_all(loop: Loop, values: Mapping[str, NumberOrText]) -> Loop:
     Parameters are put together, because what a part demands of two of them, such as a static friction above the kinetic one, may not hold in between.
     """
     numbers = {name: loop.number(name) for name in values}
-    together = {each.name: each.in_si(each.name, values[name]) for name, each in numbers.items() if each.kind == "parameter"}
+    together = {each.name: each.in_si(each.name, values[name]) for name, each in numbers.items() if each.is_parameter}
     for each in numbers.values():
         if each.name in together:
             each.check(together[each.name])
@@ -184,34 +197,39 @@ def number_of(loop: Loop, name: str) -> Number | None:
     if name in system.inputs:
         entry = system.parameters.get(name)
         usual = _usual(system, name) if entry is not None else _usual_default(system, system.inputs[name].default)
-        return Number(name, system.inputs[name].unit, "input", _input_value(loop, name), entry.meaning if entry is not None else "",
+        return Number(name, system.inputs[name].unit, kinds.INPUT, _input_value(loop, name), entry.meaning if entry is not None else "",
                       entry.bounds if entry is not None else {}, usual)  # fmt: skip
     design = designed_law(loop, name)
     if design is not None:
-        spec, value = _design_fields(loop, design)[name]
-        return Number(name, spec.get("unit", "1"), "design", float(value), spec.get("meaning", ""), _bounds(spec), spec.get("usual"))
+        spec, value = design_fields(loop, design)[name]
+        return Number(name, spec.get("unit", "1"), kinds.DESIGN, float(value), spec.get("meaning", ""), _bounds(spec), spec.get("usual"))
+    clock = kinds.clock_value(loop, name)
+    if clock is not None:
+        kind, value = clock
+        bounds: dict[str, float | None] = {"above": 0.0} if kind is kinds.SAMPLE_TIME else {"at_least": 0.0}
+        return Number(name, "s", kind, value, CLOCK_MEANINGS[kind.word], bounds)
     if system.has_parameter(name):
         entry = system._parameter(name)
-        if entry.size is not None:
+        if entry.size is not None or kinds.former_name(loop, name) is not None:
             return None
-        kind, value = "parameter" if sampled_law(loop, name) is None else "clock", float(system.parameter(name))
+        kind, value = kinds.noise_or_resolution(name), float(system.parameter(name))
         return Number(name, entry.unit, kind, value, entry.meaning, entry.bounds, _usual(system, name), overridden(loop, name))
     for given, value in loop.values.items():
         key = name[len(given) + 1 :]
         if name.startswith(f"{given}.") and key in _shape_numbers(value):
             unit = shapes.UNITS.get(value.shape, {}).get(key, "s" if key.startswith("times.") else "")
-            kind = "node" if isinstance(value, shapes.Table) else "shape"
+            kind = kinds.NODE if isinstance(value, shapes.Table) else kinds.SHAPE
             return Number(name, unit or system.inputs[given].unit, kind, float(_shape_numbers(value)[key]))
     if row_of(system, name) is not None:
         x = system.begin.copy()
         place_starts(system, x, {each: given for each, given in loop.start.items() if places_of(system, each) is not None})
-        return Number(name, system.signal_unit(name), "start", float(x[row_of(system, name)]))
+        return Number(name, system.signal_unit(name), kinds.START, float(x[row_of(system, name)]))
     sizes, (head, _, place) = remembered(system), name.rpartition(".")
     if is_remembered(system, name) and sizes.get(name) is None:
         owner = name if name in sizes else head
         whole = np.broadcast_to(loop.start.get(owner, 0.0), count_of(sizes[owner]))
         value = loop.start.get(name, whole[0 if name in sizes else int(place)])
-        return Number(name, system.signal_unit(owner), "start", float(value))
+        return Number(name, system.signal_unit(owner), kinds.START, float(value))
     return None
 
 
@@ -234,20 +252,6 @@ def overridden(loop: Loop, name: str) -> str | None:
         if owner.has_parameter(name) and ca.depends_on(default, owner.p[owner._parameter(name).offset]):
             return None if acts(loop, name) else each
     return None
-
-
-def acts(loop: Loop, name: str) -> bool:
-    """Whether a parameter of the closed system enters its motion, or the default of an input that is not given."""
-    system = loop.system
-    entry, more = system._parameter(name), [each.default for name, each in system.inputs.items() if name not in loop.values]
-    symbol = system.p[entry.offset : entry.offset + count_of(entry.size)]
-
-    def motion() -> ca.SX:
-        of_elements = [getattr(element, kind) for element in system.elements for kind in element.expressions]
-        of_laws = [each for update in system.updates for each in (update.following, update.outputs)]
-        return ca.vertcat(system.flow, *(ca.vec(ca.SX(each)) for each in (*of_elements, *of_laws)))
-
-    return bool(ca.depends_on(system.once("motion", motion), symbol) or (more and ca.depends_on(ca.vertcat(*more), symbol)))
 
 
 def _input_value(loop: Loop, name: str) -> float:
@@ -286,37 +290,7 @@ def _shape_numbers(value: Any) -> dict[str, float]:
     return {}
 
 
-def _reshaped(value: Any, key: str, number: float) -> Any:
-    """An input with one number of its shape changed."""
-    if value.shape:
-        return getattr(shapes, value.shape)(**{**value.numbers, key: number})
-    word, _, place = key.partition(".")
-    rows = {"times": value.times.copy(), "values": value.values.copy()}
-    rows[word][int(place)] = number
-    return shapes.Table.of(key, rows["times"], rows["values"])
-
-
 # ------------------------------------------------------------------------------------------------------------------------------- fields of a design
-def _design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any], float]]:
-    """{name: (declaration, value)} of the fields of a declared law that its design alone knows, because they act nowhere in the closed system."""
-    known = loop.__dict__.setdefault("design_fields", {})  # asked for by every number that is looked for
-    if index not in known:
-        known[index] = _found_design_fields(loop, index)
-    return known[index]
-
-
-def _found_design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any], float]]:
-    given = loop.laws[index]
-    law = given.law if isinstance(given, Sampled) else given
-    if not isinstance(law, Controller) or type(law).design is Controller.design:
-        return {}
-    prefix = law.name or type(law).__name__.lower()
-    fields: dict[str, tuple[Mapping[str, Any], float]] = {}
-    _collect(law, f"{prefix}.", fields)
-    system = loop.system
-    return {name: entry for name, entry in fields.items() if not (system.has_parameter(name) and acts(loop, name))}
-
-
 def memory_places(system: HybridSystem, name: str) -> slice | None:
     """Where something that a sampled law remembers, or an entry of it, stands among the memory of all laws; None for any other name."""
     (head, _, tail), begin = name.rpartition("."), 0
@@ -335,40 +309,6 @@ def is_remembered(system: HybridSystem, name: str) -> bool:
     return memory_places(system, name) is not None
 
 
-def sampled_law(loop: Loop, name: str) -> int | None:
-    """Which law of a loop a parameter of that name is the sample time of; None for none."""
-    parts, first = loop.system.parts, len(loop.system.parts) - len(loop.laws)
-    ends = itertools.accumulate(len(numbers_of(part)) for part in parts)
-    offset = loop.system._parameter(name).offset
-    held = (i for i, (part, end) in enumerate(zip(parts, ends, strict=True)) if isinstance(part, Held) and end - 1 == offset)
-    return next((i - first for i in held), None)
-
-
-def designed_law(loop: Loop, name: str) -> int | None:
-    """Which law of a loop a field of that name belongs to that its design alone knows; None for none."""
-    return next((index for index in range(len(loop.laws)) if name in _design_fields(loop, index)), None)
-
-
-def _collect(node: Any, path: str, found: dict[str, tuple[Mapping[str, Any], float]]) -> None:
-    for each in fields_of(type(node)):
-        value = getattr(node, each.name)
-        if is_nested(value):
-            _collect(value, f"{path}{each.name}.", found)
-        elif each.numeric and isinstance(value, tuple):
-            found |= {f"{path}{each.name}.{i}": (each.spec.metadata, number) for i, number in enumerate(value)}
-        elif each.numeric and isinstance(value, (int, float)):
-            found[f"{path}{each.name}"] = (each.spec.metadata, value)
-
-
-def _redesigned(loop: Loop, name: str, value: float) -> Loop:
-    """The loop with one field of a declared law changed, which is designed anew."""
-    index = designed_law(loop, name)
-    assert index is not None
-    given = loop.laws[index]
-    law = _replaced(given.law if isinstance(given, Sampled) else given, name.split(".")[1:], value)
-    return loop.but(laws=(*loop.laws[:index], _sampled(given, law), *loop.laws[index + 1 :]))
-
-
 def law_with_numbers(loop: Loop) -> Any:
     """The first law of a loop with the numbers that `at` changed where they act, in its own fields: ready for another loop.
 
@@ -383,16 +323,11 @@ def law_with_numbers(loop: Loop) -> Any:
         return given
     system = loop.system
     if all(_declared(law, path) for path in paths.values()):
-        written = _sampled(given, functools.reduce(lambda node, name: _replaced(node, paths[name], own[name]), own, law))
+        written = as_sampled(given, functools.reduce(lambda node, name: with_field(node, paths[name], own[name]), own, law))
         with contextlib.suppress(SceneError, np.linalg.LinAlgError):
             if np.array_equal(loop.but(laws=(written, *loop.laws[1:]), parameters=plant).system.values, system.values):
                 return written
-    return _sampled(given, rebuilt(loop.designed[0], system.values, sum(len(numbers_of(part)) for part in loop.plant.parts)))
-
-
-def _sampled(given: Any, law: Any) -> Any:
-    """A law as another one is sampled."""
-    return dataclasses.replace(given, law=law) if isinstance(given, Sampled) else law
+    return as_sampled(given, rebuilt(loop.designed[0], system.values, sum(len(numbers_of(part)) for part in loop.plant.parts)))
 
 
 def _declared(node: Any, path: list[str]) -> bool:
@@ -401,21 +336,3 @@ def _declared(node: Any, path: list[str]) -> bool:
     if isinstance(node, tuple):
         return head.isdigit() and int(head) < len(node)
     return any(each.name == head for each in fields_of(type(node))) and (not tail or _declared(getattr(node, head), tail))
-
-
-def _resampled(loop: Loop, name: str, value: float) -> Loop:
-    """The loop with one law sampled at another time, designed as it is."""
-    index = sampled_law(loop, name)
-    assert index is not None
-    changed = dataclasses.replace(loop.laws[index], period=value)
-    return loop.with_laws((*loop.laws[:index], changed, *loop.laws[index + 1 :]))
-
-
-def _replaced(node: Any, path: list[str], value: float) -> Any:
-    if not path:
-        return value
-    head, *tail = path
-    if isinstance(node, tuple):
-        place = int(head)
-        return (*node[:place], _replaced(node[place], tail, value), *node[place + 1 :])
-    return dataclasses.replace(node, **{head: _replaced(getattr(node, head), tail, value)})

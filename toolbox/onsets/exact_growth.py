@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError
-from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.laws import Sampled
 from toolbox.onsets.motions import Growth, Smooth, in_phase, least_damped, slip_rows
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import RunState
 from toolbox.steady_states.linear_loop import checked_smooth
 from toolbox.steady_states.sampled_matrix import matrix_over_period
-from toolbox.steady_states.steady_loop import STANDS, SampledPoint
+from toolbox.steady_states.steady_loop import STANDS, SampledPoint, without_sensor_errors
 
 WAY = "matrices"
 """The word for a growth that is known from the exact matrix."""
-
-
-def without_sensor_errors(loop: ClosedLoop) -> ClosedLoop:
-    """Return the loop with sensors that read without noise and without steps."""
-    return loop.with_laws(dataclasses.replace(law, noise={}, resolution={}) if isinstance(law, Sampled) else law for law in loop.laws)
 
 
 def exact_run(base: Run) -> Run | None:

@@ -51,7 +51,7 @@ class Plane:
         """The plane over two numbers of a loop. Raises SceneError for names and ranges that make none."""
         if not isinstance(over, Mapping) or len(over) != 2:
             raise SceneError(f"Argument `over` must map two names to (low, high), but it is {over!r}.")
-        first, second = (loop.acting(name, "severity_map") for name in over)
+        first, second = (loop.acting(name, "severity_map", lambda number: number.kind.borders) for name in over)
         ranges = tuple(each.span(ends, each.name) for each, ends in zip((first, second), over.values(), strict=True))
         for each, ends in zip((first, second), ranges, strict=True):
             for end in ends:
@@ -97,7 +97,7 @@ class SteadyPlane:
         """Parameters and inputs at all points, one column each."""
         values = np.repeat(self.closed.values[:, None], len(points), axis=1)
         for free, column in zip(self.plane.numbers, points.T, strict=True):
-            if not free.is_input:
+            if not free.is_input and self.closed.has_parameter(free.name):  # the continuous form has no sample time
                 values[self.closed._parameter(free.name).offset] = column
         u = np.array(self.closed.input_defaults(values)).reshape(-1, len(points))
         names = list(self.closed.inputs)
@@ -168,7 +168,7 @@ def steady_plane(loop: ClosedLoop, plane: Plane, mode: Mapping[str, str] | None,
     try:
         continuous = loop.continuous
         for each, value in plane.values(MIDDLE):
-            continuous = each.put(continuous, value)
+            continuous = each.put(continuous, value) if each.kind.has_slope else continuous
         inputs = continuous.constant_inputs("a steady state")
         middle = steady_state(continuous.system, inputs, guess, mode)
     except SceneError:

@@ -30,6 +30,7 @@ from toolbox.measuring.judge import BUDGET, NOT_DECIDED, STANDS, STICKS
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.elements import check_one_direction
+from toolbox.modelling.numbers import Number
 from toolbox.onsets.coexisting import coexisting
 from toolbox.onsets.cycles import exact
 from toolbox.onsets.growth import SmoothBranch, check_autonomous
@@ -39,7 +40,8 @@ from toolbox.onsets.search import OnsetSearch
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.request import Request, accuracy_of
 from toolbox.steady_states.equilibria import EquilibriumBranch, state_values
-from toolbox.steady_states.hopf import HopfPoint, hopf_points_of
+from toolbox.steady_states.hopf import HopfPoint, hopf_points_of, sampled_hopf_points
+from toolbox.steady_states.sampled_hopf import SampledBranch
 
 SURE = 9
 """Number of values below which a report says that a cycle may live between them: with four, one of twelve wells drawn at random had one."""
@@ -106,10 +108,9 @@ def onset(
     inputs, continuous = loop.constant_inputs("an onset to exist"), _continuous_form(loop)
     check_autonomous(loop, "an onset to exist")
     check_one_direction(loop.system.elements, "`onset`", "judge runs of it, by `sweep`")
-    free = loop.acting(
-        parameter, "onset"
-    )  # what it refuses of the loop as it runs, such as a sample time, the continuous form does not have
-    free = free if continuous is None else continuous.acting(parameter, "onset")
+    free = loop.acting(parameter, "onset", lambda number: number.kind.borders)
+    if continuous is not None and free.kind.has_slope:
+        free = continuous.acting(parameter, "onset")
     low, high = free.span(between)
     asked_unit = asked_in(tuple(free.in_si("between", tuple(between))), free.unit)
     whole("values", values, 3)
@@ -127,7 +128,7 @@ def onset(
     if followed is not None and low <= at <= high:
         followed(at)  # first, because a guess is near this one
     notes: list[str] = []
-    hopf = _hopf_points(continuous, followed, grid, notes)
+    hopf = _sampled_hopf_points(loop, free, branch, grid) if loop.sampled else _hopf_points(continuous, followed, grid, notes)
     steady = [value for value in map(float, grid) if branch(value) is not None]
     if not steady:
         reason = f": {followed.reason}" if followed is not None else ", at the set-points of the laws or elsewhere."
@@ -168,6 +169,16 @@ def _hopf_points(continuous: ClosedLoop | None, followed: EquilibriumBranch | No
         return []
 
 
+def _sampled_hopf_points(loop: ClosedLoop, free: Number, branch: SmoothBranch[float], grid: np.ndarray) -> list[HopfPoint]:
+    """The Hopf points of a sampled loop in the range of the grid, from its exact matrix; none where a controller has no slope."""
+    if branch.exact is None or not free.kind.poles:
+        return []
+    try:
+        return sampled_hopf_points(SampledBranch(loop, free), (float(grid[0]), float(grid[-1])))
+    except SceneError:
+        return []
+
+
 def _between(numbers: Sequence[float], hopf: Sequence[HopfPoint]) -> list[float]:
     """A value between each two Hopf points, or a Hopf point and an edge, that have no value of the grid between them."""
     cuts = sorted({numbers[0], numbers[-1], *(point.value for point in hopf)})
@@ -177,8 +188,8 @@ def _between(numbers: Sequence[float], hopf: Sequence[HopfPoint]) -> list[float]
 def _of_sampling(search: OnsetSearch, loop: ClosedLoop, hopf: Sequence[HopfPoint]) -> Iterator[str]:
     """What a report says of a loop that is sampled or measures with noise."""
     if loop.sampled:
-        form = "Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled."
-        yield form if hopf else "The borders are of the law as it runs, sampled."
+        what = "Hopf points and borders" if hopf else "The borders"
+        yield f"{what} are of the controller as it runs, sampled."
     if search.branch.run is not search.base:
         yield "Smooth running is judged without measurement noise and steps of encoders, stick-slip with them."
 

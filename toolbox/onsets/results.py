@@ -101,7 +101,7 @@ class Onset(Told, Result):
     between
         ((value, what a run comes to), ...) of the other runs inside stick-slip that the search for its end made, in order.
     hopf
-        Hopf points of the linear system, exact; of the continuous form of a sampled law that has one.
+        Hopf points of the linear system, exact; of a sampled loop those of the loop as it runs.
     losses
         Borders of smooth running, of the law as it runs.
     ends, stalls

@@ -67,7 +67,7 @@ class ArcWalk:
     @property
     def _paces(self) -> bool:
         """Whether what varies is the frequency of the sines whose period the cycle has."""
-        return bool(self.multiple) and self.free.kind == "shape" and self.free.name.endswith(".frequency")
+        return bool(self.multiple) and self.free.is_shape and self.free.name.endswith(".frequency")
 
     def _phase_at(self, run: Trajectory) -> None:
         """Fix the phase of what follows by the flow at the start of a run."""

@@ -229,13 +229,15 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     wanted, loop = names(to), run.run.loop
     if not wanted:
         raise SceneError("Argument `to` must name at least one start state, parameter or input, but it is empty.")
-    numbers = [loop.acting(name, "sensitivity", ("shape", "start")) for name in wanted]
+    numbers = [
+        loop.acting(name, "sensitivity", lambda number: number.is_shape or number.is_start or number.is_parameter) for name in wanted
+    ]
     run = placed(run, numbers)
     for name in wanted:
         run.run.loop.free(name)  # an input that is given now may take its place
     starts, columns, order = [], [], []
     for number in numbers:
-        if number.kind == "start":
+        if number.is_start:
             starts.append(_direction(run, number.name))
             order.append(("start", len(starts) - 1))
         else:

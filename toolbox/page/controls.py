@@ -64,7 +64,7 @@ class Control:
         words = {"at_least": "at least", "above": "above", "at_most": "at most"}
         bounds = ", ".join(f"{words[word]} {end * factor:.4g}" for word, end in ends.items())
         return {
-            "name": number.name, "kind": number.kind, "part": self.part, "law": self.of_law, "meaning": number.meaning, "unit": unit, "factor": factor,
+            "name": number.name, "kind": str(number.kind), "part": self.part, "law": self.of_law, "meaning": number.meaning, "unit": unit, "factor": factor,
             "low": self.low, "high": self.high, "step": step_of(self.low, self.high), "bounds": bounds, "first": self.rank < FIRST,
         }  # fmt: skip
 
@@ -83,10 +83,10 @@ def controls_of(loop: ClosedLoop, asked: Mapping[str, str]) -> list[Control]:
     )
     found = []
     for rank, number in enumerate(ranked):
-        of_law = number.kind in ("parameter", "design", "clock") and not loop.plant.has_parameter(number.name)
+        of_law = number.kind.of_controller and not loop.plant.has_parameter(number.name)
         low, high = span(number)
         read = reading_of(number.unit, max(abs(low), abs(high)), asked)
-        first = rank if number.kind in ("input", "parameter", "design", "clock", "shape") else rank + FIRST
+        first = rank if number.kind.sets_up else rank + FIRST
         part = number.name.partition(".")[0]
         found.append(Control(number, part, of_law, read, *_round(low * read.factor, high * read.factor), first))
     return found
@@ -135,15 +135,15 @@ def _round(low: float, high: float) -> tuple[float, float]:
 def _weight(loop: ClosedLoop, number: Number, set_points: bool) -> tuple[int, str]:
     """What sorts numbers: inputs, gains of laws, what is turned while the machine runs, friction, the others, start values."""
     of_law = not number.is_input and not loop.plant.has_parameter(number.name)
-    kind, operating = number.kind, number.unit in OPERATING
-    if kind in ("start", "node"):
+    operating = number.unit in OPERATING
+    if not number.kind.sets_up:
         return 8, number.name
     if number.overridden is not None or (of_law and set_points and number.name.endswith(".reference")):
         return 7, number.name
-    if kind in ("input", "shape"):
+    if number.is_input or number.is_shape:
         return (0 if operating and number.value != 0.0 else 3), number.name
     if of_law:
-        return (1 if kind != "clock" else 2), number.name
+        return (1 if not number.is_clock else 2), number.name
     if ".friction." in number.name:
         return 3, number.name
     return (2 if operating else 4), number.name

@@ -27,7 +27,7 @@ MARGIN = 0.08
 
 def axes_of(controls: Sequence[Control]) -> list[str]:
     """Names of the numbers of a map: a set-point or a speed, and a load; the first of each kind, fewer than two where there are none."""
-    able = [control for control in controls if control.number.kind in ("input", "parameter") and control.number.overridden is None]
+    able = [control for control in controls if control.number.kind.borders and control.number.overridden is None]
     found: list[str] = []
     for kinds in (("rad/s", "m/s"), ("N",), ("N m",), ("1",)):
         some = [each.number.name for each in able if each.number.unit in kinds and each.number.value != 0.0 and not each.of_law]

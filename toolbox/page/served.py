@@ -150,7 +150,7 @@ class Page:
                 asked = {**usual, **(self.scene.asked if self.scene is not None else loop.asked)}
                 controls = {control.number.name: control for control in controls_of(loop, asked)}
                 self._looks[label] = {"asked": asked, "controls": controls, "axes": [] if loop.standstill is not None else maps.axes_of([*controls.values()]),
-                                      "kinds": {name: each.kind for name, each in loop.numbers().items()}}  # fmt: skip
+                                      "redone": {name: each.kind.redesigns for name, each in loop.numbers().items()}}  # fmt: skip
         return self._looks[label]
 
     def _scene(self, told: dict[str, Any]) -> dict[str, Any]:
@@ -158,11 +158,7 @@ class Page:
         laws = {}
         for label, loop in self.loops.items():
             look = self._look(label)
-            able = [
-                name
-                for name, each in look["controls"].items()
-                if each.number.kind in ("input", "parameter") and each.number.overridden is None
-            ]
+            able = [name for name, each in look["controls"].items() if each.number.kind.borders and each.number.overridden is None]
             disturbances: dict[str, Any] = {}
             for kind in ("rock", "bump"):
                 try:
@@ -186,7 +182,7 @@ class Page:
             if known is not None:
                 self._runs.move_to_end(setting.key)
                 return *known, True
-        loop, without = setting.loop(self.loops[setting.label], self._look(setting.label)["kinds"])
+        loop, without = setting.loop(self.loops[setting.label], self._look(setting.label)["redone"])
         try:
             run = simulate(loop, method=EventExact(budget=Budget(seconds=SOON if soon else PATIENCE)))
         except SimulationError as failure:

@@ -64,15 +64,14 @@ class Setting:
         """What tells it from other settings."""
         return json.dumps([self.label, sorted(self.changes.items()), self.disturbance])
 
-    def loop(self, base: ClosedLoop, kinds: Mapping[str, str] | None = None) -> tuple[ClosedLoop, list[str]]:
+    def loop(self, base: ClosedLoop, redone: Mapping[str, bool] | None = None) -> tuple[ClosedLoop, list[str]]:
         """The loop, and the names of changed numbers that the law does not have. Raises SceneError for values out of bounds.
 
-        kinds: {number of the loop: its kind}, where they are known.
+        redone: {number of the loop: whether it makes another controller}, where that is known.
         """
-        known = {name: number.kind for name, number in base.numbers().items()} if kinds is None else kinds
+        known = {name: number.kind.redesigns for name, number in base.numbers().items()} if redone is None else redone
         loop, without = base, []
-        redone = ("design", "clock")  # a law that is designed anew, before what acts in it is changed
-        for name in sorted(self.changes, key=lambda name: known.get(name) not in redone):
+        for name in sorted(self.changes, key=lambda name: not known.get(name)):  # before what acts in a controller is changed
             if name in known:
                 loop = loop.at(name, self.changes[name])
             else:
@@ -155,7 +154,7 @@ def python_of(setting: Setting, base: ClosedLoop, path: str | None) -> str:
     lines.append(f"loop = Scene.load({path!r})[{setting.label!r}]" if path else "# loop: the one that was given to `explore`")
     known = base.numbers()
     changed = [name for name in setting.changes if name not in (*without, *struck)]
-    for name in sorted(changed, key=lambda name: known[name].kind not in ("design", "clock")):
+    for name in sorted(changed, key=lambda name: not known[name].kind.redesigns):
         lines.append(f"loop = loop.at({name!r}, {setting.changes[name]!r})")
     if struck:
         begin, end = moment(loop)

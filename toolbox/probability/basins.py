@@ -172,7 +172,7 @@ def basin(
     confidence, accuracy = number("confidence", confidence, above=0, below=1), number("accuracy", accuracy, above=0)
     states = [loop.number(name) for name in box]
     for each in states:
-        if each.kind != "start":
+        if not each.is_start:
             raise SceneError(f"Argument `box` must name states, but `{each.name}` is a number of the kind {each.kind}.")
     loop = closed_loop(loop, start=equilibrium(loop))
     names = tuple(each.name for each in states)

@@ -188,7 +188,7 @@ class Search:
         self.signal = judged_speed(loop, self.element)
         middle = put_all(loop, dict(zip(points.names, self.points[len(self.points) // 2].tolist(), strict=True)))
         settled = Settled.of(middle, self.element, self.signal, 0.0, accuracy)
-        own = start is None and all(loop.number(name).kind == "start" for name in self.names)
+        own = start is None and all(loop.number(name).is_start for name in self.names)
         self.swing = math.nan if settled is None else settled.runs.period
         if duration is None:
             if settled is None:

@@ -57,7 +57,7 @@ def laws(loops: Iterable[tuple[str, ClosedLoop]]) -> str:
 
 def _rows(loop: ClosedLoop) -> list[tuple[str, str, str, str]]:
     """One row a number of the plant; entries of one vector share theirs."""
-    names = set(loop.plant.inputs) | {name for name, number in loop.numbers().items() if number.kind in ("input", "parameter")}
+    names = set(loop.plant.inputs) | {name for name, number in loop.numbers().items() if number.kind.has_slope}
     own = {name: number for name, number in loop.numbers().items() if name in names and _of_plant(loop, name)}
     groups: dict[str, list[str]] = {}
     for name in own:

@@ -421,7 +421,7 @@ def _factor(name: str, given: Any) -> float:
 def declared_value(loop: ClosedLoop, name: str) -> float:
     """The value of a number of the loop; raises SceneError for a start value, and for an input that varies in time."""
     number = loop.free(name)
-    if number.kind == "start":
+    if number.is_start:
         raise SceneError(f"Argument `errors` must not hold `{name}`, because it is a start value: give `starts`.")
     if math.isnan(number.value):
         raise SceneError(f"Argument `errors` must name numbers, but `{name}` varies in time: name a number of it.")

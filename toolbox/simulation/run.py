@@ -81,19 +81,17 @@ class Run:
         return self.start.time + self.duration
 
     def at(self, number: Number, value: float) -> Run:
-        """The same run with another value of an input, of a number of its shape, or of a parameter where it acts.
+        """The same run with another value of an input, of a number of its shape, of a parameter where it acts, or of a sample time or delay.
 
         Raises SceneError for a value out of its bounds.
         """
         loop = number.put(self.loop, value)
-        system, inputs = number.varied(self.system, self.inputs, value)
-        kinds = tuple(sorted({**dict(self.kinds), number.name: "number"}.items())) if number.is_input else self.kinds
-        own = number.kind == "parameter" and self.plant.has_parameter(number.name)
-        plant = number.varied(self.plant, {}, value)[0] if own else self.plant
-        return dataclasses.replace(self, plant=plant, system=system, inputs=inputs, kinds=kinds, loop=loop)
+        return dataclasses.replace(self, loop=loop, **number.kind.in_run(self, loop, number.name, value))
 
     def again(self, **changes: Any) -> Any:
         """The trajectory of the same run with some of its fields changed, for example another accuracy."""
         if "method" in changes:
             changes["method"] = method_of(changes["method"])
+        if "start" in changes:
+            changes["start"] = changes["start"].on_clocks(changes.get("clocks", self.clocks))
         return self.solver(dataclasses.replace(self, **changes) if changes else self)

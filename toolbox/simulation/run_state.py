@@ -13,6 +13,7 @@ between the pieces tear loose is listed by the next piece, too.
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import FunctionType
@@ -175,6 +176,27 @@ class RunState:
         laws = tuple(None if each is None else np.array(each, float) for each in told["laws"])
         taken, applied = (tuple(told[name]) for name in ("taken", "applied"))
         return replace(self, time=told["time"], carried=told["carried"], taken=taken, applied=applied, waiting=waiting, laws=laws, **arrays)
+
+    def on_clocks(self, clocks: Sequence[tuple[float, float]]) -> RunState:
+        """Return the state for a run with these sample times and delays: itself, if it has them.
+
+        Controllers keep what they remember and hold, and outputs that are on their way stay so. With other sample times the next samples come when they would
+        have come, and the time is set to fit; where no time fits all controllers, samples are counted from t = 0 on.
+        """
+        if tuple(clocks) == self.clocks:
+            return self
+        if [period for period, _ in clocks] == [period for period, _ in self.clocks]:
+            return replace(self, clocks=tuple(clocks))
+        until = [taken * period - self.time for taken, (period, _) in zip(self.taken, self.clocks, strict=True)]
+        more = max(0, *(math.ceil(wait / period) - taken for wait, taken, (period, _) in zip(until, self.taken, clocks, strict=True)))
+        taken, applied = (tuple(count + more for count in counts) for counts in (self.taken, self.applied))
+        times = [count * period - wait for count, wait, (period, _) in zip(taken, until, clocks, strict=True)]
+        if max(times) - min(times) <= 1e-9 * min(period for period, _ in clocks):
+            return replace(self, time=times[0], taken=taken, applied=applied, clocks=tuple(clocks))
+        few = len(clocks)
+        return replace(
+            self, time=0.0, taken=(0,) * few, applied=(0,) * few, waiting=tuple(rows[:0] for rows in self.waiting), clocks=tuple(clocks)
+        )
 
     def check(self, system: HybridSystem, clocks: Sequence[tuple[float, float]], laws: Sequence[Any]) -> None:
         """Raise SceneError unless a run of this system, with laws of these clocks, can go on from here."""

@@ -37,6 +37,7 @@ from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
 from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes, state_values
 from toolbox.steady_states.linear import holding_elements, steady_state
+from toolbox.steady_states.sampled_hopf import SampledBranch, check_slopes
 from toolbox.steady_states.zeros import NEARER, newton, searched
 
 
@@ -56,7 +57,7 @@ class HopfPoint:
         "above" or "below": the side on which the pair is damped.
     coefficient
         First Lyapunov coefficient [1/s] for an eigenvector of length one in the states. Negative: soft, a small swing grows out of the steady state.
-        Positive: hard, the machine jumps to a large cycle, and both are stable on the safe side. nan where it does not exist.
+        Positive: hard, the machine jumps to a large cycle, and both are stable on the safe side. nan where it does not exist, and for sampled loops.
     residual
         Residual of the equations, as a fraction of their terms; for an abrupt point the width of the last interval as a fraction of the value.
     asked
@@ -114,9 +115,10 @@ def hopf_points(
     Parameters
     ----------
     loop
-        A loop of laws in their continuous form with constant inputs, or a plant.
+        A loop with constant inputs, or a plant. Sampled controllers must have slopes; their sample times, holds and delays are exact.
     parameter
-        A parameter of the plant or of its law, or an input, such as `top.reference`, `bit.weight`, `block.damping` or `chain.stiffness.0`.
+        A parameter of the plant or of a controller, a sample time or a delay, or an input, such as `top.reference`, `bit.weight`, `block.damping`
+        or `chain.stiffness.0`.
     between
         Range (low, high) of the parameter, in SI or text with units.
     mode
@@ -136,11 +138,14 @@ def hopf_points(
     SceneError
         If a name is unknown, the range is none, or the plant has no steady state in the range.
     """
-    loop = loop.unsampled()
-    free = loop.acting(parameter, "hopf_points")
-    found = hopf_points_of(
-        loop.system, free, free.span(between), loop.constant_inputs("steady running"), mode, guess, whole("values", values, 2)
-    )
+    check_slopes(loop)
+    free = loop.acting(parameter, "hopf_points", lambda number: number.kind.poles)
+    if loop.sampled:
+        _refuse_modes(mode, "hopf_points")
+        found = sampled_hopf_points(SampledBranch(loop, free, guess), free.span(between), whole("values", values, 2))
+    else:
+        inputs = loop.constant_inputs("steady running")
+        found = hopf_points_of(loop.continuous.system, free, free.span(between), inputs, mode, guess, whole("values", values, 2))
     asked = {free.unit: asked_in(free.in_si("between", between), free.unit)}
     return [replace(point, asked=asked) for point in found]
 
@@ -216,19 +221,40 @@ def hopf_curve(
     SceneError
         As `hopf_points` does.
     """
-    loop = loop.unsampled()
+    check_slopes(loop)
+    other, free = (loop.acting(name, "hopf_curve", lambda number: number.kind.poles) for name in (over, parameter))
+    within, loop = free.span(between), loop if loop.sampled else loop.continuous
     closed, inputs = loop.system, loop.constant_inputs("steady running")
-    other, free = loop.acting(over, "hopf_curve"), loop.acting(parameter, "hopf_curve")
-    within = free.span(between)
+    if loop.sampled:
+        _refuse_modes(mode, "hopf_curve")
     curve = []
     for value in numbers("values", other.in_si("values", values)):
-        system, given = other.varied(closed, inputs, value)
         try:
-            points = hopf_points_of(system, free, within, given, mode)
+            if loop.sampled:
+                points = sampled_hopf_points(SampledBranch(other.put(loop, value), free), within)
+            else:
+                system, given = other.varied(closed, inputs, value)
+                points = hopf_points_of(system, free, within, given, mode)
         except NoSteadyState:
             points = []
         curve.append(points[-1].value if points else math.nan)
     return np.array(curve)
+
+
+def sampled_hopf_points(branch: SampledBranch, between: tuple[float, float], values: int = 33) -> list[HopfPoint]:
+    """The Hopf points of a sampled loop, from its exact matrix. Raises NoSteadyState where it has no steady running in the range."""
+    free, found = branch.free, []
+    for value, exponent, stable in branch.hopf_values(*between, values):
+        residual = abs(exponent.real) / abs(exponent.imag)
+        found.append(HopfPoint(free.name, free.unit, value, exponent.imag, branch.equilibrium(value), stable, math.nan, residual))
+    return found
+
+
+def _refuse_modes(mode: Mapping[str, str] | None, verb: str) -> None:
+    if mode:
+        raise SceneError(
+            f"Argument `mode` must be left out for `{verb}` of a sampled loop, whose contacts all slide, but it is {dict(mode)!r}."
+        )
 
 
 def _crossing(followed: EquilibriumBranch, k: int, a: float, b: float) -> float | None:

@@ -8,10 +8,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from toolbox.arguments import numbers
+from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.steady_states.equilibria import EquilibriumBranch
 from toolbox.steady_states.linear import linearise
+from toolbox.steady_states.sampled_hopf import SampledBranch, check_slopes
 
 
 @takes_loop
@@ -23,7 +25,7 @@ def pole_locus(loop: ClosedLoop, parameter: str, values: Sequence[NumberOrText],
     Parameters
     ----------
     loop
-        A loop of laws in their continuous form, or a plant.
+        A loop, or a plant. Sampled controllers must have slopes.
     parameter, values
         The parameter or input, and its values.
     mode
@@ -32,21 +34,39 @@ def pole_locus(loop: ClosedLoop, parameter: str, values: Sequence[NumberOrText],
     Returns
     -------
     complex array, shape (len(values), number of poles)
-        Each column follows its pole from row to row; a row is nan where there is no steady state.
+        Each column follows its pole from row to row; a row is nan where there is no steady state. Poles s [1/s]; of a sampled loop poles z = exp(s T), where T
+        is the time in which all its sample times come round.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, or a sampled controller has no slope.
     """
     from scipy.optimize import linear_sum_assignment
 
-    loop = loop.unsampled()
-    free = loop.acting(parameter, "pole_locus")
-    followed = EquilibriumBranch(loop.system, free, loop.constant_inputs("steady running"), mode)
+    check_slopes(loop)
+    free = loop.acting(parameter, "pole_locus", lambda number: number.kind.poles)
+    if loop.sampled:
+        if mode:
+            raise SceneError(
+                f"Argument `mode` must be left out for `pole_locus` of a sampled loop, whose contacts all slide, but it is {dict(mode)!r}."
+            )
+        poles_at = SampledBranch(loop, free).poles
+    else:
+        followed = EquilibriumBranch(loop.continuous.system, free, loop.constant_inputs("steady running"), mode)
+
+        def poles_at(value: float) -> np.ndarray | None:
+            point = followed(value)
+            return None if point is None else np.asarray(linearise(point.plant, point).poles(), complex)
+
     rows: list[np.ndarray | None] = []
     before: np.ndarray | None = None
     for value in numbers("values", free.in_si("values", values)):
-        point = followed(value)
-        if point is None:
+        found = poles_at(value)
+        if found is None:
             rows.append(None)
             continue
-        poles = np.sort_complex(np.asarray(linearise(point.plant, point).poles(), complex))
+        poles = np.sort_complex(found)
         if before is not None and before.size == poles.size:
             poles = poles[linear_sum_assignment(np.abs(before[:, None] - poles[None, :]))[1]]
         rows.append(poles)

@@ -289,9 +289,15 @@ class SampledPoint:
         )
 
 
+def without_sensor_errors(loop: ClosedLoop) -> ClosedLoop:
+    """Return the loop with sensors that read without noise and without steps."""
+    quiet = loop.with_laws(dataclasses.replace(law, noise={}, resolution={}) if isinstance(law, Sampled) else law for law in loop.laws)
+    return quiet.but(parameters={name: value for name, value in loop.parameters.items() if ".sensors." not in name})
+
+
 def sampled_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> SteadyLoop:
     """The loop of sampled laws, with continuous ones as a part of the plant; raises NoDerivative where a law has none at steady running."""
-    exact = loop.with_laws(dataclasses.replace(law, noise={}, resolution={}) if isinstance(law, Sampled) else law for law in loop.laws)
+    exact = without_sensor_errors(loop)
     plant, inputs, system, clocks = loop.plant, loop.constant_inputs("a linear loop"), exact.system, exact.closed.clocks
     check_one_direction(system.elements, "The linear loop of a sampled law", "let the law act continuously")
     if any(update.external for update in system.updates):

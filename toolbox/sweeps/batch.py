@@ -23,6 +23,8 @@ from toolbox.errors import SimulationError
 from toolbox.measuring.measures import Measure
 from toolbox.measuring.readings import RunningMeasures
 from toolbox.modelling.inputs import Shape
+from toolbox.modelling.laws import Sampled
+from toolbox.modelling.number_kinds import clock_path, clock_prefixes
 from toolbox.modelling.numbers import Number
 from toolbox.simulation.budget import UNHURRIED
 from toolbox.simulation.carry_out import carry_out, compiled_loop, formulas_of
@@ -60,8 +62,9 @@ class Task:
     """n runs of one closed loop.
 
     run: everything they share;  numbers: parameters and coefficients of inputs, shape (n, first_held) in the layout of `Program`;  starts: shape (n,
-    states), None for that of `run`;  memories: of the sampled laws, shape (n, m);  held: signals held at the start, shape (n, h), None for those
-    of `run`;  seeds: of the noise of each sampled law, shape (n, laws), None for those of `run`;
+    states), None for that of `run`;  clocks: (sample time, delay) of the sampled controllers, shape (n, controllers, 2), None for those of `run`;
+    memories: of the sampled laws, shape (n, m);  held: signals held at the start, shape (n, h), None for those of `run`;  seeds: of the noise of each
+    sampled law, shape (n, laws), None for those of `run`;
     measures: read by a `RunningMeasures`, all from trajectories where one has no compiled form;
     first: index of the first run among all;  lanes: whether the runs are to step side by side.
     """
@@ -73,6 +76,7 @@ class Task:
     memories: np.ndarray | None = None
     held: np.ndarray | None = None
     seeds: np.ndarray | None = None
+    clocks: np.ndarray | None = None
     first: int = 0
     lanes: bool = False
 
@@ -80,7 +84,7 @@ class Task:
         """The task of some of the runs, by a slice or their numbers."""
         cut: dict[str, Any] = {
             name: None if (array := getattr(self, name)) is None else array[rows]
-            for name in ("numbers", "starts", "memories", "held", "seeds")
+            for name in ("numbers", "starts", "memories", "held", "seeds", "clocks")
         }
         return dataclasses.replace(self, **cut)
 
@@ -147,7 +151,7 @@ def runs_in_lanes(task: Task) -> bool:
     line of instructions.
     """
     run = task.run
-    if not run.method.in_lanes or run.laws or run.start.carried or run.budget != UNHURRIED:
+    if not run.method.in_lanes or run.laws or run.start.carried or run.budget != UNHURRIED or task.clocks is not None:
         return False
     if not all(measure.in_loops for measure in task.measures) or any(element.directions > 1 for element in run.system.elements):
         return False
@@ -197,7 +201,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
         program = program_of(run.system, run.kinds, formulas_of(run))
         advance = compiled_loop(run, program)
         readings = RunningMeasures(program, task.measures, run.end, run.accuracy)
-        work = full = work_arrays(run, program)
+        work = full = work_arrays(run if task.clocks is None else dataclasses.replace(run, clocks=_most(task.clocks)), program)
     fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
     fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
     n, held = run.system.x.numel(), slice(program.held_slot, program.held_slot + run.system.held.numel())
@@ -213,6 +217,8 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
             work.p[held] = task.held[i]
         if task.seeds is not None:
             work.keys[:] = noise_keys(run.system.updates, task.seeds[i])
+        if task.clocks is not None:
+            work.clocks[:] = task.clocks[i]
         readings.begin()
         switches = np.zeros(len(run.system.elements), np.int64)  # of each element, in what has been read
         work = full
@@ -243,6 +249,11 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
     return tried
 
 
+def _most(clocks: np.ndarray) -> list[tuple[float, float]]:
+    """Sample times and delays with at least as many outputs on their way as any run has, for arrays that have room for each."""
+    return list(zip(clocks[:, :, 0].min(axis=0).tolist(), clocks[:, :, 1].max(axis=0).tolist(), strict=True))
+
+
 def single(task: Task, i: int) -> Run:
     """Run i of a task with its own numbers, which its plant and its loop hold, too."""
     base, numbers = task.run, np.asarray(task.numbers[i : i + 1])[0]
@@ -267,11 +278,26 @@ def single(task: Task, i: int) -> Run:
     given = {"states": task.starts, "memory": task.memories, "held": task.held}
     start = dataclasses.replace(base.start, **{name: array[i].copy() for name, array in given.items() if array is not None})
     varied = {name: inputs[name] for name in inputs if inputs[name] is not base.inputs[name]}
-    loop = base.loop.but(inputs={**base.loop.inputs, **varied}, parameters={**base.loop.parameters, **parameters})
+    base = base if task.clocks is None else _on_clocks(base, list(map(tuple, task.clocks[i].tolist())))
+    start = start.on_clocks(base.clocks)
+    clocked = {clock_path(base.loop, index) for index in clock_prefixes(base.loop).values()}  # `Sampled` says what they are
+    own_numbers = {name: value for name, value in parameters.items() if name not in clocked}
+    loop = base.loop.but(inputs={**base.loop.inputs, **varied}, parameters={**base.loop.parameters, **own_numbers})
     if task.starts is not None:
         loop = loop.but(start={**loop.start, **state_values(system, start.states)})
     seeds = base.seeds if task.seeds is None else task.seeds[i].tolist()
     return dataclasses.replace(base, plant=plant, system=system, inputs=inputs, start=start, loop=loop, seeds=seeds)
+
+
+def _on_clocks(run: Run, clocks: list[tuple[float, float]]) -> Run:
+    """A run whose sampled controllers have other sample times and delays."""
+    given, laws = iter(clocks), []
+    for law in run.loop.laws:
+        if isinstance(law, Sampled):
+            period, delay = next(given)
+            law = dataclasses.replace(law, period=period, delay=delay)
+        laws.append(law)
+    return dataclasses.replace(run, clocks=clocks, loop=run.loop.with_laws(laws))
 
 
 def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str], rows: Iterable[int]) -> None:

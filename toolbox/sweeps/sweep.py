@@ -31,7 +31,7 @@ from toolbox.sweeps.designs import Variations, variations_of
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store
-from toolbox.sweeps.variants import run_fingerprint, shared_run, start_memories, start_states, varied_held, varied_numbers
+from toolbox.sweeps.variants import run_fingerprint, shared_run, start_memories, start_states, varied_clocks, varied_held, varied_numbers
 
 
 def sweep(
@@ -149,7 +149,7 @@ def task_of(
     chosen = judged_measures(measures, run.loop, run.start.time, run.end)
     numbers, broken = varied_numbers(run, variations)
     states, memories, held = start_states(run, variations, start), start_memories(run, variations), varied_held(run, variations)
-    return Task(run, numbers, tuple(chosen.values()), states, memories, held), broken, chosen
+    return Task(run, numbers, tuple(chosen.values()), states, memories, held, clocks=varied_clocks(run, variations)), broken, chosen
 
 
 def _in_si(vary: Any, loop: ClosedLoop) -> Any:

@@ -14,11 +14,13 @@ from toolbox.arguments import count_of, within
 from toolbox.errors import SceneError
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Component, Slot, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of, symbolic_copy
+from toolbox.modelling.design_fields import designed_law
 from toolbox.modelling.elements import FrictionLaw
 from toolbox.modelling.input_kinds import extremes
 from toolbox.modelling.inputs import Table
-from toolbox.modelling.laws import Controller
-from toolbox.modelling.numbers import Number, designed_law, is_remembered
+from toolbox.modelling.laws import Controller, Sampled
+from toolbox.modelling.number_kinds import SAMPLE_TIME, clock_path, sampled_owner
+from toolbox.modelling.numbers import Number, is_remembered
 from toolbox.modelling.opposing import driving_of
 from toolbox.modelling.start import place_starts
 from toolbox.simulation.request import Request
@@ -46,13 +48,13 @@ def shared_run(loop: ClosedLoop, variations: Variations, duration: float, **argu
 def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int, str]]:
     """The numbers of every run but its start values, in the layout of a `Task`, and {run: why its numbers contradict each other}.
 
-    Raises SceneError for a value out of its bounds, for the sample time of a law, and for the nodes of a table.
+    Raises SceneError for a value out of its bounds, and for the nodes of a table.
     """
     loop, system = run.loop, run.system
     numbers = [loop.free(name) for name in variations.names]
     for k, (number, column) in enumerate(zip(numbers, variations.points.T, strict=True)):
         _check_values(loop, number, np.unique(variations.axes[k] if variations.axes else column))
-    acting = [k for k, number in enumerate(numbers) if number.kind not in ("design", "start")]
+    acting = [k for k, number in enumerate(numbers) if not (number.is_design or number.is_start or number.is_clock)]
     places, points = slots(run, [numbers[k] for k in acting]), variations.points[:, acting]
     offset, touched = 0, []
     for part in system.parts:
@@ -61,6 +63,10 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
         if own and _has_check(part):
             touched.append((part, offset))
         offset += size
+    for k, number in enumerate(numbers):  # the sample time enters the update of a controller, too
+        path = clock_path(loop, sampled_owner(loop, number.name)) if number.kind is SAMPLE_TIME else None
+        if path is not None:
+            places, points = [*places, system._parameter(path).offset], np.column_stack([points, variations.points[:, k]])
     broken: dict[int, str] = {}
     gains, gained = _designs(loop, numbers, variations.points, broken)
     left = [j for j, place in enumerate(gains) if place not in places]  # a gain that is varied itself stays as it is given
@@ -90,25 +96,22 @@ def _contradictions(part: Any, row: np.ndarray, first: int, places: Sequence[int
 
 def _check_values(loop: ClosedLoop, number: Number, values: np.ndarray) -> None:
     """Raise SceneError where a number must not have one of the values, or cannot be varied within one sweep."""
-    if number.kind in ("input", "parameter"):
-        entry = loop.system.parameters.get(number.name) if number.kind == "input" else loop.system._parameter(number.name)
+    if number.is_input or number.is_parameter:
+        entry = loop.system.parameters.get(number.name) if number.is_input else loop.system._parameter(number.name)
         if entry is not None:
             entry.check(values)
-    elif number.kind == "clock":
-        raise SceneError(f"Argument `{number.name}` must not be varied: a sample time is structure; make one sweep for each.")
-    elif number.kind == "node":
+    elif number.kind.why_no_sweep:
         name, _ = number.in_input(loop.values)
-        raise SceneError(
-            f"Argument `{number.name}` must not be varied in a sweep: `{name}` is a table, whose times and values all runs share; simulate "
-            "`loop.at(name, value)` for each."
-        )
-    elif number.kind == "shape":
+        raise SceneError(f"Argument `{number.name}` must not be varied in a sweep: `{name}` {number.kind.why_no_sweep}.")
+    elif number.is_shape:
         name, _ = number.in_input(loop.values)
         for value in values.tolist():
             shape = number.put(loop, value).inputs[name]
             if name in loop.system.parameters:
                 loop.system.parameters[name].check(np.array(extremes(shape)))
-    elif number.kind == "design":
+    elif number.is_clock:
+        number.kind.check(loop, number.name, values)
+    elif number.is_design:
         for value in values.tolist():
             number.check(value)
 
@@ -121,7 +124,7 @@ def _designs(loop: ClosedLoop, numbers: Sequence[Number], points: np.ndarray, br
     places: list[int] = []
     columns = [np.zeros((len(points), 0))]
     structure = [structure_of(part) for part in loop.system.parts]
-    found = {k: designed_law(loop, number.name) for k, number in enumerate(numbers) if number.kind == "design"}
+    found = {k: designed_law(loop, number.name) for k, number in enumerate(numbers) if number.is_design}
     of = {k: index for k, index in found.items() if index is not None}
     for law in dict.fromkeys(of.values()):
         own = [k for k, index in of.items() if index == law]
@@ -174,7 +177,7 @@ def start_memories(run: Run, variations: Variations) -> np.ndarray | None:
 
 def _started(run: Run, variations: Variations, in_laws: bool) -> list[str]:
     """Names of the start values that vary: of what sampled laws remember, or of the others."""
-    return [name for name in variations.names if run.loop.number(name).kind == "start" and is_remembered(run.system, name) == in_laws]
+    return [name for name in variations.names if run.loop.number(name).is_start and is_remembered(run.system, name) == in_laws]
 
 
 def _has_check(part: Any) -> bool:
@@ -256,24 +259,44 @@ def passing(part: Any, row: np.ndarray, first: int, places: Sequence[int]) -> Ca
     return passes
 
 
+def varied_clocks(run: Run, variations: Variations) -> np.ndarray | None:
+    """Sample times and delays of the sampled controllers of every run, shape (runs, controllers, 2); None where all have the same."""
+    loop = run.loop
+    varied = [(loop.number(name), column) for name, column in zip(variations.names, variations.points.T, strict=True)]
+    varied = [(number, column) for number, column in varied if number.is_clock]
+    if not varied:
+        return None
+    sampled = [k for k, law in enumerate(loop.laws) if isinstance(law, Sampled)]
+    found = np.tile(np.array(run.clocks, float), (len(variations.points), 1, 1))
+    for number, column in varied:
+        found[:, sampled.index(sampled_owner(loop, number.name)), 0 if number.kind is SAMPLE_TIME else 1] = column
+    return found
+
+
 def varied_held(run: Run, variations: Variations) -> np.ndarray | None:
     """What the signals of late laws have until the first output arrives, where it varies; else None."""
     plant = run.plant
     names = [name for name in variations.names if name not in run.system.inputs and plant.has_parameter(name)]
-    if not names or run.start.carried or not any(delay > 0 for _, delay in run.clocks):
+    clocks = varied_clocks(run, variations)
+    late = [any(delay > 0 for _, delay in run.clocks)] if clocks is None else [bool((clocks[:, :, 1] > 0.0).any())]
+    if run.start.carried or not any(late) or (not names and clocks is None):
         return None
     values = np.repeat(plant.values[:, None], len(variations.points), axis=1)
     for name, column in zip(variations.names, variations.points.T, strict=True):
         if name in names:
             values[plant._parameter(name).offset] = column
-    declared, varied = (held_defaults(run.system, plant, run.clocks, each) for each in (plant.values, values))
+    declared = held_defaults(run.system, plant, run.clocks, plant.values)
+    if clocks is None:
+        varied = held_defaults(run.system, plant, run.clocks, values)
+    else:
+        varied = np.array([held_defaults(run.system, plant, each, column) for each, column in zip(clocks.tolist(), values.T, strict=True)])
     return np.where(run.start.held == declared, varied, run.start.held)  # what the loop gives as a start value stays
 
 
 def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> dict[str, str]:
     """What a sweep is made of, argument by argument, as digests; functions by their names, because their text cannot be compared."""
     measures = [(measure, _name(measure.function)) for measure in task.measures]
-    arrays = [array for array in (task.starts, task.memories, task.held) if array is not None]
+    arrays = [array for array in (task.starts, task.memories, task.held, task.clocks) if array is not None]
     return fingerprints(
         task.run,
         variations.names,

@@ -206,7 +206,7 @@ def _free(loop: ClosedLoop, bounds: Any) -> tuple[Free, ...]:
     free = []
     for name, pair in bounds.items():
         number = loop.number(name)
-        if number.kind != "design" and not (number.kind == "parameter" and loop.system._parameter(number.name).offset in own):
+        if not number.is_design and not (number.is_parameter and loop.system._parameter(number.name).offset in own):
             raise SceneError(f"Argument `bounds` must hold numbers of the law that is tuned, but `{name}` is none: vary it by `sweep`.")
         if number.name in loop.parameters:
             raise SceneError(f"Argument `bounds` must not hold `{name}`, because `parameters` of the scene says what it is.")

@@ -177,7 +177,7 @@ function addNumber(each, box) {
   back.setAttribute("aria-label", each.name + " as declared");
   Object.assign(slider, { type: "range", min: each.low, max: each.high, step: each.step });
   slider.setAttribute("aria-label", spoken + ", slider");
-  small.textContent = [each.meaning, each.kind === "start" ? "value at the start" : "", each.kind === "clock" ? "sample time" : "", each.bounds].filter(Boolean).join("; ");
+  small.textContent = [each.meaning, each.kind === "start" ? "value at the start" : "", each.kind === "sample time" || each.kind === "delay" ? each.kind : "", each.bounds].filter(Boolean).join("; ");
   why.className = "why";
   why.id = id + "-why";
   box2.setAttribute("aria-describedby", why.id);

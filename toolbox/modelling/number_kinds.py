@@ -1,0 +1,293 @@
+"""Kinds of numbers of a closed loop: how each is put into a loop and into a run, and which verbs can vary it, or why not.
+
+A verb asks the kind (`number.kind.has_slope`, `number.kind.borders`, ...) and never compares its word.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from toolbox.arguments import refuse
+from toolbox.errors import SceneError
+from toolbox.modelling import inputs as shapes
+from toolbox.modelling.components import numbers_of
+from toolbox.modelling.design_fields import redesigned
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import Controller, Held, Sampled, check_sampled
+from toolbox.modelling.start import row_of
+
+Loop = Any
+"""A `ClosedLoop`, which is made of numbers and therefore stands above this file."""
+
+
+@dataclass(frozen=True)
+class NumberKind:
+    """One kind of number.
+
+    Attributes
+    ----------
+    word
+        Its name, as tables show it.
+    has_slope
+        Whether the equations of a loop have a slope by it, so that steady running and cycles are continued in it and runs are differentiated.
+    borders
+        Whether steady running, or the borders of regimes, depend on it, so that `onset` and `severity_map` vary it.
+    poles
+        Whether the exact matrix of a sampled loop depends on it, so that poles and Hopf points of a sampled loop follow it.
+    of_controller
+        Whether it may belong to a controller.
+    redesigns
+        Whether another value makes another controller, so that it is put before numbers where they act.
+    sets_up
+        Whether it is one of the numbers that describe the loop, rather than its start or a node of a table.
+    why
+        Why a verb that needs slopes cannot vary it; empty if it can.
+    why_no_sweep
+        Why one sweep cannot vary it; empty if it can.
+    """
+
+    word: str
+    has_slope: bool = False
+    borders: bool = False
+    poles: bool = False
+    of_controller: bool = False
+    redesigns: bool = False
+    sets_up: bool = True
+    why: str = ""
+    why_no_sweep: str = ""
+
+    def __str__(self) -> str:
+        return self.word
+
+    def __format__(self, how: str) -> str:
+        return format(self.word, how)
+
+    def put(self, loop: Loop, name: str, value: float) -> Loop:
+        """The loop with another value of the number of that name."""
+        raise NotImplementedError
+
+    def check(self, loop: Loop, name: str, values: Iterable[float]) -> None:
+        """Raise SceneError where the loop does not bear one of the values, beyond the bounds of the number."""
+
+    def varied(self, system: HybridSystem, inputs: Mapping[str, Any], name: str, value: float) -> tuple[HybridSystem, dict[str, Any]]:
+        """A closed system and its inputs with another value; as they are where the number does not enter the equations."""
+        return system, dict(inputs)
+
+    def in_run(self, run: Any, loop: Loop, name: str, value: float) -> dict[str, Any]:
+        """The fields of a run that change with the number; loop: the loop with the new value."""
+        system, inputs = self.varied(run.system, run.inputs, name, value)
+        return {"system": system, "inputs": inputs}
+
+
+class InputKind(NumberKind):
+    """An input that is held constant."""
+
+    def put(self, loop: Loop, name: str, value: float) -> Loop:
+        kept = {each: given for each, given in loop.parameters.items() if each != name}
+        return loop.but(inputs={**loop.inputs, name: value}, parameters=kept)
+
+    def varied(self, system: HybridSystem, inputs: Mapping[str, Any], name: str, value: float) -> tuple[HybridSystem, dict[str, Any]]:
+        return system, {**inputs, name: value}
+
+    def in_run(self, run: Any, loop: Loop, name: str, value: float) -> dict[str, Any]:
+        return {**super().in_run(run, loop, name, value), "kinds": tuple(sorted({**dict(run.kinds), name: "number"}.items()))}
+
+
+class ParameterKind(NumberKind):
+    """A number of a part, a controller or its sensors, where it acts."""
+
+    def put(self, loop: Loop, name: str, value: float) -> Loop:
+        kept = {each: given for each, given in loop.inputs.items() if each != name}
+        return loop.but(parameters={**loop.parameters, name: value}, inputs=kept)
+
+    def varied(self, system: HybridSystem, inputs: Mapping[str, Any], name: str, value: float) -> tuple[HybridSystem, dict[str, Any]]:
+        if not self.has_slope and not system.has_parameter(name):  # the continuous form of a loop has no sensors
+            return system, dict(inputs)
+        return system.with_parameters({name: value}), dict(inputs)
+
+    def in_run(self, run: Any, loop: Loop, name: str, value: float) -> dict[str, Any]:
+        own = run.plant.has_parameter(name)
+        return {**super().in_run(run, loop, name, value), **({"plant": run.plant.with_parameters({name: value})} if own else {})}
+
+
+class DesignKind(NumberKind):
+    """A field of a controller that only its design knows."""
+
+    def put(self, loop: Loop, name: str, value: float) -> Loop:
+        return redesigned(loop, name, value)
+
+
+class ShapeKind(NumberKind):
+    """A number of the shape, or of the table, that an input has."""
+
+    def put(self, loop: Loop, name: str, value: float) -> Loop:
+        head, _ = in_input(name, loop.values)
+        return loop.but(inputs={**loop.inputs, head: self.varied(loop.system, loop.values, name, value)[1][head]})
+
+    def varied(self, system: HybridSystem, inputs: Mapping[str, Any], name: str, value: float) -> tuple[HybridSystem, dict[str, Any]]:
+        head, key = in_input(name, inputs)
+        return system, {**inputs, head: reshaped(inputs[head], key, value)}
+
+
+@dataclass(frozen=True)
+class ClockKind(NumberKind):
+    """The sample time, or the delay, of a controller. field: that of `Sampled`."""
+
+    field: str = "period"
+
+    def put(self, loop: Loop, name: str, value: float) -> Loop:
+        index = sampled_owner(loop, name)
+        changed = dataclasses.replace(loop.laws[index], **{self.field: value})
+        return loop.with_laws((*loop.laws[:index], changed, *loop.laws[index + 1 :]))
+
+    def check(self, loop: Loop, name: str, values: Iterable[float]) -> None:
+        """Raise SceneError where the controller does not bear one of the values."""
+        index = sampled_owner(loop, name)
+        law, dt = loop.designed[index], getattr(loop.designed[index], "dt", None)
+        for value in values:
+            refuse(f"Argument `{name}`", value, "s", {"above": 0.0} if self.field == "period" else {"at_least": 0.0})
+            if self.field == "period" and dt is not None and abs(value - dt) > 1e-9 * dt:
+                raise SceneError(f"Argument `{name}` must be {dt:g} s, for which the controller was designed, but it is {value:g} s.")
+            if self.field == "period" and isinstance(law, Controller):
+                check_sampled(law, float(value))
+
+    def in_run(self, run: Any, loop: Loop, name: str, value: float) -> dict[str, Any]:
+        clocks = [(float(law.period), float(law.delay)) for law in loop.laws if isinstance(law, Sampled)]
+        system, path = run.system, clock_path(loop, sampled_owner(loop, name))
+        if self.field == "period" and path is not None:
+            system = system.with_parameters({path: value})
+        return {"system": system, "clocks": clocks, "start": run.start.on_clocks(clocks)}
+
+
+class StartKind(NumberKind):
+    """The start value of a state, or of what a sampled controller remembers."""
+
+    def put(self, loop: Loop, name: str, value: float) -> Loop:
+        row = row_of(loop.system, name)  # other names of the same state give way
+        kept = {each: given for each, given in loop.start.items() if row is None or row_of(loop.system, each) != row}
+        return loop.but(start={**kept, name: value})
+
+
+class ShiftKind(NumberKind):
+    """How much later a channel of a recording was written than it was; of a fit alone."""
+
+
+INPUT = InputKind("input", has_slope=True, borders=True, poles=True)
+PARAMETER = ParameterKind("parameter", has_slope=True, borders=True, poles=True, of_controller=True)
+DESIGN = DesignKind(
+    "design", of_controller=True, redesigns=True,
+    why="only the design of a law knows it, so that no equation of the loop has a slope by it: vary a gain that it gives",
+)  # fmt: skip
+SHAPE = ShapeKind("shape", why="it shapes an input in time, and steady running has constant inputs")
+NODE = ShapeKind(
+    "node", sets_up=False, why="it is a number of a table in time, by which no slope is carried: give `loop.at(name, value)` for each value",
+    why_no_sweep="is a table, whose times and values all runs share; simulate `loop.at(name, value)` for each",
+)  # fmt: skip
+SAMPLE_TIME = ClockKind(
+    "sample time", field="period", borders=True, poles=True, of_controller=True, redesigns=True,
+    why="it is a sample time, by which a run has no slope, as its samples are taken at other instants: give `loop.at(name, value)` for each value",
+)  # fmt: skip
+DELAY = ClockKind(
+    "delay", field="delay", borders=True, poles=True, of_controller=True, redesigns=True,
+    why="it is a delay, by which a run has no slope, as outputs arrive at other instants: give `loop.at(name, value)` for each value",
+)  # fmt: skip
+NOISE = ParameterKind(
+    "noise", borders=True, of_controller=True, why="it is the noise of a sensor, of which smooth running and cycles without noise know nothing",
+)  # fmt: skip
+RESOLUTION = ParameterKind(
+    "resolution", borders=True, of_controller=True,
+    why="it is the step of an encoder, by which the equations of the loop have no slope: what is read jumps from step to step",
+)  # fmt: skip
+START = StartKind("start", sets_up=False, why="it is a start value, of which a motion that has settled knows nothing")
+SHIFT = ShiftKind("shift", why="it is the shift of a channel of a recording, which a fit alone knows")
+
+SENSOR_KINDS = {"noise": NOISE, "resolution": RESOLUTION}
+"""{last field of a parameter of `Sensors`: its kind}."""
+
+
+def in_input(name: str, inputs: Iterable[str]) -> tuple[str, str]:
+    """(input, name of the number in its shape or table), for the number of a shape."""
+    head = max((each for each in inputs if name.startswith(f"{each}.")), key=len)
+    return head, name[len(head) + 1 :]
+
+
+def reshaped(value: Any, key: str, number: float) -> Any:
+    """An input with one number of its shape changed."""
+    if value.shape:
+        return getattr(shapes, value.shape)(**{**value.numbers, key: number})
+    word, _, place = key.partition(".")
+    rows = {"times": value.times.copy(), "values": value.values.copy()}
+    rows[word][int(place)] = number
+    return shapes.Table.of(key, rows["times"], rows["values"])
+
+
+# ------------------------------------------------------------------------------------------------------------------- clocks of sampled controllers
+CLOCK_KINDS = {"sample_time": SAMPLE_TIME, "delay": DELAY}
+"""{last word of a name: kind}."""
+
+
+def clock_path(loop: Loop, index: int) -> str | None:
+    """The parameter of the closed system that is the sample time of a controller; None for one in Python, which has none."""
+    parts, first = loop.system.parts, len(loop.system.parts) - len(loop.laws)
+    if not isinstance(parts[first + index], Held):
+        return None
+    last = sum(len(numbers_of(part)) for part in parts[: first + index + 1]) - 1
+    return next(name for name, entry in loop.system.parameters.items() if entry.offset == last)
+
+
+def clock_prefixes(loop: Loop) -> dict[str, int]:
+    """{first word of the names of the sample time and delay of a sampled controller: its place among the controllers of the loop}."""
+    known = loop.__dict__.get("clock_prefixes")
+    if known is None:
+        known = {}
+        for index, law in enumerate(loop.laws):
+            if isinstance(law, Sampled):
+                known.setdefault(_prefix(loop, index), index)
+        loop.__dict__["clock_prefixes"] = known
+    return known
+
+
+def _prefix(loop: Loop, index: int) -> str:
+    law = loop.laws[index].law
+    if isinstance(law, Controller) and type(law).design is Controller.design and (path := clock_path(loop, index)) is not None:
+        return path.rpartition(".")[0]
+    return getattr(law, "name", None) or getattr(law, "__name__", type(law).__name__).lower()
+
+
+def sampled_owner(loop: Loop, name: str) -> int:
+    """The place of the controller whose sample time or delay a name is."""
+    return clock_prefixes(loop)[name.rpartition(".")[0]]
+
+
+FORMER_NAMES = {"period": "sample_time"}
+"""{last word of a former name of a number: the word now}."""
+
+
+def clock_value(loop: Loop, name: str) -> tuple[NumberKind, float] | None:
+    """(kind, value) of the sample time or delay of that name; None for any other name."""
+    head, _, word = name.rpartition(".")
+    if word not in CLOCK_KINDS or head not in (prefixes := clock_prefixes(loop)):
+        return None
+    law = loop.laws[prefixes[head]]
+    return CLOCK_KINDS[word], float(law.period if word == "sample_time" else law.delay)
+
+
+def former_name(loop: Loop, name: str) -> str | None:
+    """The name now of a number that had another name; None for a name that never was one."""
+    head, _, word = name.rpartition(".")
+    now = FORMER_NAMES.get(word, word)
+    for prefix, index in clock_prefixes(loop).items():
+        path = clock_path(loop, index)
+        if path is not None and now == "sample_time" and head in (prefix, path.rpartition(".")[0]) and name != f"{prefix}.{now}":
+            return f"{prefix}.{now}"
+    return None
+
+
+def noise_or_resolution(name: str) -> NumberKind:
+    """The kind of a parameter by its name: noise and resolution of sensors are kinds of their own."""
+    head, _, _ = name.partition(".sensors.")
+    word = name[len(head) + len(".sensors.") :].partition(".")[0]
+    return SENSOR_KINDS.get(word, PARAMETER)

@@ -25,6 +25,7 @@ FORBIDDEN = {"toolbox": {"models", "controllers"}, "models": {"controllers"}, "c
 FORBIDDEN = {package: others | {"studies", "tests"} for package, others in FORBIDDEN.items()}
 CALLED = (
     "import_module(file)",
+    "import_module(package)",
     "import_module(f'toolbox.commands.{module}')",
     "import_module(f'{file}.{own}')",
     "import_module(f\"{package['__name__']}.{name}\")",

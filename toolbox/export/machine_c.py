@@ -28,6 +28,7 @@ from toolbox.export.model_c import model_text, signals_of
 from toolbox.export.refusals import Refusals, closed_bounds, refusals_of
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.laws import Controller, Sampled
+from toolbox.modelling.number_kinds import clock_path
 from toolbox.modelling.numbers import Number
 from toolbox.simulation.carry_out import formulas_of
 from toolbox.simulation.failures import controllers_of, not_finite, values_of
@@ -133,8 +134,12 @@ class Machine:
 
     @cached_property
     def parameters(self) -> list[Entry]:
-        """Parameters that have an effect: those in whose place no input stands; an input and a parameter of one name are one number, the input."""
+        """Parameters that have an effect: those in whose place no input stands; an input and a parameter of one name are one number, the input.
+
+        A sample time in the equations of a controller is none of them, because the clock of the machine would not follow.
+        """
         found, program, taken = [], self.program, {entry.name for entry in self.inputs}
+        taken |= {path for i in range(len(self.loop.laws)) if (path := clock_path(self.loop, i)) is not None}
         laws = [each for _, following, outputs in program.updates for each in (following, outputs)]
         every = ca.vertcat(program.form.field, program.form.guards, program.form.probed, signals_of(program), *laws)
         acting = set(ca.jacobian_sparsity(ca.densify(every), program.equations.p).get_triplet()[1])

@@ -45,6 +45,7 @@ from toolbox import (
 from toolbox.lanes.lanes import Lanes
 from toolbox.measuring import measures
 from toolbox.modelling.components import fields_of
+from toolbox.modelling.number_kinds import PARAMETER
 from toolbox.simulation.methods import EventExact
 from toolbox.sweeps.designs import listed
 from toolbox.sweeps.variants import shared_run, varied_numbers
@@ -175,9 +176,10 @@ def in_python(law: Any, carried_out: Any) -> tuple[str, str]:
 
 def gains(random: np.random.Generator, loop: ClosedLoop) -> dict[str, float]:
     """Other numbers of the controller of a loop, by name."""
-    values = loop.closed.system
+    values, known = loop.closed.system, loop.numbers()
     names = [entry for entry in values.parameters.values() if not loop.plant.has_parameter(entry.name) and entry.size is None]
-    names = [entry for entry in names if loop.number(entry.name).kind == "parameter"]  # no sample time, and nothing that a design reads
+    # no sample time, and nothing that a design reads
+    names = [entry for entry in names if entry.name in known and known[entry.name].kind is PARAMETER]
     chosen = [entry for entry in names if random.random() < 0.4]
     return {entry.name: number(random, float(values.parameter(entry.name)), entry.bounds) for entry in chosen}
 

@@ -141,7 +141,8 @@ def _from_zero(w, h):
             low = rise
             for i in range(2 * ng):
                 w.g_low[i] = w.y[end + i]
-        if fall < 1.0:  # however long the step, its end is looked for close to the rise
+        # however long the step, the end of a low flight is looked for close to its rise; a slip that begins with the round-off of a projection is none
+        if fall < 1.0 and j < 2 * ne and w.kind[j // 2] == layout.RIGID:
             low = low / fall
             h = _step_to(w, t, h, fall) * h
     return False, False, low, h

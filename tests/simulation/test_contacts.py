@@ -26,7 +26,7 @@ from toolbox import (
     simulate,
     state,
 )
-from toolbox.errors import NoModes, ZenoError
+from toolbox.errors import ZenoError
 from toolbox.inputs import sine
 from toolbox.modelling import Hysteresis
 from toolbox.simulation import EventExact
@@ -319,25 +319,19 @@ class Rod(Component):
 
 
 @pytest.mark.parametrize(
-    ("numbers", "angle", "speed", "spin", "kind", "words"),
+    ("numbers", "angle", "speed", "spin"),
     [
-        ({"friction": 1.86525}, 0.555349, -4.567553, 2.961023, SimulationError, "The step size fell below what double precision resolves"),
-        ({"friction": 2.03214, "feed": 50.0, "speed": -2.32198}, 0.350625, -1.765102, 1.660099, ZenoError, "`rub` switches without end"),
-        (
-            {"friction": 2.08472, "feed": 50.0, "speed": -2.20907},
-            0.678772,
-            0.661492,
-            2.488907,
-            NoModes,
-            "No modes of the elements tip, rub",
-        ),
+        ({"friction": 1.86525}, 0.555349, -4.567553, 2.961023),
+        ({"friction": 2.03214, "feed": 50.0, "speed": -2.32198}, 0.350625, -1.765102, 1.660099),
+        ({"friction": 2.08472, "feed": 50.0, "speed": -2.20907}, 0.678772, 0.661492, 2.488907),
     ],
     ids=["into it", "about to slip", "at break-away"],
 )
-def test_a_rod_that_jams_on_its_way_is_told_that_it_jams(numbers, angle, speed, spin, kind, words):
+def test_a_rod_that_jams_on_its_way_is_told_that_it_jams(numbers, angle, speed, spin):
     start = {"rod.angle": angle, "rod.y": 0.5 * np.sin(angle), "rod.u": speed, "rod.v": 0.5 * np.cos(angle) * spin, "rod.spin": spin}
+    # the force grows without bound there: whether the step, the switches or the modes come to their end first is round-off, the cause is not
     with pytest.raises(
-        kind, match=words + r".*: the machine jams .Painleve's paradox.\. .* rigid contact `tip` .* with a `stiffness` it has one"
+        SimulationError, match=r": the machine jams .Painleve's paradox.\. .* rigid contact `tip` .* with a `stiffness` it has one"
     ) as failed:
         simulate(compose(Rod(restitution=0.0, **numbers)), 2.0, start=start)
     assert "accuracy" not in str(failed.value)

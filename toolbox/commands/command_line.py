@@ -26,6 +26,7 @@ from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.errors import SceneError, SimulationError, UnusualValue
 from toolbox.files.interrupts import GATE
 from toolbox.messages import complaint, sign_of_life
+from toolbox.version import __version__
 
 COMMANDS = {
     "study": ("study", "simulate every controller of a scene; table, figures and data"),
@@ -169,7 +170,7 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         epilog="exit codes: 0 done; 1 nothing could be simulated, tuned or fitted; 2 a scene or an argument is wrong; 130 interrupted",
     )
     parser.set_defaults(words=lambda given: NOTHING, spelled={}, found=None)
-    parser.add_argument("--version", action="version", version=f"stickslip-toolbox {_version()}")
+    parser.add_argument("--version", action="version", version=f"stickslip-toolbox {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     typed = next((word for word in words if word != "--"), "")
     module = COMMANDS[typed][0] if typed in COMMANDS else ""
@@ -200,12 +201,3 @@ def _declare_common(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "--units", choices=tuple(SYSTEMS), help="of what is printed and drawn; without, those that were typed, else SI; files stay SI"
     )
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("stickslip-toolbox")
-    except PackageNotFoundError:
-        return "(not installed)"

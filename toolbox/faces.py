@@ -19,7 +19,7 @@ from collections.abc import Callable, Collection
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
-from typing import Any
+from typing import Any, NoReturn
 
 import lazy_loader
 
@@ -42,17 +42,22 @@ def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], li
         if name in public:
             return find(name)
         if name.startswith("_"):
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            refuse(package, name)
         if find_spec(f"{package}.{name}"):
             return import_module(f"{package}.{name}")
-        where = place_of(package, public, name)
-        if (
-            where and sys._getframe(1).f_code.co_name == "_handle_fromlist"
-        ):  # an import statement: it would replace the text of an AttributeError
-            raise ImportError(where)
-        raise AttributeError(f"module {package!r} has no attribute {name!r}" + (where and f": {where}"))
+        refuse(package, name, place_of(package, public, name), sys._getframe(1).f_code.co_name)
 
     return __getattr__, names, listed
+
+
+def refuse(package: str, name: str, where: str = "", caller: str = "") -> NoReturn:
+    """Raise the error of a name that a package does not have; where: the sentence that says what has it; caller: the function that asks.
+
+    In an import statement it is an ImportError: of an AttributeError Python would take the type alone, and not its text.
+    """
+    if where and caller == "_handle_fromlist":
+        raise ImportError(where)
+    raise AttributeError(f"module {package!r} has no attribute {name!r}" + (where and f": {where}"))
 
 
 def place_of(package: str, public: Collection[str], name: str) -> str:
@@ -69,17 +74,17 @@ def place_of(package: str, public: Collection[str], name: str) -> str:
 
 
 def warn_of_hidden(*packages: str) -> None:
-    """Say of packages beside the toolbox which file or folder Python finds in their place: an import from there fails and does not say why."""
+    """Warn of files and folders that Python finds in place of packages beside the toolbox: an import from there fails and does not say why."""
     folder = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))  # `pathlib` would cost a sixth of the time of `import toolbox`
     for package in packages:
         home = os.path.join(folder, package)
         spec = find_spec(package)
         places = [] if spec is None else [place for place in (*(spec.submodule_search_locations or ()), spec.origin) if place]
         if os.path.isdir(home) and places and not any((os.path.realpath(place) + os.sep).startswith(home + os.sep) for place in places):
-            from toolbox.messages import LOG
+            import warnings
 
-            text = "`%s` hides the package `%s` of the toolbox, which cannot be imported: rename it, or start Python elsewhere."
-            LOG.warning(text, places[-1], package)
+            text = f"`{places[-1]}` hides the package `{package}` of the toolbox, which cannot be imported: rename it, or start Python elsewhere."
+            warnings.warn(text, stacklevel=3)
 
 
 def public_names(module: ModuleType) -> list[str]:

@@ -31,7 +31,7 @@ def built():
 
 def test_the_wheel_has_every_module_and_all_data(built):
     wheel, _ = built
-    assert sources(*PACKAGES) | {"stickslip_pytest.py"} == wheel
+    assert sources(*PACKAGES) | {"stickslip.py", "stickslip_pytest.py"} == wheel
     assert {f"{package}/py.typed" for package in PACKAGES} <= wheel
     assert (
         {path for path in wheel if path.endswith(".csv")}

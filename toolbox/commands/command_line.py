@@ -25,7 +25,7 @@ from typing import Any, NoReturn
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.errors import SceneError, SimulationError, UnusualValue
 from toolbox.files.interrupts import GATE
-from toolbox.messages import complaint, sign_of_life
+from toolbox.messages import complaint, sign_of_life, write_log_to_stderr
 from toolbox.version import __version__
 
 COMMANDS = {
@@ -138,6 +138,7 @@ def script(watch: Watch | None = None) -> NoReturn:
 
         before = os.environ.get("COMP_LINE", "")[: int(os.environ.get("COMP_POINT", "0"))]
         argcomplete.autocomplete(_parser(before.split()[1 : None if before[-1:].isspace() else -1]))
+    write_log_to_stderr()
     looked_after = watch or Watch()
     elsewhere = warnings.showwarning
 

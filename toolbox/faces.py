@@ -80,7 +80,11 @@ def warn_of_hidden(*packages: str) -> None:
         home = os.path.join(folder, package)
         spec = find_spec(package)
         places = [] if spec is None else [place for place in (*(spec.submodule_search_locations or ()), spec.origin) if place]
-        if os.path.isdir(home) and places and not any((os.path.realpath(place) + os.sep).startswith(home + os.sep) for place in places):
+        if (
+            os.path.isdir(home)
+            and places
+            and not any(os.path.normcase(os.path.realpath(place) + os.sep).startswith(os.path.normcase(home + os.sep)) for place in places)
+        ):
             import warnings
 
             text = f"`{places[-1]}` hides the package `{package}` of the toolbox, which cannot be imported: rename it, or start Python elsewhere."

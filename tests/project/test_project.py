@@ -6,6 +6,7 @@ import importlib
 import importlib.util
 import inspect
 import itertools
+import os
 import re
 import shutil
 import subprocess
@@ -111,7 +112,11 @@ def test_all_public_names_are_there_on_the_lowest_and_on_the_newest_python_of_th
     shutil.copytree(loader / "lazy_loader", tmp_path / "lazy_loader")  # the other packages are built for this Python
     code = "import toolbox, models, controllers\nfor face in (toolbox, models, controllers): print(face.__name__, *face.__all__, sep=',')"
     done = subprocess.run(
-        [python.stdout.strip(), "-S", "-c", code], env={"PYTHONPATH": f"{root}:{tmp_path}"}, capture_output=True, text=True, timeout=60
+        [python.stdout.strip(), "-S", "-c", code],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(root), str(tmp_path)])},
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert done.stdout.splitlines() == [",".join((face.__name__, *face.__all__)) for face in (toolbox, models, controllers)], done.stderr
 

@@ -74,7 +74,7 @@ def check(lines, folder, written=()):
             )
             and ".part" not in path
             and not (path.startswith(str(ROOT)) and Path(path).parts[len(ROOT.parts)] in ("toolbox", "controllers", ".git", ".venv"))
-            and not (path.startswith(str(ROOT)) and path.endswith((".py", ".pyc", ".toml")) and not path.startswith(str(SCENES)))
+            and not (path.startswith(str(ROOT)) and path.endswith((".py", ".pyi", ".pyc", ".toml")) and not path.startswith(str(SCENES)))
         }
         assert inputs == own, (shlex.join(line), inputs ^ own)
         assert inputs

@@ -5,6 +5,8 @@ write it as C; put results on one page; list the parts.
 
 Exit codes: 0 done; 1 nothing could be simulated, tuned or fitted, or a file could not be written while it ran; 2 the scene or an argument is wrong, or
 the folder cannot be written; 130 interrupted; 143 ended by SIGTERM.
+
+Why argparse: it is there, starts at once, and its groups and errors say all that these commands need; a library of commands would be one more dependency.
 """
 
 from __future__ import annotations

@@ -313,7 +313,7 @@ def csv_said(path: Path) -> Any:
     headings, *rows = ([cell.strip() for cell in line.split(max(",;\t", key=lines[0].count))] for line in lines)
     rows = [row for row in rows if len(row) == len(headings)]
     found = {}
-    for heading, column in zip(headings, np.array([[number(cell) for cell in row] for row in rows]).T, strict=True):
+    for heading, column in zip(headings, np.array([[number(cell) for cell in row] for row in rows]).T, strict=bool(rows)):
         name, _, unit = heading.rstrip("] ").partition("[")
         found[name.strip().casefold()] = column * {"m/s": 1.0, "mm": 1e-3, "m": 1.0, "s": 1.0}.get(unit.strip(), np.nan)
     return found.pop("time"), found
@@ -592,6 +592,9 @@ def tried(kind: str, folder: Path, mutations: int, seed: int, reader: Reader) ->
     intact = shutil.copytree(whole, kept / whole.name) if whole.is_dir() else Path(shutil.copy(whole, kept / whole.name))
     counts: Counter[str] = Counter()
     faults = []
+    came, words = reader.asked(kind, Path(intact), Path(intact))
+    if came != "same":
+        faults.append(f"{kind}: the whole file is not read: {came} {words}")
     for number in range(mutations):
         draw = random.Random(f"{kind} {seed} {number}")
         copy = folder / f"{number}" / whole.name

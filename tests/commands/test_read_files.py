@@ -172,7 +172,17 @@ def test_an_origin_names_all_files_of_every_command_that_writes_one(command, wel
 @pytest.mark.timeout(3600)
 def test_an_origin_names_a_posterior_and_a_log_and_no_journal(well):
     """Of commands that go on from a file of their own that file is no input: it is as it was before the first call."""
-    posterior = ["posterior", "rig.toml", "log.csv", "--prior", "bit.weight=50kN:110kN", "--compare", "bit.speed=0.5 rad/s", "--controller", "PI"]
+    posterior = [
+        "posterior",
+        "rig.toml",
+        "log.csv",
+        "--prior",
+        "bit.weight=50kN:110kN",
+        "--compare",
+        "bit.speed=0.5 rad/s",
+        "--controller",
+        "PI",
+    ]
     lines = [
         [*posterior, "--draws", "32", "--out", "known"],
         ["chance", "rig.toml", "--over", "top.reference=80rpm:130rpm:2", "--posterior", "known/posterior.npz", "--draws", "8", "--out", "chances"],

@@ -310,10 +310,12 @@ def csv_said(path: Path) -> Any:
     except UnicodeDecodeError:
         text = held.decode("cp1252", errors="replace")
     lines = [line for line in text.splitlines() if line.strip(" \t,;") and not line.lstrip().startswith("#")]
+    while len(lines) > 1 and max(map(lines[0].count, ",;\t")) == 0:  # a broken remark above the headings
+        lines.pop(0)
     headings, *rows = ([cell.strip() for cell in line.split(max(",;\t", key=lines[0].count))] for line in lines)
     rows = [row for row in rows if len(row) == len(headings)]
     found = {}
-    for heading, column in zip(headings, np.array([[number(cell) for cell in row] for row in rows]).T, strict=bool(rows)):
+    for heading, column in zip(headings, np.array([[number(cell) for cell in row] for row in rows]).T, strict=True):
         name, _, unit = heading.rstrip("] ").partition("[")
         found[name.strip().casefold()] = column * {"m/s": 1.0, "mm": 1e-3, "m": 1.0, "s": 1.0}.get(unit.strip(), np.nan)
     return found.pop("time"), found

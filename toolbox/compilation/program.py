@@ -63,6 +63,21 @@ class Program:
     form: Switching
     equations: ClosedEquations
 
+    @cached_property
+    def lever(self) -> np.ndarray:
+        """1 for every friction whose lever may vanish, else 0."""
+        return np.array(self.form.levers, np.int64)
+
+    @cached_property
+    def bound(self) -> np.ndarray:
+        """What changes the bound of each element during a run."""
+        from toolbox.compilation import work_layout
+
+        found = np.full(len(self.kind), work_layout.BY_NUMBERS, np.int64)
+        for i in self.varying:
+            found[i] = work_layout.BY_STATES if i in self.bounded else work_layout.BY_CONTACT
+        return found
+
     def lacking(self, formulas: Formulas, kinds: tuple[tuple[str, Any], ...]) -> str:
         """Why a run that asked for these formulas steps by those of this program; empty where it steps by them."""
         if self.formulas == formulas:

@@ -17,7 +17,7 @@ from toolbox.modelling import Remembering
 class FilterModel:
     """What a filter knows: x' = A x + B u - E T, y = C x at samples of `period` [s], with commands that take effect `delay` [s] later.
 
-    noise: standard deviations of y;  torque_walk: wandering of T in a second;  drive_walk: white noise of the drive.
+    noise: standard deviations of y;  torque_process_noise: wandering of T in a second;  drive_process_noise: white noise of the drive.
     """
 
     A: np.ndarray
@@ -36,10 +36,10 @@ class DisturbanceFilter(Remembering):
 
         z_k = z_k- + L (y_k - C z_k-),   z_(k+1)- = the motion from z_k under the commands that act until then
 
-    A command takes effect `delay` after its sample; `waiting` holds those that have not yet taken effect for good, the oldest, which acts now, first. L
-    is the stationary gain for measurement noise of the given standard deviations, a torque T that wanders by `torque_process_noise` in a second, and a drive with
-    white noise of `drive_process_noise`. The error of z_k has the `covariance`, that of z_k- the `spread`; the motion of a period adds `walk`. Source: B. D. O.
-    Anderson, J. B. Moore, Optimal Filtering, Prentice-Hall 1979.
+    A command takes effect `delay` after its sample; `waiting` holds those that have not yet taken effect for good, the oldest, which acts now, first. L is
+    the stationary gain for measurement noise of the given standard deviations, a torque T that wanders by `torque_process_noise` in a second, and a drive
+    with white noise of `drive_process_noise`. The error of z_k has the `covariance`, that of z_k- the `spread`; the motion of a period adds `walk`.
+    Source: B. D. O. Anderson, J. B. Moore, Optimal Filtering, Prentice-Hall 1979.
     """
 
     remembers: ClassVar[tuple[str, ...]] = ("z", "waiting")
@@ -48,12 +48,12 @@ class DisturbanceFilter(Remembering):
         from scipy.linalg import expm, solve_discrete_are
 
         A, B, E, C, period, noise = model.A, model.B, model.E, model.C, model.period, model.noise
-        torque_walk, drive_walk, n = model.torque_process_noise, model.drive_process_noise, A.shape[0]
-        unit = np.append(np.ones(n), torque_walk)  # the torque in steps of a second, for a well-scaled equation
+        torque_process_noise, drive_process_noise, n = model.torque_process_noise, model.drive_process_noise, A.shape[0]
+        unit = np.append(np.ones(n), torque_process_noise)  # the torque in steps of a second, for a well-scaled equation
         F = np.block([[A, -E[:, None]], [np.zeros((1, n + 1))]]) * unit / unit[:, None]
         G = np.append(B, 0.0)[:, None]
         H = np.column_stack([C, np.zeros(C.shape[0])])
-        Q = drive_walk**2 * G @ G.T
+        Q = drive_process_noise**2 * G @ G.T
         Q[n, n] += 1.0
         both = expm(np.block([[-F, Q], [np.zeros_like(F), F.T]]) * period)  # C. F. Van Loan, IEEE Trans. Autom. Control 23 (1978) 395-404
         over = both[n + 1 :, n + 1 :].T

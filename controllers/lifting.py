@@ -36,27 +36,29 @@ class Lifting(Controller):
 
         a dip:  bit speed < 0.35 L  and  sqrt(2 var(torque of the string)) > 0.8 L zeta,   after a bit speed > 0.5 L;   L = lifted set-point
 
-    A Kalman filter on the declared string gives bit speed and torque from the top speed and the torque command; the variance is one over a period of
-    the string. Two dips within 20 periods are the evidence, or one that lasts a period, which only a bit that sticks makes. L then rises to `first_factor` times what
-    is asked; more of it adds `factor_step` each time. Once the amplitude stays below half of L for half a period, L comes down. Evidence on the way down, or
-    within 54 periods after it, is a relapse: L rises to what calmed the bit before, and after n relapses it comes down 1 + n^2 / 2 times more slowly. At the
-    next relapse after `max_attempts`, at the last of these where the set-point had been reached again, where `max_factor` does not help, or where for 36
-    periods more than not the set-point has been lifted or bit or top have stood, the law gives up: it comes down, and lifts no more until what is asked changes
-    by 5 %. A weight that varies is no evidence: it makes no dips with so large a swing.
-    Another set-point is followed at the same rates, so that a step of it is none either. To the left it does the same; a string that is to stop dips by right.
+    A Kalman filter on the declared string gives bit speed and torque from the top speed and the torque command; the variance is one over a period of the
+    string. Two dips within 20 periods are the evidence, or one that lasts a period, which only a bit that sticks makes. L then rises to `first_factor`
+    times what is asked; more of it adds `factor_step` each time. Once the amplitude stays below half of L for half a period, L comes down. Evidence on the
+    way down, or within 54 periods after it, is a relapse: L rises to what calmed the bit before, and after n relapses it comes down 1 + n^2 / 2 times more
+    slowly. At the next relapse after `max_attempts`, at the last of these where the set-point had been reached again, where `max_factor` does not help, or
+    where for 36 periods more than not the set-point has been lifted or bit or top have stood, the law gives up: it comes down, and lifts no more until
+    what is asked changes by 5 %. A weight that varies is no evidence: it makes no dips with so large a swing. Another set-point is followed at the same
+    rates, so that a step of it is none either. To the left it does the same; a string that is to stop dips by right.
 
     Why: a stick-slip that lives beside smooth running at one set-point does not at a higher one, where the rock is flatter. The price is speed: while
     lifted the top turns at twice what is asked and more, for half a minute to a minute (`python -m studies recovery`). It helps where the law inside holds
     smooth running at what is asked and damps the string, and gives up where it does not: a stiff drive leaves the string swinging for minutes.
 
-    With `speed_limit_factor` the torque of the law inside is lowered, down to none, while the top turns faster than `speed_limit_factor` times what is asked and faster than L, as drives
-    limit their speed: a law that follows a bit which is let go throws the top to more than twice what is asked. `first_factor` must be below `speed_limit_factor` for that, and a
-    slower `rise` helps. The price: the string swings for longer, and weak laws are lifted higher in the end. Smooth running knows nothing of it. A bit that is
-    let go turns as fast at a low set-point as at a high one, and a top that may not follow does not calm it: `min_speed_limit` is a speed that is always allowed.
+    With `speed_limit_factor` the torque of the law inside is lowered, down to none, while the top turns faster than `speed_limit_factor` times what is
+    asked and faster than L, as drives limit their speed: a law that follows a bit which is let go throws the top to more than twice what is asked.
+    `first_factor` must be below `speed_limit_factor` for that, and a slower `rise` helps. The price: the string swings for longer, and weak laws are
+    lifted higher in the end. Smooth running knows nothing of it. A bit that is let go turns as fast at a low set-point as at a high one, and a top that
+    may not follow does not calm it: `min_speed_limit` is a speed that is always allowed.
 
     With `relief` the law takes weight off as well, as an auto-driller can: while the set-point is lifted the weight goes down by that share at the rate
-    `unload_rate`, and then comes back at `reload_rate`. A smaller, slower lift is then enough, such as `first_factor=1.3, further=0.25, rise=0.2, relief=0.4`; the price is less
-    weight for two minutes. The law then drives `bit.weight`, and reads the weight that is asked from `weight.reference`, of which `weight` is the default.
+    `unload_rate`, and then comes back at `reload_rate`. A smaller, slower lift is then enough, such as `first_factor=1.3, factor_step=0.25, rise=0.2,
+    relief=0.4`; the price is less weight for two minutes. The law then drives `bit.weight`, and reads the weight that is asked from `weight.reference`, of
+    which `weight` is the default.
 
     `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. Recorded
     are `lifting.reference` (L), `lifting.lifts` (their number), `lifting.gave_up` (the size of the set-point at which it did, else 0), `lifting.held` (how

@@ -22,11 +22,11 @@ class LinearMPC(Predictive):
 
         min sum_(k=1)^(N-1) e_k' Q e_k + sum_(k=0)^(N-1) ((u_k - u_s) / torque_size)^2 + ((u_k - u_(k-1)) / move_size)^2 + (e_N, u_(N-1) - u_s)' P (...)
 
-    e = x - x_s, and (x_s, u_s) the steady state that turns at `reference` under the estimated T: hence no offset under a constant
-    torque. Without active limits it is the regulator of the Riccati equation. States are eliminated: the program has `horizon` unknowns and keeps its
-    matrices. The slope of the rock is in A, so that T wanders little (`torque_process_noise`): a faster filter passes noise that a bit at low speed cannot bear, a
-    slower one is late for the release. A stuck bit cannot trap it: the estimate of T follows the torque of the string, and the plan goes beyond. Source:
-    J. B. Rawlings, D. Q. Mayne, M. M. Diehl, Model Predictive Control, 2nd ed., Nob Hill 2017, chapters 1 and 5.
+    e = x - x_s, and (x_s, u_s) the steady state that turns at `reference` under the estimated T: hence no offset under a constant torque. Without active
+    limits it is the regulator of the Riccati equation. States are eliminated: the program has `horizon` unknowns and keeps its matrices. The slope of the
+    rock is in A, so that T wanders little (`torque_process_noise`): a faster filter passes noise that a bit at low speed cannot bear, a slower one is late
+    for the release. A stuck bit cannot trap it: the estimate of T follows the torque of the string, and the plan goes beyond. Source: J. B. Rawlings, D.
+    Q. Mayne, M. M. Diehl, Model Predictive Control, 2nd ed., Nob Hill 2017, chapters 1 and 5.
     """
 
     torque_process_noise: Quantity = quantity(

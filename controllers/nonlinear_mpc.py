@@ -40,8 +40,8 @@ class NonlinearMPC(Predictive):
     turning bit is kept above `slowest` times the set-point, and a prediction in which it sticks again costs `priority` for each sample.
 
     `adapt` tells whether the strength of the rock, a factor on its torque between 0.5 and 2, is estimated. Once the bit has turned for three samples,
-    `RockFilter` estimates it with the states (it may wander by `strength_process_noise` in a second); before that it follows from the torque that the linear filter
-    sees, in the time `strength_time`; at rest from the torque that the rock has held, `margin` more than that.
+    `RockFilter` estimates it with the states (it may wander by `strength_process_noise` in a second); before that it follows from the torque that the
+    linear filter sees, in the time `strength_time`; at rest from the torque that the rock has held, `margin` more than that.
 
     Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks. Source of the iteration: M. Diehl, H. G. Bock, J. P.
     Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
@@ -108,9 +108,10 @@ class PlannedNonlinear(PredictiveLaw):
         if law.adapt:
             sensors = sensor_rows(plant, law.sensors)
             self.filter = RockFilter(
-                FilterModel(string_model(plant).A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_process_noise, law.drive_process_noise),
-                drive_error=law.drive_error, strength_process_noise=law.strength_process_noise, rollout=self.rollout, contact=self.contact, bit=model.bit, rock=self._rock_at,
-                turning=2.0 * law.rest_speed, lasting=3,
+                FilterModel(string_model(plant).A, model.B, model.E, sensors, law.period, law.delay, law.noise,
+                            law.torque_process_noise, law.drive_process_noise),
+                drive_error=law.drive_error, strength_process_noise=law.strength_process_noise, rollout=self.rollout,
+                contact=self.contact, bit=model.bit, rock=self._rock_at, turning=2.0 * law.rest_speed, lasting=3,
             )  # fmt: skip
         limits = [(model.bit / law.bit_size, law.slowest * law.reference / law.bit_size, np.inf)]
         limits += [(model.top / law.top_size, -np.inf, law.highest_speed / law.top_size)] if law.highest_speed is not None else []

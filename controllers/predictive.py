@@ -36,7 +36,7 @@ class Predictive(TorqueLimits):
     `top.reference` [rad/s], whose present value every plan holds for its whole horizon. delay: how long after its sample a command reaches the plant, as the
     law knows it; it may exceed the period.
 
-    drive_walk stands for what the law does not know of its drive: with an inertia 20 % off, commands that move by some kN m accelerate the top by
+    drive_process_noise stands for what the law does not know of its drive: with an inertia 20 % off, commands that move by some kN m accelerate the top by
     a few hundred N m more or less than the filter expects, for a second or so. A filter that trusts the drive (50 N m s^1/2) reads this as motion of
     the bit, and the motor swings between its limits with the bit parked. `move_size` keeps the plan slower than that filter.
 

@@ -31,7 +31,7 @@ class RockFilter(DisturbanceFilter):
     What is not known of the drive, a part `drive_error` of its inertia or torque, matters only while its torque moves. Both filters take it for white noise
     of the drive's torque with the intensity
 
-        drive_walk^2 + (drive_error (u - u_mean))^2 `MEMORY`,    u_mean' = (u - u_mean) / `SETTLED`
+        drive_process_noise^2 + (drive_error (u - u_mean))^2 `MEMORY`,    u_mean' = (u - u_mean) / `SETTLED`
 
     so that they are careful while the command swings, and sharp in steady drilling; the gain of the linear filter follows its Riccati equation in time.
 
@@ -48,12 +48,12 @@ class RockFilter(DisturbanceFilter):
         bit: np.ndarray, rock: Callable[[float], tuple[float, float]], turning: float, lasting: int,
     ):  # fmt: skip
         super().__init__(model)
-        A, B, E, C, period, drive_walk = model.A, model.B, model.E, model.C, model.period, model.drive_process_noise
+        A, B, E, C, period, drive_process_noise = model.A, model.B, model.E, model.C, model.period, model.drive_process_noise
         n = A.shape[0]
-        self.drive_process_noise, self.drive_error, self.mean = drive_walk, drive_error, 0.0
+        self.drive_process_noise, self.drive_error, self.mean = drive_process_noise, drive_error, 0.0
         # what the drive's noise of intensity 1 adds in a period to the linear filter, beside the rest of `walk`
         self.pushed = self._pushed(A, B, E, period)
-        self.still = self.walk - drive_walk**2 * self.pushed
+        self.still = self.walk - drive_process_noise**2 * self.pushed
         self.rollout, self.contact, self.bit, self.rock, self.turning, self.lasting = rollout, contact, bit, rock, turning, lasting
         self.seen = np.column_stack([C, np.zeros(C.shape[0])])
         self.period = period

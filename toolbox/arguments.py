@@ -149,15 +149,15 @@ def symmetric(word: str, matrix: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def checked_range(between: Any, word: str = "between", unit: str = "1") -> tuple[float, float]:
+def checked_range(bounds: Any, word: str = "bounds", unit: str = "1") -> tuple[float, float]:
     """(low, high) of a range, numbers or text in the unit; raises SceneError unless it is two finite numbers in that order."""
-    ends = in_si(between, unit, word)
+    ends = in_si(bounds, unit, word)
     try:
         low, high = ends
     except (TypeError, ValueError):
         low, high = None, None
     if not is_finite_number(low) or not is_finite_number(high) or not low < high:
-        raise SceneError(f"Argument `{word}` must be two finite numbers (low, high) with low < high, but it is {short(between)}.")
+        raise SceneError(f"Argument `{word}` must be two finite numbers (low, high) with low < high, but it is {short(bounds)}.")
     return _plain(low), _plain(high)
 
 

@@ -31,7 +31,7 @@ class StringObserver(Observer):
     estimates: all states of the string by name, `top.speed`, `bit.speed` [rad/s], `top.load`, `bit.torque` [N m] and, where the plant has a
     rock `BitRock` with exponential friction, `bit.friction_scale` [1]: the torque over that of the declared rock at the estimated speed, 0 where that is none,
     and meaningful while the bit turns. A sample is one Runge-Kutta step of order four with measurement and command held; samples too far apart for that are
-    refused, which a Kalman filter bounds by about 2.8 J speed_noise sqrt(period) / drive_walk, J the inertia of the drive.
+    refused, which a Kalman filter bounds by about 2.8 J speed_noise sqrt(period) / drive_process_noise, J the inertia of the drive.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)

@@ -116,7 +116,7 @@ def sweep_read(path: Path) -> Any:
     """All that a sweep says."""
     found = Sweep.load(path)
     assert str(found)
-    values = {name: each.tobytes() for name, each in found.measured_signals.items()}
+    values = {name: each.tobytes() for name, each in found.metrics.items()}
     axes = tuple(axis.tobytes() for axis in found.axes)
     words = found.failures, found.names, found.units, found.metric_units, found.duration, found.accuracy, found.title
     return values, found.points.tobytes(), axes, *words

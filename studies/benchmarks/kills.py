@@ -61,10 +61,10 @@ sample_time = "10 ms"
 COMMANDS: Mapping[str, tuple[str, ...]] = {
     "study": ("study", "rig.toml"),
     "simulate": ("simulate", "rig.toml"),
-    "sweep": ("sweep", "rig.toml", "--vary", "bit.weight=60kN:100kN:4", "--measure", "severity", "--controller", "stiff PI"),
-    "map": ("map", "rig.toml", "--x", "top.reference=9:14", "--y", "bit.weight=60kN:100kN", "--shape", "3x3", "--controller", "stiff PI"),
+    "sweep": ("sweep", "rig.toml", "--range", "bit.weight=60kN:100kN:4", "--metric", "severity", "--controller", "stiff PI"),
+    "map": ("map", "rig.toml", "--range", "top.reference=9:14", "--range", "bit.weight=60kN:100kN", "--shape", "3x3", "--controller", "stiff PI"),
     "tune": (
-        "tune", "rig.toml", "--controller", "stiff PI", "--free", "pi.integral=500:5000", "--objective", "severity", "--runs", "10", "--journal", "journal",
+        "tune", "rig.toml", "--controller", "stiff PI", "--range", "pi.integral=500:5000", "--objective", "severity", "--runs", "10", "--checkpoint", "journal",
     ),
     "export": ("export", "rig.toml", "--part", "law", "--controller", "sampled"),
 }  # fmt: skip
@@ -124,7 +124,7 @@ def results(command: str, folder: Path) -> Any:
 
 
 def _values(found: Sweep) -> tuple[bytes, ...]:
-    return found.points.tobytes(), *(values.tobytes() for values in found.measured_signals.values())
+    return found.points.tobytes(), *(values.tobytes() for values in found.metrics.values())
 
 
 def _text(path: Path) -> bytes:

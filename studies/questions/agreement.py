@@ -69,7 +69,7 @@ BRACKETS = (0.005, 0.01, 0.02, 0.05)
 class OwnPI:
     """A PI law as a user writes one: a Python object that begins with the torque that acts and tells its memory."""
 
-    measures, drives = ("top.speed",), ("top.torque",)
+    measured_signals, actuated_signals = ("top.speed",), ("top.torque",)
 
     def __init__(self, proportional: float, integral: float, period: float):
         self.defaults = {PARAMETER: (6.0, "rad/s"), "top.torque": (0.0, "N m")}

@@ -146,7 +146,7 @@ def judged(
     duration = PERIODS / rig.natural
     given = {name: value for name, value in rig.run.items() if name != "inputs"}
     driven = {**rig.run.get("inputs", {}), **(inputs or {})}
-    if rig.push in (getattr(law, "drives", None) or ()):
+    if rig.push in (getattr(law, "actuated_signals", None) or ()):
         driven.pop(rig.push, None)
     run = simulate(compose(*(parts or rig.parts)), duration, controller=law, inputs=driven, **given)
     times = np.linspace(duration / 2, duration, 80_001)[:-1]

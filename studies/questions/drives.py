@@ -83,7 +83,7 @@ KINDS = (
 BETWEEN, PLACES = 0.25, 5
 """Where the row "LQG, between, lifting" stands between the gains that are tuned without a lift and with it: of so many places that were tried, the one that
 leaves the largest least of `gains.margins_at`."""
-GENTLE = {"first": 1.6, "rise": 0.3, "limit": 1.7, "least_limit": 6.8}
+GENTLE = {"first_factor": 1.6, "rise": 0.3, "speed_limit_factor": 1.7, "min_speed_limit": 6.8}
 """Numbers of its lift, by which the top stays below twice what is asked from 4 rad/s on."""
 TABLE = Path(__file__).parents[2] / "docs" / "drives.csv"
 """The rows that stand in the docs."""
@@ -207,7 +207,7 @@ def step_time(law: Trial, reference: float) -> float:
     class Timed:
         """The law, timed where it is called."""
 
-        measures, drives, defaults = made.measured_signals, made.actuated_signals, made.defaults
+        measured_signals, actuated_signals, defaults = made.measured_signals, made.actuated_signals, made.defaults
 
         def __call__(self, t: float, y: Any) -> float:
             began = time.thread_time_ns()

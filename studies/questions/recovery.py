@@ -57,7 +57,7 @@ STALL, AGAIN = 60.0, 15.0
 """Length of a stall, and from when after its end on the top speed counts [s]."""
 HELD = 4.0
 """Factor of the weight in a stall: the torque at rest is more than the drive has."""
-RELIEVING = {"first": 1.3, "further": 0.25, "rise": 0.2, "relief": 0.4}
+RELIEVING = {"first_factor": 1.3, "factor_step": 0.25, "rise": 0.2, "relief": 0.4}
 """Numbers of a lift that takes weight off as well: it is smaller and slower than one that does not."""
 LIFTS = ", lifting"
 """What the labels of their rows and families end with in the drive table."""

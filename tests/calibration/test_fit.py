@@ -225,8 +225,8 @@ def test_bad_data_are_refused_by_column_and_sample(change, words):
         ({"free": "bit.friction.statik"}, "There is no parameter `bit.friction.statik`: did you mean `bit.friction.static`"),
         ({"free": []}, "must name at least one number"),
         ({"free": "chain.inertia"}, "such as `chain.inertia.0`"),
-        ({"bounds": {"bit.friction.static": (1.0, 0.5)}}, "with low < high"),
-        ({"bounds": {"bit.radius": (0.1, 0.5)}}, "`bit.radius`, which is not free"),
+        ({"ranges": {"bit.friction.static": (1.0, 0.5)}}, "with low < high"),
+        ({"ranges": {"bit.radius": (0.1, 0.5)}}, "`bit.radius`, which is not free"),
         ({"starts": 0}, "`starts` must be an integer >= 1"),
         ({"confidence": 95}, "`confidence` must be > 0 and < 1"),
         ({"contact": "bti"}, "There is no contact with dry friction `bti`"),
@@ -298,7 +298,7 @@ def test_a_figure_shows_traces_or_the_loop():
 def test_the_command_fits_a_scene_and_writes_report_table_figure_and_calibrated_scene(root, tmp_path, capsys):
     scene, out = root / "studies" / "scenes" / "jansen_2.toml", tmp_path / "fitted"
     columns = [word for name, heading in COLUMNS.items() for word in ("--column", f"{name}={heading}")]
-    free = [word for name in FREE for word in ("--free", name + ("=0.1:1" if "kinetic" in name else ""))]
+    free = [word for name in FREE for word in (("--range", f"{name}=0.1:1") if "kinetic" in name else ("--free", name))]
     command = ["fit", str(scene), str(FOLDER / "rig.csv"), *free, *columns, "--contact", "bit", "--out", str(out)]
     assert main(command) == 0
     printed = capsys.readouterr().out
@@ -317,9 +317,11 @@ def test_the_command_fits_a_scene_and_writes_report_table_figure_and_calibrated_
 def test_the_command_says_what_is_wrong(root, capsys):
     scene, data = str(root / "studies" / "scenes" / "jansen_2.toml"), str(FOLDER / "rig.csv")
     for words, complaint in (
-        (["--free", "bit.friction.statik=0:1"], "did you mean `bit.friction.static`"),
-        (["--free", "bit.friction.static=0"], "NAME or NAME=LOW:HIGH"),
-        (["--free", "bit.weight=80 kg:90 kN"], "must be in N"),
+        (["--range", "bit.friction.statik=0:1"], "did you mean `bit.friction.static`"),
+        (["--free", "bit.friction.static=0:1"], "write `--range 'bit.friction.static=0:1'`"),
+        ([], "`--free` must be given, or `--range`"),
+        (["--range", "bit.friction.static=0"], "`--range` must be NAME=LOW:HIGH"),
+        (["--range", "bit.weight=80 kg:90 kN"], "must be in N"),
         (["--free", "bit.weight", "--column", "bit.speed"], "SIGNAL=HEADING"),
         (["--free", "bit.weight"], "unknown column `drive torque"),
     ):

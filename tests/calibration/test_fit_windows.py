@@ -78,9 +78,9 @@ def test_late_inputs_and_outputs_are_found_by_simulation(run):
         ({"window": [Window(0, 10, "bit.weight")]}, "`free` must hold `bit.weight`, which window 1 has for its own"),
         ({"window": [(0, 10), 3]}, "`window` must be two times"),
         ({"window": (10, 0)}, "`end` must be > begin"),
-        ({"bounds": {"bit.friction.static[3]": (0, 1)}, "window": [(0, 10), (10, 20)]}, "`bit.friction.static\\[3\\]`, which is not free"),
+        ({"ranges": {"bit.friction.static[3]": (0, 1)}, "window": [(0, 10), (10, 20)]}, "`bit.friction.static\\[3\\]`, which is not free"),
         ({"free": [*FREE, "bit.torque.shift", "bit.speed.shift"], "contact": "bit"}, "one shift at most where a contact is fitted"),
-        ({"free": [*FREE, "bit.speed.shift"], "bounds": {"bit.speed.shift": (-30, 30)}}, "closer bounds of the shift"),
+        ({"free": [*FREE, "bit.speed.shift"], "ranges": {"bit.speed.shift": (-30, 30)}}, "closer bounds of the shift"),
         ({"free": "bit.sped.shift"}, "There is no"),
     ],
 )
@@ -99,7 +99,7 @@ def test_the_command_takes_windows_own_numbers_and_shifts(root, tmp_path, run, c
         ",".join(f"{value:.9g}" for value in row) for row in zip(*data.values(), strict=True))])  # fmt: skip
     (tmp_path / "log.csv").write_text(table)
     words = ["fit", str(root / "studies" / "scenes" / "jansen_2.toml"), str(tmp_path / "log.csv"), "--contact", "bit", "--starts", "1"]
-    words += ["--free", "bit.friction.static", "--free", "bit.torque.shift=-1:1 s", "--free", "bit.weight", "--own", "bit.weight"]
+    words += ["--free", "bit.friction.static", "--range", "bit.torque.shift=-1:1 s", "--free", "bit.weight", "--own", "bit.weight"]
     assert main([*words, "--window", "0:20", "--window", "20:40", "--robust", "4"]) == 0
     told = capsys.readouterr().out
     assert "bit.weight[1]" in told and "bit.weight[2]" in told and "bit.torque.shift" in told and "2 windows together" in told
@@ -116,7 +116,7 @@ def test_a_window_that_begins_in_motion_is_told_until_its_start_is_free():
     law, start = ["belt.friction.static", "belt.friction.kinetic"], ["block.position", "block.speed"]
     windows = [Window(5.0, 9.0, own=tuple(start)), Window(11.0, 15.0, own=tuple(start))]
     blind = fit(block, log, law, window=[(5.0, 9.0), (11.0, 15.0)])
-    assert blind.apart["block.position"] > 0.05 and "begins every window at the start of the loop" in str(blind)
+    assert blind.initial_mismatch["block.position"] > 0.05 and "begins every window at the start of the loop" in str(blind)
     found = fit(block, log, [*law, *start], window=windows)
     assert not found.initial_mismatch and "begins every window" not in str(found)
     assert found["belt.friction.static"] == pytest.approx(1.5, abs=3e-3)
@@ -124,4 +124,6 @@ def test_a_window_that_begins_in_motion_is_told_until_its_start_is_free():
     there, elsewhere = (
         validate(closed_loop(block, start=begin), log, window=(5.0, 9.0)) for begin in ({name: run.at(5.0)[name] for name in start}, {})
     )
-    assert not there.apart and elsewhere.apart["block.position"] > 0.05 and "give the loop the `start`" in str(elsewhere)
+    assert (
+        not there.initial_mismatch and elsewhere.initial_mismatch["block.position"] > 0.05 and "give the loop the `start`" in str(elsewhere)
+    )

@@ -28,7 +28,14 @@ label = "stiff PI"
 law = "StiffPI"
 """
 
-ASKED = ["--over", "top.reference=60 rpm:140 rpm:2", "--uncertain", "bit.weight=90 kN +- 9 %", "--uncertain", "bit.friction.static=0.7:0.9"]
+ASKED = [
+    "--range",
+    "top.reference=60 rpm:140 rpm:2",
+    "--uncertainty",
+    "bit.weight=90 kN +- 9 %",
+    "--uncertainty",
+    "bit.friction.static=0.7:0.9",
+]
 ASKED += ["--controller", "stiff PI", "--draws", "20"]
 
 
@@ -57,14 +64,14 @@ def test_chances_are_those_of_the_function_in_the_units_that_were_typed(rig, tmp
 
 
 def test_a_controller_without_the_number_is_left_out_by_name(rig, capsys):
-    asked = ["--over", "top.reference=60 rpm:140 rpm:2", "--uncertain", "bit.weight=90 kN +- 9 %", "--draws", "4"]
+    asked = ["--range", "top.reference=60 rpm:140 rpm:2", "--uncertainty", "bit.weight=90 kN +- 9 %", "--draws", "4"]
     assert main(["chance", str(rig), *asked]) == 0
     printed = capsys.readouterr()
     assert "warning: `constant torque` is left out: There is no number `top.reference`" in printed.err
     assert "stiff PI" in printed.out and "constant torque" not in printed.out
     assert main(["chance", str(rig), *asked, "--controller", "constant torque"]) == 2
     assert "There is no number `top.reference`" in capsys.readouterr().err
-    assert main(["chance", str(rig), "--over", "top.refrence=1:2:2", *asked[2:]]) == 2  # known under no controller
+    assert main(["chance", str(rig), "--range", "top.refrence=1:2:2", *asked[2:]]) == 2  # known under no controller
     assert "did you mean `top.reference`" in capsys.readouterr().err
 
 
@@ -81,7 +88,7 @@ def test_a_recording_becomes_a_posterior_and_that_becomes_chances(rig, tmp_path,
     assert {"bands.csv", "bands.png"} <= {path.name for path in (tmp_path / "known").iterdir()}
     known = Posterior.load(tmp_path / "known" / "posterior.npz")["bit.weight"]
     assert abs(known.mean() - 80e3) < 3 * known.std() + 200.0 and known.std() < 5e3
-    again = ["chance", str(rig), "--posterior", str(tmp_path / "known" / "posterior.npz"), "--over", "top.reference=6:8:2", "--draws", "8"]
+    again = ["chance", str(rig), "--posterior", str(tmp_path / "known" / "posterior.npz"), "--range", "top.reference=6:8:2", "--draws", "8"]
     assert main([*again, "--controller", "stiff PI", "--json"]) == 0
     assert np.shape(json.loads(capsys.readouterr().out)["outcomes"]["stiff PI"]) == (2, 8)
 
@@ -117,7 +124,7 @@ def test_a_part_of_a_log_with_holes_is_used_where_that_is_said(rig, tmp_path, ca
     given = ["posterior", str(rig), str(tmp_path / "rig.csv"), "--prior", "bit.weight=50kN:110kN", "--compare", "top.speed=0.1 rad/s"]
     assert main([*given, "--draws", "32"]) == 2
     assert "choose among the windows" in capsys.readouterr().err
-    assert main([*given, "--draws", "32", "--hole", "4", "--window", "0:4", "--mean", "1 s"]) == 0
+    assert main([*given, "--draws", "32", "--max-gap", "4", "--window", "0:4", "--mean", "1 s"]) == 0
     printed = capsys.readouterr().out
     assert "Recording of" in printed and "4 null" in printed and "top.speed from 3 s" in printed and "from 4 s" not in printed
 
@@ -129,7 +136,7 @@ def test_a_basin_is_that_of_the_function(rig, tmp_path, capsys):
         str(rig),
         "--controller",
         "stiff PI",
-        "--box",
+        "--range",
         "bit.speed=0 rpm:250 rpm",
         "--runs",
         "60",
@@ -144,34 +151,34 @@ def test_a_basin_is_that_of_the_function(rig, tmp_path, capsys):
     assert np.array_equal(found.outcomes, same.outcomes) and 0.0 < found.share < 1.0
     assert (out / "basin.txt").read_text() == f"{found}\n" and "250" in capsys.readouterr().out
     assert {path.name for path in out.iterdir()} == {"basin.txt", "basin.csv", "basin.npz", "basin.png", "scene.toml", "origin.json"}
-    assert main(["basin", str(rig), "--controller", "stiff PI", "--box", "bit.weight=50kN:60kN"]) == 2
+    assert main(["basin", str(rig), "--controller", "stiff PI", "--range", "bit.weight=50kN:60kN"]) == 2
     assert "must name states" in capsys.readouterr().err
 
 
 def test_an_onset_of_numbers_that_are_distributions_is_one_of_draws(rig, tmp_path, capsys):
     out = tmp_path / "out"
-    asked = ["onset", str(rig), "--parameter", "top.reference", "--from", "40 rpm", "--to", "200 rpm", "--values", "4", "--draws", "12"]
-    assert main([*asked, "--uncertain", "bit.weight=90 kN +- 9 %", "--out", str(out)]) == 0
+    asked = ["onset", str(rig), "--range", "top.reference=40 rpm:200 rpm", "--values", "4", "--draws", "12"]
+    assert main([*asked, "--uncertainty", "bit.weight=90 kN +- 9 %", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "from 40 to 200 rpm: Two inertias, 12 draws" in printed and "bit.weight known as 90 kN +- 8.1 kN" in printed
     found = UncertainOnset.load(out / "drawn_onset.npz")
     assert list(found.borders) == ["stiff PI"] and found.points.shape == (12, 1)
     names = {f"drawn_onset.{kind}" for kind in ("txt", "csv", "npz", "png")}
     assert {path.name for path in out.iterdir()} == {*names, "scene.toml", "origin.json"}
-    assert main([*asked, "--uncertain", "bit.weight=90 kN +- 9 %", "--at", "90 rpm"]) == 2
+    assert main([*asked, "--uncertainty", "bit.weight=90 kN +- 9 %", "--at", "90 rpm"]) == 2
     assert "`--at` must not be given" in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_the_drive_table_takes_machines_that_are_drawn(rig, capsys):
     asked = [
-        "drives",
+        "setpoints",
         str(rig),
-        "--before",
+        "--initial-controller",
         "stiff PI",
         "--controller",
         "soft torque",
-        "--way",
+        "--protocol",
         "direct",
         "--from",
         "80 rpm",
@@ -180,6 +187,6 @@ def test_the_drive_table_takes_machines_that_are_drawn(rig, capsys):
     ]
     text = rig.read_text() + '[[controllers]]\nlabel = "soft torque"\nlaw = "SoftTorque"\n'
     rig.write_text(text)
-    assert main([*asked, "--step", "20 rpm", "--uncertain", "bit.weight=90 kN +- 9 %", "--draws", "3"]) == 0
+    assert main([*asked, "--step", "20 rpm", "--uncertainty", "bit.weight=90 kN +- 9 %", "--draws", "3"]) == 0
     printed = capsys.readouterr().out
     assert "soft torque  drawn  direct" in printed and "soft torque  declared" not in printed

@@ -78,7 +78,7 @@ def test_a_continuous_law_has_a_schedule_without_c(root, tmp_path, capsys):
 
 def test_the_windows_are_those_of_the_verb_and_the_report_reads_them(root, tmp_path, capsys):
     out = tmp_path / "windows"
-    over = ["--x", "top.reference=60 rpm:140 rpm", "--y", "bit.weight=60 kN:100 kN"]
+    over = ["--range", "top.reference=60 rpm:140 rpm", "--range", "bit.weight=60 kN:100 kN"]
     asked = ["windows", str(root / WELL), "--controller", "stiff PI", "--depths", "2km", *over, "--along", "80 kN", "--shape", "5x3"]
     assert main([*asked, "--out", str(out)]) == 0
     printed = capsys.readouterr().out
@@ -105,7 +105,7 @@ def test_the_windows_are_those_of_the_verb_and_the_report_reads_them(root, tmp_p
 def test_a_number_of_the_law_that_the_scene_gives_as_an_input_is_refused_by_its_name(root, tmp_path, capsys, command):
     shutil.copy((root / WELL).with_suffix(".csv"), tmp_path)
     (tmp_path / "given.toml").write_text((root / WELL).read_text() + '\n[inputs]\n"top.reference" = "110 rpm"\n')
-    axes = ["--x", "top.reference=90 rpm:150 rpm", "--y", "bit.weight=60 kN:100 kN"] if command == "windows" else []
+    axes = ["--range", "top.reference=90 rpm:150 rpm", "--range", "bit.weight=60 kN:100 kN"] if command == "windows" else []
     assert main([command, str(tmp_path / "given.toml"), "--depths", "1km", "2km", *axes]) == 2
     assert "Argument `top.reference` must be a number of the law itself" in capsys.readouterr().err
 
@@ -119,7 +119,7 @@ def test_a_number_of_the_law_that_the_scene_gives_as_an_input_is_refused_by_its_
         ),
         ([WELL, "--depths", "1km"], "`--depths` must hold at least two rising depths"),
         ([WELL, "--depths", "100m", "2km"], "`end_depth` must be > 200 m"),
-        ([WELL, "--depths", "1km", "2km", "--before", "stif PI"], "did you mean `stiff PI`"),
+        ([WELL, "--depths", "1km", "2km", "--initial-controller", "stif PI"], "did you mean `stiff PI`"),
         ([WELL, "--depths", "1km", "2 kN"], "`depths.1` must be in m, but `2 kN` is in kN"),
         ([WELL, "--depths", "1km", "2km", "--duration", "0"], "`--duration` must be > 0 s"),
     ],

@@ -13,7 +13,7 @@ from toolbox.commands.sweep import _left_of
 from toolbox.onsets.severity_map import SeverityMap
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
-GROAN = ["--law", "HeldSpeed", "--x", "disc.reference=0.2:5", "--y", "brake.force=0.2kN:3kN", "--shape", "4x3"]
+GROAN = ["--law", "HeldSpeed", "--range", "disc.reference=0.2:5", "--range", "brake.force=0.2kN:3kN", "--shape", "4x3"]
 
 
 @pytest.mark.parametrize(("scene", "more"), [("brake_stop", []), ("creep_groan", []), ("brake_laws", ["--hold", "pad.attachment=0"])])
@@ -26,7 +26,7 @@ def test_groan_of_every_brake_scene_is_mapped_by_one_command(scene, more, tmp_pa
 
 
 def test_friction_that_is_off_leaves_what_is_free_on_every_machine(tmp_path, capsys):
-    off = ["--off", "pad.friction.static,pad.friction.kinetic=20%"]
+    off = ["--uncertainty", "pad.friction.static,pad.friction.kinetic=20%"]
     assert main(["map", str(SCENES / "brake_stop.toml"), *GROAN, *off, "--out", str(tmp_path)]) == 0
     text = capsys.readouterr().out
     free = [
@@ -44,9 +44,9 @@ def test_friction_that_is_off_leaves_what_is_free_on_every_machine(tmp_path, cap
 @pytest.mark.parametrize(
     ("more", "word"),
     [
-        (["--off", "pad.friction.static"], "NAME[,NAME...]=PART"),
-        (["--off", "pad.friction.static=200%"], "--off` must be > 0 and < 1"),
-        (["--off", "pad.frictoin.static=20%"], "pad.friction.static"),
+        (["--uncertainty", "pad.friction.static"], "NAME[,NAME...]=PART"),
+        (["--uncertainty", "pad.friction.static=200%"], "--uncertainty` must be > 0 and < 1"),
+        (["--uncertainty", "pad.frictoin.static=20%"], "pad.friction.static"),
         (["--hold", "pad.attachment"], "must be NAME=VALUE"),
         (["--law", "HeldSped"], "did you mean `HeldSpeed`"),
     ],
@@ -57,7 +57,17 @@ def test_mistakes_of_a_map_of_groan_are_told(more, word, tmp_path, capsys):
 
 
 def test_a_folder_that_cannot_be_written_is_told_before_a_controller_that_has_none_of_the_numbers(tmp_path, capsys):
-    call = ["map", str(SCENES / "jansen_2.toml"), "--x", "top.reference=3:14", "--y", "bit.weight=50kN:110kN", "--shape", "2x2", "--out"]
+    call = [
+        "map",
+        str(SCENES / "jansen_2.toml"),
+        "--range",
+        "top.reference=3:14",
+        "--range",
+        "bit.weight=50kN:110kN",
+        "--shape",
+        "2x2",
+        "--out",
+    ]
     (tmp_path / "file").write_text("")
     assert main([*call, str(tmp_path / "file" / "out")]) == 2  # the first controller is a constant torque, without a set-point
     assert "`--out` must be a folder that can be written" in capsys.readouterr().err

@@ -12,7 +12,7 @@ JANSEN = "studies/scenes/jansen_2.toml"
 def test_margins_and_the_smallest_error_are_those_of_the_verbs(root, tmp_path, capsys):
     out = tmp_path / "robust"
     asked = ["margins", str(root / JANSEN), "--controller", "softer PI, 100 Hz"]
-    assert main([*asked, "--wrong", "top.reference=60 rpm:100 rpm", "--duration", "80", "--out", str(out)]) == 0
+    assert main([*asked, "--uncertainty", "top.reference=60 rpm:100 rpm", "--duration", "80", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     loop = Scene.load(root / JANSEN)["softer PI, 100 Hz"]
     assert Margins.load(out / "03_softer_pi_100_hz_margins.npz").loops == margins(loop).loops
@@ -29,11 +29,11 @@ def test_margins_and_the_smallest_error_are_those_of_the_verbs(root, tmp_path, c
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--wrong", "bit.weight"], "`--wrong` must be NAME=20% or NAME=LOW:HIGH, but it is `bit.weight`"),
-        (["--wrong", "bit.weight=20%", "--wrong", "bit.weight=10%"], "`--wrong` must name every number once"),
-        (["--wrong", "bit.wight=20%"], "did you mean `bit.weight`"),
-        (["--wrong", "bit.weight=120%"], "`--wrong`"),
-        (["--duration", "3 s"], "`--duration` must stand beside `--wrong`"),
+        (["--uncertainty", "bit.weight"], "`--uncertainty` must be NAME=20% or NAME=LOW:HIGH, but it is `bit.weight`"),
+        (["--uncertainty", "bit.weight=20%", "--uncertainty", "bit.weight=10%"], "`--uncertainty` must name every number once"),
+        (["--uncertainty", "bit.wight=20%"], "did you mean `bit.weight`"),
+        (["--uncertainty", "bit.weight=120%"], "`--uncertainty`"),
+        (["--duration", "3 s"], "`--duration` must stand beside `--uncertainty`"),
         (["--controller", "constant torque"], "must hold a control law"),
         (["--hold", "bit.weight"], "`--hold` must be NAME=VALUE"),
     ],

@@ -39,7 +39,7 @@ def rig(tmp_path):
     return str(path)
 
 
-RANGE = ["--parameter", "top.reference", "--from", "20 rpm", "--to", "150 rpm", "--values", "4", "--tolerance", "1 rpm"]
+RANGE = ["--range", "top.reference=20 rpm:150 rpm", "--values", "4", "--tolerance", "1 rpm"]
 
 
 @pytest.mark.slow
@@ -87,12 +87,8 @@ def test_the_printed_hopf_speed_is_that_of_the_closed_form(root, capsys):
             [
                 "onset",
                 str(scene),
-                "--parameter",
-                "block.belt_speed",
-                "--from",
-                "0.1",
-                "--to",
-                "400 mm/s",
+                "--range",
+                "block.belt_speed=0.1:400 mm/s",
                 "--values",
                 "3",
                 "--tolerance",
@@ -108,11 +104,10 @@ def test_the_printed_hopf_speed_is_that_of_the_closed_form(root, capsys):
 @pytest.mark.parametrize(
     ("change", "word"),
     [
-        (["--parameter", "top.refrence"], "top.reference"),
-        (["--from", "200 rpm"], "`--from` must be below `--to`"),
-        (["--from", "30", "--to", "100 rpm"], "they are `30` and `100 rpm`; a plain number is in rad/s"),
-        (["--from", "20 kN"], "--from"),
-        (["--to", "fast"], "--to"),
+        (["--range", "top.refrence=20 rpm:150 rpm"], "top.reference"),
+        (["--range", "top.reference=200 rpm:150 rpm"], "LOW < HIGH"),
+        (["--range", "top.reference=20 kN:150 rpm"], "--range"),
+        (["--range", "top.reference=20 rpm:fast"], "--range"),
         (["--values", "1"], "values"),
         (["--controller", "softer"], "soft torque"),
     ],
@@ -125,13 +120,13 @@ def test_a_mistake_is_one_line_and_exit_code_2(rig, capsys, change, word):
 
 def test_an_unknown_name_is_looked_for_under_every_controller(rig, capsys):
     # the law that comes first in the scene has no reference
-    assert main(["onset", rig, "--parameter", "top.refrence", "--from", "3", "--to", "14"]) == 2
+    assert main(["onset", rig, "--range", "top.refrence=3:14"]) == 2
     assert "did you mean `top.reference`" in capsys.readouterr().err
 
 
 def test_a_range_of_bare_numbers_that_was_meant_in_rpm_is_told(rig, capsys):
     GIVEN.clear()
-    range_of_a_driller = ["--parameter", "top.reference", "--from", "30", "--to", "130", "--values", "3", "--controller", "stiff PI"]
+    range_of_a_driller = ["--range", "top.reference=30:130", "--values", "3", "--controller", "stiff PI"]
     with pytest.warns(UnusualValue, match=r"`top.reference` is 130 rad/s, which is 1.24e\+03 rpm; .*Did you mean `130 rpm` = 13.6 rad/s"):
         assert main(["onset", rig, *range_of_a_driller]) == 0
     assert "top.reference from 30 to 130 rad/s" in capsys.readouterr().out
@@ -139,6 +134,6 @@ def test_a_range_of_bare_numbers_that_was_meant_in_rpm_is_told(rig, capsys):
 
 def test_where_no_controller_has_a_steady_state_the_exit_code_is_1(rig, capsys):
     # backwards torques below the bound turn nothing: there is no slipping steady state
-    arguments = ["--parameter", "top.torque", "--from", "100", "--to", "200", "--controller", "constant torque", "--values", "3"]
+    arguments = ["--range", "top.torque=100:200", "--controller", "constant torque", "--values", "3"]
     assert main(["onset", rig, *arguments]) == 1
     assert "no steady running" in capsys.readouterr().out

@@ -37,9 +37,9 @@ def rigs(tmp_path):
 FREE = [
     "--controller",
     "stiff PI",
-    "--free",
+    "--range",
     "pi.proportional=500:50e3",
-    "--free",
+    "--range",
     "pi.integral=0.05:20 kN m/rad",
     "--objective",
     "severity",
@@ -84,7 +84,7 @@ def test_two_scenes_become_a_report_a_figure_the_points_and_scenes_with_the_tune
 
 
 def test_an_interrupted_tuning_says_how_to_go_on_and_does(rigs, tmp_path, capsys, monkeypatch):
-    arguments = ["tune", rigs[0], *FREE, "--runs", "20", "--journal", str(tmp_path / "points"), "--out", str(tmp_path / "out")]
+    arguments = ["tune", rigs[0], *FREE, "--runs", "20", "--checkpoint", str(tmp_path / "points"), "--out", str(tmp_path / "out")]
     simulated, calls = search.simulate, []
 
     def killing(loop):
@@ -109,11 +109,11 @@ def test_an_interrupted_tuning_says_how_to_go_on_and_does(rigs, tmp_path, capsys
     [
         (["--controller", "stiff"], "stiff PI"),
         (["--controller", "constant torque"], "has none"),
-        (["--free", "pi.proportonal=1:2"], "did you mean `pi.proportional`"),
-        (["--free", "pi.proportional"], "NAME=LOW:HIGH"),
-        (["--free", "pi.proportional=3:4"], "twice"),
-        (["--free", "pi.highest_torque=1:2 rpm"], "highest_torque"),
-        (["--free", "pi.reference=2:1"], "low < high"),
+        (["--range", "pi.proportonal=1:2"], "did you mean `pi.proportional`"),
+        (["--range", "pi.proportional"], "NAME=LOW:HIGH"),
+        (["--range", "pi.proportional=3:4"], "twice"),
+        (["--range", "pi.highest_torque=1:2 rpm"], "highest_torque"),
+        (["--range", "pi.reference=2:1"], "low < high"),
         (["--objective", "severty"], "severity"),
         (["--runs", "2"], "runs"),
         (["--processes", "0"], "processes"),
@@ -140,7 +140,7 @@ def test_where_no_point_has_an_objective_the_exit_code_is_1(rigs, tmp_path, caps
     arguments = [
         "--controller",
         "stiff PI",
-        "--free",
+        "--range",
         "pi.proportional=20e3:21e3",
         "--objective",
         "settling",
@@ -160,5 +160,5 @@ def test_the_help_shows_an_example(capsys):
         main(["tune", "--help"])
     assert ended.value.code == 0
     printed = " ".join(capsys.readouterr().out.split())
-    for word in ("example: stickslip tune", "--free NAME=LOW:HIGH", "--journal FILE", "--over {worst,mean}"):
+    for word in ("example: stickslip tune", "--range NAME=LOW:HIGH", "--checkpoint FILE", "--aggregate {worst,mean}"):
         assert word in printed

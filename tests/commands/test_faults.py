@@ -151,7 +151,7 @@ def test_a_study_with_a_failing_file_operation_leaves_the_old_or_the_new(tmp_pat
 def numbers(store):
     """What a finished sweep holds, without the time that it took."""
     found = Sweep.load(store)
-    return {name: values.tobytes() for name, values in found.metrics.items()}, found.points.tobytes(), found.errors
+    return {name: values.tobytes() for name, values in found.metrics.items()}, found.points.tobytes(), found.failures
 
 
 def rows(path):
@@ -161,14 +161,14 @@ def rows(path):
 
 def sweep_arguments(folder):
     (folder / "belt.toml").write_text(BELT.replace("TITLE", "belt"))
-    return ["sweep", folder / "belt.toml", "--vary", "block.mass=0.5:2:4", "--measure", "severity", "--out", folder / "out"]
+    return ["sweep", folder / "belt.toml", "--range", "block.mass=0.5:2:4", "--metric", "severity", "--out", folder / "out"]
 
 
 def tune_arguments(folder):
     (folder / "rig.toml").write_text(RIG)
     return [
-        "tune", folder / "rig.toml", "--controller", "stiff PI", "--free", "pi.integral=500:5000", "--objective", "severity", "--runs", "10",
-        "--journal", folder / "journal", "--out", folder / "out",
+        "tune", folder / "rig.toml", "--controller", "stiff PI", "--range", "pi.integral=500:5000", "--objective", "severity", "--runs", "10",
+        "--checkpoint", folder / "journal", "--out", folder / "out",
     ]  # fmt: skip
 
 
@@ -177,9 +177,9 @@ def map_arguments(folder):
     return [
         "map",
         folder / "rig.toml",
-        "--x",
+        "--range",
         "top.reference=4:12",
-        "--y",
+        "--range",
         "bit.weight=60kN:100kN",
         "--shape",
         "3x3",
@@ -194,7 +194,9 @@ def swept(folder):
 
 def tuned(folder):
     texts = content(folder / "out")
-    texts["tune.txt"] = b"\n".join(line for line in texts["tune.txt"].splitlines() if b"simulated" not in line and b"journal" not in line)
+    texts["tune.txt"] = b"\n".join(
+        line for line in texts["tune.txt"].splitlines() if b"simulated" not in line and b"checkpoint" not in line
+    )
     with np.load(folder / "out" / "tune.npz") as data:
         kept = json.loads(str(data["result"]))
     del kept["fields"]["simulated"]  # how many runs were this call's, and not the journal's

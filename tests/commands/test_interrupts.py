@@ -172,7 +172,7 @@ TUNE = (
     "again.toml",
     "--controller",
     "pi",
-    "--free",
+    "--range",
     "pi.integral=100:4000",
     "--objective",
     "severity",
@@ -329,7 +329,7 @@ def test_interrupted_drives_whose_set_points_are_kept_do_not_say_that_runs_are_l
 
     monkeypatch.setattr(searched, "lowest_set_point", interrupted)
     scene = Path(__file__).parents[2] / "studies" / "scenes" / "jansen_2.toml"
-    assert main(["drives", str(scene), "--out", str(tmp_path / "out")]) == 130
+    assert main(["setpoints", str(scene), "--out", str(tmp_path / "out")]) == 130
     assert "lost" not in (said := capsys.readouterr().err) and "goes on from here" in said
-    assert main(["drives", str(scene)]) == 130
+    assert main(["setpoints", str(scene)]) == 130
     assert "6 of 8 runs are lost" in capsys.readouterr().err

@@ -16,7 +16,7 @@ from toolbox import Controller, Equations, quantity
 class {name}(Controller):
     """A constant torque and a damper about a set-point."""
 
-    measures, drives = ("top.speed",), ("top.torque",)
+    measured_signals, actuated_signals = ("top.speed",), ("top.torque",)
     reference: float = quantity(4.7, "rad/s", "set-point")
     damping: float = quantity(3000.0, "N m s/rad", "damping", at_least=0)
 
@@ -69,7 +69,7 @@ def test_worker_processes_find_the_law_too(written, tmp_path, capsys):
         scene,
         "--controller",
         "mine",
-        "--free",
+        "--range",
         "myseconddamper.damping=500:5000",
         "--objective",
         "severity",

@@ -69,11 +69,11 @@ def test_a_body_with_many_contacts_has_no_law_of_its_own(capsys):
 @pytest.mark.parametrize("command", ["study", "simulate", "onset", "sweep", "map", "chance", "basin", "margins"])
 def test_a_law_that_does_not_exist_is_told_by_every_command(command, tmp_path, capsys):
     words = {
-        "onset": ["--parameter", "disc.reference", "--from", "2", "--to", "4"],
-        "sweep": ["--vary", "disc.reference=2:4:2"],
-        "map": ["--x", "disc.reference=2:4", "--y", "brake.force=1:2"],
-        "chance": ["--over", "disc.reference=2:4:2"],
-        "basin": ["--box", "disc.speed=2:4"],
+        "onset": ["--range", "disc.reference=2:4"],
+        "sweep": ["--range", "disc.reference=2:4:2"],
+        "map": ["--range", "disc.reference=2:4", "--range", "brake.force=1:2"],
+        "chance": ["--range", "disc.reference=2:4:2"],
+        "basin": ["--range", "disc.speed=2:4"],
     }
     assert main([command, BRAKE, "--law", "HeldSped", *words.get(command, []), "--out", str(tmp_path / "out")]) == 2
     assert "did you mean `HeldSpeed`" in capsys.readouterr().err

@@ -60,14 +60,14 @@ def test_runs_are_json(belt, capsys):
 
 
 def test_sweeps_comparisons_and_lists_are_json(belt, tmp_path, capsys):
-    found = asked(capsys, "sweep", belt, "--vary", "block.mass=0.5:2:3", "--controller", "one", "--out", str(tmp_path / "swept"))
-    assert found["one"]["names"] == ["block.mass"] and len(found["one"]["measures"]["severity"]) == 3
+    found = asked(capsys, "sweep", belt, "--range", "block.mass=0.5:2:3", "--controller", "one", "--out", str(tmp_path / "swept"))
+    assert found["one"]["names"] == ["block.mass"] and len(found["one"]["metrics"]["severity"]) == 3
     other = tmp_path / "other.toml"
     other.write_text(BELT.replace("duration = 8", "duration = 9"))
     assert {"name": "duration", "unit": "1", "first": 8.0, "second": 9.0} in asked(capsys, "compare", belt, str(other))["rows"]
     [entry] = asked(capsys, "list", "BlockOnBelt")
     assert entry["kind"] == "part" and {"mass", "stiffness"} <= {each["name"] for each in entry["parameters"]}
-    assert "scene" in asked(capsys, "list", "scene") and "severity" in asked(capsys, "list", "measures")
+    assert "scene" in asked(capsys, "list", "scene") and "severity" in asked(capsys, "list", "metrics")
 
 
 def test_every_command_says_what_it_found():
@@ -201,7 +201,7 @@ def completed(line, tmp_path):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("stickslip st", ["study"]), ("stickslip s", ["study", "simulate", "sweep", "schedule"]), ("stickslip map --sh", ["--shape"]),
+        ("stickslip st", ["study"]), ("stickslip s", ["study", "simulate", "setpoints", "sweep", "schedule"]), ("stickslip map --sh", ["--shape"]),
         ("stickslip study --units ", ["si", "metric", "oilfield"]), ("stickslip --ver", ["--version"]),
     ],
 )  # fmt: skip
@@ -230,7 +230,7 @@ def test_a_command_imports_no_other_command():
     program = """
 import sys
 from toolbox.commands.command_line import main
-assert main(["list", "measures", "--quiet"]) == 0
+assert main(["list", "metrics", "--quiet"]) == 0
 print(sorted(set(COMMANDS) & {name.rpartition(".")[2] for name in sys.modules if name.startswith("toolbox.commands.")}))
 """.replace("COMMANDS", repr([module for module, _ in command_line.COMMANDS.values()]))
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=100)
@@ -253,23 +253,23 @@ law = "PI"
 EVERY = {
     "study": ["RIG"],
     "simulate": ["RIG"],
-    "onset": ["RIG", "--parameter", "top.reference", "--from", "90 rpm", "--to", "140 rpm", "--values", "3"],
-    "map": ["RIG", "--x", "top.reference=60rpm:130rpm", "--y", "bit.weight=60kN:110kN", "--shape", "3x3"],
-    "sweep": ["RIG", "--vary", "bit.weight=80kN:90kN:2"],
+    "onset": ["RIG", "--range", "top.reference=90 rpm:140 rpm", "--values", "3"],
+    "map": ["RIG", "--range", "top.reference=60rpm:130rpm", "--range", "bit.weight=60kN:110kN", "--shape", "3x3"],
+    "sweep": ["RIG", "--range", "bit.weight=80kN:90kN:2"],
     "margins": ["RIG"],
-    "basin": ["RIG", "--controller", "PI", "--box", "bit.speed=0 rpm:290 rpm", "--runs", "16"],
+    "basin": ["RIG", "--controller", "PI", "--range", "bit.speed=0 rpm:290 rpm", "--runs", "16"],
     "compare": ["RIG", "OTHER"],
-    "chance": ["RIG", "--over", "top.reference=80rpm:130rpm:2", "--uncertain", "bit.weight=97 kN +- 8 kN", "--draws", "8"],
-    "tune": ["RIG", "--controller", "PI", "--free", "pi.proportional=500:10e3", "--objective", "severity", "--runs", "10"],
+    "chance": ["RIG", "--range", "top.reference=80rpm:130rpm:2", "--uncertainty", "bit.weight=97 kN +- 8 kN", "--draws", "8"],
+    "tune": ["RIG", "--controller", "PI", "--range", "pi.proportional=500:10e3", "--objective", "severity", "--runs", "10"],
     "posterior": ["RIG", "--controller", "PI", "--prior", "bit.weight=50kN:110kN", "--measured", "severity=1.9 +- 0.1", "--draws", "32"],
-    "fit": ["RIG", "LOG", "--free", "bit.friction.kinetic=0.3:0.7"],
+    "fit": ["RIG", "LOG", "--range", "bit.friction.kinetic=0.3:0.7"],
     "estimate": ["RIG", "LOG", "--controller", "PI"],
-    "drives": ["RIG", "--before", "PI", "--group", "declared", "--from", "120 rpm", "--to", "140 rpm", "--step", "10 rpm"],
+    "setpoints": ["RIG", "--initial-controller", "PI", "--group", "declared", "--range", "top.reference=120 rpm:140 rpm", "--step", "10 rpm"],
     "tradeoff": ["RIG", "--duration", "2"],
     "schedule": ["WELL", "--controller", "stiff PI", "--depths", "2000", "2500", "--duration", "5 s"],
     "windows": [
-        "WELL", "--controller", "stiff PI", "--depths", "2km", "--x", "top.reference=60 rpm:140 rpm", "--y", "bit.weight=60 kN:100 kN", "--along", "80 kN",
-        "--shape", "3x3",
+        "WELL", "--controller", "stiff PI", "--depths", "2km", "--range", "top.reference=60 rpm:140 rpm", "--range", "bit.weight=60 kN:100 kN",
+        "--along", "80 kN", "--shape", "3x3",
     ],
 }  # fmt: skip
 
@@ -356,7 +356,7 @@ def inputs(tmp_path_factory):
 @pytest.mark.parametrize("command", EVERY)
 def test_every_command_that_writes_a_folder_has_its_report_and_writes_the_same_again(command, inputs, root, tmp_path, capsys):
     """Of the same call all bytes but those of `origin.json` are the same, `--json` is JSON, `--quiet` is nothing, and `report` makes a page of the folder."""
-    scene = str(inputs / ("sampled.toml" if command in ("drives", "estimate") else "rig.toml"))
+    scene = str(inputs / ("sampled.toml" if command in ("setpoints", "estimate") else "rig.toml"))
     places = {
         "RIG": scene,
         "LOG": str(inputs / "log.csv"),

@@ -103,10 +103,10 @@ def test_an_origin_names_the_tables_of_string_and_survey_the_log_and_the_law_in_
     lines = [
         ["simulate", "rig.toml", "--duration", "0.5 s", "--controller", "published PI", "--out", "one"],
         ["simulate", "belt.toml", "--load", "parts.py", "--out", "two"],
-        ["fit", "belt.toml", "log.csv", "--free", "block.mass=0.5:2", "--starts", "1", "--out", "three"],
+        ["fit", "belt.toml", "log.csv", "--range", "block.mass=0.5:2", "--starts", "1", "--out", "three"],
         ["simulate", str(SCENES / "elastic_face.toml"), "--duration", "1 ms", "--out", "four"],
-        ["sweep", "belt.toml", "--vary", "block.mass=0.5:2:2", "--measure", "severity", "--out", "five"],
-        ["sweep", "belt.toml", "--vary", "block.mass=0.5:2:2", "--measure", "severity", "--out", "five"],
+        ["sweep", "belt.toml", "--range", "block.mass=0.5:2:2", "--metric", "severity", "--out", "five"],
+        ["sweep", "belt.toml", "--range", "block.mass=0.5:2:2", "--metric", "severity", "--out", "five"],
         ["compare", "two/01_one.npz", "two/01_one.npz", "--out", "six"],
     ]
     check(lines, rig)
@@ -163,7 +163,7 @@ FILES = {"RIG": "rig.toml", "OTHER": "other.toml", "LOG": "log.csv", "WELL": "we
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("command", EVERY)
 def test_an_origin_names_all_files_of_every_command_that_writes_one(command, well):
-    files = FILES | ({"RIG": "sampled.toml"} if command in ("drives", "estimate") else {})
+    files = FILES | ({"RIG": "sampled.toml"} if command in ("setpoints", "estimate") else {})
     line = [command, *(files.get(word, word) for word in EVERY[command])]
     check([[*line, "--out", f"out_{command}"]], well)
 
@@ -185,11 +185,11 @@ def test_an_origin_names_a_posterior_and_a_log_and_no_journal(well):
     ]
     lines = [
         [*posterior, "--draws", "32", "--out", "known"],
-        ["chance", "rig.toml", "--over", "top.reference=80rpm:130rpm:2", "--posterior", "known/posterior.npz", "--draws", "8", "--out", "chances"],
+        ["chance", "rig.toml", "--range", "top.reference=80rpm:130rpm:2", "--posterior", "known/posterior.npz", "--draws", "8", "--out", "chances"],
         [
-            "drives", "sampled.toml", "--group", "declared", "--posterior", "known/posterior.npz", "--draws", "2", "--way", "direct",
-            "--from", "120 rpm", "--to", "140 rpm", "--step", "10 rpm", "--out", "lowest",
+            "setpoints", "sampled.toml", "--group", "declared", "--posterior", "known/posterior.npz", "--draws", "2", "--protocol", "direct",
+            "--range", "top.reference=120 rpm:140 rpm", "--step", "10 rpm", "--out", "lowest",
         ],
-        *[["tune", "rig.toml", *EVERY["tune"][1:], "--journal", "journal", "--out", out] for out in ("tuned", "again")],
+        *[["tune", "rig.toml", *EVERY["tune"][1:], "--checkpoint", "journal", "--out", out] for out in ("tuned", "again")],
     ]  # fmt: skip
     check(lines, well, ("journal",))

@@ -155,7 +155,7 @@ def test_what_is_no_law_is_refused():
         simulate(RIG, 1.0, controller=Lifting(law=z_torque(), observer=3), sample_time=0.01)
 
 
-RELIEVING = {"first": 1.3, "further": 0.25, "rise": 0.2, "relief": 0.4}
+RELIEVING = {"first_factor": 1.3, "factor_step": 0.25, "rise": 0.2, "relief": 0.4}
 
 
 def test_with_weight_as_a_second_actuator_a_smaller_lift_ends_the_stick_slip_and_all_of_the_weight_comes_back():
@@ -255,7 +255,7 @@ def test_a_least_limit_lets_the_top_follow_a_bit_that_is_let_go_at_a_low_set_poi
     last = {}
     for speed in (3.2, 4.5):
         for least in (0.0, 6.8):
-            gentle = {"first": 1.6, "rise": 0.3, "limit": 1.7, "least_limit": least}
+            gentle = {"first_factor": 1.6, "rise": 0.3, "speed_limit_factor": 1.7, "min_speed_limit": least}
             run = inside(Lifting(at_set_point(law, speed), reference=speed, **gentle), reference=speed, parameters=None, until=120.0)
             last[speed, least] = measure.stick_intervals(run, "bit")[-1][1] - 40.0
     assert last[4.5, 6.8] == last[4.5, 0.0]

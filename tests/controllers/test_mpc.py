@@ -577,8 +577,8 @@ def test_a_scene_tells_a_law_what_it_knows_apart_from_what_is_so(tmp_path, root)
     other = dataclasses.replace(scene, cases=(dataclasses.replace(case, delay=0.05, law=dataclasses.replace(case.law, noise=(0.02,))),))
     assert Scene.load(other.save(tmp_path / "other.toml")) == other
     text = (root / "studies" / "scenes" / "predictive.toml").read_text()
-    (tmp_path / "wrong.toml").write_text(text.replace('law = "LinearMPC", ', 'law = "LinearMPC", late = 3, '))
-    with pytest.raises(SceneError, match="There is no key `late` in `LinearMPC`"):
+    (tmp_path / "wrong.toml").write_text(text.replace('law = "LinearMPC", ', 'law = "LinearMPC", delay_samples = 3, '))
+    with pytest.raises(SceneError, match="There is no key `delay_samples` in `LinearMPC`"):
         Scene.load(tmp_path / "wrong.toml")
 
 

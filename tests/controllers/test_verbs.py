@@ -164,7 +164,7 @@ def test_sweep_answers(name):
     loop = LAWS[name].loop
     inertia = "disc.inertia" if LAWS[name].brake else "chain.inertia.1"
     found = sweep(loop, {inertia: [0.9 * loop.number(inertia).value, loop.number(inertia).value]}, 2.0)
-    assert not found.errors and np.isfinite(found["severity"]).all()
+    assert not found.failures and np.isfinite(found["severity"]).all()
     assert loop.title in found.title and "External" not in found.title
 
 
@@ -265,7 +265,7 @@ def test_map_answers_for_both_branches(name):
     if re.search("Nonlinear|horizon|around", name):
         pytest.skip("two by two points of it take minutes; `onset` walks the same judge and growth for it")
     found = mapped(name, LAWS[name].loop)
-    assert not found.errors and not (found.growth > 0.0).any()
+    assert not found.failures and not (found.growth > 0.0).any()
     assert "Twisting" in name or np.isfinite(found.growth[:, 0]).all()  # twin runs under one that chatters tell no growth everywhere
     assert (found.smooth.verdict == 0).all() and (found.smooth.severity < 1e-3).all()
     sticks, severe = found.sticking.verdict[:, 0] != 0, found.sticking.severity[:, 0] > 0.5

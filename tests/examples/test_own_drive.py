@@ -19,7 +19,7 @@ SPEED = 9.95
 class Yielding(Controller):
     """A drive that gives way to torsional waves: u = damping e + stiffness int e dt, e = reference - top speed."""
 
-    measures, drives = ("top.speed",), ("top.torque",)
+    measured_signals, actuated_signals = ("top.speed",), ("top.torque",)
     damping: float = quantity(900.0, "N m s/rad", "damping felt by the string", at_least=0)
     stiffness: float = quantity(600.0, "N m/rad", "stiffness felt by the string", at_least=0)
     reference: float = quantity(SPEED, "rad/s", "set-point")

@@ -86,7 +86,7 @@ swept = sweep(closed_loop(rig, StiffPI()), {"bit.weight": ["50 kN", "60 kN"]}, "
 assert_type(swept, Sweep)
 assert_type(swept["severity"], Floats)
 assert_type(swept.points, Floats)
-assert_type(swept.errors, dict[int, str])
+assert_type(swept.failures, dict[int, str])
 
 tuned = tune(
     rig, PI(reference="95 rpm", proportional=900.0, integral=600.0), "peak", {"pi.integral": (100.0, 2000.0)}, duration="5 s", runs=10

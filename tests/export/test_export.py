@@ -288,7 +288,7 @@ def test_the_header_names_signals_units_defaults_period_and_memory(tmp_path):
 class InPython(Controller):
     """A law that no casadi expression holds."""
 
-    measures, drives = ("top.speed",), ("top.torque",)
+    measured_signals, actuated_signals = ("top.speed",), ("top.torque",)
 
     def design(self, plant):
         return lambda t, y: 0.0

@@ -35,7 +35,7 @@ from toolbox.measuring import metrics
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 DRIVE = PI(reference=9.95, proportional=1500.0, integral=500.0)
-SIGNALS = {"measures": "top.speed", "drives": "top.torque"}
+SIGNALS = {"measured_signals": "top.speed", "actuated_signals": "top.torque"}
 
 
 def pi(dt=0):
@@ -105,7 +105,7 @@ def test_a_law_that_goes_out_comes_back_with_its_working_point_and_set_points(la
     assert abs(runs[0].at(29.0)["top.torque"] - runs[1].at(29.0)["top.torque"]) > 1.0
     again = to_control(closed_loop(RIG, back, sample_time=period))
     assert again.law.at == pytest.approx(out.law.at) and again.law.defaults == out.law.defaults
-    with pytest.raises(SceneError, match="`measures` must name signals, because the system was not made by `to_control`"):
+    with pytest.raises(SceneError, match="`measured_signals` must name signals, because the system was not made by `to_control`"):
         from_control(2.0 * out)
 
 
@@ -149,7 +149,7 @@ def test_it_is_a_law_like_any_other(tmp_path):
     assert found.end is not None
     assert found.end == pytest.approx(onset(closed_loop(RIG, DRIVE), "top.reference", (5.0, 14.0), values=4).end, rel=1e-3)
     table = sweep(closed_loop(RIG, law), {"bit.weight": [80e3, 97e3]}, duration=60.0, metrics={"stuck": metrics.stuck_ratio("bit", 30.0)})
-    assert table.measured_signals["stuck"].shape == (2,)
+    assert table.metrics["stuck"].shape == (2,)
     source, header = export_c(closed_loop(RIG, law, sample_time=0.01), tmp_path / "drive")
     assert "top.reference" in header.read_text() and source.exists()
     assert severity(simulate(RIG, 60.0, controller=law, sample_time=0.01), "bit.speed") >= 0
@@ -170,9 +170,11 @@ def test_it_is_mapped_as_the_law_itself():
     [
         (lambda: from_control(control.tf([1, 0, 0], [1, 1]), **SIGNALS), "must be proper"),
         (lambda: from_control(3.0, **SIGNALS), "must be a control.StateSpace or a control.TransferFunction, but it is 3.0"),
-        (lambda: from_control(pi(), measured_signals=("top.speed", "bit.speed"), actuated_signals="top.torque"), "`measures` must name 1 signals, .* but it names 2"),
-        (lambda: from_control(pi(), measured_signals="top.speed", actuated_signals=()), "`drives` must name 1 signals"),
-        (lambda: from_control(to_control(closed_loop(RIG, DRIVE)), measured_signals=("a", "b"), actuated_signals="c", reference=1.0), "one measured signal, but there are 2"),
+        (lambda: from_control(pi(), measured_signals=("top.speed", "bit.speed"), actuated_signals="top.torque"),
+         "`measured_signals` must name 1 signals, .* but it names 2"),
+        (lambda: from_control(pi(), measured_signals="top.speed", actuated_signals=()), "`actuated_signals` must name 1 signals"),
+        (lambda: from_control(to_control(closed_loop(RIG, DRIVE)), measured_signals=("a", "b"), actuated_signals="c", reference=1.0),
+         "one measured signal, but there are 2"),
         (lambda: from_control(pi(), reference=np.nan, **SIGNALS), "`reference` must be a finite number"),
         (lambda: from_control(pi(), at={"bit.speed": 1.0}, **SIGNALS), "`bit.speed` is none"),
         (lambda: from_control(control.ss([], [], [], [[np.nan]]), **SIGNALS), "finite"),

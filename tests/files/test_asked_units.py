@@ -206,7 +206,7 @@ def test_a_study_and_commands_answer_in_the_units_of_the_scene_and_of_their_opti
     assert scene.case("soft torque").law.reference.display_units == "rpm"  # a law that has the set-point of the scene has its unit, too
     said = capsys.readouterr().out
     assert "rpm" in said and "rad/s " not in said and "kN m" in said
-    assert main(["sweep", SCENE, "--controller", scene.labels[0], "--vary", "bit.weight=50kN:60kN:2", "--out", "/dev/null"]) == 2
+    assert main(["sweep", SCENE, "--controller", scene.labels[0], "--range", "bit.weight=50kN:60kN:2", "--out", "/dev/null"]) == 2
     capsys.readouterr()
     assert main(["simulate", SCENE, "--controller", scene.labels[0], "--duration", "5 s", "--units", "si"]) == 0
     assert "rpm" not in re.sub(r"^.*95 rpm$", "", capsys.readouterr().out, flags=re.MULTILINE)  # but for the title of the scene

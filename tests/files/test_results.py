@@ -300,7 +300,7 @@ def test_arrays_in_a_file_are_named_by_where_they_stand(tmp_path):
     with np.load(found.save(tmp_path / "map.npz")) as data:
         assert same(data["array.sticking.severity"], found.sticking.severity) and same(data["array.axes.1"], found.axes[1])
     with np.load(swept.save(tmp_path / "sweep.npz")) as data:
-        assert same(data["array.measures.severity"], swept["severity"]) and same(data["array.points"], swept.points)
+        assert same(data["array.metrics.severity"], swept["severity"]) and same(data["array.points"], swept.points)
 
 
 def test_the_table_of_a_recording_is_read_as_a_log(tmp_path):

@@ -223,7 +223,7 @@ def task_of(name, runs, accuracy=1e-6, measured=True):
 
 
 def lanes_of(task, width=None, **arguments):
-    made = Lanes(task.run, task.measured_signals, width)
+    made = Lanes(task.run, task.metrics, width)
     return made.run(task.numbers, np.tile(made.work.x[: task.run.system.x.numel()], (len(task.numbers), 1)), **arguments)
 
 
@@ -258,9 +258,9 @@ def test_all_measures_are_those_of_runs_one_after_the_other(name):
     task = task_of(name, 24, accuracy)
     found = finished(dataclasses.replace(task, lanes=True))
     expected = finished(task_of(name, 24, accuracy / 100))
-    assert not found.failures and not expected.errors
-    values = dict(zip(task.measured_signals, expected.values.T, strict=True))
-    for q, asked in enumerate(task.measured_signals):
+    assert not found.errors and not expected.errors
+    values = dict(zip(task.metrics, expected.values.T, strict=True))
+    for q, asked in enumerate(task.metrics):
         if asked.name in ("sticks", "events"):
             np.testing.assert_array_equal(found.values[:, q], values[asked])
             continue
@@ -393,7 +393,7 @@ def test_a_signal_that_turns_faster_than_the_samples_is_measured_all_the_same():
     np.testing.assert_allclose(found.values[:, 0], j0(variations.points[:, 0]), atol=1e-6)
     np.testing.assert_allclose(found.values[:, 1], -1.0, atol=1e-6)
     np.testing.assert_allclose(found.values[:, 2], 1.0, atol=1e-6)
-    plain = lanes_of(dataclasses.replace(task, measured_signals=(metrics.mean("mass.position"),)))
+    plain = lanes_of(dataclasses.replace(task, metrics=(metrics.mean("mass.position"),)))
     assert plain.steps.max() < found.steps.min()
 
 
@@ -451,7 +451,7 @@ def test_sweeps_of_sampled_laws_pay_in_lanes_unless_they_are_python():
 
 def test_a_sweep_gives_the_same_table_with_lanes_and_without(monkeypatch):
     loop = closed_loop(RIG, ImpedanceSuperTwisting(), sample_time=0.01)
-    given = {"duration": 30.0, "measures": ("severity", "stuck_ratio", "events")}
+    given = {"duration": 30.0, "metrics": ("severity", "stuck_ratio", "events")}
     weights = {"bit.weight": np.linspace(50e3, 110e3, FEWEST_LANES)}
     monkeypatch.setattr(batch, "LANES_WORK", math.inf)
     alone = sweep(loop, weights, **given)

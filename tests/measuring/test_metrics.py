@@ -110,7 +110,7 @@ def test_a_measure_is_asked_by_its_name_as_a_value_or_as_a_function(run):
     assert pickle.loads(pickle.dumps(asked)) == asked
     with pytest.raises(TypeError, match="unexpected keyword argument 'bnd'"):
         metrics.settling("bit.speed", bnd=0.1)
-    with pytest.raises(SceneError, match=r"must say of which speed it is, as in `measures.maximum\(...\)`"):
+    with pytest.raises(SceneError, match=r"must say of which speed it is, as in `metrics.maximum\(...\)`"):
         metrics.maximum.read(run)
 
 
@@ -163,18 +163,18 @@ def test_the_page_lists_every_measure(root):
 
 
 def test_the_commands_know_every_measure(tmp_path, capsys):
-    assert main(["list", "measures"]) == 0
+    assert main(["list", "metrics"]) == 0
     printed = capsys.readouterr().out
     assert all(f"  {name} " in printed for name in METRICS)
     short = dataclasses.replace(SCENE, duration=1.0, cases=SCENE.cases[:1])
     path = str(short.run("stiff").save(tmp_path / "run.npz"))
-    assert main(["compare", path, path, "--measure", "settling", "--measure", "peak"]) == 0
+    assert main(["compare", path, path, "--metric", "settling", "--metric", "peak"]) == 0
     printed = capsys.readouterr().out
     assert "settling" in printed and "peak" in printed
     scene = str(short.save(tmp_path / "scene.toml"))
-    assert main(["study", scene, "--measure", "longest_stick", "--out", str(tmp_path / "out")]) == 0
+    assert main(["study", scene, "--metric", "longest_stick", "--out", str(tmp_path / "out")]) == 0
     assert "longest_stick" in capsys.readouterr().out
     assert (tmp_path / "out" / "table.csv").read_text().splitlines()[0].endswith(",files,longest_stick")
     assert main(["study", scene, "--out", str(tmp_path / "out")]) == 0  # replaces its own
-    assert main(["study", scene, "--measure", "longest", "--out", str(tmp_path / "out")]) == 2
+    assert main(["study", scene, "--metric", "longest", "--out", str(tmp_path / "out")]) == 2
     assert "did you mean `longest_stick`" in capsys.readouterr().err

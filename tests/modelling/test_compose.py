@@ -147,7 +147,7 @@ def test_two_different_defaults_of_one_signal_are_refused():
 def test_two_laws_with_a_set_point_of_their_own_follow_that_of_a_part_that_gives_it():
     @dataclass(frozen=True)
     class Hoist(Controller):
-        measures, drives = ("top.speed",), ("bit.weight",)
+        measured_signals, actuated_signals = ("top.speed",), ("bit.weight",)
         reference: float = quantity(8.0, "rad/s", "set-point")
 
         def continuous(self, signal):

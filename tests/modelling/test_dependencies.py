@@ -15,7 +15,7 @@ SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 
 def test_every_part_of_a_shipped_drill_string_is_needed():
     found = Scene.load(SCENES / "jansen_2.toml").needs()
-    assert all("severity" in need.measured_signals for need in found.parts)
+    assert all("severity" in need.metrics for need in found.parts)
     assert found.warning == ""
     assert found.idle == 0.0
 
@@ -41,12 +41,12 @@ def test_what_a_measure_depends_on_is_followed_through_forces_modes_and_sampled_
     (first, rock, belt) = found.parts
     assert [line.split()[-1] for line in str(found).splitlines()] == ["top", "top", "belt"]
     assert str(dependencies_of(system, {"top": ("top.speed",)})).splitlines()[2].endswith("no measure depends on it")
-    assert first.measured_signals == rock.measured_signals == ("top",)
-    assert belt.measured_signals == ("belt",)
+    assert first.metrics == rock.measured_signals == ("top",)
+    assert belt.metrics == ("belt",)
 
     @dataclasses.dataclass(frozen=True)
     class Echo(Controller):
-        measures, drives = ("block.speed",), ("top.torque",)
+        measured_signals, actuated_signals = ("block.speed",), ("top.torque",)
 
         def sampled(self, signal, period):
             last = state("echo.last", "m/s")
@@ -55,7 +55,7 @@ def test_what_a_measure_depends_on_is_followed_through_forces_modes_and_sampled_
     from toolbox.modelling.laws import ZeroOrderHold
 
     looped = compose(chain, BitRock(), BlockOnBelt(), ZeroOrderHold(Echo()))
-    assert "top" in dependencies_of(looped, {"top": ("top.speed",)}).parts[2].measured_signals
+    assert "top" in dependencies_of(looped, {"top": ("top.speed",)}).parts[2].metrics
 
 
 def test_unknown_names_are_errors():
@@ -63,7 +63,7 @@ def test_unknown_names_are_errors():
         Scene.load(SCENES / "jansen_2.toml").needs({"severity": ("bit.sped",)})
 
 
-@pytest.mark.parametrize("measured_signals", [["bit.speed"], {"severity": "bit.speed"}])
-def test_measures_that_are_no_map_to_lists_of_names_are_refused(measured_signals):
-    with pytest.raises(SceneError, match="Argument `measures` must map"):
-        dependencies_of(compose(TorsionalChain(), BitRock(weight=5e4)), measured_signals)
+@pytest.mark.parametrize("metrics", [["bit.speed"], {"severity": "bit.speed"}])
+def test_measures_that_are_no_map_to_lists_of_names_are_refused(metrics):
+    with pytest.raises(SceneError, match="Argument `metrics` must map"):
+        dependencies_of(compose(TorsionalChain(), BitRock(weight=5e4)), metrics)

@@ -276,13 +276,13 @@ sample_time = "10 ms"
 def test_the_command_line_sweeps_it(name, tmp_path, capsys):
     (tmp_path / "rig.toml").write_text(SCENE)
     value = {"bit.speed": 2.0}.get(name) or SAMPLED.number(name).value
-    given = ["sweep", str(tmp_path / "rig.toml"), "--vary", f"{name}={0.98 * value}:{value}:2", "--out", str(tmp_path / "out")]
+    given = ["sweep", str(tmp_path / "rig.toml"), "--range", f"{name}={0.98 * value}:{value}:2", "--out", str(tmp_path / "out")]
     assert main(given) == 0 and name in capsys.readouterr().out
 
 
 def test_the_command_line_says_what_it_cannot_sweep(tmp_path, capsys):
     (tmp_path / "rig.toml").write_text(SCENE)
-    given = ["sweep", str(tmp_path / "rig.toml"), "--vary", "pi.period=0.01:0.02:2", "--out", str(tmp_path / "out")]
+    given = ["sweep", str(tmp_path / "rig.toml"), "--range", "pi.period=0.01:0.02:2", "--out", str(tmp_path / "out")]
     assert main(given) == 2 and "`pi.period` is named `softtorque.sample_time` now" in capsys.readouterr().err
 
 

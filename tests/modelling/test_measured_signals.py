@@ -1,4 +1,4 @@
-"""A law that declares what it `measures` reads nothing else; set-points, which have a default, and what it drives need not be there."""
+"""A law that declares its `measured_signals` reads nothing else; set-points, which have a default, and what it drives need not be there."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ RIG = compose(wells.JANSEN_2, BitRock())
 class OnTheBit(Controller):
     """A drive that reads more than it says: the speed of the bit."""
 
-    measures, drives = ("top.speed",), ("top.torque",)
+    measured_signals, actuated_signals = ("top.speed",), ("top.torque",)
 
     gain: Quantity = quantity(500.0, "N m s/rad", "gain of the bit's speed")
 
@@ -37,7 +37,7 @@ class Honest(OnTheBit):
     measured_signals = ("top.speed", "bit.speed")
 
 
-WORDS = r"OnTheBit must declare `bit\.speed` in `measures`, as `{}` reads it, but it declares `top\.speed`"
+WORDS = r"OnTheBit must declare `bit\.speed` in `measured_signals`, as `{}` reads it, but it declares `top\.speed`"
 
 
 def test_a_continuous_law_that_reads_more_than_it_declares_is_refused_with_the_signal():
@@ -49,7 +49,7 @@ def test_a_continuous_law_that_reads_more_than_it_declares_is_refused_with_the_s
 def test_a_sampled_law_is_asked_the_same_and_one_that_is_held_by_another_too():
     with pytest.raises(SceneError, match=WORDS.format("sampled")):
         simulate(closed_loop(RIG, Sampled(OnTheBit(), 0.01)), 1.0)
-    words = r"Takeover must declare `bit\.speed` in `measures`"
+    words = r"Takeover must declare `bit\.speed` in `measured_signals`"
     with pytest.raises(SceneError, match=words):
         simulate(closed_loop(RIG, Sampled(Takeover(OnTheBit(), OnTheBit(), 0.5), 0.01)), 1.0)
     run = simulate(closed_loop(RIG, Sampled(Takeover(Honest(), Honest(), 0.5), 0.01)), 1.0)

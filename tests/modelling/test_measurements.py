@@ -228,7 +228,7 @@ def test_set_points_and_weights_may_change_in_time():
 class Ramp(Controller):
     """u_k = 1 + the number of the sample; it asks for `line.b`, which an observer may stand in for."""
 
-    measures, drives = ("line.b",), ("line.push",)
+    measured_signals, actuated_signals = ("line.b",), ("line.push",)
 
     def sampled(self, signal, period):
         count = state("ramp.count", "1")
@@ -239,7 +239,7 @@ class Ramp(Controller):
 class Count(Observer):
     """An exact observer of line.a, b_hat' = u, from the command alone."""
 
-    measures, estimates = (), ("line.b",)
+    measured_signals, estimates = (), ("line.b",)
 
     def sampled(self, signal, period):
         level = state("count.level", "m")

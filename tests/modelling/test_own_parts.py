@@ -31,7 +31,7 @@ RIG = compose(wells.JANSEN_2, BitRock())
 class Drive(Controller):
     """A damper; `gives` and `form` say what is wrong with it."""
 
-    measures, drives = ("top.speed",), ("top.torque",)
+    measured_signals, actuated_signals = ("top.speed",), ("top.torque",)
     gain: float = quantity(500.0, "N m s/rad", "gain")
     gives: str = "top.torque"
 
@@ -79,8 +79,11 @@ class Forgetful(Drive):
 @pytest.mark.parametrize(
     ("law", "words"),
     [
-        (Drive(gives="top.torqe"), "Drive must give `top.torque`, which it declares in `drives`, but `{form}` gives only `top.torqe`"),
-        (Drive(gives=""), "Drive must give `top.torque`, which it declares in `drives`, but `{form}` gives nothing"),
+        (
+            Drive(gives="top.torqe"),
+            "Drive must give `top.torque`, which it declares in `actuated_signals`, but `{form}` gives only `top.torqe`",
+        ),
+        (Drive(gives=""), "Drive must give `top.torque`, which it declares in `actuated_signals`, but `{form}` gives nothing"),
         (Mistyped(), "Mistyped drives `top.torqe`, which no part of the machine needs: did you mean `top.torque`"),
         (NormalDither(load="bit.wight", mean=5e4), "NormalDither drives `bit.wight`, which no part of the machine needs"),
         (Forgetful(), "`Forgetful.design` must return a control law, but it returned None"),
@@ -114,7 +117,7 @@ def test_a_law_may_drive_what_another_law_needs():
 
     @dataclass(frozen=True)
     class Outer(Controller):
-        measures, drives = (), ("top.reference",)
+        measured_signals, actuated_signals = (), ("top.reference",)
 
         def continuous(self, signal):
             return Equations(gives={"top.reference": (3.0, "rad/s")})

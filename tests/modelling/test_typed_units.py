@@ -103,7 +103,7 @@ def test_steady_states_and_onsets_are_asked_for_in_field_units():
     typed, plain = (equilibrium(closed_loop(RIG, inputs={"top.torque": torque})) for torque in ("20 kN m", 20_000.0))
     assert typed["bit.speed"] == plain["bit.speed"]
     belt = compose(BlockOnBelt())
-    with pytest.raises(SceneError, match=r"`between.1` must be in m/s, but `2 N` is in N"):
+    with pytest.raises(SceneError, match=r"`bounds.1` must be in m/s, but `2 N` is in N"):
         onset(belt, "block.belt_speed", (0.1, "2 N"))
 
 
@@ -152,7 +152,7 @@ def test_every_verb_takes_text_with_units_and_means_what_the_number_means():
     )
     rig, stiff = found["rig"], found["stiff"]
     plain = sweep(closed_loop(rig, stiff, sample_time=0.01), {"bit.weight": [50e3, 60e3]}, 5.0)
-    assert all(np.array_equal(plain[name], found["swept"][name], equal_nan=True) for name in plain.measured_signals)
+    assert all(np.array_equal(plain[name], found["swept"][name], equal_nan=True) for name in plain.metrics)
     assert found["stuck"] == found["run"].time_in("bit", "stick", after=2.0, until=10.0)
 
 

@@ -163,7 +163,7 @@ def test_less_fall_of_friction_or_more_damping_ends_the_groan():
 class Follow(Controller):
     """Force that brakes with the deceleration a = `deceleration` under the friction `expected`, plus `gain` times the speed in excess of the plan."""
 
-    measures, drives = ("disc.speed",), ("brake.force",)
+    measured_signals, actuated_signals = ("disc.speed",), ("brake.force",)
     deceleration: float = quantity(2.0, "rad/s2", "wanted deceleration")
     expected: float = quantity(0.4, "1", "friction believed in")
     gain: float = quantity(0.0, "N s/rad", "feedback of speed", at_least=0)

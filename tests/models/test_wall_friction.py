@@ -165,7 +165,7 @@ def test_a_law_in_python_is_told_what_it_measures_and_drives():
 
 def test_a_law_with_a_state_of_its_own_begins_every_run_anew():
     class Counting:
-        measures, drives = "top.speed", "top.torque"
+        measured_signals, actuated_signals = "top.speed", "top.torque"
 
         def __init__(self):
             self.samples = 0

@@ -36,7 +36,7 @@ def branch(law, continuous=None, plant=RIG):
 class PythonPI:
     """The law of `PI`, as an object in Python that begins with the torque that acts and tells its memory."""
 
-    measures, drives = ("top.speed",), ("top.torque",)
+    measured_signals, actuated_signals = ("top.speed",), ("top.torque",)
 
     def __init__(self, law, period=0.01):
         self.defaults = {"top.reference": (6.0, "rad/s"), "top.torque": (0.0, "N m")}

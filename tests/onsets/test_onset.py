@@ -247,7 +247,7 @@ def test_a_margin_is_positive_on_the_safe_side():
     [
         ({"loop": 3}, "Argument `loop`"),
         ({"parameter": "top.referenc"}, "top.reference"),
-        ({"between": (5.0, 1.0)}, "between"),
+        ({"bounds": (5.0, 1.0)}, "bounds"),
         ({"values": 2}, "values"),
         ({"tolerance": 0.0}, "tolerance"),
         ({"duration": -1.0}, "duration"),
@@ -255,9 +255,9 @@ def test_a_margin_is_positive_on_the_safe_side():
     ],
 )
 def test_a_mistake_is_named(rig, arguments, word):
-    given = {"loop": closed_loop(rig, StiffPI()), "parameter": "top.reference", "between": (2.0, 8.0)} | arguments
+    given = {"loop": closed_loop(rig, StiffPI()), "parameter": "top.reference", "bounds": (2.0, 8.0)} | arguments
     with pytest.raises(SceneError, match=word):
-        onset(given.pop("loop"), given.pop("parameter"), given.pop("between"), **given)
+        onset(given.pop("loop"), given.pop("parameter"), given.pop("bounds"), **given)
 
 
 @pytest.mark.parametrize(
@@ -265,13 +265,13 @@ def test_a_mistake_is_named(rig, arguments, word):
     [
         ({"element": "bitt"}, "no contact `bitt` to be judged: did you mean `bit`"),
         ({"signal": "bit.sped"}, "no signal `bit.sped`: did you mean `bit.speed`"),
-        ({"law": lambda t, y: 0.0, "sample_time": 0.1}, "a set-point belongs to a control law"),
+        ({"controller": lambda t, y: 0.0, "sample_time": 0.1}, "a set-point belongs to a control law"),
         ({"inputs": {"bit.weight": math.nan}}, "Argument `bit.weight` must be a finite number"),
     ],
 )
 def test_a_mistake_in_the_loop_is_named(rig, arguments, word):
     with pytest.raises(SceneError, match=word):
-        onset(closed_loop(rig, **{"law": StiffPI(), **arguments}), "top.reference", (2.0, 8.0))
+        onset(closed_loop(rig, **{"controller": StiffPI(), **arguments}), "top.reference", (2.0, 8.0))
 
 
 def test_a_working_point_is_a_finite_number(rig):

@@ -222,7 +222,7 @@ def test_a_map_of_an_earlier_version_comes_back_and_one_that_judged_in_a_window_
     arrays |= {f"border.{name}": segments for name, segments in found.borders.items()}
     np.savez_compressed(tmp_path / "map.npz", map=np.array(json.dumps(told)), **arrays)
     back = SeverityMap.load(tmp_path / "map.npz")
-    assert str(back) == str(dataclasses.replace(found, errors={("smooth", 1, 2): "it failed"}, display_units={}))
+    assert str(back) == str(dataclasses.replace(found, failures={("smooth", 1, 2): "it failed"}, display_units={}))
     np.testing.assert_array_equal(back.sticking.severity, found.sticking.severity)
     np.testing.assert_array_equal(back.borders["sticking"], found.borders["sticking"])
     told["errors"] = [["smooth", 9, 0, "it failed"]]
@@ -249,40 +249,42 @@ def test_an_interrupted_map_goes_on_where_it_was(law, tmp_path, monkeypatch):
     assert journal.read_bytes() == b"".join(lines)
     np.testing.assert_array_equal(again.sticking.severity, whole.sticking.severity)
     np.testing.assert_array_equal(again.borders["sticking"], whole.borders["sticking"])
-    with pytest.raises(SceneError, match="Argument `out` must come from a search with the same arguments.*another `shape`. Name another"):
+    with pytest.raises(
+        SceneError, match="Argument `checkpoint` must come from a search with the same arguments.*another `shape`. Name another"
+    ):
         severity_map(loop, OVER, **{**arguments, "shape": (3, 3)}, checkpoint=tmp_path / "map")
 
 
 def test_the_command_maps_a_scene(tmp_path, capsys):
-    command = ["map", str(SCENES / "jansen_2.toml"), "--x", "top.reference=30 rpm:130 rpm", "--y", "bit.weight=50kN:110kN"]
+    command = ["map", str(SCENES / "jansen_2.toml"), "--range", "top.reference=30 rpm:130 rpm", "--range", "bit.weight=50kN:110kN"]
     assert main([*command, "--shape", "4x3", "--controller", "softer PI, 100 Hz", "--out", str(tmp_path / "maps")]) == 0
     assert "share of the map" in capsys.readouterr().out
     folder = tmp_path / "maps" / "01_softer_pi_100_hz"
     assert {"map.npz", "map.png", "map.txt"} <= {path.name for path in folder.iterdir()}
     assert SeverityMap.load(folder / "map.npz").smooth.verdict.shape == (4, 3)
     assert main([*command[:-1], "bit.weight=50kN", "--out", str(tmp_path / "none")]) == 2
-    assert "Argument `--y` must be NAME=LOW:HIGH" in capsys.readouterr().err
+    assert "Argument `--range` must be NAME=LOW:HIGH" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"over": {"bit.weight": (1e3, 2e3)}}, "Argument `over` must map two names"),
-        ({"over": {"bit.weight": (3e3, 2e3), "top.reference": (3.0, 4.0)}}, r"Argument `bit.weight` must be two finite numbers \(low"),
+        ({"ranges": {"bit.weight": (1e3, 2e3)}}, "Argument `ranges` must map two names"),
+        ({"ranges": {"bit.weight": (3e3, 2e3), "top.reference": (3.0, 4.0)}}, r"Argument `bit.weight` must be two finite numbers \(low"),
         (
-            {"over": {"bit.wait": (1e3, 2e3), "top.reference": (3.0, 4.0)}},
+            {"ranges": {"bit.wait": (1e3, 2e3), "top.reference": (3.0, 4.0)}},
             "There is no number `bit.wait` in this loop: did you mean `bit.weight`",
         ),
         ({"shape": (np.int64(1), 3)}, "Argument `shape.0` must be an integer >= 2"),
         ({"shape": (3,)}, "Argument `shape` must be two integers >= 2"),
         ({"halvings": -1}, "Argument `halvings` must be an integer >= 0 and <= 20"),
         ({"duration": 0.0}, "Argument `duration` must be > 0 s"),
-        ({"over": {"bit.weight": (-1e3, 2e3), "top.reference": (3.0, 4.0)}}, "Argument `bit.weight` must be >= 0 N"),
+        ({"ranges": {"bit.weight": (-1e3, 2e3), "top.reference": (3.0, 4.0)}}, "Argument `bit.weight` must be >= 0 N"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused_by_name(changes, message):
     with pytest.raises(SceneError, match=message):
-        severity_map(closed_loop(RIG, StiffPI()), **{"over": OVER, **changes})
+        severity_map(closed_loop(RIG, StiffPI()), **{"ranges": OVER, **changes})
 
 
 def test_a_contact_to_be_judged_that_there_is_not_is_refused_by_name():

@@ -77,8 +77,8 @@ def test_a_large_swing_without_a_stick_is_no_free_running():
     ("judged", "sticks", "word"),
     [
         (Judged(SMOOTH), 0, "free"),
-        (Judged(SMOOTH), 1, "sticks once"),
-        (Judged(SMOOTH), 3, "free at last"),
+        (Judged(SMOOTH), 1, "recovered after 1 stick"),
+        (Judged(SMOOTH), 3, "recovered"),
         (Judged(STICKS, sticks=1), 0, "stick-slip"),
         (Judged(STANDS, sticks=1), 1, "stuck"),
         (Judged(SWINGS), 0, "swing"),

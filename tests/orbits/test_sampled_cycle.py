@@ -49,7 +49,7 @@ def differences(cycle, law, sample_time, inputs, by=1e-6):
 class Holding(Controller):
     """A sampled PI on the position of a block: u_k = -p x_k - i z_k, z_(k+1) = z_k + h x_k."""
 
-    measures, drives = ("block.position",), ("block.force",)
+    measured_signals, actuated_signals = ("block.position",), ("block.force",)
     proportional: float = quantity(0.5, "N/m", "p")
     integral: float = quantity(0.3, "N/m s", "i")
 

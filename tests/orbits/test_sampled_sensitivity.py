@@ -37,7 +37,7 @@ class Cart(Component):
 class Proportional(Controller):
     """u = gain (reference - x)."""
 
-    measures, drives = ("cart.position",), ("cart.speed",)
+    measured_signals, actuated_signals = ("cart.position",), ("cart.speed",)
     gain: float = quantity(2.0, "1/s", "gain")
     reference: float = quantity(0.0, "m", "set-point")
 
@@ -112,7 +112,7 @@ def test_output_times_between_samples_have_the_derivatives_of_the_same_instants(
 class Reference(Controller):
     """A slow outer law that moves the set-point by what the bit lacks: reference = base + gain (base - bit speed)."""
 
-    measures, drives = ("bit.speed",), ("top.reference",)
+    measured_signals, actuated_signals = ("bit.speed",), ("top.reference",)
     base: float = quantity(9.9, "rad/s", "set-point of the bit")
     gain: float = quantity(0.1, "1", "gain")
 
@@ -148,7 +148,7 @@ def test_a_law_that_reads_what_another_holds_and_limits_of_torque_are_differenti
 class Staircase(Controller):
     """A force that rises by `rise` at every sample, and remembers how far it is."""
 
-    measures, drives = (), ("block.force",)
+    measured_signals, actuated_signals = (), ("block.force",)
     rise: float = quantity(0.3, "N", "rise")
 
     def sampled(self, signal, period):
@@ -177,7 +177,7 @@ def test_an_event_that_meets_a_sample_is_refused_and_one_beside_it_is_not():
     # from x = 0 at belt speed v the block sticks until k x = F_s: t = F_s / (k v) = 1 s
     @dataclass(frozen=True)
     class Weak(Controller):
-        measures, drives = ("block.position",), ("block.force",)
+        measured_signals, actuated_signals = ("block.position",), ("block.force",)
         gain: float = quantity(0.0, "N/m", "gain")
 
         def sampled(self, signal, period):

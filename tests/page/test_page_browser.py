@@ -223,7 +223,7 @@ def test_the_advice_at_a_border_names_the_side_on_which_stick_slip_ends(tab):
     words = tab.page.inner_text("#where").replace("about ", "")
     assert words.startswith("Lower bit.weight below ") and "points" not in words
     tab.type("bit.weight", repr(0.9 * float(words.removeprefix("Lower bit.weight below ").split()[0])))
-    assert tab.page.inner_text("#word").startswith("free") or tab.page.inner_text("#word") == "sticks once"
+    assert tab.page.inner_text("#word").startswith("free") or tab.page.inner_text("#word") == "recovered after 1 stick"
     assert tab.page.inner_text("#where").startswith("Here stick-slip dies out: it lasts above bit.weight")
 
 

@@ -104,7 +104,7 @@ def test_the_smallest_disturbance_lies_on_the_border():
 def test_what_is_no_state_is_refused():
     with pytest.raises(SceneError, match="must name states, but `block.mass`"):
         basin(oscillator(1.6), {"block.mass": (1.0, 2.0)}, 10)
-    with pytest.raises(SceneError, match="`box` must map at least one state"):
+    with pytest.raises(SceneError, match="`ranges` must map at least one state"):
         basin(oscillator(1.6), {}, 10)
 
 

@@ -138,7 +138,7 @@ def test_a_result_goes_to_a_file_and_comes_back(loop, tmp_path):
 
 
 def test_the_same_call_goes_on_where_it_was(loop, tmp_path, monkeypatch):
-    asked = {"draws": 8, "out": tmp_path}
+    asked = {"draws": 8, "checkpoint": tmp_path}
     monkeypatch.setattr(verb, "BLOCK", 8)
     first = chance(loop, OVER, UNCERTAIN, **asked)
     journal = tmp_path / "chance_01.jsonl"
@@ -149,7 +149,7 @@ def test_the_same_call_goes_on_where_it_was(loop, tmp_path, monkeypatch):
     monkeypatch.setattr(verb.Search, "block", lambda self, given: (rows.append(len(given)), real(self, given))[1])
     again = chance(loop, OVER, UNCERTAIN, **asked)
     assert rows == [8] and np.array_equal(again.outcomes["as it is"], first.outcomes["as it is"])
-    with pytest.raises(SceneError, match="another `uncertain`"):
+    with pytest.raises(SceneError, match="another `uncertainty`"):
         chance(loop, OVER, UNCERTAIN, seed=1, **asked)
 
 

@@ -11,8 +11,8 @@ from toolbox.faces import public_names
 
 FLOORS = (
     "version",
-    "errors", "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "translation", "stepping", "simulation", "contacts",
-    "measuring", "prediction", "steady_states", "logs",
+    "errors", "vocabulary", "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "translation", "stepping",
+    "simulation", "contacts", "measuring", "prediction", "steady_states", "logs",
     "scenes", "lanes", "orbits", "sweeps", "onsets", "robustness", "calibration", "probability", "tuning", "export", "reports", "authoring",
     "page", "commands", "face",
 )  # fmt: skip

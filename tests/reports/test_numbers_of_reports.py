@@ -19,10 +19,10 @@ SCENE = MARKED.replace(" <95 rpm>", "")  # a title without a number
 
 COMMANDS = {
     "study": [],
-    "onset": ["--parameter", "top.reference", "--from", "80 rpm", "--to", "150 rpm", "--values", "3"],
-    "map": ["--controller", "stiff PI", "--x", "top.reference=60rpm:130rpm", "--y", "bit.weight=60kN:110kN", "--shape", "3x3"],
-    "drives": ["--group", "declared", "--from", "60 rpm", "--to", "140 rpm", "--step", "10 rpm"],
-    "fit": ["LOG", "--free", "bit.friction.kinetic=0.3:0.7", "--free", "bit.friction.static=0.6:1"],
+    "onset": ["--range", "top.reference=80 rpm:150 rpm", "--values", "3"],
+    "map": ["--controller", "stiff PI", "--range", "top.reference=60rpm:130rpm", "--range", "bit.weight=60kN:110kN", "--shape", "3x3"],
+    "setpoints": ["--group", "declared", "--range", "top.reference=60 rpm:140 rpm", "--step", "10 rpm"],
+    "fit": ["LOG", "--range", "bit.friction.kinetic=0.3:0.7", "--range", "bit.friction.static=0.6:1"],
     "posterior": [
         "--controller", "stiff PI", "--prior", "bit.weight=50kN:110kN", "--measured", "severity=1.9 +- 0.1", "--draws", "32",
     ],
@@ -238,7 +238,7 @@ def of_map(results):
 
 
 def of_drives(results):
-    folder, rules = results / "drives", []
+    folder, rules = results / "setpoints", []
     for row in rows_of(folder / "drives.csv"):
         value = {key: float(text) for key, text in row.items() if text and key not in ("law", "group", "way", "why", "weakest")}
         rpm = 30.0 / math.pi

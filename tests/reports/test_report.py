@@ -82,7 +82,7 @@ def folders(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     (folder / "rig.toml").write_text(SCENE)
     assert main(["study", str(folder / "rig.toml"), "--out", str(folder / "study")]) == 0
-    asked = ["--parameter", "top.reference", "--from", "80 rpm", "--to", "150 rpm", "--values", "3", "--controller", "stiff PI"]
+    asked = ["--range", "top.reference=80 rpm:150 rpm", "--values", "3", "--controller", "stiff PI"]
     assert main(["onset", str(folder / "rig.toml"), *asked, "--out", str(folder / "onset")]) == 0
     return folder
 

@@ -270,8 +270,8 @@ def test_mistakes_are_told(rig):
     for arguments, word in (
         ({"delay": 0.03}, "delay"),
         ({"period": 0.0}, "period"),
-        ({"drives": ("top.torque", "bit.weight")}, "drives"),
-        ({"drives": "top.torqu"}, "top.torque"),
+        ({"actuated_signals": ("top.torque", "bit.weight")}, "actuated_signals"),
+        ({"actuated_signals": "top.torqu"}, "top.torque"),
     ):
         with pytest.raises(SceneError, match=word):
             performance_limit(rig, {"top.speed": 3.0}, **arguments)

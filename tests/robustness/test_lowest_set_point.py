@@ -170,10 +170,10 @@ def test_lifts_are_counted_and_their_price_is_told():
         (closed_loop(PLANT, SoftTorque()), {}, "one sampled law that drives `top.torque`"),
         (closed_loop(PLANT), {}, "one sampled law"),
         (LOOP, {"groups": ["robus"]}, "There is no group `robus`: did you mean `robust`"),
-        (LOOP, {"ways": ["straight"]}, "There is no way `straight`"),
+        (LOOP, {"protocols": ["straight"]}, "There is no protocol `straight`"),
         (LOOP, {"step": -1.0}, "step"),
         (LOOP, {"executor": 2}, "Argument `executor` must be a concurrent.futures.Executor"),
-        (LOOP, {"between": (5.0, 4.0)}, "between"),
+        (LOOP, {"bounds": (5.0, 4.0)}, "bounds"),
         (LOOP.with_parameters({"pi.proportional": 400.0}), {}, "must be given to the law itself"),
         (closed_loop(compose(BlockOnBelt())), {}, "one sampled law that drives `top.torque`"),
     ],
@@ -185,7 +185,7 @@ def test_what_makes_no_sense_is_refused_by_name(loop, arguments, words):
 
 def test_the_command_writes_the_table_and_goes_on_where_it_was(tmp_path, capsys):
     call = [
-        "drives",
+        "setpoints",
         "studies/scenes/jansen_2.toml",
         "--controller",
         "softer PI, 100 Hz",
@@ -194,7 +194,7 @@ def test_the_command_writes_the_table_and_goes_on_where_it_was(tmp_path, capsys)
         "--group",
         "declared",
     ]
-    call += ["--way", "direct", "--from", "80 rpm", "--to", "120 rpm", "--step", "20 rpm", "--out", str(tmp_path / "drives")]
+    call += ["--protocol", "direct", "--range", "top.reference=80 rpm:120 rpm", "--step", "20 rpm", "--out", str(tmp_path / "drives")]
     assert main(call) == 0
     out, progress = capsys.readouterr()
     assert "under stiff PI" in out and "lowest [rpm]" in out and "`constant torque` must be one law" in out
@@ -226,7 +226,7 @@ def test_a_table_leaves_out_what_no_law_does_and_says_where_it_was_tried_if_none
 
 
 def test_the_command_says_at_once_which_law_takes_no_part(capsys):
-    call = ["drives", "studies/scenes/jansen_2.toml", "--controller", "ideal sliding mode", "--group", "declared"]
+    call = ["setpoints", "studies/scenes/jansen_2.toml", "--controller", "ideal sliding mode", "--group", "declared"]
     assert main(call) == 2
     assert "`ideal sliding mode` must have a sampled form to take part, but IdealSlidingMode has none" in capsys.readouterr().err
 
@@ -245,17 +245,17 @@ def test_a_law_that_takes_weight_off_is_tried_on_machines_with_other_weights_and
 
 def test_a_lift_that_comes_again_is_no_success_for_half_an_hour():
     calm = {"stuck": 0.0, "speed": 6.0, "torque": 5e3, "square": 25e6, "limited": 0.0}
-    assert verdict({**calm, "again": 2.0, "lifted": 0.01}, 6.0, 0.01) == ""
-    assert verdict({**calm, "again": 2.0, "lifted": 0.01}, 6.0, 0.01, lasting=True) == "lifted again"
-    assert verdict({**calm, "again": 2.0, "lifted": 0.01}, 6.0, 0.01, varying=True, lasting=True) == ""
-    assert verdict({**calm, "again": 2.0, "lifted": 0.03}, 6.0, 0.01, varying=True) == "lifted 3.0 % of the time"
+    assert verdict({**calm, "relapses_per_hour": 2.0, "lifted": 0.01}, 6.0, 0.01) == ""
+    assert verdict({**calm, "relapses_per_hour": 2.0, "lifted": 0.01}, 6.0, 0.01, lasting=True) == "lifted again"
+    assert verdict({**calm, "relapses_per_hour": 2.0, "lifted": 0.01}, 6.0, 0.01, varying=True, lasting=True) == ""
+    assert verdict({**calm, "relapses_per_hour": 2.0, "lifted": 0.03}, 6.0, 0.01, varying=True) == "lifted 3.0 % of the time"
 
 
 def test_a_group_may_want_a_disk_margin_and_its_border_is_raised_until_there_is_one(found):
     held, path = found[0]["SoftTorque", "declared"], found[1]
     step = 4 * np.pi / 30
     raised = dataclasses.replace(BRIEF, margin=held.margin + 1e-6)
-    search = {"ways": ["direct"], "between": ("62 rpm", "110 rpm"), "step": "4 rpm", "known": path}
+    search = {"protocols": ["direct"], "bounds": ("62 rpm", "110 rpm"), "step": "4 rpm", "checkpoint": path}
     more = lowest_set_point(LOOP, StiffPI(), [raised], **search)["SoftTorque", "declared"]
     assert more.speed == pytest.approx(held.speed + step) and more.margin > held.margin
     assert more.why == f"declared: disk margin {held.margin:.3f}"
@@ -264,8 +264,8 @@ def test_a_group_may_want_a_disk_margin_and_its_border_is_raised_until_there_is_
 
 
 def test_the_command_raises_borders_to_a_disk_margin_and_refuses_one_that_no_loop_has(tmp_path, capsys):
-    call = ["drives", "studies/scenes/jansen_2.toml", "--controller", "softer PI, 100 Hz", "--group", "declared", "--way", "direct"]
-    call += ["--from", "80 rpm", "--to", "120 rpm", "--step", "20 rpm"]
+    call = ["setpoints", "studies/scenes/jansen_2.toml", "--controller", "softer PI, 100 Hz", "--group", "declared", "--protocol", "direct"]
+    call += ["--range", "top.reference=80 rpm:120 rpm", "--step", "20 rpm"]
     assert main([*call, "--margin", "1.99"]) == 0
     told = capsys.readouterr().out
     row = next(line for line in told.splitlines() if line.strip().startswith("softer PI, 100 Hz"))
@@ -277,8 +277,8 @@ def test_the_command_raises_borders_to_a_disk_margin_and_refuses_one_that_no_loo
 # --- who does the runs, and how far it is
 @pytest.mark.slow
 def test_laws_are_searched_side_by_side_with_the_same_result(tmp_path, capfd):
-    call = ["drives", "studies/scenes/drives.toml", "--group", "declared", "--group", "real", "--way", "direct"]
-    call += ["--from", "60 rpm", "--to", "120 rpm", "--step", "20 rpm"]
+    call = ["setpoints", "studies/scenes/drives.toml", "--group", "declared", "--group", "real", "--protocol", "direct"]
+    call += ["--range", "top.reference=60 rpm:120 rpm", "--step", "20 rpm"]
     assert main([*call, "--out", str(tmp_path / "one")]) == 0
     alone = capfd.readouterr()
     assert main([*call, "--processes", "2", "--out", str(tmp_path / "two")]) == 0
@@ -289,11 +289,11 @@ def test_laws_are_searched_side_by_side_with_the_same_result(tmp_path, capfd):
 
 
 def test_no_law_is_searched_by_no_process(capsys):
-    assert main(["drives", "studies/scenes/jansen_2.toml", "--processes", "0"]) == 2
+    assert main(["setpoints", "studies/scenes/jansen_2.toml", "--processes", "0"]) == 2
     assert "`--processes` must be an integer >= 1, but it is 0" in capsys.readouterr().err
 
 
-SEARCH = {"ways": ["direct"], "between": ("62 rpm", "110 rpm"), "step": "4 rpm"}
+SEARCH = {"protocols": ["direct"], "bounds": ("62 rpm", "110 rpm"), "step": "4 rpm"}
 
 
 class Counted(ThreadPoolExecutor):
@@ -353,7 +353,7 @@ class InPython(Controller):
 class Called:
     """`InPython`, designed."""
 
-    measures, drives, dt = ("top.speed",), ("top.torque",), 0.1
+    measured_signals, actuated_signals, dt = ("top.speed",), ("top.torque",), 0.1
 
     def __init__(self, reference):
         self.reference = reference
@@ -394,7 +394,7 @@ class Told(Trial):
     """A trial of which is told at which set-points it fails, and at which smooth running grows, and that notes what it is asked."""
 
     def outcome(self, group, reference, way="direct"):
-        self.display_units.append((reference, group.judged))
+        self.asked.append((reference, group.judged))
         return Outcome(reference not in (*self.failing, *(self.growing if group.judged > 80.0 else ())), "fails")
 
     def growth(self, machines, reference):
@@ -406,7 +406,7 @@ class Told(Trial):
 
 def told(failing, growing=()):
     trial = Told(LOOP, StiffPI())
-    trial.__dict__.update(failing=failing, growing=growing, display_units=[])
+    trial.__dict__.update(failing=failing, growing=growing, asked=[])
     return trial
 
 
@@ -417,15 +417,15 @@ def test_the_end_of_the_range_is_tried_where_nothing_fails_above_it():
     assert (held.speed, held.why) == (4.0, "fails")
     asked = told((4.0,))
     assert lowest(asked, BRIEF, lower=3.0, higher=6.0, step=1.0).speed == 5.0
-    assert 3.0 not in [reference for reference, _ in asked.display_units]
+    assert 3.0 not in [reference for reference, _ in asked.asked]
 
 
 def test_a_set_point_at_which_smooth_running_grows_is_not_confirmed_above_it():
     trial = told((3.0,), growing=(4.0,))
     held = lowest(trial, BRIEF, lower=2.0, higher=9.0, step=1.0)
     assert (held.speed, held.why) == (5.0, "fails")
-    assert (6.0, 80.0) not in trial.display_units[: trial.display_units.index((4.0, 1800.0))]
-    assert {reference for reference, judged in trial.display_units if judged > 80.0} == {4.0, 5.0}
+    assert (6.0, 80.0) not in trial.asked[: trial.asked.index((4.0, 1800.0))]
+    assert {reference for reference, judged in trial.asked if judged > 80.0} == {4.0, 5.0}
 
 
 def test_how_far_a_search_is_stands_in_every_line():

@@ -131,7 +131,7 @@ def test_a_law_beats_another_by_severity_and_stick(checks, stiff, soft):
 
 @pytest.mark.slow
 def test_an_onset_above_the_limit_shows_both_borders(checks, rig):
-    given = {"between": (3.0, 15.0), "values": 5, "tolerance": 0.2}
+    given = {"bounds": (3.0, 15.0), "values": 5, "tolerance": 0.2}
     # the smooth border of the stiff drive is far below this limit: stick-slip that exists is not
     text = failure(checks.onset_below, closed_loop(rig, StiffPI()), "top.reference", 9.0, **given)
     assert "existing stick-slip ends at 12." in text and "smooth running is lost at" not in text.partition(".\n")[0]
@@ -149,7 +149,7 @@ def test_a_mistake_in_a_check_is_no_failure_of_the_law(checks, soft, rig):
     with pytest.raises(SceneError, match="bit"):
         checks.no_stick_slip(soft, after=10.0, element="bitt")
     with pytest.raises(SceneError, match="limit"):
-        checks.onset_below(rig, "top.reference", 99.0, between=(1.0, 9.0))
+        checks.onset_below(rig, "top.reference", 99.0, bounds=(1.0, 9.0))
     with pytest.raises(SceneError, match="limits"):
         checks.respects_limits(soft, {})
 
@@ -267,7 +267,7 @@ from toolbox.robustness import cycle_phases
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 STUCK = simulate(RIG, 100.0, controller=StiffPI(reference=6.5), sample_time=0.01)
-LAW = Sampled(LQG(reference=6.5, late=3), 0.01, delay=0.03)
+LAW = Sampled(LQG(reference=6.5, delay_samples=3), 0.01, delay=0.03)
 
 def test_margin(stickslip_checks):
     stickslip_checks.robust(closed_loop(RIG, LAW), disk_margin=0.35)
@@ -276,7 +276,7 @@ def test_declared(stickslip_checks):
     stickslip_checks.survives(closed_loop(RIG, LAW), 100.0, starts=cycle_phases(STUCK, 2))
 
 def test_lighter(stickslip_checks):
-    stickslip_checks.survives(closed_loop(RIG, LAW), 100.0, errors={"chain.inertia.0": 0.8}, starts=cycle_phases(STUCK, 2))
+    stickslip_checks.survives(closed_loop(RIG, LAW), 100.0, uncertainty={"chain.inertia.0": 0.8}, starts=cycle_phases(STUCK, 2))
 """
 
 

@@ -141,7 +141,7 @@ def test_the_result_draws_every_run(found):
     ],
 )
 def test_a_share_is_an_error_to_either_side_as_on_the_command_line(rig, typed, factors):
-    """`margins --wrong bit.weight=20%` tries 20 % less and 20 % more; it was a factor of 0.2 here."""
+    """`margins --uncertainty bit.weight=20%` tries 20 % less and 20 % more; it was a factor of 0.2 here."""
     loop = closed_loop(rig, SoftTorque(reference=REFERENCE))
     found, same = (worst_case(loop, 2.0, uncertainty={"bit.weight": given}) for given in (typed, factors))
     assert list(found.by_error) == list(same.by_error) == ["declared", *(f"bit.weight {100 * (each - 1):+.3g} %" for each in factors)]
@@ -151,12 +151,12 @@ def test_a_share_is_an_error_to_either_side_as_on_the_command_line(rig, typed, f
 def test_mistakes_are_told(rig, stuck):
     law = Sampled(SoftTorque(reference=REFERENCE), 0.01)
     for arguments, word in (
-        ({"errors": {"chain.inertia": 0.8}}, "chain.inertia.0"),
-        ({"errors": {"chain.inertai.0": 0.8}}, "chain.inertia"),
-        ({"errors": {"bit.weight": -1.0}}, "must be (> 0|a finite number)"),
-        ({"errors": {"bit.weight": (0.8, "x")}}, "must be (> 0|a finite number)"),
-        ({"errors": {"bit.weight": "-120 %"}}, "`bit.weight` must be > -1"),
-        ({"errors": {"bit.weight": "120 %"}}, "`bit.weight` must be > 0"),
+        ({"uncertainty": {"chain.inertia": 0.8}}, "chain.inertia.0"),
+        ({"uncertainty": {"chain.inertai.0": 0.8}}, "chain.inertia"),
+        ({"uncertainty": {"bit.weight": -1.0}}, "must be (> 0|a finite number)"),
+        ({"uncertainty": {"bit.weight": (0.8, "x")}}, "must be (> 0|a finite number)"),
+        ({"uncertainty": {"bit.weight": "-120 %"}}, "`bit.weight` must be > -1"),
+        ({"uncertainty": {"bit.weight": "120 %"}}, "`bit.weight` must be > 0"),
         ({"corners": [{"bit.weight": "20 %"}]}, "must be one factor in `corners`, such as 1.2 or `.20 %`, but it is '?20 %"),
     ):
         with pytest.raises(SceneError, match=word):

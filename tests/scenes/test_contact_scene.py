@@ -152,7 +152,7 @@ def test_the_published_cube_runs_as_in_python_bit_for_bit_and_repeats_the_shared
     assert problem.contacts == 121 and problem.areas.sum() == pytest.approx(1e-4)
     plate = {"top": -10.0, "surface.x": ramp(0.0, 0.1, 0.0, 40.0)}
     equal(run, step_contacts(problem, 0.24, step=2e-3, inputs=plate, start=press_contacts(problem, {"top": -10.0})))
-    found = study.metrics(run)
+    found = study.measures(run)
     assert found["share at 0.16 s"] == pytest.approx(0.57, abs=0.05)
     assert found["share at 0.20 s"] == pytest.approx(0.26, abs=0.05)
     assert found["no node sticks from [s]"] == pytest.approx(0.2175, abs=0.005)
@@ -298,11 +298,11 @@ def test_what_is_wrong_in_a_scene_is_said_with_its_key(written, old, new, words)
     "command",
     [
         ["study", "SCENE", "--out", "OUT"],
-        ["onset", "SCENE", "--parameter", "friction.static", "--from", "0.1", "--to", "0.4"],
-        ["map", "SCENE", "--x", "a=1:2", "--y", "b=1:2", "--out", "OUT"],
-        ["sweep", "SCENE", "--vary", "top=1:2:3", "--out", "OUT"],
-        ["tune", "SCENE", "--controller", "light", "--free", "a=1:2", "--objective", "severity", "--out", "OUT"],
-        ["fit", "SCENE", "data.csv", "--free", "a=1:2", "--out", "OUT"],
+        ["onset", "SCENE", "--range", "friction.static=0.1:0.4"],
+        ["map", "SCENE", "--range", "a=1:2", "--range", "b=1:2", "--out", "OUT"],
+        ["sweep", "SCENE", "--range", "top=1:2:3", "--out", "OUT"],
+        ["tune", "SCENE", "--controller", "light", "--range", "a=1:2", "--objective", "severity", "--out", "OUT"],
+        ["fit", "SCENE", "data.csv", "--range", "a=1:2", "--out", "OUT"],
         ["tradeoff", "SCENE"],
         ["compare", "SCENE", "SCENE"],
     ],

@@ -44,7 +44,7 @@ VERDICTS = {
 def test_a_verdict_asks_which_of_several_contacts_it_is_about(rig, run, verdict):
     with pytest.raises(
         SceneError,
-        match=r"Argument `(element|element` of `closed_loop|measures)` must name the contact to be judged, because there are contacts `.*bit`",
+        match=r"Argument `(element|element` of `closed_loop|metrics)` must name the contact to be judged, because there are contacts `.*bit`",
     ):
         VERDICTS[verdict](rig, run)
 

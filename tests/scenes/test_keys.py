@@ -112,18 +112,21 @@ JANSEN = "studies/scenes/jansen_2.toml"
     [
         (["simulate", "--duration", "-5"], "--duration"),
         (["simulate", "--accuracy", "-1"], "--accuracy"),
-        (["onset", "--parameter", "top.reference", "--from", "2", "--to", "16", "--values", "2"], "--values"),
-        (["onset", "--parameter", "top.reference", "--from", "2", "--to", "16", "--tolerance", "-1"], "--tolerance"),
-        (["map", "--x", "top.reference=3:14", "--y", "bit.weight=50kN:90kN", "--shape", "1x1", "--out", "OUT"], "--shape"),
-        (["sweep", "--vary", "bit.weight=5e4:9e4", "--sampling", "sobol", "--runs", "3", "--out", "OUT"], "--runs"),
-        (["sweep", "--vary", "bit.weight=5e4:9e4", "--sampling", "random", "--runs", "4", "--seed", "-1", "--out", "OUT"], "--seed"),
-        (["tune", "--controller", "soft torque", "--free", "softtorque.detuning=2:1", "--objective", "severity", "--out", "OUT"], "--free"),
+        (["onset", "--range", "top.reference=2:16", "--values", "2"], "--values"),
+        (["onset", "--range", "top.reference=2:16", "--tolerance", "-1"], "--tolerance"),
+        (["map", "--range", "top.reference=3:14", "--range", "bit.weight=50kN:90kN", "--shape", "1x1", "--out", "OUT"], "--shape"),
+        (["sweep", "--range", "bit.weight=5e4:9e4", "--sampling", "sobol", "--runs", "3", "--out", "OUT"], "--runs"),
+        (["sweep", "--range", "bit.weight=5e4:9e4", "--sampling", "random", "--runs", "4", "--seed", "-1", "--out", "OUT"], "--seed"),
+        (
+            ["tune", "--controller", "soft torque", "--range", "softtorque.detuning=2:1", "--objective", "severity", "--out", "OUT"],
+            "--range",
+        ),
         (
             [
                 "tune",
                 "--controller",
                 "soft torque",
-                "--free",
+                "--range",
                 "softtorque.detuning=1:2",
                 "--objective",
                 "severity",
@@ -135,7 +138,7 @@ JANSEN = "studies/scenes/jansen_2.toml"
             "--runs",
         ),
         (
-            ["tune", "--controller", "constant torque", "--free", "softtorque.detuning=1:2", "--objective", "severity", "--out", "OUT"],
+            ["tune", "--controller", "constant torque", "--range", "softtorque.detuning=1:2", "--objective", "severity", "--out", "OUT"],
             "--controller",
         ),
         (["fit", "studies/data/rig.csv", "--free", "bit.weight", "--free", "bit.weight"], "--free"),

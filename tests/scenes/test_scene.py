@@ -211,8 +211,8 @@ label = "on estimates, lifting"
 law = "SlidingMode"
 reference = "50 rpm"
 inside = [
-    { law = "OnEstimates", late = 3, observer = { law = "observers.Kalman", speed_noise = "0.1 rpm" } },
-    { law = "Lifting", first = 1.6, observer = { torque_walk = 3000.0 } },
+    { law = "OnEstimates", delay_samples = 3, observer = { law = "observers.Kalman", speed_noise = "0.1 rpm" } },
+    { law = "Lifting", first_factor = 1.6, observer = { torque_walk = 3000.0 } },
 ]
 sample_time = "10 ms"
 """
@@ -370,8 +370,8 @@ MISTAKES = [
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = "PI"'), "`sliding mode.inside[1]` must name a law that acts around another one, but `PI`"),
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = "Lifing"'), "no control law `Lifing`: did you mean `Lifting`"),
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = 3'), "`sliding mode.inside[1]` must be a table"),
-    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { first = 2 }'), "key `law` is missing in sliding mode.inside[1]"),
-    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", frist = 2 }'), "no key `frist` in `Lifting`: did you mean `first`"),
+    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { first_factor = 2 }'), "key `law` is missing in sliding mode.inside[1]"),
+    (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", frist_factor = 2 }'), "did you mean `first_factor`"),
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", observer = 3 }'), "`Lifting.observer` must be a table with `law`"),
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = { law = "Lifting", observer = { law = "PI" } }'), "`observer` must be a StringObserver"),
     (edited('law = "SlidingMode"', 'law = "SlidingMode"\ninside = "OnEstimates"'), "The key `observer` is missing in `OnEstimates`"),

@@ -380,7 +380,7 @@ VERBS = {
     "difference to": (lambda bad: RUN.difference(bad), "better", (*NO_NAMES, BELT)),
     "varying names": (BELT.varying, "names", (*NO_NAMES, "block.mass")),
     "fit free": (lambda bad: toolbox.fit(BELT, DATA, bad), "name", NO_NAMES),
-    "fit bounds": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", bad), "bounds", (5, "strong", [1.0, 2.0])),
+    "fit ranges": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", bad), "ranges", (5, "strong", [1.0, 2.0])),
     "fit noise": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", noise=bad), "noise", (5, "strong", {"block.speed": math.nan})),
     "fit columns": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", columns=bad), "columns", (5, "strong", {"block.speed": math.nan})),
     "fit seed": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", starts=Search(seed=bad)), "seed", (math.nan, "strong", -1)),
@@ -409,7 +409,7 @@ VERBS = {
     "hopf_points values": (lambda bad: toolbox.hopf_points(closed_loop(RIG, StiffPI()), "top.reference", (2.0, 8.0), values=bad), "values", NO_NUMBERS),
     "pole_locus values": (lambda bad: toolbox.steady_states.pole_locus(closed_loop(RIG, StiffPI()), "top.reference", bad), "values", NO_NUMBERS),
     "limit_cycle accuracy": (lambda bad: toolbox.limit_cycle(RUN, accuracy=bad), "accuracy", NO_NUMBERS),
-    "follow span": (lambda bad: toolbox.follow(CYCLE, "block.belt_speed", bad), "span", (*NO_NUMBERS, (1.0, 0.0))),
+    "follow bounds": (lambda bad: toolbox.follow(CYCLE, "block.belt_speed", bad), "bounds", (*NO_NUMBERS, (1.0, 0.0))),
     "follow points": (lambda bad: toolbox.follow(CYCLE, "block.belt_speed", (0.1, 0.3), points=bad), "points", (*NO_NUMBERS, 0)),
     "follow towards": (lambda bad: toolbox.follow(CYCLE, "block.belt_speed", (0.1, 0.3), towards=bad), "towards", (math.nan, "strong", (1.0,), 1j)),
     "onset perturbation": (

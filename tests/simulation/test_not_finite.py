@@ -171,8 +171,8 @@ def test_lanes_fail_alone_with_the_reason_and_their_neighbours_do_not(delay):
     last = np.array([sample_of(growth) * PERIOD if fail else 1.0 for growth, fail in zip(growths, fails, strict=True)])
     np.testing.assert_allclose(batch.states[:, 0], -(last - delay), atol=1e-12)  # the lower limit from the first command on
     found = sweep(loop, variations, 1.0, metrics={"level": lambda run: run["tank.level"][-1]})
-    assert set(found.errors) == set(np.flatnonzero(fails))
-    assert all("Controller `Growing` must give finite numbers" in text for text in found.errors.values())
+    assert set(found.failures) == set(np.flatnonzero(fails))
+    assert all("Controller `Growing` must give finite numbers" in text for text in found.failures.values())
 
 
 def test_a_machine_that_is_stepped_says_it_too():

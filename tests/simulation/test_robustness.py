@@ -52,7 +52,7 @@ def test_a_delayed_signal_has_its_default_until_the_first_output_arrives(rig):
 
 def test_a_law_that_cannot_be_copied_runs_as_it_is(rig):
     class Locked:
-        measures, drives = ("top.speed",), ("top.torque",)
+        measured_signals, actuated_signals = ("top.speed",), ("top.torque",)
 
         def __init__(self):
             self.lock = threading.Lock()

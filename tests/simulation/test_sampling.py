@@ -304,7 +304,7 @@ def test_a_continuous_and_a_sampled_controller_work_side_by_side():
 class PythonPI:
     """The sampled PI of `controllers.pi`, in Python, with a state of its own."""
 
-    measures, drives = ("top.speed",), ("top.torque",)
+    measured_signals, actuated_signals = ("top.speed",), ("top.torque",)
 
     def __init__(self, period):
         self.period, self.angle, self.calls = period, 0.0, 0
@@ -555,14 +555,14 @@ def test_laws_that_sample_at_one_instant_read_what_was_held_before_it_however_th
 
     @dataclass(frozen=True)
     class Outer(Controller):
-        measures, drives = ("cart.x",), ("cart.wanted",)
+        measured_signals, actuated_signals = ("cart.x",), ("cart.wanted",)
 
         def sampled(self, signal, period):
             return Update({}, {"cart.wanted": (1.0 - signal("cart.x", "m"), "m/s")})
 
     @dataclass(frozen=True)
     class Inner(Controller):
-        measures, drives = ("cart.v",), ("cart.push",)
+        measured_signals, actuated_signals = ("cart.v",), ("cart.push",)
 
         def sampled(self, signal, period):
             return Update({}, {"cart.push": (5.0 * (signal("cart.wanted", "m/s", default=0.0) - signal("cart.v", "m/s")), "m/s2")})
@@ -604,7 +604,9 @@ def test_a_lambda_is_told_its_signals_where_it_is_sampled():
 
 
 def test_a_lambda_on_a_plant_without_a_top_drive_is_told_what_to_write_and_that_works():
-    words = r'measures `top\.speed`, which the plant does not give: write `(Sampled\(law, 0\.1, measures="tank\.level", drives="tank\.inflow"\))`'
+    words = r"measures `top\.speed`, which the plant does not give: " + (
+        r'write `(Sampled\(law, 0\.1, measured_signals="tank\.level", actuated_signals="tank\.inflow"\))`'
+    )
     with pytest.raises(SceneError, match=words) as caught:
         simulate(tank, 1.0, controller=lambda t, y: 0.0, sample_time=0.1)
     advice = re.search(words, str(caught.value))[1]
@@ -613,9 +615,9 @@ def test_a_lambda_on_a_plant_without_a_top_drive_is_told_what_to_write_and_that_
 
 
 def test_only_a_callable_is_told_its_signals():
-    with pytest.raises(SceneError, match="Argument `measures` must be left to a callable: PI declares what it measures"):
+    with pytest.raises(SceneError, match="Argument `measured_signals` must be left to a callable: PI declares its own"):
         simulate(rig, 1.0, controller=Sampled(PI(), 0.1, measured_signals="top.speed"))
-    with pytest.raises(SceneError, match="Argument `drives` must be the name of a signal, or several, but it is 3"):
+    with pytest.raises(SceneError, match="Argument `actuated_signals` must be the name of a signal, or several, but it is 3"):
         simulate(tank, 1.0, controller=Sampled(lambda t, y: 0.0, 0.1, measured_signals="tank.level", actuated_signals=3))
 
 

@@ -54,7 +54,7 @@ def test_a_sample_throws_a_switch_and_the_next_one_throws_it_back():
 def test_a_sweep_over_the_input_starts_on_its_far_side():
     found = sweep(compose(Thermostat()), {"room.u": np.linspace(1.5, 2.5, 64)}, duration=1.0,
                   metrics={"end": lambda run: run["room.x"][-1]})  # fmt: skip
-    np.testing.assert_allclose(found.measured_signals["end"], 10.0 * (1.0 - math.exp(-0.1)), rtol=1e-6)
+    np.testing.assert_allclose(found.metrics["end"], 10.0 * (1.0 - math.exp(-0.1)), rtol=1e-6)
 
 
 def test_a_law_knows_on_which_side_of_its_break_a_jump_of_the_belt_puts_it():
@@ -269,7 +269,7 @@ def test_a_negative_bound_of_a_relay_is_refused_where_it_happens(bound, when, me
 
 def test_a_negative_bound_of_a_relay_ends_a_run_of_a_sweep():
     found = sweep(compose(Pushed()), {"a.static": [1.0, -1.0, 2.0]}, 1.0, metrics={"end": lambda run: run["a.v"][-1]})
-    assert list(found.errors) == [1] and "must be >= 0" in found.errors[1]
+    assert list(found.failures) == [1] and "must be >= 0" in found.errors[1]
 
 
 @pytest.mark.parametrize("inputs", [{"a.kinetic": 2.0}, {"a.kinetic": 0.5 + 0.2 * time}, {"a.static": 1.0 - 0.2 * time}])

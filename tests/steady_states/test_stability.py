@@ -310,20 +310,21 @@ def test_a_closed_form_is_refused_outside_of_its_range(call, word):
     ("arguments", "word"),
     [
         ({"parameter": "top.refrence"}, "top.reference"),
-        ({"between": (3.0, 2.0)}, "between"),
-        ({"between": (3.0, math.nan)}, "between"),
-        ({"between": 3.0}, "between"),
+        ({"bounds": (3.0, 2.0)}, "bounds"),
+        ({"bounds": (3.0, math.nan)}, "bounds"),
+        ({"bounds": 3.0}, "bounds"),
         ({"parameter": "chain.inertia"}, "chain.inertia.0"),
-        ({"law": lambda t, y: 0.0, "sample_time": 0.1}, "continuous form"),
+        ({"controller": lambda t, y: 0.0, "sample_time": 0.1}, "continuous form"),
         ({"inputs": {"bit.wieght": 1.0}}, "bit.weight"),
     ],
 )
 def test_a_mistake_is_named(arguments, word):
-    asked = {"parameter": "top.reference", "between": (2.0, 8.0)}
+    asked = {"parameter": "top.reference", "bounds": (2.0, 8.0)}
     others = {key: value for key, value in arguments.items() if key not in asked}
     with pytest.raises(SceneError, match=word):
         hopf_points(
-            closed_loop(compose(*RIG), **({"law": StiffPI()} | others)), **(asked | {k: arguments[k] for k in asked if k in arguments})
+            closed_loop(compose(*RIG), **({"controller": StiffPI()} | others)),
+            **(asked | {k: arguments[k] for k in asked if k in arguments}),
         )
 
 

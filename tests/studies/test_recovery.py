@@ -69,7 +69,7 @@ def test_a_lifting_law_is_held_against_the_law_inside_of_it(monkeypatch):
 
 
 def test_every_lifting_row_of_the_drive_table_is_among_the_laws_that_are_lifted():
-    rows = {label: law for label, law in drives.controllers().items() if label.endswith(recovery.LIFTS)}
+    rows = {label: law for label, law in drives.laws().items() if label.endswith(recovery.LIFTS)}
     assert {f"{label}{recovery.LIFTS}" for label in recovery.inner_laws()} - {"PI, lifting"} == set(rows)
     assert all(repr(law.clock.law) == repr(recovery.lifted(label.removesuffix(recovery.LIFTS)).clock.law) for label, law in rows.items())
 

@@ -170,7 +170,7 @@ def test_node_values_alone_would_miss_the_peak():
 
 def test_functions_of_the_trajectory_and_laws_in_python_see_the_same_runs():
     class Brake:
-        asked, drives = "top.speed", "top.torque"
+        measured_signals, actuated_signals = "top.speed", "top.torque"
 
         def __call__(self, t, y):
             return 1e4 * (8.0 - y[0])
@@ -217,14 +217,14 @@ def test_laws_in_python_run_in_processes():
 
         with pytest.raises(SceneError, match="must be importable"):
             sweep(closed_loop(RIG, Sampled(Local(), 0.05)), {"bit.weight": [60e3, 97e3]}, duration=5.0, executor=pool)
-    assert not there.errors
+    assert not there.failures
     np.testing.assert_array_equal(there["mean"], here["mean"])
 
 
 class Gentle:
     """u = 8000 (8 - y)."""
 
-    metrics, drives = "top.speed", "top.torque"
+    measured_signals, actuated_signals = "top.speed", "top.torque"
 
     def __call__(self, t, y):
         return 8e3 * (8.0 - y[0])
@@ -294,8 +294,8 @@ def test_designs_fill_their_bounds():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (({}, 4), "Argument `bounds` must map at least one name"),
-        (("bit.weight", 4), "Argument `bounds` must map at least one name"),
+        (({}, 4), "Argument `ranges` must map at least one name"),
+        (("bit.weight", 4), "Argument `ranges` must map at least one name"),
         (({"a": (2.0, 1.0)}, 4), "Argument `a` must be two finite numbers .low, high. with low < high"),
         (({"a": (1.0, math.nan)}, 4), "Argument `a` must be two finite numbers .low, high. with low < high"),
         (({"a": (1.0, 2.0)}, 0), "Argument `runs` must be an integer >= 1, but it is 0"),
@@ -354,13 +354,13 @@ def test_what_is_saved_comes_back(tmp_path):
 def test_a_file_of_an_earlier_version_comes_back(grid, tmp_path):
     masses = {"block.mass": [1.0, 2.0]} if grid else [{"block.mass": 1.0}, {"block.mass": 2.0}]
     found = dataclasses.replace(sweep(compose(BlockOnBelt()), masses, duration=5.0), seconds=0.0, failures={1: "it failed"})
-    told = {name: getattr(found, name) for name in ("title", "names", "units", "measure_units", "duration", "accuracy")}
-    told |= {"grid": grid, "errors": {"1": "it failed"}}
+    told = {name: getattr(found, name) for name in ("title", "names", "units", "duration", "accuracy")}
+    told |= {"grid": grid, "measure_units": found.metric_units, "errors": {"1": "it failed"}}
     arrays = {"points": found.points} | {f"axis.{name}": axis for name, axis in zip(found.names, found.axes, strict=False)}
     arrays |= {f"measure.{name}": values for name, values in found.metrics.items()}
     np.savez_compressed(tmp_path / "sweep.npz", sweep=np.array(json.dumps(told)), **arrays)
     back = Sweep.load(tmp_path / "sweep.npz")
-    assert str(back) == str(dataclasses.replace(found, display_units={})) and back.shape == found.shape and back.errors == found.failures
+    assert str(back) == str(dataclasses.replace(found, display_units={})) and back.shape == found.shape and back.failures == found.failures
     for name in found.metrics:
         np.testing.assert_array_equal(back[name], found[name])
     told["errors"] = {"2": "it failed"}
@@ -414,7 +414,7 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path, monkeypatch):
     for word, other in (
         ("duration", {"duration": 59.0}),
         ("accuracy", {"accuracy": 1e-5}),
-        ("measures", {"measures": "mean"}),
+        ("metrics", {"metrics": "mean"}),
         ("controller", {"controller": Sampled(StiffPI(), 0.02)}),
         ("budget", {"method": EventExact(budget=Budget(events=1e6))}),
     ):
@@ -433,7 +433,7 @@ def counted_runs(monkeypatch):
     return made
 
 
-GROWING = {"duration": 1.0, "accuracy": 1e-7, "measures": {"x": metrics.final("growth.size")}}
+GROWING = {"duration": 1.0, "accuracy": 1e-7, "metrics": {"x": metrics.final("growth.size")}}
 
 
 def growing(plant=None):
@@ -452,9 +452,9 @@ def test_what_is_on_disk_is_what_was_found_failures_and_all(tmp_path):
         assert str(data["error"].values[1]) == found.failures[1]
         xarray.testing.assert_equal(data[["x"]], found.to_xarray()[["x"]])
         assert data["error"].values.tolist() == found.to_xarray()["error"].values.tolist()
-    assert Sweep.load(tmp_path / "found.zarr").errors == found.failures
+    assert Sweep.load(tmp_path / "found.zarr").failures == found.failures
     found.save(tmp_path / "saved.zarr")
-    assert Sweep.load(tmp_path / "saved.zarr").errors == found.failures
+    assert Sweep.load(tmp_path / "saved.zarr").failures == found.failures
     np.testing.assert_array_equal(Sweep.load(tmp_path / "saved.zarr")["x"], found["x"])
 
 
@@ -595,7 +595,7 @@ def test_the_budget_of_a_run_counts_all_its_events(monkeypatch):
 
 def test_a_folder_with_other_files_is_not_written_to(tmp_path):
     (tmp_path / "letter.txt").write_text("mine")
-    with pytest.raises(SceneError, match="Argument `out` must be an empty or new folder"):
+    with pytest.raises(SceneError, match="Argument `checkpoint` must be an empty or new folder"):
         sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [60e3]}, duration=1.0, checkpoint=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
 
@@ -639,7 +639,7 @@ def test_a_dask_cluster_of_which_a_worker_is_killed_gives_the_same_numbers(tmp_p
     assert (tmp_path / "killed").exists() and len(before - after) == 1
     for name in ("severity", "mean"):
         np.testing.assert_array_equal(there[name], here[name])
-    assert not there.errors
+    assert not there.failures
 
 
 def test_a_scene_brings_its_controller_its_window_and_its_inputs():
@@ -662,7 +662,7 @@ def test_a_scene_brings_its_controller_its_window_and_its_inputs():
         ({"pi.period": [0.01, 0.02]}, "`pi.period` is named `pi.sample_time` now"),
         ({}, "must name at least one number"),
         ([{"bit.weight": 1.0}, {"bit.radius": 1.0}], "must be rows that all give numbers to the same names"),
-        (3, "Argument `vary` must map names to values"),
+        (3, "Argument `ranges` must map names to values"),
     ],
 )
 def test_variations_that_make_no_sense_are_refused_by_name(vary, message):
@@ -679,7 +679,7 @@ def test_variations_that_make_no_sense_are_refused_by_name(vary, message):
         ({"a": metrics.mean("bit.speed", 2.0)}, "Argument `after` must be >= 0 and < "),
         ({"a": metrics.stays("bot")}, "There is no element `bot`: did you mean `bit`"),
         ({"a": metrics.stays("bit", mode="stuck")}, "There is no mode `stuck` of `bit`: did you mean `stick`"),
-        ({"a": 3}, "`measures` must hold names of measures, measures or functions of a run"),
+        ({"a": 3}, "`metrics` must hold names of measures, measures or functions of a run"),
         ({}, "must hold at least one measure"),
         ({"error": "mean"}, "must use names that are free, without a slash, but one is `error`"),
         ({"bit.weight": "mean"}, "must use names that are free, without a slash, but one is `bit.weight`"),
@@ -694,8 +694,8 @@ def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys, c
     from toolbox.commands.command_line import main
 
     pytest.importorskip("zarr")
-    command = ["sweep", str(SCENES / "jansen_2.toml"), "--vary", "bit.weight=60kN:97.347kN:2", "--vary", "top.reference=80 rpm:95 rpm:2"]
-    command += ["--controller", "stiff PI", "--measure", "severity", "--measure", "sticks", "--out", str(tmp_path / "out")]
+    command = ["sweep", str(SCENES / "jansen_2.toml"), "--range", "bit.weight=60kN:97.347kN:2", "--range", "top.reference=80 rpm:95 rpm:2"]
+    command += ["--controller", "stiff PI", "--metric", "severity", "--metric", "sticks", "--out", str(tmp_path / "out")]
     assert main(command) == 0
     printed = capsys.readouterr().out
     assert re.search(r"bit.weight +60 +97\.347 +kN", printed)
@@ -717,7 +717,7 @@ def test_the_command_takes_designs_and_tables(tmp_path, capsys):
     from toolbox.commands.command_line import main
 
     pytest.importorskip("zarr")
-    command = ["sweep", str(SCENES / "jansen_2.toml"), "--controller", "stiff PI", "--measure", "mean"]
+    command = ["sweep", str(SCENES / "jansen_2.toml"), "--controller", "stiff PI", "--metric", "mean"]
     (tmp_path / "rows.csv").write_text("bit.weight [kN],top.reference [rpm]\n50,80\n90,95\n")
     bounds = {"bit.weight": (50e3, 90e3)}
     cases = {
@@ -726,22 +726,22 @@ def test_the_command_takes_designs_and_tables(tmp_path, capsys):
     for name, design in cases.items():
         given = ["--rows", str(tmp_path / "rows.csv")]
         if design is not None:
-            given = ["--vary", "bit.weight=50kN:90kN", "--sampling", name, "--runs", str(len(design.points)), "--seed", "7"]
+            given = ["--range", "bit.weight=50kN:90kN", "--sampling", name, "--runs", str(len(design.points)), "--seed", "7"]
         assert main([*command, *given, "--out", str(tmp_path / name)]) == 0
         found = Sweep.load(tmp_path / name / "01_stiff_pi" / "sweep.zarr")
         assert not found.failures
         expected = design.points if design is not None else [[50e3, 80 * math.pi / 30], [90e3, 95 * math.pi / 30]]
         np.testing.assert_allclose(found.points, expected, rtol=1e-12)
     for given, message in (
-        (["--vary", "bit.weight=2:3"], "must be NAME=LOW:HIGH:N"),
-        (["--vary", "bit.weight=2:3:4", "--sampling", "sobol", "--runs", "4"], "must be NAME=LOW:HIGH, but"),
-        (["--vary", "bit.weight=3:2:4"], "`bit.weight` must be a range LOW:HIGH with LOW < HIGH"),
-        (["--vary", "bit.weight=1 m:2 m:3"], "Argument `bit.weight` must be in N"),
-        (["--vary", "bit.weight=1:2:3", "--vary", "bit.weight=1:2:3"], "must name every number once"),
-        (["--vary", "bit.weight=1:2:3", "--runs", "4"], "`--runs` must come with a `--sampling`"),
-        (["--vary", "bit.weight=1:2", "--sampling", "sobol"], "`--sampling` must come with `--runs`"),
-        (["--vary", "bit.weight=1:2", "--sampling", "random", "--runs", "4", "--seed", "-1"], "`--seed` must be an integer >= 0"),
-        ([], "`--vary` must be given, or `--rows`"),
+        (["--range", "bit.weight=2:3"], "must be NAME=LOW:HIGH:N"),
+        (["--range", "bit.weight=2:3:4", "--sampling", "sobol", "--runs", "4"], "must be NAME=LOW:HIGH, but"),
+        (["--range", "bit.weight=3:2:4"], "`bit.weight` must be a range LOW:HIGH with LOW < HIGH"),
+        (["--range", "bit.weight=1 m:2 m:3"], "Argument `bit.weight` must be in N"),
+        (["--range", "bit.weight=1:2:3", "--range", "bit.weight=1:2:3"], "must name every number once"),
+        (["--range", "bit.weight=1:2:3", "--runs", "4"], "`--runs` must come with a `--sampling`"),
+        (["--range", "bit.weight=1:2", "--sampling", "sobol"], "`--sampling` must come with `--runs`"),
+        (["--range", "bit.weight=1:2", "--sampling", "random", "--runs", "4", "--seed", "-1"], "`--seed` must be an integer >= 0"),
+        ([], "`--range` must be given, or `--rows`"),
     ):
         assert main([*command, *given, "--out", str(tmp_path / "none")]) == 2
         assert message in capsys.readouterr().err
@@ -787,7 +787,7 @@ def test_a_sweep_finds_out_once_that_its_plant_is_stiff_and_steps_all_runs_so(mo
     asked = []
     alone = workers.carry_out
     monkeypatch.setattr(workers, "carry_out", lambda run: (asked.append(run), alone(run))[1])
-    axes, arguments = {"bit.weight": np.array([85e3, 91e3, 97e3])}, {"accuracy": 1e-4, "measures": ("severity",)}
+    axes, arguments = {"bit.weight": np.array([85e3, 91e3, 97e3])}, {"accuracy": 1e-4, "metrics": ("severity",)}
     stiff, soft = (closed_loop(plant, inputs={"top.torque": 10_000.0}) for plant in (compose(pipe, BitRock()), RIG))
     found = {method: sweep(stiff, axes, duration=60.0, method=method, **arguments) for method in ("event", "stiff", "explicit")}
     assert len(asked) == 1

@@ -87,7 +87,7 @@ def test_all_measures_are_those_of_runs_one_after_the_other(name, method):
     task = task_of(name, accuracy, 24, method=method)
     found = finished(dataclasses.replace(task, lanes=True))
     expected = finished(task_of(name, accuracy / 100, 24))
-    assert not found.failures and not expected.errors
+    assert not found.errors and not expected.errors
     values = dict(zip(task.metrics, expected.values.T, strict=True))
     for q, asked in enumerate(task.metrics):
         if asked.name in ("sticks", "events"):
@@ -116,7 +116,7 @@ def test_neighbours_change_nothing_to_the_last_bit(name, method):
 
 def test_a_sweep_that_was_interrupted_ends_with_the_same_bits(tmp_path, monkeypatch):
     monkeypatch.setattr(batch, "LANES_WORK", 0.0)
-    loop, arguments = closed_loop(RIG, StiffPI()), {"duration": 30.0, "measures": ("severity", "stuck_ratio", "events")}
+    loop, arguments = closed_loop(RIG, StiffPI()), {"duration": 30.0, "metrics": ("severity", "stuck_ratio", "events")}
     weights = {"bit.weight": np.linspace(50e3, 110e3, 700)}
     whole = sweep(loop, weights, **arguments)
     pytest.importorskip("zarr")
@@ -127,7 +127,7 @@ def test_a_sweep_that_was_interrupted_ends_with_the_same_bits(tmp_path, monkeypa
     for path in (written[0], written[-1]):
         path.unlink()
     found = sweep(loop, weights, checkpoint=tmp_path / "found", **arguments)
-    for name in arguments["measures"]:
+    for name in arguments["metrics"]:
         np.testing.assert_array_equal(found[name], whole[name])
         np.testing.assert_array_equal(Sweep.load(tmp_path / "found")[name], whole[name])
 
@@ -135,13 +135,13 @@ def test_a_sweep_that_was_interrupted_ends_with_the_same_bits(tmp_path, monkeypa
 def test_a_failed_run_fails_in_the_words_of_a_run_alone(monkeypatch):
     rates = np.linspace(0.0, 0.9, FEWEST_LANES + 7)
     rates[[5, 60]] = 3.0
-    given = {"duration": 1.0, "accuracy": 1e-10, "measures": {"x": metrics.final("growth.size")}}
+    given = {"duration": 1.0, "accuracy": 1e-10, "metrics": {"x": metrics.final("growth.size")}}
     loop = closed_loop(compose(Growth()), start={"growth.size": 1.0})
     alone = sweep(loop, {"growth.rate": rates}, **given)
     monkeypatch.setattr(batch, "LANES_WORK", 0.0)
     found = sweep(loop, {"growth.rate": rates}, **given)
     assert list(found.failures) == [5, 60]
-    assert found.failures == alone.errors
+    assert found.failures == alone.failures
     sound = np.delete(np.arange(rates.size), [5, 60])
     np.testing.assert_allclose(found["x"][sound], 1.0 / (1.0 - rates[sound]), rtol=1e-8)
     assert np.isnan(found["x"][[5, 60]]).all()

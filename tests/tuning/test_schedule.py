@@ -121,7 +121,7 @@ def test_mistakes_are_told():
     for depths, word in (((1000.0,), "two rising"), ((2000.0, 1000.0), "two rising"), (("1 kg", "2 kg"), "must be in m")):
         with pytest.raises(SceneError, match=word):
             schedule(well, depths, law, 10.0)
-    with pytest.raises(SceneError, match="Argument `law` must be a Controller"):
+    with pytest.raises(SceneError, match="Argument `controller` must be a Controller"):
         schedule(well, (1000.0, 2000.0), 3.0, 10.0)
     with pytest.raises(SceneError, match="Argument `well` must give a plant, or a loop without laws"):
         schedule(lambda depth: closed_loop(well(depth), PI()), (1000.0, 2000.0), law, 10.0)

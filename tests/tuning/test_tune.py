@@ -41,7 +41,7 @@ from toolbox.tuning import search
 class Dials(Controller):
     """A law of two numbers that an objective can read back: a torque and a signal."""
 
-    measures, drives = ("top.speed",), ("top.torque",)
+    measured_signals, actuated_signals = ("top.speed",), ("top.torque",)
     torque: float = quantity(1000.0, "N m", "constant torque")
     dial: float = quantity(0.0, "1", "a number that drives nothing")
     gain: float = quantity(1.0, "1", "must be positive", above=0)
@@ -91,7 +91,7 @@ def test_the_worst_case_of_distances_is_smallest_in_the_middle_and_the_mean_of_s
 def test_a_plant_without_friction_is_tuned_to_the_least_integral_of_its_squared_error():
     @dataclass(frozen=True)
     class Damper(Controller):
-        measures, drives = ("block.speed",), ("block.force",)
+        measured_signals, actuated_signals = ("block.speed",), ("block.force",)
         damping: float = quantity(0.2, "N s/m", "damping 2 z of x'' + 2 z x' + x = 1", at_least=0)
 
         def continuous(self, signal):
@@ -382,7 +382,7 @@ def test_a_journal_of_other_arguments_is_refused_by_the_name_of_what_differs(tmp
     tune(loads(), Dials(), off_by, box, runs=10, checkpoint=path)
     before = path.read_bytes()
     for word, arguments, more in (
-        ("bounds", (loads(), Dials(), off_by, {"dials.torque": (100.0, 20_000.0)}), {}),
+        ("ranges", (loads(), Dials(), off_by, {"dials.torque": (100.0, 20_000.0)}), {}),
         ("controller", (loads(), Dials(dial=1.0), off_by, box), {}),
         ("scene", (scene(), Dials(), off_by, box), {}),
         ("objective", (loads(), Dials(), squared, box), {}),
@@ -441,14 +441,14 @@ def test_the_same_seed_gives_the_same_search_and_another_one_another():
         ({"objective": []}, "at least one"),
         ({"objective": 3}, "`objective` must be"),
         ({"objective": ["stuck", "stuck"]}, "every measure once"),
-        ({"bounds": {}}, "`bounds` must map"),
-        ({"bounds": {"torqe": (1.0, 2.0)}}, "did you mean `dials.torque`"),
-        ({"bounds": {"dials.torque": (2.0, 1.0)}}, "low < high"),
-        ({"bounds": {"dials.torque": (1.0, math.inf)}}, "low < high"),
-        ({"bounds": {"dials.gain": (0.0, 1.0)}}, "must be > 0"),
-        ({"bounds": {"bit.weight": (0.0, 1.0)}}, "numbers of the law that is tuned, but `bit.weight` is none"),
-        ({"bounds": {"torque": (1.0, math.nan)}}, "low < high"),
-        ({"bounds": {"name": (0.0, 1.0)}}, "no number `name`"),
+        ({"ranges": {}}, "`ranges` must map"),
+        ({"ranges": {"torqe": (1.0, 2.0)}}, "did you mean `dials.torque`"),
+        ({"ranges": {"dials.torque": (2.0, 1.0)}}, "low < high"),
+        ({"ranges": {"dials.torque": (1.0, math.inf)}}, "low < high"),
+        ({"ranges": {"dials.gain": (0.0, 1.0)}}, "must be > 0"),
+        ({"ranges": {"bit.weight": (0.0, 1.0)}}, "numbers of the law that is tuned, but `bit.weight` is none"),
+        ({"ranges": {"torque": (1.0, math.nan)}}, "low < high"),
+        ({"ranges": {"name": (0.0, 1.0)}}, "no number `name`"),
         ({"over": 3}, "`over` must be"),
         ({"runs": 3}, "`runs` must be"),
         ({"seed": -1}, "`seed` must be"),
@@ -457,7 +457,7 @@ def test_the_same_seed_gives_the_same_search_and_another_one_another():
 )
 def test_a_mistake_names_the_argument(change, words):
     two = scene(Case("dials", Dials()), Case("bare", inputs={"top.torque": 1.0}))
-    arguments = {"scene": two, "controller": "dials", "objective": off_by, "bounds": {"dials.torque": (1.0, 2.0)}} | change
+    arguments = {"scene": two, "controller": "dials", "objective": off_by, "ranges": {"dials.torque": (1.0, 2.0)}} | change
     with pytest.raises(SceneError, match=words):
         tune(**arguments)
 

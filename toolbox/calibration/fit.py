@@ -116,7 +116,7 @@ def fit(
     words = sorted({*names, *itertools.chain(*called)})
     for name in ranges:
         if name not in words:
-            raise SceneError(f"Argument `bounds` has `{name}`, which is not free: {suggest(name, words)}")
+            raise SceneError(f"Argument `ranges` has `{name}`, which is not free: {suggest(name, words)}")
     limits = [_bounds(numbers, own, ranges) for numbers, own in zip(known, called, strict=True)]
     each = [make.misfit(part, numbers, *ends) for part, numbers, ends in zip(parts, known, limits, strict=True)]
     misfit = each[0] if called == [names] else Together(each, called, begins)

@@ -218,7 +218,7 @@ class Recording(Result):
                 signals[name] = _at(times, self.time, values, self.gap)
         return Recording(times, signals, self.source, self.units, self.flaws, (*self.notes, f"resampled every {interval:g} s"), self.begin)
 
-    def shift(self, name: str, against: str, most: NumberOrText = 5.0) -> float:
+    def shift(self, name: str, against: str, max_lag: NumberOrText = 5.0) -> float:
         """By how much [s] a channel comes later than another: where their changes correlate most, between samples by a parabola.
 
         It is the shift of a clock where both channels follow the same thing; between a cause and its effect it holds the delay of the machine, too.
@@ -227,7 +227,7 @@ class Recording(Result):
         ----------
         name, against
             The channels.
-        most
+        max_lag
             Largest shift [s].
 
         Raises
@@ -235,12 +235,12 @@ class Recording(Result):
         SceneError
             If the channels change too little together to tell.
         """
-        most = number("most", most, "s", above=0)
+        max_lag = number("max_lag", max_lag, "s", above=0)
         step = self.interval
         times = np.arange(0.0, self.time[-1], step)
         one, two = (_at(times, self.time, self.signals[self._known(each)], self.gap) for each in (name, against))
         one, two = np.diff(one), np.diff(two)
-        lags = np.arange(-int(most / step), int(most / step) + 1)
+        lags = np.arange(-int(max_lag / step), int(max_lag / step) + 1)
         found = []
         for lag in lags.tolist():
             a, b = (one[lag:], two[: one.size - lag]) if lag >= 0 else (one[:lag], two[-lag:])
@@ -252,7 +252,7 @@ class Recording(Result):
         if strength[best] < 0.2 or best in (0, lags.size - 1):
             raise SceneError(
                 f"The channels `{name}` and `{against}` must change together to tell their shift, but their changes correlate by {strength[best]:.2f} "
-                f"at most within {most:g} s: name channels that follow the same thing."
+                f"at most within {max_lag:g} s: name channels that follow the same thing."
             )
         left, top, right = strength[best - 1 : best + 2]
         bend = left - 2.0 * top + right

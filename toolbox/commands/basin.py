@@ -22,10 +22,14 @@ def add(commands: Any) -> None:
         ],
         description="Disturb states of the steady running of a scene, drawn evenly from a box, and count from which it comes back, with bounds by Clopper and "
         "Pearson. A short bump of torque is a jump of a speed: its impulse over the inertia.",
-        epilog="example: stickslip basin studies/scenes/jansen_2.toml --controller 'stiff PI' --box bit.speed='0 rpm:290 rpm' --runs 500 --out basin",
+        epilog="example: stickslip basin studies/scenes/jansen_2.toml --controller 'stiff PI' --range bit.speed='0 rpm:290 rpm' --runs 500 --out basin",
     )
     verb.add_argument(
-        "--box", action="append", required=True, metavar="STATE=LOW:HIGH", help="a state that is disturbed, and its range; may be repeated"
+        "--range",
+        action="append",
+        required=True,
+        metavar="STATE=LOW:HIGH",
+        help="a state that is disturbed, and its range; may be repeated",
     )
     asked_otherwise(verb)
     verb.add_argument("--runs", type=int, default=1000, metavar="N", help="disturbances (1000)")
@@ -33,7 +37,7 @@ def add(commands: Any) -> None:
     verb.add_argument("--accuracy", type=float, default=1e-4, metavar="X", help="of the runs (1e-4)")
     verb.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the bounds (0.95)")
     verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the draws (0)")
-    verb.set_defaults(action=run, spelled={"box": "--box"})
+    verb.set_defaults(action=run, spelled={"ranges": "--range"})
 
 
 def run(given: argparse.Namespace) -> int:
@@ -42,6 +46,6 @@ def run(given: argparse.Namespace) -> int:
 
     scene = loaded(given)
     loop = scene[given.controller or scene.labels[0]]
-    box = ranges("--box", given.ranges)
+    box = ranges("--range", given.range)
     found = basin(loop, box, given.runs, duration=given.duration, accuracy=given.accuracy, confidence=given.confidence, seed=given.seed)
     return answer(given, "basin", dataclasses.replace(found, title=scene.title), scene, "^Basin of ", "Report, table and figure are")

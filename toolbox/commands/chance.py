@@ -34,11 +34,11 @@ def add(commands: Any) -> None:
         parents=[common("folder for table, figure and data; that of an interrupted search is continued")],
         description="Simulate every controller of a scene at all points with the same draws of what is uncertain, and print the chance of stick-slip with its "
         "bounds by Clopper and Pearson, and the lowest set-point that is free with 95 %. Every run begins where the scene begins.",
-        epilog="example: stickslip chance studies/scenes/jansen_2.toml --over top.reference='40 rpm:140 rpm:11' --uncertain bit.weight='97 kN +- 8 kN' "
-        "--uncertain bit.friction.static=0.7:0.9 --controller 'stiff PI' --draws 200 --out chances",
+        epilog="example: stickslip chance studies/scenes/jansen_2.toml --range top.reference='40 rpm:140 rpm:11' --uncertainty bit.weight='97 kN +- 8 kN' "
+        "--uncertainty bit.friction.static=0.7:0.9 --controller 'stiff PI' --draws 200 --out chances",
     )
     verb.add_argument(
-        "--over",
+        "--range",
         action="append",
         required=True,
         metavar="NAME=LOW:HIGH:N",
@@ -53,7 +53,7 @@ def add(commands: Any) -> None:
     verb.add_argument("--seed", type=int, default=0, metavar="S", help="of the draws (0)")
     verb.set_defaults(
         action=run,
-        spelled={"uncertain": "--uncertain", "others": "--uncertain"},
+        spelled={"uncertainty": "--uncertainty", "others": "--uncertainty"},
         words=lambda given: GOES_ON if given.out else "interrupted.",
     )
 
@@ -61,13 +61,13 @@ def add(commands: Any) -> None:
 def add_uncertain(verb: argparse.ArgumentParser) -> None:
     """Declare the arguments that say what is not known."""
     verb.add_argument(
-        "--uncertain", action="append", default=[], metavar="NAME=WHAT", help=f"what is not known: {DISTRIBUTIONS}; may be repeated"
+        "--uncertainty", action="append", default=[], metavar="NAME=WHAT", help=f"what is not known: {DISTRIBUTIONS}; may be repeated"
     )
     verb.add_argument(
         "--posterior",
         type=Path,
         metavar="FILE.npz",
-        help="what `stickslip posterior` found of numbers; --uncertain says what is known of others",
+        help="what `stickslip posterior` found of numbers; --uncertainty says what is known of others",
     )
 
 
@@ -93,7 +93,7 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.probability.chances import chance
 
     scene = loaded(given)
-    varied = ranges("--over", given.over, counted=True)
+    varied = ranges("--range", given.range, counted=True)
     loops, failures = with_numbers(scene, [scene.case(each).label for each in given.controller or scene.labels], [*varied])
     left_out(failures)
     first = next(iter(loops.values()))
@@ -157,7 +157,7 @@ def uncertain_of(given: argparse.Namespace) -> dict[str, Any] | Draws:
     """What is not known, as `drawn` takes it."""
     from toolbox.probability.posteriors import Posterior
 
-    if not given.uncertain and not given.posterior:
-        raise SceneError("Argument `--uncertain` must be given, or `--posterior`, because without them every run at a point is the same.")
-    apart = distributions("--uncertain", given.uncertain)
+    if not given.uncertainty and not given.posterior:
+        raise SceneError("Argument `--uncertainty` must be given, or `--posterior`, because without them every run at a point is the same.")
+    apart = distributions("--uncertainty", given.uncertainty)
     return Posterior.load(given.posterior).drawn.also(apart) if given.posterior else apart

@@ -29,6 +29,7 @@ from toolbox.errors import SceneError, SimulationError, UnusualValue
 from toolbox.files.interrupts import GATE
 from toolbox.messages import complaint, sign_of_life, write_log_to_stderr
 from toolbox.version import __version__
+from toolbox.vocabulary import NOW
 
 COMMANDS = {
     "study": ("study", "simulate every controller of a scene; table, figures and data"),
@@ -41,7 +42,7 @@ COMMANDS = {
     "chance": ("chance", "chance of stick-slip over one or two numbers, where others are known as distributions only"),
     "basin": ("basin", "from which part of a box of disturbances a working point comes back, and the smallest that tips it"),
     "margins": ("margins", "disk, gain, phase and delay margin of every controller at its working point, and how wrong the model may be"),
-    "drives": ("drives", "lowest set-point at which every controller of a drill string ends stick-slip, on this machine and on others"),
+    "setpoints": ("drives", "lowest set-point at which every controller of a drill string ends stick-slip, on this machine and on others"),
     "tune": ("tune", "find the numbers of a control law that do best on one scene, or on the worst of several"),
     "schedule": ("schedule", "gains of a law over the depth of a well, checked there and halfway between"),
     "windows": ("windows", "at which speed and weight a law keeps a well smooth, over its depth"),
@@ -112,10 +113,21 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
 
 def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     """The arguments of a command line; one that its command does not have is an error with the usage of that command."""
-    given, unknown = _parser(sys.argv[1:] if arguments is None else arguments).parse_known_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    parser = _parser(words)
+    _refuse_former(words, parser)
+    given, unknown = parser.parse_known_args(arguments)
     if unknown:
         given.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     return given
+
+
+def _refuse_former(words: Sequence[str], parser: argparse.ArgumentParser) -> None:
+    """End with an error for the former name of a command or of one of its options."""
+    typed = next((word for word in words if not word.startswith("-")), "")
+    for place, word in (("stickslip", typed), *((f"stickslip-{typed}", word.partition("=")[0]) for word in words)):
+        if (place, word) in NOW:
+            parser.error(f"`{word}`{f' of `stickslip {typed}`' if word != typed else ''} is now `{NOW[place, word]}`")
 
 
 def _by_option(text: str, given: argparse.Namespace) -> str:
@@ -123,7 +135,7 @@ def _by_option(text: str, given: argparse.Namespace) -> str:
     found = re.match(r"Arguments? `([a-z_]+)`", text)
     if found is None or "parser" not in given:
         return text
-    spelled = given.spelled.get(found[1])
+    spelled = given.spelled.get(found[1]) or ("--out" if found[1] == "checkpoint" and "out" in given else None)
     name = found[1]
     if spelled is None and name in given and getattr(given, name) != given.parser.get_default(name):
         spelled = "--" + name.replace("_", "-")

@@ -33,11 +33,11 @@ def add(commands: Any) -> None:
         "--signal", action="append", metavar="NAME", help="a signal of the runs; may be repeated; without, what a plot shows"
     )
     comparison.add_argument(
-        "--measure",
+        "--metric",
         action="append",
         default=[],
         metavar="NAME",
-        help="a further measure of the runs, of `stickslip list measures`; may be repeated",
+        help="a further measure of the runs, of `stickslip list metrics`; may be repeated",
     )
     comparison.add_argument("--after", type=plain, default=0.0, metavar="T", help="measure from this time on: seconds, or with a unit (0)")
     comparison.add_argument("--until", type=plain, metavar="T", help="measure up to this time; the end of the shorter run without")
@@ -45,7 +45,7 @@ def add(commands: Any) -> None:
         "--out", type=Path, metavar="DIR", help="folder for report and figure; those of an earlier comparison are replaced"
     )
     figure_format(comparison)
-    comparison.set_defaults(action=run, spelled={"signals": "--signal", "measures": "--measure", "first": "FIRST", "second": "SECOND"})
+    comparison.set_defaults(action=run, spelled={"signals": "--signal", "metrics": "--metric", "first": "FIRST", "second": "SECOND"})
 
 
 def run(given: argparse.Namespace) -> int:
@@ -65,7 +65,7 @@ def run(given: argparse.Namespace) -> int:
     after = parse(given.after, "s", "--after")
     until = None if given.until is None else parse(given.until, "s", "--until")
     first, second = (Scene.load(path) if scenes else SavedRun.read(path) for path in paths)
-    found = compare(first, second, signals=given.signal, metrics=given.measure, after=after, until=until, labels=labels)  # type: ignore[arg-type]
+    found = compare(first, second, signals=given.signal, metrics=given.metric, after=after, until=until, labels=labels)  # type: ignore[arg-type]
     given.found = found
     files = [*COMPARE_FILES[:1], *SCENES] if scenes else drawn_as(COMPARE_FILES, given.format)
     with results(given, files, earlier("compare.txt", f"^{BEGINNING}", [*COMPARE_FILES, *SCENES])) as folder:

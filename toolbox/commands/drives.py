@@ -1,4 +1,4 @@
-"""stickslip drives: the lowest set-point at which every law of a scene ends stick-slip, on the declared machine and on others."""
+"""stickslip setpoints: the lowest set-point at which every law of a scene ends stick-slip, on the declared machine and on others."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from toolbox.commands import figures
 from toolbox.commands.chance import add_uncertain, uncertain_of
 from toolbox.commands.recording import results
 from toolbox.commands.schedule import law_of
-from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain, show, side_by_side
+from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain, ranges, show, side_by_side
 from toolbox.errors import SceneError, SimulationError
 
 FILES = ("drives.txt", "drives.csv", "drives.png", "scene.toml")
@@ -24,27 +24,29 @@ FILES = ("drives.txt", "drives.csv", "drives.png", "scene.toml")
 TAKES_PART = "be one law of `top.torque` to take part"
 """What a controller must."""
 
+SET_POINT = "top.reference"
+"""The number whose range is searched."""
 GOES_ON = "interrupted; the same call goes on from here."
 
 
 def add(commands: Any) -> None:
-    """Declare the arguments of `stickslip drives`."""
+    """Declare the arguments of `stickslip setpoints`."""
     from toolbox.robustness.groups import NAMES
     from toolbox.robustness.set_points import WAYS
 
     table = commands.add_parser(
-        "drives",
+        "setpoints",
         parents=[common("folder for table, figure and what is known of single set-points; that of an interrupted search is continued")],
         description="One controller of a scene has the string in stick-slip; every other one takes over from it, on the declared machine, with noise, with "
         "errors of the model, with other rocks and under a weight that varies. Printed is the lowest set-point at which it ends the stick-slip and keeps it "
         "ended for half an hour, with the disk margin there, what the recovery costs, and what fails below. A law, a group and a way take from seconds to "
         "minutes, which grow with the machine: a long search wants --out, with which the same call goes on where it was stopped. Where numbers are known as "
-        "distributions only (--uncertain, --posterior), a group of machines is drawn: a set-point that frees all 72 is free with 95 %.",
-        epilog="example: stickslip drives studies/scenes/jansen_2.toml --before 'stiff PI' --controller 'soft torque' --group declared --group robust "
-        "--from '15 rpm' --to '120 rpm' --step '1 rpm' --out drives",
+        "distributions only (--uncertainty, --posterior), a group of machines is drawn: a set-point that frees all 72 is free with 95 %.",
+        epilog="example: stickslip setpoints studies/scenes/jansen_2.toml --initial-controller 'stiff PI' --controller 'soft torque' --group declared "
+        "--group robust --range top.reference='15 rpm:120 rpm' --step '1 rpm' --out drives",
     )
     table.add_argument(
-        "--before", metavar="LABEL", help="the controller whose stick-slip is taken over; the first law of the scene without"
+        "--initial-controller", metavar="LABEL", help="the controller whose stick-slip is taken over; the first law of the scene without"
     )
     table.add_argument(
         "--group", action="append", choices=NAMES, metavar="NAME", help=f"only this one of: {', '.join(NAMES)}; may be repeated"
@@ -57,12 +59,14 @@ def add(commands: Any) -> None:
         metavar="N",
         help="machines of the group `drawn`, where numbers are uncertain (72: all free show 95 %%)",
     )
-    table.add_argument("--way", action="append", choices=WAYS, metavar="WAY", help=f"only this one of: {', '.join(WAYS)}; may be repeated")
     table.add_argument(
-        "--from", dest="low", default="1.5", metavar="LOW", help="lowest set-point that is looked at: rad/s, or such as '15 rpm' (1.5)"
+        "--protocol", action="append", choices=WAYS, metavar="NAME", help=f"only this one of: {', '.join(WAYS)}; may be repeated"
     )
     table.add_argument(
-        "--to", dest="high", default="14", metavar="HIGH", help="highest one; where a law fails there, lower ones are tried (14)"
+        "--range",
+        default=f"{SET_POINT}=1.5:14",
+        metavar="NAME=LOW:HIGH",
+        help=f"set-points that are searched: rad/s, or such as '{SET_POINT}=15 rpm:120 rpm' ({SET_POINT}=1.5:14)",
     )
     table.add_argument(
         "--step",
@@ -82,7 +86,7 @@ def add(commands: Any) -> None:
     )
     table.add_argument("--sample-time", default="10 ms", metavar="T", help="of controllers for which the scene says none ('10 ms')")
     table.add_argument("--delay", default="30 ms", metavar="T", help="of these ('30 ms')")
-    table.set_defaults(action=run, spelled={"between": "--from` and `--to"}, words=lambda given: GOES_ON if given.out else "interrupted.")
+    table.set_defaults(action=run, spelled={"bounds": "--range"}, words=lambda given: GOES_ON if given.out else "interrupted.")
 
 
 def run(given: argparse.Namespace) -> int:
@@ -92,7 +96,9 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.sweeps.store import folder_of
 
     scene = Scene.load(given.scene)
-    first = scene.case(given.before or next((each for each in scene.labels if len(scene[each].controllers) == 1), scene.labels[0])).label
+    first = scene.case(
+        given.initial_controller or next((each for each in scene.labels if len(scene[each].controllers) == 1), scene.labels[0])
+    ).label
     labels = [scene.case(label).label for label in given.controller or [each for each in scene.labels if each != first]]
     margin = number("--margin", plain(given.margin), at_least=0, below=2)
     whole("--processes", given.processes, 1)
@@ -112,7 +118,7 @@ def run(given: argparse.Namespace) -> int:
             _tell(f"{label} takes no part: ", str(error))
     found = _searched(given, loops, before, groups, margin, failures)
     if found is not None:
-        found = replace(found, before=first)
+        found = replace(found, initial_controller=first)
     check_some(failures, labels)
     given.found = {"table": found, "failed": {label: str(error) for label, error in failures.items()}}
     text = "\n".join([scene.title, *([str(found)] if found else []), *(f"{label}: {error}" for label, error in failures.items())]) + "\n"
@@ -165,7 +171,7 @@ def _searched(
 
     found: LowestSetPoints | None = None
     places = [f"law {k} of {len(loops)}, " if len(loops) > 1 else "" for k in range(1, len(loops) + 1)]
-    asked = {"ways": given.way or WAYS, "between": (plain(given.low), plain(given.high)), "step": plain(given.step)}
+    asked = {"protocols": given.protocol or WAYS, "bounds": _bounds(given.range), "step": plain(given.step)}
     search = partial(_of_one, before=before, groups=groups, margin=margin, out=given.out, quiet=given.quiet, **asked)
     with side_by_side(min(given.processes, len(loops))) as pool, travelling(search, loops) if pool is not None else nullcontext():
         for label, one in zip(loops, (map if pool is None else pool.map)(search, places, loops.values()), strict=True):
@@ -174,6 +180,14 @@ def _searched(
             else:
                 found = one if found is None else found.joined(one)
     return found
+
+
+def _bounds(text: str) -> tuple[Any, ...]:
+    """The ends of the range of set-points. Raises SceneError for a range of anything else."""
+    ((name, ends),) = ranges("--range", [text]).items()
+    if name != SET_POINT:
+        raise SceneError(f"Argument `--range` must be {SET_POINT}=LOW:HIGH, but it is `{text}`.")
+    return ends
 
 
 def _of_one(place: str, loop: Any, *, before: Any, groups: list[Any], margin: float, out: Path | None, quiet: bool, **asked: Any) -> Any:
@@ -207,6 +221,6 @@ def _groups(given: argparse.Namespace, loop: Any) -> list[Any]:
     from toolbox.probability.distributions import drawn_group
     from toolbox.robustness.groups import NAMES
 
-    if given.uncertain or given.posterior:
+    if given.uncertainty or given.posterior:
         return [*(given.group or ()), drawn_group(loop, uncertain_of(given), given.draws)]
     return list(given.group or NAMES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,17 +33,20 @@ def add(commands: Any) -> None:
         "data, and the calibrated scene: all of it, or nothing.",
         epilog="example: stickslip fit studies/scenes/jansen_2.toml studies/data/rig.csv --column 'top.torque=drive torque' "
         "--column 'bit.weight=weight on bit' --column 'top.speed=table speed' --column 'bit.speed=downhole speed' "
-        "--column 'bit.torque=downhole torque' --free bit.friction.static=0.6:1 --free bit.friction.kinetic=0.3:0.6 --out fitted",
+        "--column 'bit.torque=downhole torque' --range bit.friction.static=0.6:1 --range bit.friction.kinetic=0.3:0.6 --out fitted",
     )
     calibration.add_argument(
         "data", type=Path, metavar="DATA", help="measured signals: CSV as it comes, TOML, MAT; with the extra data also xlsx, parquet, LAS"
     )
     calibration.add_argument(
         "--free",
-        required=True,
-        metavar="NAME[=LOW:HIGH]",
+        metavar="NAME",
         action="append",
-        help="what to fit, with bounds; SIGNAL.shift is how much later a signal was written than it was; may be repeated",
+        default=[],
+        help="a number to fit, within the bounds that its part declares; SIGNAL.shift is how much later a signal was written than it was; may be repeated",
+    )
+    calibration.add_argument(
+        "--range", metavar="NAME=LOW:HIGH", action="append", default=[], help="a number to fit, between two values; may be repeated"
     )
     calibration.add_argument(
         "--column", metavar="SIGNAL=HEADING", action="append", default=[], help="what a signal, or time, is called in the data"
@@ -72,7 +76,19 @@ def add(commands: Any) -> None:
         help="samples farther from the law than so many deviations are left out; off keeps all (5)",
     )
     calibration.add_argument("--starts", type=int, default=4, metavar="N", help="searches from different values (4)")
-    calibration.set_defaults(action=run, spelled={"free": "--free", "bounds": "--free", "columns": "--column", "data": "DATA"})
+    calibration.set_defaults(action=run, spelled={"free": "--free", "ranges": "--range", "columns": "--column", "data": "DATA"})
+
+
+def _free(bare: Sequence[str], ranged: Mapping[str, tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]:
+    """{name: (low, high)} of what is fitted, empty for the bounds that a part declares. Raises SceneError where nothing is, and for a range in `--free`."""
+    for text in bare:
+        if "=" in text:
+            raise SceneError(f"Argument `--free` must be a name, but it is `{text}`: write `--range '{text}'`.")
+        if bare.count(text) > 1:
+            raise SceneError(f"Argument `--free` must name every number once, but `{text}` is there twice.")
+    if not bare and not ranged:
+        raise SceneError("Argument `--free` must be given, or `--range`, which names a number with its range.")
+    return dict.fromkeys(bare, ()) | dict(ranged)
 
 
 def run(given: argparse.Namespace) -> int:
@@ -87,9 +103,9 @@ def run(given: argparse.Namespace) -> int:
     loop = scene[given.controller or scene.labels[0]]
     if given.controller is None:  # the plant alone, driven by what was measured
         loop = dataclasses.replace(loop, controllers=(), inputs={name: v for name, v in loop.inputs.items() if name in scene.inputs})
-    free = ranges("--free", given.free, bare=True)
+    free = _free(given.free, ranges("--range", given.range))
     units = {name: "s" if is_shift(loop, name) else loop.number(name).unit for name in free}
-    spans = {name: numbers(f"--free {name}", ends, units[name]) for name, ends in free.items() if ends}
+    spans = {name: numbers(f"--range {name}", ends, units[name]) for name, ends in free.items() if ends}
     bounds = {name: (low, high) for name, (low, high) in spans.items()}
     columns = dict(pairs("--column", "SIGNAL=HEADING", given.column))
     shifts = {name: plain(late) for name, late in pairs("--shift", "SIGNAL=TIME", given.shift)}

@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
         "list",
         description="List what scene files can name, a line each: ready-made parts such as wells, models, control laws, observers and friction laws. With a "
         "name, its parameters, their values, units and meaning; for models made from tables, what those take. `stickslip list scene` lists the keys of a "
-        "scene file, `stickslip list measures` what every command can measure.",
+        "scene file, `stickslip list metrics` what every command can measure.",
         epilog="example: stickslip list BitRock",
     )
     listing.add_argument(
@@ -64,7 +64,7 @@ def run(given: argparse.Namespace) -> int:
     _print_parts(entries, given.name is not None)
     if given.name is None:
         show(
-            "`stickslip list NAME` shows the parameters of an entry, `stickslip list scene` the keys of a scene file, `stickslip list measures` all measures."
+            "`stickslip list NAME` shows the parameters of an entry, `stickslip list scene` the keys of a scene file, `stickslip list metrics` all measures."
         )
     if speaking:
         show(f"Others that speak of it: {', '.join(entry.name for entry in speaking)}")
@@ -132,7 +132,7 @@ def _print_measures() -> Any:
     return {name: {"looks at": each.looks_at, "heading": each.heading, "unit": each.unit} for name, each in METRICS.items()}
 
 
-OTHERS: dict[str, Callable[[], Any]] = {"scene": _print_keys, "measures": _print_measures}
+OTHERS: dict[str, Callable[[], Any]] = {"scene": _print_keys, "metrics": _print_measures}
 """What is listed besides parts, by its name: it prints it and returns it."""
 
 

@@ -43,21 +43,21 @@ def add(commands: Any) -> None:
     verb = commands.add_parser(
         "margins",
         parents=[common("folder for report, tables, figures and data; those of an earlier call are replaced")],
-        description="Linearise every controller of a scene where it runs steadily and print its margins. With --wrong, also find the smallest joint error of "
-        "these numbers with which the machine itself fails, in parts of their ranges, beside the bound by mu.",
-        epilog="example: stickslip margins studies/scenes/jansen_2.toml --controller 'soft torque' --wrong bit.weight=20% --wrong chain.inertia.0=30% "
-        "--out robust",
+        description="Linearise every controller of a scene where it runs steadily and print its margins. With --uncertainty, also find the smallest "
+        "joint error of these numbers with which the machine itself fails, in parts of their ranges, beside the bound by mu.",
+        epilog="example: stickslip margins studies/scenes/jansen_2.toml --controller 'soft torque' --uncertainty bit.weight=20% "
+        "--uncertainty chain.inertia.0=30% --out robust",
     )
     verb.add_argument(
-        "--wrong",
+        "--uncertainty",
         action="append",
         default=[],
         metavar="NAME=RANGE",
         help="a number that may be wrong, by a part NAME=20%% or within NAME=LOW:HIGH; `delay` is that of sampled laws; may be repeated",
     )
-    verb.add_argument("--duration", metavar="T", help=f"of the runs with --wrong ({DURATION})")
+    verb.add_argument("--duration", metavar="T", help=f"of the runs with --uncertainty ({DURATION})")
     asked_otherwise(verb)
-    verb.set_defaults(action=run, spelled={"ranges": "--wrong"})
+    verb.set_defaults(action=run, spelled={"uncertainty": "--uncertainty"})
 
 
 def run(given: argparse.Namespace) -> int:
@@ -71,10 +71,10 @@ def run(given: argparse.Namespace) -> int:
         raise SceneError(
             "Argument `SCENE.toml` must have a controller, because margins are those of a control law, but none of its cases has one."
         )
-    wrong = _wrong(given.wrong)
+    wrong = _wrong(given.uncertainty)
     check_known(scene, labels, wrong)
     if given.duration and not wrong:
-        raise SceneError("Argument `--duration` must stand beside `--wrong`: margins need no run of it.")
+        raise SceneError("Argument `--duration` must stand beside `--uncertainty`: margins need no run of it.")
     duration = number("--duration", plain(given.duration or DURATION), "s", above=0)
     found: dict[str, dict[str, Any]] = {}
     failures: dict[str, Exception] = {}
@@ -107,13 +107,13 @@ def run(given: argparse.Namespace) -> int:
 def _wrong(texts: Sequence[str]) -> dict[str, Any]:
     """{number: part, or (low, high)} of texts NAME=20% and NAME=LOW:HIGH; raises SceneError for other forms, and for a name that is there twice."""
     found: dict[str, Any] = {}
-    for name, what in pairs("--wrong", "NAME=20% or NAME=LOW:HIGH", texts):
+    for name, what in pairs("--uncertainty", "NAME=20% or NAME=LOW:HIGH", texts):
         if name in found:
-            raise SceneError(f"Argument `--wrong` must name every number once, but `{name}` is there twice.")
+            raise SceneError(f"Argument `--uncertainty` must name every number once, but `{name}` is there twice.")
         if ":" in what:
-            found[name] = ranges("--wrong", [f"{name}={what}"])[name]
+            found[name] = ranges("--uncertainty", [f"{name}={what}"])[name]
         else:
-            found[name] = share("--wrong", what)
+            found[name] = share("--uncertainty", what)
     return found
 
 

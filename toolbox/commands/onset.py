@@ -12,7 +12,20 @@ from toolbox.arguments import number, whole
 from toolbox.commands import figures
 from toolbox.commands.chance import add_uncertain, left_out, uncertain_of, with_numbers
 from toolbox.commands.recording import answer, results
-from toolbox.commands.terminal import asked_otherwise, check_some, common, drawn_as, earlier, file_stems, loaded, plain, progress, show
+from toolbox.commands.terminal import (
+    asked_otherwise,
+    check_some,
+    common,
+    drawn_as,
+    earlier,
+    file_stems,
+    loaded,
+    numbers,
+    plain,
+    progress,
+    ranges,
+    show,
+)
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import asked_in
 
@@ -33,19 +46,22 @@ def add(commands: Any) -> None:
         description="Simulate every controller of a scene from smooth running and from inside stick-slip over one parameter or input, find both borders, "
         "and print them with the Hopf point and the margin at the working point. With --out, the folder gets a figure, the report, the scene, and "
         "per controller two tables (csv), runs and borders, and all arrays (npz): all of it, or nothing. Where numbers are known as distributions only "
-        "(--uncertain, --posterior), machines are drawn: printed is the border of stick-slip of each after a start, and from where 95 % of them are free.",
-        epilog="example: stickslip onset studies/scenes/jansen_2.toml --parameter top.reference --from '10 rpm' --to '150 rpm' --out borders",
+        "(--uncertainty, --posterior), machines are drawn: printed is the border of stick-slip of each after a start, and from where 95 % of them are free.",
+        epilog="example: stickslip onset studies/scenes/jansen_2.toml --range top.reference='10 rpm:150 rpm' --out borders",
     )
-    border.add_argument("--parameter", required=True, metavar="NAME", help="what varies: an input, or a parameter of the plant or of a law")
-    border.add_argument("--from", dest="low", required=True, metavar="LOW", help="begin of its range: SI, or with a unit such as '10 rpm'")
-    border.add_argument("--to", dest="high", required=True, metavar="HIGH", help="end of its range")
+    border.add_argument(
+        "--range",
+        required=True,
+        metavar="NAME=LOW:HIGH",
+        help="an input, or a parameter of the plant or of a controller, and its range: SI, or '10 rpm:150 rpm'",
+    )
     border.add_argument("--at", metavar="VALUE", help="working point whose margin is reported; the value of the scene without")
     border.add_argument("--values", type=int, default=13, metavar="N", help="values at which both branches are simulated (13)")
     border.add_argument("--tolerance", metavar="X", help="of the borders; a thousandth of the range without")
     add_uncertain(border)
     border.add_argument("--draws", type=int, default=200, metavar="N", help="machines, where numbers are uncertain (200)")
     asked_otherwise(border)
-    border.set_defaults(action=run, spelled={"between": "--from` and `--to"})
+    border.set_defaults(action=run, spelled={"bounds": "--range"})
 
 
 def run(given: argparse.Namespace) -> int:
@@ -55,18 +71,18 @@ def run(given: argparse.Namespace) -> int:
 
     scene = loaded(given)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
-    loops, failures = with_numbers(scene, labels, [given.parameter], "onset")
-    unit = next(iter(loops.values())).number(given.parameter).unit
-    low, high = number("--from", plain(given.low), unit), number("--to", plain(given.high), unit)
+    ((parameter, typed),) = ranges("--range", [given.range]).items()
+    loops, failures = with_numbers(scene, labels, [parameter], "onset")
+    unit = next(iter(loops.values())).number(parameter).unit
+    low, high = numbers("--range", typed, unit)
     at = None if given.at is None else number("--at", plain(given.at), unit)
     tolerance = None if given.tolerance is None else number("--tolerance", plain(given.tolerance), unit, above=0.0)
     if not low < high:
-        si = f"; a plain number is in {unit}" if type(plain(given.low)) is not type(plain(given.high)) else ""
-        raise SceneError(f"Argument `--from` must be below `--to`, but they are `{given.low}` and `{given.high}`{si}.")
+        raise SceneError(f"Argument `--range` must be {parameter}=LOW:HIGH with LOW < HIGH, but it is `{given.range}`.")
     whole("--values", given.values, 3)
-    if given.uncertain or given.posterior:
+    if given.uncertainty or given.posterior:
         left_out(failures)
-        return _uncertain(given, scene, loops, (low, high), tolerance)
+        return _uncertain(given, scene, loops, parameter, (low, high), tolerance)
     onsets = {}
     stems = file_stems(labels)
     names = [*drawn_as(ONSET_FILES, given.format), *(f"{stem}_{table}" for stem in stems for table in TABLES)]
@@ -78,8 +94,8 @@ def run(given: argparse.Namespace) -> int:
                 if label not in loops:
                     continue
                 try:
-                    loop = loops[label] if at is None else loops[label].at(given.parameter, at)
-                    onsets[label] = onset(loop, given.parameter, (low, high), values=given.values, tolerance=tolerance)
+                    loop = loops[label] if at is None else loops[label].at(parameter, at)
+                    onsets[label] = onset(loop, parameter, (low, high), values=given.values, tolerance=tolerance)
                 except (SceneError, SimulationError) as error:
                     failures[label] = error
         check_some(failures, labels)
@@ -96,18 +112,24 @@ def run(given: argparse.Namespace) -> int:
 
 
 def _uncertain(
-    given: argparse.Namespace, scene: Scene, loops: dict[str, ClosedLoop], between: tuple[float, float], tolerance: float | None
+    given: argparse.Namespace,
+    scene: Scene,
+    loops: dict[str, ClosedLoop],
+    parameter: str,
+    bounds: tuple[float, float],
+    tolerance: float | None,
 ) -> int:
     """Find the borders of machines whose numbers are drawn. Returns the exit code."""
     from toolbox.probability.drawn_borders import uncertain_onset
 
     if given.at is not None:
-        raise SceneError("Argument `--at` must not be given with `--uncertain` or `--posterior`, because the margin of draws is not told.")
-    found = uncertain_onset(
-        loops, given.parameter, between, uncertain_of(given), draws=given.draws, values=given.values, tolerance=tolerance
-    )
-    unit = loops[next(iter(loops))].number(given.parameter).unit
-    asked = {unit: typed} if (typed := asked_in((number("--from", plain(given.low), unit),), "")) else {}
+        raise SceneError(
+            "Argument `--at` must not be given with `--uncertainty` or `--posterior`, because the margin of draws is not told."
+        )
+    found = uncertain_onset(loops, parameter, bounds, uncertain_of(given), draws=given.draws, values=given.values, tolerance=tolerance)
+    unit = loops[next(iter(loops))].number(parameter).unit
+    typed = numbers("--range", ranges("--range", [given.range])[parameter], unit)
+    asked = {unit: shown} if (shown := asked_in(typed, "")) else {}
     found = dataclasses.replace(found, title=scene.title, display_units={**found.display_units, **asked})
     return answer(given, "drawn_onset", found, scene, "Onset of stick-slip over", "Report, figure and tables are")
 

@@ -62,7 +62,7 @@ def add(commands: Any) -> None:
         action="append",
         default=[],
         metavar="MEASURE=WHAT",
-        help="a measure of `stickslip list measures` and its value, such as severity='1.9 +- 0.1'; may be repeated",
+        help="a measure of `stickslip list metrics` and its value, such as severity='1.9 +- 0.1'; may be repeated",
     )
     verb.add_argument("--mean", default="1 s", metavar="T", help="time over which each mean is taken ('1 s')")
     verb.add_argument(
@@ -72,7 +72,7 @@ def add(commands: Any) -> None:
         help="times [s] of the data that are used; at the first the machine stands as the scene says",
     )
     verb.add_argument(
-        "--hole", type=int, default=2, metavar="N", help="samples that may be missing in a row in what drives the machine (2)"
+        "--max-gap", type=int, default=2, metavar="N", help="samples that may be missing in a row in what drives the machine (2)"
     )
     verb.add_argument(
         "--column", metavar="SIGNAL=HEADING", action="append", default=[], help="what a signal, or time, is called in the data"
@@ -144,4 +144,4 @@ def _compared(given: argparse.Namespace, loop: ClosedLoop) -> tuple[ClosedLoop, 
         recording = recording.between(*span("--window", given.window))
     show(str(recording))
     compare = {name: plain(size) for name, size in pairs("--compare", "SIGNAL=DEVIATION", given.compare)}
-    return *from_recording(loop, recording, compare, plain(given.mean), max_gap=whole("--hole", given.hole, 0)), recording
+    return *from_recording(loop, recording, compare, plain(given.mean), max_gap=whole("--max-gap", given.max_gap, 0)), recording

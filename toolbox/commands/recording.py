@@ -18,7 +18,7 @@ from toolbox.files.origin import ORIGIN, Origin, hashes, versions
 
 Timed = TypeVar("Timed")
 
-WRITTEN = ("out", "journal")
+WRITTEN = ("out", "checkpoint")
 """Arguments whose files a command writes, not reads."""
 
 

@@ -26,11 +26,13 @@ def add(commands: Any) -> None:
         description="Design a law at depths of a well, where the first section of the string is longer or shorter, interpolate its gains between them, and "
         "check it at every depth and halfway between: disk margin, growth of smooth running, and runs. A law that designs itself, such as SoftTorque, changes "
         "with depth; numbers that the scene gives stay.",
-        epilog="example: stickslip schedule studies/scenes/deepening_well.toml --depths 1000m 2000m 3000m --before 'stiff PI' --out gains",
+        epilog="example: stickslip schedule studies/scenes/deepening_well.toml --depths 1000m 2000m 3000m --initial-controller 'stiff PI' --out gains",
     )
     depths_of_well(verb)
     verb.add_argument(
-        "--before", metavar="LABEL", help="the controller whose stick-slip runs begin in; without, they begin near smooth running"
+        "--initial-controller",
+        metavar="LABEL",
+        help="the controller whose stick-slip runs begin in; without, they begin near smooth running",
     )
     verb.add_argument("--duration", metavar="T", help="of a run; that of the scene without")
     verb.set_defaults(action=run, spelled={"depths": "--depths"})
@@ -48,7 +50,7 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.tuning.gain_schedule import schedule
 
     scene, law, well = law_and_well(given)
-    before = None if given.before is None else law_of(scene, given.before)
+    before = None if given.initial_controller is None else law_of(scene, given.initial_controller)
     duration = scene.duration if given.duration is None else number("--duration", plain(given.duration), "s", above=0)
     found = schedule(well, given.depths, law, duration, initial_controller=before)
     drive = (lambda folder: export_schedule(found, well(found.depths[0]), folder / "drive")) if isinstance(law, Sampled) else None

@@ -35,14 +35,14 @@ def add(commands: Any) -> None:
         epilog="example: stickslip study studies/scenes/navarro_lopez_4.toml --out results",
     )
     study.add_argument(
-        "--measure",
+        "--metric",
         action="append",
         default=[],
         metavar="NAME",
-        help="another column of the table: a name of `stickslip list measures`; may be repeated",
+        help="another column of the table: a name of `stickslip list metrics`; may be repeated",
     )
     asked_otherwise(study)
-    study.set_defaults(action=run, spelled={"measures": "--measure"})
+    study.set_defaults(action=run, spelled={"metrics": "--metric"})
 
 
 def run(given: argparse.Namespace) -> int:
@@ -57,7 +57,7 @@ def run(given: argparse.Namespace) -> int:
         with progress(len(scene.cases)) as reached:
             for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
                 reached(i, label)
-                row, run = study.verdict_row(scene, label, stem, given.measure)
+                row, run = study.verdict_row(scene, label, stem, given.metric)
                 rows.append(row)
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")

@@ -49,56 +49,58 @@ def add(commands: Any) -> None:
         parents=[common("folder for the results; that of an interrupted sweep is continued", required=True, drawn=False)],
         description="Simulate every controller of a scene over a grid, a design or a table of inputs and parameters. The folder gets one folder per controller "
         "with the result (sweep.zarr, written as runs finish, and sweep.csv in SI units); an interrupted sweep that is called again goes on where it was.",
-        epilog="example: stickslip sweep studies/scenes/jansen_2.toml --vary bit.weight=50kN:110kN:20 --vary top.reference=3:14:50 "
-        "--controller 'stiff PI' --measure severity --out swept;   ... --vary bit.weight=50kN:110kN --vary top.reference=3:14 --sampling sobol --runs 1024;   "
-        "... --rows runs.csv, with headings such as `bit.weight [kN]`",
+        epilog="example: stickslip sweep studies/scenes/jansen_2.toml --range bit.weight=50kN:110kN:20 --range top.reference=3:14:50 "
+        "--controller 'stiff PI' --metric severity --out swept;   ... --range bit.weight=50kN:110kN --range top.reference=3:14 --sampling sobol "
+        "--runs 1024;   ... --rows runs.csv, with headings such as `bit.weight [kN]`",
     )
     many.add_argument(
-        "--vary",
+        "--range",
         action="append",
         default=[],
         metavar="NAME=LOW:HIGH[:N]",
         help="range of an input or parameter, for a grid with its number of values; SI, or with units (50kN:110kN:20); may be repeated",
     )
-    many.add_argument("--sampling", choices=SAMPLINGS, default="grid", help="where in the ranges of --vary the runs lie (grid)")
+    many.add_argument("--sampling", choices=SAMPLINGS, default="grid", help="where in the ranges of --range the runs lie (grid)")
     many.add_argument("--runs", type=int, metavar="N", help="how many, where the sampling is no grid; a power of two for sobol")
     many.add_argument("--seed", type=int, default=0, metavar="S", help="of a sampling with random numbers (0)")
     many.add_argument(
         "--rows",
         type=Path,
         metavar="FILE.csv",
-        help="a run for every row of a table whose headings are names with units, in place of --vary",
+        help="a run for every row of a table whose headings are names with units, in place of --range",
     )
     many.add_argument(
-        "--measure",
+        "--metric",
         action="append",
         metavar="NAME",
-        help="what is measured, of `stickslip list measures` (severity, stuck_ratio); may be repeated",
+        help="what is measured, of `stickslip list metrics` (severity, stuck_ratio); may be repeated",
     )
     asked_otherwise(many)
-    many.set_defaults(action=run, spelled={"measures": "--measure", "bounds": "--vary"}, words=lambda given: GOES_ON)
+    many.set_defaults(action=run, spelled={"metrics": "--metric", "ranges": "--range"}, words=lambda given: GOES_ON)
     chart = commands.add_parser(
         "map",
         parents=[common("folder for the results; that of an interrupted map is continued", required=True)],
         description="Simulate every controller of a scene over two inputs or parameters, from smooth running and from inside stick-slip, find the linear and "
         "both simulated borders, print and draw them. The folder gets one folder per controller with figure, report and data (map.npz, "
         "map.csv, borders.csv); an interrupted map that is called again goes on where it was.",
-        epilog="example: stickslip map studies/scenes/jansen_2.toml --x top.reference=3:14 --y bit.weight=50kN:110kN --controller 'stiff PI' --out mapped;   "
-        "groan of a brake: stickslip map studies/scenes/brake_stop.toml --law HeldSpeed --x disc.reference=0.05:5 --y brake.force=0.1kN:4kN "
-        "--off pad.friction.static,pad.friction.kinetic=20% --out groan",
+        epilog="example: stickslip map studies/scenes/jansen_2.toml --range top.reference=3:14 --range bit.weight=50kN:110kN --controller 'stiff PI' "
+        "--out mapped;   groan of a brake: stickslip map studies/scenes/brake_stop.toml --law HeldSpeed "
+        "--range disc.reference=0.05:5 --range brake.force=0.1kN:4kN --uncertainty pad.friction.static,pad.friction.kinetic=20% --out groan",
     )
-    chart.add_argument(
-        "--x", required=True, metavar="NAME=LOW:HIGH", help="what varies along the first axis; SI, or with units (50kN:110kN)"
-    )
-    chart.add_argument("--y", required=True, metavar="NAME=LOW:HIGH", help="what varies along the second axis")
+    two_ranges(chart, "what varies along the first axis, then along the second one; SI, or with units (50kN:110kN)")
     chart.add_argument("--shape", default="50x50", metavar="NxM", help="points along both axes (50x50)")
     asked_otherwise(chart)
     chart.add_argument(
-        "--off",
+        "--uncertainty",
         metavar="NAME[,NAME...]=PART",
         help="numbers that are lower and higher by this part together (20%%), on two more maps, and what is left of the declared one",
     )
-    chart.set_defaults(action=run_map, spelled={"over": "--x` and `--y"}, words=lambda given: GOES_ON)
+    chart.set_defaults(action=run_map, spelled={"ranges": "--range"}, words=lambda given: GOES_ON)
+
+
+def two_ranges(verb: argparse.ArgumentParser, what: str) -> None:
+    """Declare the ranges of two numbers."""
+    verb.add_argument("--range", action="append", required=True, metavar="NAME=LOW:HIGH", help=f"{what}; twice")
 
 
 def run(given: argparse.Namespace) -> int:
@@ -113,7 +115,7 @@ def run(given: argparse.Namespace) -> int:
     for label, stem in zip(labels, file_stems(labels), strict=True):
         variations, folder = _variations(given, scene, label), given.out / stem
         store = folder / "sweep.zarr" if goes_on else None
-        found = sweep(scene[label], variations, metrics=given.measure or ("severity", "stuck_ratio"), checkpoint=store)
+        found = sweep(scene[label], variations, metrics=given.metric or ("severity", "stuck_ratio"), checkpoint=store)
         with results(given, [*SWEEP_FILES, *(["sweep.npz"] if store is None else [])], _left, folder, last=False) as made:
             if store is None:
                 found.save(made / "sweep.npz")
@@ -150,20 +152,22 @@ def _variations(given: argparse.Namespace, scene: Any, label: str) -> Variations
 
     from toolbox.sweeps import designs
 
-    if bool(given.vary) == bool(given.rows):
+    if bool(given.range) == bool(given.rows):
         raise SceneError(
-            "Argument `--vary` must be given, or `--rows`, but not both." if given.rows else "Argument `--vary` must be given, or `--rows`."
+            "Argument `--range` must be given, or `--rows`, but not both."
+            if given.rows
+            else "Argument `--range` must be given, or `--rows`."
         )
     if given.sampling == "grid" and given.runs is not None:
         raise SceneError("Argument `--runs` must come with a `--sampling` other than grid, whose ranges say how many.")
     if given.sampling != "grid" and (given.runs is None or given.rows):
         raise SceneError(
-            f"Argument `--sampling` must come with {'`--vary`, not `--rows`' if given.rows else '`--runs`'}, but it is {given.sampling}."
+            f"Argument `--sampling` must come with {'`--range`, not `--rows`' if given.rows else '`--runs`'}, but it is {given.sampling}."
         )
     if given.rows:
         return _rows(given.rows, scene, label)
     counted = given.sampling == "grid"
-    parts = ranges("--vary", given.vary, counted=counted)
+    parts = ranges("--range", given.range, counted=counted)
     check_known(scene, scene.labels, parts)
     spans = {name: numbers(name, ends[:2], scene[label].number(name).unit) for name, ends in parts.items()}
     if counted:
@@ -203,7 +207,7 @@ def run_map(given: argparse.Namespace) -> int:
     scene = loaded(given)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     shape = shape_of(given.shape)
-    over = ranges("--x", [given.x]) | ranges("--y", [given.y])
+    over = ranges("--range", given.range, exactly=2)
     check_known(scene, labels, over)
     failures: dict[str, Exception] = {}
     given.found = {}
@@ -212,7 +216,7 @@ def run_map(given: argparse.Namespace) -> int:
     for label, stem in zip(labels, file_stems(labels), strict=True):
         machines: dict[str, Any] = {}
         try:
-            names_off, loops = _machines(scene[label], given.off)
+            names_off, loops = _machines(scene[label], given.uncertainty)
             several = f"{len(names_off)} numbers" if len(names_off) > 2 else ", ".join(names_off)
             for words, loop in loops.items():
                 folder = given.out / (stem if not words else f"{stem}_{words.split()[0].replace('-', 'less').replace('+', 'more')}")
@@ -231,7 +235,7 @@ def run_map(given: argparse.Namespace) -> int:
         except (SceneError, SimulationError) as error:
             failures[label] = error
             continue
-        if given.off:
+        if given.uncertainty:
             show(_left_of(machines, names_off) + "\n")
     if new and not given.found:
         with suppress(OSError):
@@ -244,17 +248,17 @@ def run_map(given: argparse.Namespace) -> int:
 
 
 def _machines(loop: Any, off: str | None) -> tuple[list[str], dict[str, Any]]:
-    """The numbers of `--off`, and {words: loop}: the declared machine without words, and those where they are lower and higher."""
+    """The numbers of `--uncertainty`, and {words: loop}: the declared machine without words, and those where they are lower and higher."""
     if off is None:
         return [], {"": loop}
     listed, _, text = off.partition("=")
     names = [name.strip() for name in listed.split(",") if name.strip()]
     text = text.strip()
     if not names or not text:
-        raise SceneError(f"Argument `--off` must be NAME[,NAME...]=PART such as pad.friction.static=20%, but it is `{off}`.")
+        raise SceneError(f"Argument `--uncertainty` must be NAME[,NAME...]=PART such as pad.friction.static=20%, but it is `{off}`.")
     from toolbox.modelling.numbers import put_all
 
-    off_by, found = share("--off", text), {"": loop}
+    off_by, found = share("--uncertainty", text), {"": loop}
     for sign in (-1.0, 1.0):
         changed = {name: loop.free(name).value * (1.0 + sign * off_by) for name in names}
         found[f"{100.0 * sign * off_by:+g} %"] = put_all(loop, changed)

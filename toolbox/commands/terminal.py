@@ -232,24 +232,26 @@ def pairs(option: str, form: str, texts: Iterable[str]) -> list[tuple[str, str]]
     return found
 
 
-def ranges(option: str, texts: Iterable[str], counted: bool = False, bare: bool = False) -> dict[str, tuple[Any, ...]]:
+def ranges(option: str, texts: Iterable[str], counted: bool = False, exactly: int | None = None) -> dict[str, tuple[Any, ...]]:
     """{name: (low, high)} of texts NAME=LOW:HIGH, with numbers as `plain` gives them; a unit behind HIGH is that of LOW, too, where it has none.
 
-    counted: a third part, NAME=LOW:HIGH:N, says how many values;  bare: NAME may stand alone, with an empty range.  Raises SceneError for another form, and
-    for a name that is there twice.
+    counted: a third part, NAME=LOW:HIGH:N, says how many values;  exactly: how many there must be.
+    Raises SceneError for another form, and for a name that is there twice.
     """
     form = "NAME=LOW:HIGH" + ":N" * counted
     found: dict[str, tuple[Any, ...]] = {}
     for text in texts:
         match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+?)\s*:\s*([^:]+?)\s*" + r":\s*([1-9][0-9]*)\s*" * counted, text)
-        if match is None and not (bare and "=" not in text):
-            raise SceneError(f"Argument `{option}` must be {'NAME or ' * bare}{form}, but it is `{text}`.")
-        name, *ends = [text.strip()] if match is None else match.groups()
+        if match is None:
+            raise SceneError(f"Argument `{option}` must be {form}, but it is `{text}`.")
+        name, *ends = match.groups()
         if name in found:
             raise SceneError(f"Argument `{option}` must name every number once, but `{name}` is there twice.")
         if ends and isinstance(plain(ends[0]), float) and not isinstance(plain(ends[1]), float):
             ends[0] += re.sub(r"^[-+0-9.eE_]+", "", ends[1])
         found[name] = (*map(plain, ends[:2]), *map(int, ends[2:]))
+    if exactly is not None and len(found) != exactly:
+        raise SceneError(f"Argument `{option}` must be given {exactly} times, but it is {len(found)} time(s).")
     return found
 
 

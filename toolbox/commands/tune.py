@@ -24,7 +24,7 @@ def add(commands: Any) -> None:
         description="Search the free numbers of one control law for the smallest objective on all scenes, or for the front of several objectives, and print "
         "the numbers with the law as given beside them. The folder gets the report, a figure, every point tried (csv, npz), and each scene with "
         "the law as given and the tuned one, ready for `stickslip study`; that of the first is scene.toml, too: all of it, or nothing.",
-        epilog="example: stickslip tune studies/scenes/jansen_2.toml --controller 'stiff PI' --free pi.proportional=500:50e3 --free pi.integral=50:20e3 "
+        epilog="example: stickslip tune studies/scenes/jansen_2.toml --controller 'stiff PI' --range pi.proportional=500:50e3 --range pi.integral=50:20e3 "
         "--objective settling --out tuned",
     )
     tuning.add_argument("scenes", type=Path, nargs="+", metavar="SCENE.toml", help="one scene, or several that the law must do well on")
@@ -32,7 +32,7 @@ def add(commands: Any) -> None:
         "--controller", required=True, metavar="LABEL", help="label of the controller whose numbers are tuned; every scene has it"
     )
     tuning.add_argument(
-        "--free",
+        "--range",
         action="append",
         required=True,
         metavar="NAME=LOW:HIGH",
@@ -43,20 +43,20 @@ def add(commands: Any) -> None:
         action="append",
         required=True,
         metavar="NAME",
-        help="what is made small, of `stickslip list measures`, judged as the scene says; several give a front",
+        help="what is made small, of `stickslip list metrics`, judged as the scene says; several give a front",
     )
-    tuning.add_argument("--over", choices=("worst", "mean"), default="worst", help="what counts of several scenes (worst)")
+    tuning.add_argument("--aggregate", choices=("worst", "mean"), default="worst", help="what counts of several scenes (worst)")
     tuning.add_argument("--runs", type=int, default=200, metavar="N", help="most points tried, one run per scene each (200)")
     tuning.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the search; the same seed gives the same result (0)")
     tuning.add_argument("--processes", type=int, default=1, metavar="N", help="how many simulate side by side; the result is the same (1)")
     tuning.add_argument(
-        "--journal", type=Path, metavar="FILE", help="keeps every point, so that a tuning that was stopped goes on where it was"
+        "--checkpoint", type=Path, metavar="FILE", help="keeps every point, so that a tuning that was stopped goes on where it was"
     )
     tuning.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results; those of an earlier tuning are replaced"
     )
     figure_format(tuning)
-    tuning.set_defaults(action=run, spelled={"bounds": "--free", "controller": "--controller", "objective": "--objective"}, words=_words)
+    tuning.set_defaults(action=run, spelled={"ranges": "--range", "controller": "--controller", "objective": "--objective"}, words=_words)
 
 
 def run(given: argparse.Namespace) -> int:
@@ -69,7 +69,7 @@ def run(given: argparse.Namespace) -> int:
     scenes = {path: Scene.load(path) for path in given.scenes}
     if len(scenes) < len(given.scenes):
         raise SceneError("Argument `SCENE.toml` must name every scene once, but one is there twice.")
-    bounds = ranges("--free", given.free)
+    bounds = ranges("--range", given.range)
     names = {
         path: f"tuned_{path.name}" if len({p.name for p in scenes}) == len(scenes) else f"tuned_{i}_{path.name}"
         for i, path in enumerate(scenes, 1)
@@ -85,7 +85,7 @@ def run(given: argparse.Namespace) -> int:
     ):
         found = tune(
             list(scenes.values()), given.controller, list(given.objective), bounds,
-            over=statistics.fmean if given.over == "mean" else max, runs=given.runs, seed=given.seed, checkpoint=given.journal,
+            over=statistics.fmean if given.aggregate == "mean" else max, runs=given.runs, seed=given.seed, checkpoint=given.checkpoint,
             executor=executor,
         )  # fmt: skip
         given.found = found
@@ -107,4 +107,4 @@ def run(given: argparse.Namespace) -> int:
 
 def _words(given: argparse.Namespace) -> str:
     """What is said when it is interrupted."""
-    return NOTHING if given.journal is None else f"interrupted; the same command goes on from `{given.journal}`."
+    return NOTHING if given.checkpoint is None else f"interrupted; the same command goes on from `{given.checkpoint}`."

@@ -7,7 +7,7 @@ from typing import Any
 
 from toolbox.commands.recording import answer
 from toolbox.commands.schedule import depths_of_well, law_and_well
-from toolbox.commands.sweep import GOES_ON, shape_of
+from toolbox.commands.sweep import GOES_ON, shape_of, two_ranges
 from toolbox.commands.terminal import common, plain, ranges
 
 
@@ -24,13 +24,10 @@ def add(commands: Any) -> None:
         description="Map both branches of a machine at depths of a well, where the first section of the string is longer or shorter, and print from which "
         "value of the first number on the machine is smooth, from which on stick-slip ends as well, and how far the working point is from both.",
         epilog="example: stickslip windows studies/scenes/deepening_well.toml --controller 'soft torque' --depths 1000m 2000m "
-        "--x 'top.reference=40 rpm:200 rpm' --y 'bit.weight=60 kN:100 kN' --out windows",
+        "--range 'top.reference=40 rpm:200 rpm' --range 'bit.weight=60 kN:100 kN' --out windows",
     )
     depths_of_well(verb)
-    verb.add_argument(
-        "--x", required=True, metavar="NAME=LOW:HIGH", help="the number whose lowest value is asked for, such as the set-point"
-    )
-    verb.add_argument("--y", required=True, metavar="NAME=LOW:HIGH", help="the other one, such as the weight")
+    two_ranges(verb, "the number whose lowest value is asked for, such as the set-point, then another one, such as the weight")
     verb.add_argument(
         "--along", nargs="+", metavar="VALUE", help="values of the second number at which windows are read; five over its range"
     )
@@ -45,7 +42,7 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.robustness.depth_windows import windows
     from toolbox.sweeps.store import folder_of
 
-    over = ranges("--x", [given.x]) | ranges("--y", [given.y])
+    over = ranges("--range", given.range, exactly=2)
     shape = shape_of(given.shape)
     scene, law, well = law_and_well(given)
     along = None if given.along is None else [plain(value) for value in given.along]

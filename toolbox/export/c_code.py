@@ -29,6 +29,7 @@ from toolbox.modelling.elements import State, time
 from toolbox.modelling.laws import Controller, Sampled, check_sampled, names
 from toolbox.modelling.observers import Observer
 from toolbox.steady_states.linear import control_name
+from toolbox.vocabulary import new_names_only
 
 
 @dataclass(frozen=True)
@@ -159,6 +160,7 @@ def _entries(slot: Slot) -> list[tuple[str, ca.SX]]:
 
 
 # --------------------------------------------------------------------------------------------------------------------------------- python-control
+@new_names_only
 def to_control(controller: Controller | Sampled | ClosedLoop, *, outputs: str | Sequence[str] | None = None) -> Any:
     """Return a linear law as `control.StateSpace` from what it reads to what it drives, with its working point beside the system.
 

@@ -16,12 +16,13 @@ from toolbox.modelling.components import Equations, Signal, Update
 from toolbox.modelling.elements import State, state
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, names
+from toolbox.vocabulary import Renamed, new_names_only
 
 Matrix = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
-class LinearLaw:
+class LinearLaw(Renamed):
     """What a system of python-control does not hold of the law that it was made from by `to_control`.
 
     Attributes
@@ -130,6 +131,7 @@ class StateSpaceLaw(Controller):
         return {name: (self.driven_at[i] + u[i], unit) for i, (name, unit) in enumerate(zip(self.actuated_signals, units, strict=True))}
 
 
+@new_names_only
 def from_control(
     system: Any,
     *,
@@ -157,7 +159,7 @@ def from_control(
     at
         Working point: values, or text with units, of measured and driven signals by name, 0 for those that are left out. The system sees deviations of what
         is measured from it (where there is no reference), and what it gives is added to that of the driven signals. None takes that of the law which
-        `to_control` made the system from, where `measures`, `drives` and `reference` are None too.
+        `to_control` made the system from, where `measured_signals`, `actuated_signals` and `reference` are None too.
 
     Returns
     -------
@@ -174,9 +176,9 @@ def from_control(
     if law is not None and at is None and measured_signals is None and actuated_signals is None and reference is None:
         at = law.at
     defaults = law.defaults if law is not None and measured_signals is None else {}
-    inputs, outputs = _names("measures", measured_signals, law), _names("drives", actuated_signals, law)
+    inputs, outputs = _names("measured_signals", measured_signals, law), _names("actuated_signals", actuated_signals, law)
     found, matrices = _state_space(system)
-    for word, named, count in (("measures", inputs, found.ninputs), ("drives", outputs, found.noutputs)):
+    for word, named, count in (("measured_signals", inputs, found.ninputs), ("actuated_signals", outputs, found.noutputs)):
         if len(named) != count:
             raise SceneError(f"Argument `{word}` must name {count} signals, as many as the system has, but it names {len(named)}.")
     if reference is not None and len(inputs) != 1:

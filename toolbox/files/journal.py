@@ -38,7 +38,7 @@ class Journal:
     """
 
     def __init__(
-        self, path: str | Path, arguments: Mapping[str, str], fits: Callable[[Any], bool] = lambda result: True, word: str = "journal"
+        self, path: str | Path, arguments: Mapping[str, str], fits: Callable[[Any], bool] = lambda result: True, word: str = "checkpoint"
     ):
         self.path, self._fits, self._word = Path(path), fits, word
         self.known: dict[tuple[float | None, ...], Any] = {}

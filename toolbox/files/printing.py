@@ -9,6 +9,8 @@ import re
 from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 
+from toolbox.vocabulary import Renamed
+
 
 def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[object]], notes: Iterable[str] = ()) -> str:
     """Return a table in HTML under a title, with notes below it.
@@ -68,7 +70,7 @@ def shown(value: float, form: str = ".3g", unit: str = "") -> str:
     return "-" if math.isnan(value) else f"{value:{form}}{unit}"
 
 
-class Printed:
+class Printed(Renamed):
     """A value that a notebook shows as it prints: the first line as its title, the rest as it stands in columns."""
 
     def _repr_html_(self) -> str:

@@ -18,6 +18,7 @@ from toolbox.files import tables
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
 from toolbox.files.printing import Printed
+from toolbox.vocabulary import new_field
 
 Self = TypeVar("Self", bound="Result")
 HeadedRows = tuple[Sequence[str], Sequence[Sequence[Any]]]
@@ -199,6 +200,7 @@ def _fits(kind: Any, origin: Any, given: Any) -> bool:
 def _read_fields(kind: Any, given: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Any:
     """A dataclass of its fields; one with a default may be absent, so that files of earlier versions are read."""
     hints, fields = get_type_hints(kind), {each.name: each for each in dataclasses.fields(kind)}
+    given = {word if word in fields else new_field(kind, word): each for word, each in given.items()}
     for name in given:
         if name not in fields:
             raise ValueError(f"it has `{name}`, which is not known here")

@@ -151,9 +151,7 @@ class Lanes:
             courses = np.array([noise_keys(self.program.system.updates, row) for row in rows.tolist()])
         which = which.ravel()
         noise, keys, first = noise_table(self.work, courses, self.duration), courses[which], float(courses.shape[1]) * which
-        given = Scenarios(
-            parameters, starts, memories, held, keys, first, windows, windows.ravel(), self.layout.display_units, self.work.p.copy()
-        )
+        given = Scenarios(parameters, starts, memories, held, keys, first, windows, windows.ravel(), self.layout.asked, self.work.p.copy())
 
         def chunk(first: int, last: int) -> None:
             made = self.block

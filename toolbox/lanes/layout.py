@@ -66,7 +66,7 @@ class Scenarios(NamedTuple):
     courses: np.ndarray
     windows: np.ndarray
     edges: np.ndarray
-    display_units: np.ndarray
+    asked: np.ndarray
     rest: np.ndarray
 
 

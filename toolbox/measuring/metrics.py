@@ -1,6 +1,6 @@
 """What is measured of a run: one list of measures, which every verb knows by the same names.
 
-    sweep(loop, vary, measures="settling")      tune(scene, law, ["severity", maximum("top.torque")], bounds)      compare(one, other, measures=["peak", mine])
+    sweep(loop, vary, metrics="settling")      tune(scene, law, ["severity", maximum("top.torque")], bounds)      compare(one, other, metrics=["peak", mine])
 
 A measure is asked by its name, as a `Measure` of this file, or as a function of a run. By its name it looks at what the loop judges; the same measure of
 another signal, from 20 s on, is `maximum("top.torque", 20.0)`. Runs by the thousand are measured inside compiled loops where the measure has such a form
@@ -100,7 +100,7 @@ class Metric:
             return float(self.function(run))
         if not self.of:
             raise SceneError(
-                f"Argument `measure` must say of which {self.looks_at} it is, as in `measures.{self.name}(...)`, but it does not."
+                f"Argument `measure` must say of which {self.looks_at} it is, as in `metrics.{self.name}(...)`, but it does not."
             )
         return float(self.function(run, self.of, after=self.after or 0.0, until=self.until, **dict(self.settings)))
 
@@ -199,7 +199,7 @@ METRICS: Mapping[str, Metric] = {
 
 
 # --------------------------------------------------------------------------------------------------------------------------------- what is asked
-def metrics_of(given: Any, argument: str = "measures") -> dict[str, Metric]:
+def metrics_of(given: Any, argument: str = "metrics") -> dict[str, Metric]:
     """{name: measure} of what an argument asks: a name of the list, a `Measure` or a function of a run; several of them; or {name: one of them}.
 
     Raises SceneError for what is none of these, for an unknown name, and where nothing is asked or one name twice.

@@ -61,7 +61,7 @@ class Layout:
                 words = program.system.elements[i].legend
                 self.rows[q] = len(asked)
                 asked.append((i, next((number for number, word in words.items() if word == m.mode), -9), *span))
-        self.display_units = np.array(asked, float).reshape(-1, 4)
+        self.asked = np.array(asked, float).reshape(-1, 4)
         self.count = len(self.signals) + len(varying)
 
     def values(self, found: Readings) -> np.ndarray:
@@ -75,7 +75,7 @@ class Layout:
     def _value(self, q: int, m: Metric, found: Readings) -> Any:
         place = self.places[q]
         if place is None:
-            spent, row = found.spent[..., self.rows[q]], self.display_units[self.rows[q]]
+            spent, row = found.spent[..., self.rows[q]], self.asked[self.rows[q]]
             return spent / (row[3] - row[2]) if m.compiled == "ratio" else getattr(found, m.compiled)[..., self.rows[q]]
         if m.compiled == "ends":
             return found.ends[..., place[0]]
@@ -127,7 +127,7 @@ class Readings:
     @staticmethod
     def of(layout: Layout, runs: tuple[int, ...] = ()) -> Readings:
         """Empty readings, to be filled: minima at +inf, maxima at -inf, sums at 0."""
-        extents, asked = (*runs, layout.count, len(layout.windows)), (*runs, len(layout.display_units))
+        extents, asked = (*runs, layout.count, len(layout.windows)), (*runs, len(layout.asked))
         return Readings(
             lowest=np.full(extents, np.inf), highest=np.full(extents, -np.inf), integral=np.zeros(extents), ends=np.zeros(extents[:-1]),
             spent=np.zeros(asked), number=np.zeros(asked), latest=np.full(asked, np.nan), switches=np.zeros(asked),
@@ -149,7 +149,7 @@ class RunningMeasures:
 
         self.program, self.layout = program, Layout(program, metrics, duration)
         announced("reader of measures", measuring_loop.read_nodes)
-        if len(self.layout.display_units):
+        if len(self.layout.asked):
             announced("reader of stays", read_events)
         count = self.layout.count
         by_window = (len(self.layout.windows), count)  # what the reader of nodes fills a row at a time
@@ -185,7 +185,7 @@ class RunningMeasures:
             for array in (work.rec_t, work.rec_x, work.rec_m, work.rec_p):
                 array[0] = array[r]
             ints[work_layout.RECORDS] = 1
-        if len(layout.display_units):
+        if len(layout.asked):
             found, counted = self.found, np.array([ints[work_layout.EVENTS], finished])
             end = work.reals[work_layout.TIME : work_layout.TIME + 1]
             stays = Stays(
@@ -195,7 +195,7 @@ class RunningMeasures:
                 work.ev_i,
                 work.ev_m,
                 work.m,
-                layout.display_units,
+                layout.asked,
                 self.since,
                 found.spent,
                 found.number,

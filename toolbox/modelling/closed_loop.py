@@ -37,6 +37,7 @@ from toolbox.modelling.numbers import Number, number_of, numbers_in
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.modelling.steady_point import Equilibrium
 from toolbox.modelling.told_numbers import given_as, numbers_of
+from toolbox.vocabulary import new_names_only, refuse_former_names
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +148,7 @@ class ClosedLoop(Printed):
         inner = tuple(law.law if isinstance(law, Sampled) else law for law in self.controllers)
         for law in inner:
             if not isinstance(law, Controller):
-                raise SceneError(f"Argument `law` must be a Controller with a continuous form, but it is {law!r}.")
+                raise SceneError(f"Argument `controller` must be a Controller with a continuous form, but it is {law!r}.")
         return self if inner == self.controllers else self.with_controllers(inner)
 
     def unsampled(self) -> ClosedLoop:
@@ -159,9 +160,9 @@ class ClosedLoop(Printed):
             )
         return self.continuous
 
-    def with_controllers(self, laws: Iterable[Any]) -> ClosedLoop:
+    def with_controllers(self, controllers: Iterable[Any]) -> ClosedLoop:
         """The loop with its laws sampled, sensed or wrapped otherwise, in their order, each designed as it is."""
-        other = dataclasses.replace(self, controllers=tuple(laws))
+        other = dataclasses.replace(self, controllers=tuple(controllers))
         other.__dict__["designed"] = self.designed
         return other
 
@@ -357,6 +358,7 @@ class ClosedLoop(Printed):
         return told or ("in time" if name in self.inputs else str(value))
 
 
+@new_names_only
 def closed_loop(
     plant: HybridSystem | ClosedLoop,
     controller: Any = None,
@@ -455,6 +457,7 @@ def refuse_former(verb: str, machine: Any, words: Iterable[str]) -> None:
     Raises TypeError for arguments that nobody knows.
     """
     given = set(words)
+    refuse_former_names(verb, given)
     unknown = next((word for word in given if word not in FORMER), None)
     if unknown is not None:
         raise TypeError(f"{verb}() got an unexpected keyword argument {unknown!r}")

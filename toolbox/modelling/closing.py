@@ -105,7 +105,7 @@ def _part(law: Any, sampled: Sampled | None, declared: HybridSystem) -> Componen
     if type(law).__module__.partition(".")[0] == "control":
         raise SceneError(
             "Argument `controller` must be a law, but it is a system of python-control: give "
-            "`from_control(system, measures=..., drives=..., reference=...)`."
+            "`from_control(system, measured_signals=..., actuated_signals=..., reference=...)`."
         )
     if callable(law) and not isinstance(law, type):
         if sampled is None:

@@ -16,6 +16,7 @@ from toolbox.errors import SceneError
 from toolbox.files.printing import Declared
 from toolbox.modelling.elements import Element, FrictionLaw, State, declared_type, fields_in_si
 from toolbox.modelling.opposing import check_opposing
+from toolbox.vocabulary import Renamed
 
 
 @dataclass
@@ -76,7 +77,7 @@ Signal = Callable[..., ca.SX]
 
 
 @dataclass(frozen=True)
-class Component(Declared):
+class Component(Renamed, Declared):
     """A part of a plant: subclass it as a frozen dataclass, declare numbers with `quantity`, write `equations`.
 
     The prefix of its parameter names is that of its first state (or first given signal). Two parts of a kind need `name=`, which

@@ -177,11 +177,11 @@ class _Composer:
         memory = equations.update.memory if equations.update is not None else equations.flow
         first = next(iter(memory), None)
         label = first.label if first is not None else next(iter(equations.gives), "")
-        if first is None and hasattr(law, "drives"):  # what a control law gives belongs to the plant
+        if first is None and hasattr(law, "actuated_signals"):  # what a control law gives belongs to the plant
             label = type(law).__name__.lower()
         prefix = label.partition(".")[0] or title.lower()
         own = component.name or prefix
-        routes = self.routes if hasattr(law, "drives") else {}
+        routes = self.routes if hasattr(law, "actuated_signals") else {}
 
         def renamed(name: str) -> str:
             head, dot, tail = name.partition(".")

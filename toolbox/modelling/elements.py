@@ -20,6 +20,7 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.files.printing import Declared
 from toolbox.files.units import in_si, warn_unusual
+from toolbox.vocabulary import new_names_only
 
 time = ca.SX.sym("time")
 """The symbol of time [s]: build input expressions from it, e.g. `10_000 + 500*casadi.sin(3*time)`."""
@@ -100,6 +101,7 @@ def declared_type(field: dataclasses.Field[Any]) -> str:
     return _ANNOTATIONS.get(written.rpartition(".")[2], written)
 
 
+@new_names_only
 def quantity(
     default: Any = dataclasses.MISSING,
     unit: str = "1",

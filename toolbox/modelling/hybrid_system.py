@@ -17,6 +17,7 @@ from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, checked, numbers_of, rebuilt
 from toolbox.modelling.elements import Element
 from toolbox.modelling.switching import Switching, switching
+from toolbox.vocabulary import Renamed
 
 
 class Parameter(NamedTuple):
@@ -78,7 +79,7 @@ class SampledUpdate(NamedTuple):
     channels: tuple[str, ...]
 
 
-class HybridSystem:
+class HybridSystem(Renamed):
     """A composed plant in normal form. `compose` makes it; `simulate`, `linearise` and the others read it.
 
     Attributes

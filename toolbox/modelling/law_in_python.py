@@ -29,16 +29,16 @@ class Answer:
 
     def __init__(self, law: Any, plant: HybridSystem):
         self.law, self.plant = law, plant
-        self.actuated_signals = names(getattr(law, "drives", ("top.torque",)))
+        self.actuated_signals = names(getattr(law, "actuated_signals", ("top.torque",)))
         self.given = [ca.SX.sym(name) for name in self.actuated_signals]
         self.count = state("answers", "1")
-        self.display_units: list[Any] = []
+        self.asked: list[Any] = []
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
         """What a sample asks for and gives."""
-        measures, defaults = names(getattr(self.law, "measures", ("top.speed",))), getattr(self.law, "defaults", {})
-        self.display_units = [signal(name, self.plant.signal_unit(name)) for name in measures]
-        self.display_units += [signal(name, unit, default=value) for name, (value, unit) in defaults.items()]
+        measures, defaults = names(getattr(self.law, "measured_signals", ("top.speed",))), getattr(self.law, "defaults", {})
+        self.asked = [signal(name, self.plant.signal_unit(name)) for name in measures]
+        self.asked += [signal(name, unit, default=value) for name, (value, unit) in defaults.items()]
         outputs = {name: (symbol, self.plant.signal_unit(name)) for name, symbol in zip(self.actuated_signals, self.given, strict=True)}
         return Update({self.count: self.count + 1}, outputs)
 
@@ -82,9 +82,7 @@ class LawInPython:
         def function(name: str, *results: ca.SX) -> NumericFunction:
             return NumericFunction(ca.Function(name, symbols, list(map(ca.densify, results))))
 
-        self.asks = [
-            function("asks", ca.vertcat(*map(ca.SX, each.display_units)), update.memory[each.count] - each.count) for each in inside
-        ]
+        self.asks = [function("asks", ca.vertcat(*map(ca.SX, each.asked)), update.memory[each.count] - each.count) for each in inside]
         commands = ca.vertcat(*(ca.SX(update.outputs[name][0]) for name in self.actuated_signals))
         self.step = function("step", *passing_nan([following, commands], time))
         self.memory, self.answers = np.zeros(memory.numel()), np.zeros(answers.numel())

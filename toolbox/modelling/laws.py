@@ -27,15 +27,17 @@ from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
 from toolbox.modelling.elements import OptionalQuantities, Quantity, State, quantity, time
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.vocabulary import Renamed, new_field
 
 
 @dataclass(frozen=True)
 class Controller(Component):
     """A control law: subclass it as a frozen dataclass and write `continuous`, `sampled` or both.
 
-    `measures` and `drives` are the names of the signals that the law reads and gives; one that declares no `measures` may read any. Its numeric fields are
-    casadi symbols inside both methods, so that another gain never recompiles. `design(plant)` is called once on the declared values of the plant and returns
-    the law to be used: a `Controller`, or for laws that no casadi expression holds a callable (t, y) -> u (see `Sampled`).
+    `measured_signals` and `actuated_signals` are the names of the signals that the controller reads and gives; a controller that declares no
+    `measured_signals` may read any. Its numeric fields are casadi symbols inside both methods, so that another gain never recompiles. `design(plant)` is
+    called once on the declared values of the plant and returns the law to be used: a `Controller`, or for laws that no casadi expression holds a callable
+    (t, y) -> u (see `Sampled`).
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ()
@@ -101,7 +103,9 @@ def _check_measured(law: Controller, form: str, display_units: Mapping[str, bool
         return
     if extra := next((name for name, has_default in display_units.items() if not has_default and name not in known), None):
         measured = ", ".join(f"`{name}`" for name in names(law.measured_signals)) or "nothing"
-        raise SceneError(f"{type(law).__name__} must declare `{extra}` in `measures`, as `{form}` reads it, but it declares {measured}.")
+        raise SceneError(
+            f"{type(law).__name__} must declare `{extra}` in `measured_signals`, as `{form}` reads it, but it declares {measured}."
+        )
 
 
 def _declared(law: Controller) -> set[str] | None:
@@ -118,7 +122,7 @@ def _check_driven(law: Controller, form: str, gives: Mapping[str, Any]) -> None:
     lacking = next((name for name in names(law.actuated_signals) if name not in gives), None)
     if lacking is not None:
         given = f"gives only {', '.join(f'`{name}`' for name in gives)}" if gives else "gives nothing"
-        raise SceneError(f"{type(law).__name__} must give `{lacking}`, which it declares in `drives`, but `{form}` {given}.")
+        raise SceneError(f"{type(law).__name__} must give `{lacking}`, which it declares in `actuated_signals`, but `{form}` {given}.")
 
 
 def designed(law: Any, plant: HybridSystem) -> Any:
@@ -179,7 +183,7 @@ class Sensors(Component):
 
 
 @dataclass(frozen=True)
-class Sampled:
+class Sampled(Renamed):
     """A law with its own sample time, delay and sensors: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
 
     All laws that sample at one instant read what was held before it, in whatever order they are listed: the set-point of an outer law reaches an inner one
@@ -232,11 +236,11 @@ class Sampled:
 
     def check(self) -> None:
         """Raise SceneError unless period > 0, delay >= 0, noise >= 0, resolution > 0, seed is an integer >= 0, and only a callable is told its signals."""
-        for word, told in (("measures", self.measured_signals), ("drives", self.actuated_signals)):
+        for word, told in (("measured_signals", self.measured_signals), ("actuated_signals", self.actuated_signals)):
             if told is None:
                 continue
             if isinstance(self.law, Controller):
-                raise SceneError(f"Argument `{word}` must be left to a callable: {type(self.law).__name__} declares what it {word}.")
+                raise SceneError(f"Argument `{word}` must be left to a callable: {type(self.law).__name__} declares its own.")
             if not isinstance(told, (str, list, tuple)) or not told or not all(isinstance(name, str) for name in told):
                 raise SceneError(f"Argument `{word}` must be the name of a signal, or several, but it is {told!r}.")
         number("sample_time", self.period, "s", above=0)
@@ -324,9 +328,9 @@ class External(Component):
         return Equations(update=Update({}, outputs, external=True, noise={name: ca.SX.sym(name) for name in self.sensors.noisy}))
 
     def answer(self, law: Any, time: float, values: Iterable[float], noise: Mapping[str, float]) -> np.ndarray:
-        """What the callable drives at a sample, given the values of `measures` and standard normal noise by channel.
+        """What the callable drives at a sample, given the values of `measured_signals` and standard normal noise by channel.
 
-        Raises ControllerError where it returns something else than one finite number for each of `drives`.
+        Raises ControllerError where it returns something else than one finite number for each of `actuated_signals`.
         """
         y = np.array(
             [self.sensors.reading(name, value, noise.get(name, 0.0)) for name, value in zip(self.display_units, values, strict=True)]
@@ -369,17 +373,22 @@ def names(value: str | Sequence[str]) -> tuple[str, ...]:
 def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
     """The part that stands for a Python callable; raises SceneError where its signals are unknown."""
     law = sampled.law
+    former = next((word for word in ("measures", "drives") if hasattr(law, word) and not isinstance(law, Renamed)), None)
+    if former is not None:
+        raise SceneError(f"Attribute `{former}` of a controller is now `{new_field(Controller, former)}`.")
     try:
         inspect.signature(law).bind(0.0, None)  # type: ignore[arg-type]
     except ValueError:  # something compiled, which does not tell
         pass
     except TypeError as error:
         raise SceneError(f"Argument `controller` must be callable as (t, y), y what it measures in order, but: {error}.") from None
-    asked = names(getattr(law, "measures", ("top.speed",)) if sampled.measured_signals is None else sampled.measured_signals)
+    asked = names(getattr(law, "measured_signals", ("top.speed",)) if sampled.measured_signals is None else sampled.measured_signals)
     measures = tuple(plant.routes.get(name, name) for name in asked)
     drives = tuple(
         plant.routes.get(name, name)
-        for name in names(getattr(law, "drives", ("top.torque",)) if sampled.actuated_signals is None else sampled.actuated_signals)
+        for name in names(
+            getattr(law, "actuated_signals", ("top.torque",)) if sampled.actuated_signals is None else sampled.actuated_signals
+        )
     )
     for name in measures:
         if not plant.has_signal(name):
@@ -387,7 +396,9 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
                 f"The controller measures `{name}`, which the plant does not give: {_told(name, plant.signals, sampled, plant)}"
             )
         if name in plant.states and plant.states[name][1] is not None:
-            raise SceneError(f"The controller measures `{name}`, which is a vector: name its entries in `measures`, `{name}.0` and so on.")
+            raise SceneError(
+                f"The controller measures `{name}`, which is a vector: name its entries in `measured_signals`, `{name}.0` and so on."
+            )
     for name in drives:
         if name not in plant.inputs:
             raise SceneError(f"The controller drives `{name}`, which is no input of the plant: {_told(name, plant.inputs, sampled, plant)}")
@@ -422,7 +433,8 @@ def _told(name: str, known: Iterable[str], sampled: Sampled, plant: HybridSystem
     scalars = [each for each, (expression, _) in plant.signals.items() if expression.numel() == 1] or ["..."]
     measured = next((each for each in scalars if each.endswith(".speed")), scalars[0])
     driven = next(iter(plant.inputs), "...")
-    return f'write `Sampled(law, {sampled.period:g}, measures="{measured}", drives="{driven}")`, with a tuple of names for several; {suggest(name, known)}'
+    call = f'Sampled(law, {sampled.period:g}, measured_signals="{measured}", actuated_signals="{driven}")'
+    return f"write `{call}`, with a tuple of names for several; {suggest(name, known)}"
 
 
 @dataclass(frozen=True)

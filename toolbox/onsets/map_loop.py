@@ -50,7 +50,7 @@ class Plane:
     def of(loop: ClosedLoop, over: Mapping[str, tuple[NumberOrText, NumberOrText]]) -> Plane:
         """The plane over two numbers of a loop. Raises SceneError for names and ranges that make none."""
         if not isinstance(over, Mapping) or len(over) != 2:
-            raise SceneError(f"Argument `over` must map two names to (low, high), but it is {over!r}.")
+            raise SceneError(f"Argument `ranges` must map two names to (low, high), but it is {over!r}.")
         first, second = (loop.acting(name, "severity_map", lambda number: number.kind.borders) for name in over)
         ranges = tuple(each.span(ends, each.name) for each, ends in zip((first, second), over.values(), strict=True))
         for each, ends in zip((first, second), ranges, strict=True):

@@ -96,7 +96,7 @@ class SeverityMap(Told, Result):
         Longest time for which a run was carried on until it was decided [s], and accuracy of the runs.
     resolution
         Resolution of borders by runs, in parts of a cell; where the growth is known, smooth running is lost where that changes its sign.
-    standard_errors
+    failures
         Why a run failed: {(branch, i, j): message}.
     runs
         Number of runs.
@@ -335,7 +335,7 @@ def severity_map(
             "halvings": halvings,
         }
         folder_of(Path(checkpoint))
-        search.journal = Journal(Path(checkpoint) / "runs.jsonl", fingerprints(search.base, plane.names, **asked), _is_run, "checkpoint")
+        search.journal = Journal(Path(checkpoint) / "runs.jsonl", fingerprints(search.base, plane.names, **asked), _is_run)
     front = Front(search=search, plane=plane, places=places, shape=shape, executor=executor)
     smooth = front.smooth()
     front.stopped()

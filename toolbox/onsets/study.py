@@ -147,11 +147,11 @@ def words_of(scene: Any, run: Trajectory, found: Mapping[str, float]) -> tuple[s
 def in_words(judged: Judged, sticks: int) -> str:
     """The verdict on a run that the judge has decided; sticks: how often it stuck in the time that was looked at.
 
-    "free", "stick-slip", "swing" and "stuck" for its regime at last; "sticks once" and "free at last" where it is free after one stick or several; "irregular"
-    where sticks go on and never repeat. What nothing decides tells in which time a small disturbance of smooth running grows.
+    "free", "stick-slip", "swing" and "stuck" for its regime at last; "recovered after 1 stick" and "recovered" where it is free after one stick or
+    several; "irregular" where sticks go on and never repeat. What nothing decides tells in which time a small disturbance of smooth running grows.
     """
     if judged.regime == SMOOTH:
-        return {0: "free", 1: "sticks once"}.get(sticks, "free at last")
+        return {0: "free", 1: "recovered after 1 stick"}.get(sticks, "recovered")
     if judged.regime == NOT_DECIDED:
         return "irregular stick-slip" if judged.sticks else told_growth(judged.rate) if judged.rate > 0 else NOT_DECIDED
     return WORDS.get(judged.regime, judged.regime)
@@ -161,14 +161,14 @@ def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> 
     """What the stick intervals between `after` and `end` [s] amount to.
 
     "free" for none; "stuck" where the last one lasts to the end and longer than half of the window; "stick-slip" for two or more;
-    "sticks once" for a single shorter one.
+    "recovered after 1 stick" for a single shorter one.
     """
     if not sticks:
         return "free"
     begin, last = sticks[-1]
     if last >= end and last - begin > 0.5 * (end - after):
         return "stuck"
-    return "stick-slip" if len(sticks) > 1 else "sticks once"
+    return "stick-slip" if len(sticks) > 1 else "recovered after 1 stick"
 
 
 # --- the table

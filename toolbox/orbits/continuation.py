@@ -37,8 +37,10 @@ from toolbox.orbits.branch import Bifurcation, Branch
 from toolbox.orbits.orbit import Cycle, signature_of
 from toolbox.orbits.sensitivity import placed
 from toolbox.steady_states.hopf import hopf_points
+from toolbox.vocabulary import new_names_only
 
 
+@new_names_only
 @sign_of_life("follow is at work")
 def follow(
     cycle: Cycle,
@@ -92,7 +94,7 @@ def follow(
     step = number("step", step, above=0)
     walk = ArcWalk(dataclasses.replace(cycle, run=placed(cycle.run, [free])), free, bounds)
     if abs(min(max(walk.here.value, bounds[0]), bounds[1]) - walk.here.value) > 1e-14 * abs(walk.here.value):
-        raise SceneError(f"Argument `span` must hold the value {walk.here.value:g} of `{parameter}`, but it is {bounds!r}.")
+        raise SceneError(f"Argument `bounds` must hold the value {walk.here.value:g} of `{parameter}`, but it is {bounds!r}.")
     whole("points", points, 1)
     goal = number("towards", towards, free.unit) if towards is not None else max(bounds, key=lambda end: abs(end - walk.here.value))
     walk.head_for(1.0 if goal > walk.here.value else -1.0)

@@ -38,8 +38,8 @@ ROUNDS = 4
 TONES = {
     "free": "good",
     "no stick": "good",
-    "free at last": "good",
-    "sticks once": "fair",
+    "recovered": "good",
+    "recovered after 1 stick": "fair",
     "swing": "fair",
     "stick-slip": "bad",
     "stuck": "bad",

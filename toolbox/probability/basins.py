@@ -167,13 +167,13 @@ def basin(
         If a name is no state, a range is none, or the loop has no steady state.
     """
     if not isinstance(ranges, Mapping) or not ranges:
-        raise SceneError(f"Argument `box` must map at least one state to its range, but it is {short(ranges)}.")
+        raise SceneError(f"Argument `ranges` must map at least one state to its range, but it is {short(ranges)}.")
     whole("runs", runs, 1)
     confidence, accuracy = number("confidence", confidence, above=0, below=1), number("accuracy", accuracy, above=0)
     states = [loop.number(name) for name in ranges]
     for each in states:
         if not each.is_start:
-            raise SceneError(f"Argument `box` must name states, but `{each.name}` is a number of the kind {each.kind}.")
+            raise SceneError(f"Argument `ranges` must name states, but `{each.name}` is a number of the kind {each.kind}.")
     loop = closed_loop(loop, start=equilibrium(loop))
     names = tuple(each.name for each in states)
     ends = [each.between(given, f"box.{each.name}") for each, given in zip(states, ranges.values(), strict=True)]

@@ -39,6 +39,7 @@ from toolbox.sweeps.executors import Manner, evaluated, probed
 from toolbox.sweeps.store import journal_in
 from toolbox.sweeps.sweep import task_of
 from toolbox.sweeps.variants import start_memories, start_states
+from toolbox.vocabulary import new_names_only
 
 BLOCK = 16_384
 """Runs of a block, about: what an interruption may lose."""
@@ -72,6 +73,7 @@ ALL = 0.999
 """Part of a quarter in stick that is all of it."""
 
 
+@new_names_only
 def chance(
     loop: ClosedLoop | HybridSystem | Mapping[str, ClosedLoop],
     ranges: Mapping[str, Any],
@@ -125,7 +127,7 @@ def chance(
     """
     loops = labelled(loop)
     if not isinstance(ranges, Mapping) or not 1 <= len(ranges) <= 2:
-        raise SceneError(f"Argument `over` must map one or two names to values, but it is {short(ranges)}.")
+        raise SceneError(f"Argument `ranges` must map one or two names to values, but it is {short(ranges)}.")
     whole("draws", draws, 1)
     confidence = number("confidence", confidence, above=0, below=1)
     accuracy = number("accuracy", accuracy, above=0)
@@ -135,7 +137,7 @@ def chance(
     known = drawn(first, uncertainty, draws, seed)
     twice = next((name for name in points.names if name in known.names), None)
     if twice is not None:
-        raise SceneError(f"Argument `uncertain` must not name what is varied, but `{twice}` is in `over`, too.")
+        raise SceneError(f"Argument `uncertainty` must not name what is varied, but `{twice}` is in `over`, too.")
     searches = {label: Search(each, points, known, duration, start, accuracy) for label, each in loops.items()}
     longest = max(each.duration for each in searches.values())
     total = len(searches) * len(points.points) * draws

@@ -26,6 +26,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.numbers import Number
 from toolbox.robustness.groups import Group, Machine
 from toolbox.sweeps.designs import Variations
+from toolbox.vocabulary import new_names_only
 
 LEAST_INSIDE = 0.5
 """Part of a distribution that must lie within the bounds of its number."""
@@ -155,6 +156,7 @@ def distribution(name: str, given: Any) -> Distribution:
     return Normal(_plain(mean), _plain(deviation))
 
 
+@new_names_only
 def drawn(loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, runs: int, seed: int = 0) -> Variations:
     """Draw what is uncertain, as a design for `sweep`.
 
@@ -193,10 +195,10 @@ def drawn(loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, runs: 
             raise SceneError(f"Argument `others` of `Draws` must name other numbers than the draws, but it has `{twice[0]}`.")
         return Variations((*made.names, *more.names), np.hstack([made.points, more.points]), (runs,), display_units=more.display_units)
     if not isinstance(uncertainty, Mapping) or not uncertainty:
-        raise SceneError(f"Argument `uncertain` must map at least one name to a distribution, but it is {short(uncertainty)}.")
+        raise SceneError(f"Argument `uncertainty` must map at least one name to a distribution, but it is {short(uncertainty)}.")
     numbers = [loop.number(name) for name in uncertainty]
     if len({each.name for each in numbers}) < len(numbers):
-        raise SceneError("Argument `uncertain` must name every number once.")
+        raise SceneError("Argument `uncertainty` must name every number once.")
     columns, asked = [], {}
     for each, given in zip(numbers, uncertainty.values(), strict=True):
         known = distribution(each.name, given)
@@ -207,6 +209,7 @@ def drawn(loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, runs: 
     return Variations(tuple(each.name for each in numbers), np.stack(columns, axis=1), (runs,), display_units=asked)
 
 
+@new_names_only
 def drawn_group(
     loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, draws: int = 72, *, phases: Sequence[float] = (0.0, 0.5), seed: int = 0
 ) -> Group:
@@ -241,7 +244,7 @@ def drawn_group(
     made = drawn(loop, uncertainty, draws, seed)
     declared = [loop.number(name).value for name in made.names]
     if 0.0 in declared:
-        raise SceneError(f"Argument `uncertain` must name numbers that are not zero, but `{made.names[declared.index(0.0)]}` is.")
+        raise SceneError(f"Argument `uncertainty` must name numbers that are not zero, but `{made.names[declared.index(0.0)]}` is.")
     machines = []
     for k, row in enumerate(made.points.tolist()):
         machines.append(Machine(f"draw {k + 1}", tuple((name, v / at) for name, v, at in zip(made.names, row, declared, strict=True))))

@@ -36,6 +36,7 @@ from toolbox.probability.distributions import Draws, drawn, known_as
 from toolbox.probability.pictures import picture
 from toolbox.steady_states.hopf import hopf_points
 from toolbox.sweeps.designs import grid
+from toolbox.vocabulary import new_names_only
 
 BEGINS = 0.02
 """Share of the range to which the borders are halved where nobody says."""
@@ -177,6 +178,7 @@ class UncertainOnset(Told, Result):
             raise ValueError("its arrays do not fit together")
 
 
+@new_names_only
 def uncertain_onset(
     loop: ClosedLoop | HybridSystem | Mapping[str, ClosedLoop],
     parameter: str,
@@ -238,7 +240,7 @@ def uncertain_onset(
     accuracy, confidence = number("accuracy", accuracy, above=0), number("confidence", confidence, above=0, below=1)
     known = drawn(first, uncertainty, draws, seed)
     if varied.name in known.names:
-        raise SceneError(f"Argument `uncertain` must not name what is varied, but it has {short(varied.name)}.")
+        raise SceneError(f"Argument `uncertainty` must not name what is varied, but it has {short(varied.name)}.")
     looked = np.linspace(high, low, values)
     borders, smooth, unknown = {}, {}, {}
     searches = {

@@ -1,6 +1,6 @@
 """Several models of a machine against one measurement: by their evidence, and by how well they predict windows that they have not seen.
 
-    found = compare_models({"exponential": one, "Gaussian": other}, data, priors, 20.0, left_out=more, measures=read)
+    found = compare_models({"exponential": one, "Gaussian": other}, data, priors, 20.0, left_out=more, metrics=read)
 
 The evidence is the mean likelihood under the prior: a law with numbers that the data do not need pays for them. It hangs on the prior, though, and data that
 were left out do not: their score is the logarithm of what the posterior gave them, window by window, as A. Vehtari, A. Gelman, J. Gabry (2017),
@@ -25,6 +25,7 @@ from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.probability.pictures import picture
 from toolbox.probability.posteriors import Measured, Posterior, posterior
+from toolbox.vocabulary import new_names_only
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,7 @@ class ModelComparison(Told, Result):
             raise ValueError("its scores do not fit to its models")
 
 
+@new_names_only
 def compare_models(
     models: Mapping[str, Any],
     data: Mapping[str, Any],

@@ -37,6 +37,7 @@ from toolbox.scenes.judged import judged_measures
 from toolbox.sweeps.designs import Variations
 from toolbox.sweeps.store import journal_in
 from toolbox.sweeps.sweep import sweep
+from toolbox.vocabulary import new_names_only
 
 STANDARD = math.log(2.0 * math.pi) / 2.0
 
@@ -304,6 +305,7 @@ def windowed(signal: str, times: Any, values: Any, deviation: float, length: Num
     return data, read
 
 
+@new_names_only
 def from_recording(
     loop: ClosedLoop | Any, recording: Recording, compare: Mapping[str, NumberOrText], length: NumberOrText = 1.0, *, max_gap: int = 2
 ) -> tuple[ClosedLoop, dict[str, Normal], dict[str, Metric]]:

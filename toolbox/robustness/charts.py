@@ -102,7 +102,7 @@ def stability_chart(
         If `over` does not hold two numbers of the loop with a range, `shape` is too small, or no point has a linear loop.
     """
     if len(ranges) != 2:
-        raise SceneError(f"Argument `over` must hold two numbers with their ranges, but it holds {len(ranges)}.")
+        raise SceneError(f"Argument `ranges` must hold two numbers with their ranges, but it holds {len(ranges)}.")
     if len(shape) != 2 or min(shape) < 3:
         raise SceneError(f"Argument `shape` must be two whole numbers >= 3, but it is {shape}.")
     known = [loop.number(name) for name in ranges]
@@ -110,7 +110,7 @@ def stability_chart(
     for each, (low, high), points in zip(known, ranges.values(), shape, strict=True):
         low, high = (number(f"over[{each.name!r}]", end, each.unit) for end in (low, high))
         if not low < high:
-            raise SceneError(f"Argument `over` must hold (lowest, highest), but `{each.name}` goes from {low:g} to {high:g}.")
+            raise SceneError(f"Argument `ranges` must hold (lowest, highest), but `{each.name}` goes from {low:g} to {high:g}.")
         rows.append(np.linspace(low, high, points))
     growth, disk = np.full(shape, math.nan), np.full(shape, math.nan)
     reason = ""

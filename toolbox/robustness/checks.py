@@ -153,23 +153,23 @@ class Checks:
         return audit.relative
 
     def onset_below(
-        self, loop: ClosedLoop | HybridSystem, parameter: str, limit: float, between: tuple[float, float], **arguments: Any
+        self, loop: ClosedLoop | HybridSystem, parameter: str, limit: float, bounds: tuple[float, float], **arguments: Any
     ) -> Onset:
         """From `limit` to the end of the range the machine is free: the borders of smooth running, of existing stick-slip and of standstill lie below.
 
         All other arguments are those of `toolbox.onset`. The borders count with their tolerance. Returns the onset.
         """
         __tracebackhide__ = True
-        if not is_finite_number(limit) or not between[0] < limit <= between[1]:
-            raise SceneError(f"Argument `limit` must be in the range {between[0]:g} .. {between[1]:g}, but it is {limit!r}.")
-        found = onset(as_loop(loop).at(parameter, limit), parameter, between, **arguments)
+        if not is_finite_number(limit) or not bounds[0] < limit <= bounds[1]:
+            raise SceneError(f"Argument `limit` must be in the range {bounds[0]:g} .. {bounds[1]:g}, but it is {limit!r}.")
+        found = onset(as_loop(loop).at(parameter, limit), parameter, bounds, **arguments)
         late = [(name, border) for name, border in found.borders if border.value + border.tolerance > limit]
         lasting = [
             name for name, branch in (("smooth running", found.smooth), ("stick-slip", found.sticking)) if branch[-1].regime != SMOOTH
         ]
         if late or lasting:
             words = [f"{name} at {border.value:.5g} +- {border.tolerance:.2g} {found.unit}" for name, border in late]
-            words += [f"begun from {name} the machine is not smooth even at {between[1]:g} {found.unit}" for name in lasting]
+            words += [f"begun from {name} the machine is not smooth even at {bounds[1]:g} {found.unit}" for name in lasting]
             self._fail(
                 "onset_below",
                 f"Stick-slip over `{parameter}` must end below {limit:g} {found.unit}, but {', and '.join(words)}.\n{found}",

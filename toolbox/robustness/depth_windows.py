@@ -29,6 +29,7 @@ from toolbox.modelling.laws import Controller, Sampled
 from toolbox.onsets.map_loop import NONE, SMOOTH
 from toolbox.onsets.severity_map import MapSide, SeverityMap, severity_map
 from toolbox.robustness.margins import disk_margin
+from toolbox.vocabulary import new_names_only
 
 HALVINGS = 4
 """How often an edge of the grid across a border is halved: a grid of 13 by 7 points then has the borders of one of 25 by 13 whose edges are halved thrice."""
@@ -143,6 +144,7 @@ class Windows(Told, Result):
         )  # fmt: skip
 
 
+@new_names_only
 def windows(
     well: Callable[[float], Any],
     depths: Iterable[NumberOrText],

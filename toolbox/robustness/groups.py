@@ -10,6 +10,7 @@ from toolbox.errors import SceneError
 from toolbox.modelling import inputs as shapes
 from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.vocabulary import Renamed, new_names_only
 
 NAMES = ("declared", "real", "robust", "corners", "rocks", "weight")
 """Names of the groups of a drill string."""
@@ -44,7 +45,7 @@ class Varying:
 
 
 @dataclass(frozen=True)
-class Machine:
+class Machine(Renamed):
     """A machine beside the declared one.
 
     factors: ((number of the loop, factor of its declared value), ...).  late: by how much commands come later than declared [s].
@@ -95,6 +96,7 @@ WEIGHTS = (
 """Weights that vary: 2 and 5 % rms with a corner at 0.2 Hz, 5 % at the frequency of a string of 2 km, a heave of 10 % every ten seconds."""
 
 
+@new_names_only
 def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, delay: float = 0.03) -> dict[str, Group]:
     """Groups of machines for a drill string with a chain of inertias and a rock, by name.
 

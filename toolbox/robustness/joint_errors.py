@@ -190,7 +190,7 @@ class SmallestError(Told, Result):
 @takes_loop
 def smallest_error(
     loop: ClosedLoop,
-    ranges: Mapping[str, Any],
+    uncertainty: Mapping[str, Any],
     duration: NumberOrText,
     *,
     starts: Sequence[Mapping[str, Any]] | None = None,
@@ -204,7 +204,7 @@ def smallest_error(
     ----------
     loop
         A loop. A law is designed on the declared plant, and errors do not change its design.
-    ranges
+    uncertainty
         {number of the loop: (low, high)}, in SI or text with units, with the declared value within; or a part of the declared value to either side,
         such as 0.2. "delay" is that of the sampled laws. At most 7 numbers.
     duration
@@ -224,7 +224,7 @@ def smallest_error(
     SceneError
         If a name or a range is none, or the loop fails on the declared machine.
     """
-    numbers, asked = _wrong_numbers(loop, ranges)
+    numbers, asked = _wrong_numbers(loop, uncertainty)
     trials = Trials.of(loop, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))
     search = _Search(numbers)
 
@@ -267,36 +267,38 @@ def smallest_error(
     )
 
 
-def _wrong_numbers(loop: ClosedLoop, ranges: Mapping[str, Any]) -> tuple[tuple[WrongNumber, ...], dict[str, str]]:
+def _wrong_numbers(loop: ClosedLoop, uncertainty: Mapping[str, Any]) -> tuple[tuple[WrongNumber, ...], dict[str, str]]:
     """The numbers with their ranges, and {unit: unit that was typed}. Raises SceneError for one that is none, or is not around the declared value."""
-    given = mapping("ranges", ranges)
+    given = mapping("uncertainty", uncertainty)
     if not 1 <= len(given) <= MOST:
-        raise SceneError(f"Argument `ranges` must hold 1 to {MOST} numbers, but it holds {len(given)}.")
+        raise SceneError(f"Argument `uncertainty` must hold 1 to {MOST} numbers, but it holds {len(given)}.")
     found: list[WrongNumber] = []
     asked: dict[str, str] = {}
     for name, between in given.items():
         if name == DELAY:
             late = [law.delay for law in loop.controllers if isinstance(law, Sampled)]
             if not late or len(set(late)) > 1 or not late[0] > 0.0:
-                raise SceneError(f"Argument `ranges` must hold `{DELAY}` only for sampled laws of one delay > 0 s, but theirs are {late}.")
+                raise SceneError(
+                    f"Argument `uncertainty` must hold `{DELAY}` only for sampled laws of one delay > 0 s, but theirs are {late}."
+                )
             full, unit, declared = DELAY, "s", float(late[0])
         else:
             number = loop.free(name)
             full, unit, declared = number.name, number.unit, declared_value(loop, name)
         if declared == 0.0:
-            raise SceneError(f"Argument `ranges` must hold numbers that are not 0, but `{full}` is.")
+            raise SceneError(f"Argument `uncertainty` must hold numbers that are not 0, but `{full}` is.")
         if isinstance(between, int | float) and not isinstance(between, bool):
             between = tuple(sorted((declared * (1.0 - between), declared * (1.0 + between))))
         typed = in_si(tuple(between), unit, full) if isinstance(between, tuple | list) else ()
         ends = [float(each) for each in typed]
         if len(ends) != 2 or not ends[0] <= declared <= ends[1] or not ends[0] < ends[1]:
             raise SceneError(
-                f"Argument `ranges` must hold (low, high) around the declared {declared:g} {unit} of `{full}`, or a part of it, but it holds {between!r}."
+                f"Argument `uncertainty` must hold (low, high) around the declared {declared:g} {unit} of `{full}`, or a part of it, but it holds {between!r}."
             )
         for end in ends if name != DELAY else ():
             loop.number(full).check(end)
         if name == DELAY and ends[0] < 0.0:
-            raise SceneError(f"Argument `ranges` must hold delays >= 0 s, but it holds {between!r}.")
+            raise SceneError(f"Argument `uncertainty` must hold delays >= 0 s, but it holds {between!r}.")
         found.append(WrongNumber(full, unit, declared, *ends))
         if unit != "s":
             asked.setdefault(unit, asked_in(typed, unit))

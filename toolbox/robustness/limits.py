@@ -126,7 +126,7 @@ def performance_limit(
     plant = loop.unsampled().system
     if not isinstance(actuated_signals, str):
         raise SceneError(
-            f"Argument `drives` must be the name of one input, but it is {actuated_signals!r}: with several the limits are not known in this form."
+            f"Argument `actuated_signals` must be the name of one input, but it is {actuated_signals!r}: with several the limits are not known in this form."
         )
     period, delay = None if period is None else number("period", period, "s", above=0), number("delay", delay, "s", at_least=0)
     if delay > 0 and period is None:
@@ -213,7 +213,7 @@ def common_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, per
         found.append(values[np.argsort(np.abs(values))][: n - degree] if degree <= n else np.empty(0, complex))
     degree = min(degrees)
     if degree > n:
-        raise SceneError("Argument `measures` must answer to the command that is driven, but it does not.")
+        raise SceneError("Argument `measured_signals` must answer to the command that is driven, but it does not.")
     first = next(values for values, each in zip(found, degrees, strict=True) if each == degree)
     outside = (
         first[first.real > ON_THE_BORDER * np.abs(first).max(initial=1.0)] if period is None else first[np.abs(first) > 1.0 + ON_THE_BORDER]

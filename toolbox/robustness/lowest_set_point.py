@@ -27,6 +27,7 @@ from toolbox.modelling.laws import Controller
 from toolbox.robustness.groups import LASTING, NAMES, Group, machine_groups
 from toolbox.robustness.set_points import WAYS, Outcome, Trial
 from toolbox.sweeps.executors import check_executor
+from toolbox.vocabulary import Renamed
 
 ABOVE = (0.3, 0.8, 2.0)
 """How far above a border [rad/s] it is confirmed."""
@@ -85,7 +86,7 @@ def _key(trial: Trial, group: Group, reference: float, way: str) -> str:
 
 
 @dataclass(frozen=True)
-class SetPointLimit:
+class SetPointLimit(Renamed):
     """The lowest set-point that a law holds on a group of machines, and what it costs there.
 
     Attributes
@@ -393,7 +394,7 @@ def lowest_set_point(
     chosen = chosen_groups(trial, groups)
     for way in protocols:
         if way not in WAYS:
-            raise SceneError(f"There is no way `{way}` of taking over: {suggest(way, WAYS)}")
+            raise SceneError(f"There is no protocol `{way}` of taking over: {suggest(way, WAYS)}")
     cells = Cells(None if checkpoint is None else Path(checkpoint), callback, asked)
     found = borders(trial, chosen, protocols, cells, low, higher=high, step=grid, lasts=long_run)
     entries: dict[tuple[str, ...], SetPointLimit] = {(trial.label, *key): each for key, each in found.items()}

@@ -94,7 +94,7 @@ class AmplifiedCallable:
 
     def __init__(self, law: Callable[..., Any], factor: float):
         self.law, self.factor = law, factor
-        for name in ("measures", "drives", "defaults"):
+        for name in ("measured_signals", "actuated_signals", "defaults"):
             if hasattr(law, name):
                 setattr(self, name, getattr(law, name))
 

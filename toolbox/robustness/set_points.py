@@ -34,6 +34,7 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, Takeover, designed
 from toolbox.modelling.numbers import put_all
 from toolbox.robustness.groups import LASTING, Group, Machine
+from toolbox.vocabulary import Renamed
 
 if TYPE_CHECKING:
     from toolbox.simulation.trajectory import Trajectory
@@ -52,7 +53,7 @@ WAYS = ("direct", "raised")
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Renamed):
     """What came of a group of machines at a set-point.
 
     Attributes
@@ -186,7 +187,7 @@ class Trial:
 
     def place(self, name: str) -> str:
         """The number of a loop with the law that a number of the machine is: what is asked of the weight, where the law drives `bit.weight` itself."""
-        return "weight.reference" if name == "bit.weight" and name in getattr(self.clock.law, "drives", ()) else name
+        return "weight.reference" if name == "bit.weight" and name in getattr(self.clock.law, "actuated_signals", ()) else name
 
     def key(self, reference: float) -> list[Any]:
         """What tells this trial at a set-point from others, as text and numbers."""
@@ -279,7 +280,8 @@ class Trial:
             growth, where = self.growth(group.machines, reference)
             if growth > 0.0:
                 return Outcome(False, f"{where}: smooth running is not stable, a disturbance {told_growth(growth)}", growth=growth)
-        runs, most = 0, dict.fromkeys(("above", "recovery", "fastest", "torque_high", "lifts", "again", "relief"), 0.0)
+        runs = 0
+        most = dict.fromkeys(("time_above_setpoint", "recovery", "fastest", "torque_high", "lifts", "relapses_per_hour", "relief"), 0.0)
         for failed, numbers in self.attempts(group, reference, way):
             runs += len(numbers["stuck"])
             if failed:
@@ -410,7 +412,7 @@ def _measures(loop: ClosedLoop, begun: float, after: float) -> dict[str, Any]:
     last = {"speed": "bit.speed", "torque": "top.torque", "square": "watch.square", "limited": "watch.limited"}
     return {
         "stuck": metrics.time_in("bit", after),
-        "above": metrics.mean("watch.above", after),
+        "time_above_setpoint": metrics.mean("watch.above", after),
         "recovery": metrics.mean("watch.above", begun, after),
         "fastest": metrics.maximum("bit.speed", begun),
         "torque_high": metrics.maximum("top.torque", begun),
@@ -421,7 +423,7 @@ def _measures(loop: ClosedLoop, begun: float, after: float) -> dict[str, Any]:
 
 def _again(measured: Mapping[str, np.ndarray], judged: float) -> dict[str, np.ndarray]:
     """Lifts an hour in the judged window of so many seconds, of a law that lifts."""
-    return {"again": (measured["lifts"] - measured["before"]) * 3600.0 / judged} if "lifts" in measured else {}
+    return {"relapses_per_hour": (measured["lifts"] - measured["before"]) * 3600.0 / judged} if "lifts" in measured else {}
 
 
 def _failed(
@@ -448,7 +450,7 @@ def verdict(numbers: Mapping[str, float], reference: float, noise: float, varyin
         return f"torque ripple {100 * ripple:.1f} %"
     if varying and numbers.get("lifted", 0.0) > 0.02:
         return f"lifted {100 * numbers['lifted']:.1f} % of the time"
-    if lasting and not varying and numbers.get("again", 0.0) > 0.0:
+    if lasting and not varying and numbers.get("relapses_per_hour", 0.0) > 0.0:
         return "lifted again"
     return f"at a limit {100 * numbers['limited']:.1f} % of the time" if numbers["limited"] > 0.01 else ""
 

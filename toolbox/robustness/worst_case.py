@@ -422,9 +422,9 @@ def declared_value(loop: ClosedLoop, name: str) -> float:
     """The value of a number of the loop; raises SceneError for a start value, and for an input that varies in time."""
     number = loop.free(name)
     if number.is_start:
-        raise SceneError(f"Argument `errors` must not hold `{name}`, because it is a start value: give `starts`.")
+        raise SceneError(f"Argument `uncertainty` must not hold `{name}`, because it is a start value: give `starts`.")
     if math.isnan(number.value):
-        raise SceneError(f"Argument `errors` must name numbers, but `{name}` varies in time: name a number of it.")
+        raise SceneError(f"Argument `uncertainty` must name numbers, but `{name}` varies in time: name a number of it.")
     return number.value
 
 
@@ -433,7 +433,7 @@ def as_run(law: Any, late: float, seed: int) -> Any:
     if not isinstance(law, Sampled):
         if late != 1.0:
             raise SceneError(
-                f"Argument `errors` must not hold `{DELAY}` for a law that acts continuously: {suggest(DELAY, ('sample_time',))}"
+                f"Argument `uncertainty` must not hold `{DELAY}` for a law that acts continuously: {suggest(DELAY, ('sample_time',))}"
             )
         return law
     return dataclasses.replace(law, delay=law.delay * late, seed=seed)

@@ -16,6 +16,7 @@ from toolbox.measuring.metrics import Metric
 from toolbox.scenes.judged import judged_in
 from toolbox.scenes.scene import Scene
 from toolbox.simulation.recorded import Recorded
+from toolbox.vocabulary import new_names_only
 
 SPEEDS = ("rad/s", "m/s")
 
@@ -91,6 +92,7 @@ class Differences(Told):
     __repr__ = Told.__str__
 
 
+@new_names_only
 def compare(
     first: Any,
     second: Any,

@@ -70,7 +70,7 @@ def judged_speed(closed: ClosedLoop | HybridSystem, contact: str) -> str:
 
 
 def judged_measures(
-    given: Any, loop: ClosedLoop, begin: float, end: float, argument: str = "measures", after: float | None = None
+    given: Any, loop: ClosedLoop, begin: float, end: float, argument: str = "metrics", after: float | None = None
 ) -> dict[str, Metric]:
     """{name: measure} of what an argument asks of the runs of a loop from `begin` to `end` [s], with all that it leaves to the loop.
 
@@ -91,7 +91,7 @@ def judged_in(given: Any, run: Recorded, begin: float, end: float) -> dict[str, 
     if isinstance(run, Trajectory):
         found = judged_measures(given, run.run.loop, run.begin, end, after=begin)
     else:
-        found = {name: _judged(each, run, begin, "measures") for name, each in metrics_of(given).items()}
+        found = {name: _judged(each, run, begin, "metrics") for name, each in metrics_of(given).items()}
     return {name: each if each.until is not None else dataclasses.replace(each, until=end) for name, each in found.items()}
 
 
@@ -129,7 +129,7 @@ def _looked_at(what: str, judge: ClosedLoop | Recorded, argument: str) -> str:
     contact = judged_element(judge.contacts, None, argument)
     if contact is None:
         raise SceneError(
-            f"Argument `{argument}` must say of what it is, because the run has no contact: `measures.maximum(...)`, for example."
+            f"Argument `{argument}` must say of what it is, because the run has no contact: `metrics.maximum(...)`, for example."
         )
     speed = f"{contact}.speed" if f"{contact}.speed" in judge else f"{contact}.slip"
     return {"contact": contact, "speed": speed}.get(what) or ("top.torque" if "top.torque" in judge else speed)

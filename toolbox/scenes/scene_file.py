@@ -13,13 +13,14 @@ import re
 import tomllib
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from toolbox.errors import SceneError, suggest
 from toolbox.files.reading import SCENE, text_of
 from toolbox.files.units import parse
+from toolbox.messages import complaint
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.closing import laws_of
 from toolbox.modelling.components import Component
@@ -32,6 +33,7 @@ from toolbox.modelling.observers import Observer
 from toolbox.scenes import catalogue, keys
 from toolbox.scenes.cases import Case, Measured, Number, Waveform
 from toolbox.scenes.judged import judged_effort, judged_speed
+from toolbox.vocabulary import new_field
 
 _SHAPES = {**UNITS, "table": {"times": "s", "values": ""}}
 """Units of the numbers of each shape of an input; empty for the unit of the signal."""
@@ -291,13 +293,22 @@ def _readings(data: Any, where: str, plant: HybridSystem) -> dict[str, float]:
     return {name: parse(value, plant.signal_unit(name), f"{where}.{name}") for name, value in _keys(data, where).items()}
 
 
+def renamed_keys(data: Mapping[str, Any], known: Collection[str], cls: type, title: str) -> Iterator[tuple[str, Any]]:
+    """The entries of a table; a key that is the former name of a field has the name now, which one line on stderr gives."""
+    for key, value in data.items():
+        now = key if key in known else new_field(cls, key)
+        if now != key:
+            complaint(f"note: the key `{key}` of `{title}` is now `{now}`.", 0)
+        yield now, value
+
+
 def _filled(item: Any, data: Mapping[str, Any], title: str, also: Sequence[str] = ()) -> Any:
     """A class with these fields, or a ready-made part with these fields replaced."""
     cls = item if isinstance(item, type) else type(item)
     hints = typing.get_type_hints(cls)
     specs = {spec.name: spec for spec in dataclasses.fields(cls) if spec.init}
     values = {}
-    for key, value in data.items():
+    for key, value in renamed_keys(data, specs, cls, title):
         if key not in specs:
             raise SceneError(f"There is no key `{key}` in `{title}`: {suggest(key, [*specs, *also])}")
         values[key] = _field_value(value, hints[key], f"{title}.{key}", catalogue.present(item, specs[key]))

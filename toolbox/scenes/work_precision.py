@@ -62,9 +62,9 @@ class WorkPrecision(Told, Result):
         What was run, and for how long [s].
     points
         The runs (`Point`), in order of method and setting.
-    disagreement
-        Largest difference between the two truths, in parts of the size of a state.
-    truths
+    reference_error
+        Largest difference between the two references, in parts of the size of a state.
+    references
         What they were computed with.
     """
 
@@ -77,7 +77,7 @@ class WorkPrecision(Told, Result):
     def cheapest(self, error: float) -> Point | None:
         """Return the fastest run whose error is at most this, or None where there is none.
 
-        Raises SceneError below the disagreement of the truths, where the error of a run is not known.
+        Raises SceneError below the difference of the references, where the error of a run is not known.
         """
         if not error >= self.reference_error:
             raise SceneError(

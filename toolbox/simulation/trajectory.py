@@ -25,6 +25,7 @@ from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.samples import Event, Samples
 from toolbox.simulation.saved_run import SavedRun
+from toolbox.vocabulary import Renamed
 
 
 class Replay:
@@ -70,7 +71,7 @@ class Records:
     before: tuple[float, Formulas] | None = None
 
 
-class Trajectory(Recorded, Samples[FloatArray]):
+class Trajectory(Renamed, Recorded, Samples[FloatArray]):
     """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
 
     Attributes

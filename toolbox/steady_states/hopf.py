@@ -39,10 +39,11 @@ from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes, sta
 from toolbox.steady_states.linear import holding_elements, steady_state
 from toolbox.steady_states.sampled_hopf import SampledBranch, check_slopes, refuse_modes
 from toolbox.steady_states.zeros import NEARER, newton, searched
+from toolbox.vocabulary import Renamed
 
 
 @dataclass(frozen=True)
-class HopfPoint:
+class HopfPoint(Renamed):
     """A point where a pair of poles +-i w crosses the imaginary axis while a parameter varies.
 
     Attributes

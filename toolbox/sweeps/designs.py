@@ -11,6 +11,7 @@ import numpy as np
 from toolbox.arguments import checked_range, finite_array, whole
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_in
+from toolbox.vocabulary import new_names_only
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ def grid(axes: Mapping[str, Any]) -> Variations:
             raise SceneError(f"Argument `{name}` must be a row of finite numbers, but it is {row!r}.")
         values.append(array)
     if not values:
-        raise SceneError("Argument `vary` must name at least one number, but it is empty.")
+        raise SceneError("Argument `ranges` must name at least one number, but it is empty.")
     mesh = np.meshgrid(*values, indexing="ij")
     return Variations(tuple(axes), np.stack([each.ravel() for each in mesh], axis=1), mesh[0].shape, tuple(values), _asked(axes))
 
@@ -58,19 +59,21 @@ def listed(rows: Any) -> Variations:
         rows = rows.to_dict("records")
     rows = list(rows)
     if not rows or not all(isinstance(row, Mapping) and row.keys() == rows[0].keys() and row for row in rows):
-        raise SceneError("Argument `vary` must be rows that all give numbers to the same names, but it is not.")
+        raise SceneError("Argument `ranges` must be rows that all give numbers to the same names, but it is not.")
     names = tuple(rows[0])
     points = finite_array([[row[name] for name in names] for row in rows])
     if points is None or points.ndim != 2:
-        raise SceneError("Argument `vary` must hold finite numbers only, but it does not.")
+        raise SceneError("Argument `ranges` must hold finite numbers only, but it does not.")
     return Variations(names, points, (len(rows),), display_units=_asked({name: [row[name] for row in rows] for name in names}))
 
 
+@new_names_only
 def uniform(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
     """Draw independent uniform random numbers between the bounds {name: (low, high)}."""
     return _scaled(ranges, runs, seed, lambda: np.random.default_rng(seed).random((runs, len(ranges))))
 
 
+@new_names_only
 def latin_hypercube(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
     """Make a Latin hypercube (scipy.stats.qmc): each of `runs` equal parts of each range {name: (low, high)} is met once."""
 
@@ -82,6 +85,7 @@ def latin_hypercube(ranges: Mapping[str, tuple[float, float]], runs: int, seed: 
     return _scaled(ranges, runs, seed, unit)
 
 
+@new_names_only
 def sobol(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
     """Make a scrambled Sobol sequence (scipy.stats.qmc) in ranges {name: (low, high)}; its balance needs a power of two as number of runs."""
 
@@ -98,7 +102,7 @@ def sobol(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -
 def _scaled(bounds: Any, runs: int, seed: int, unit: Callable[[], np.ndarray]) -> Variations:
     """Points of the unit cube between bounds, once all arguments are sound."""
     if not isinstance(bounds, Mapping) or not bounds:
-        raise SceneError(f"Argument `bounds` must map at least one name to (low, high), but it is {bounds!r}.")
+        raise SceneError(f"Argument `ranges` must map at least one name to (low, high), but it is {bounds!r}.")
     whole("runs", runs, 1)
     whole("seed", seed, 0)
     low, high = np.array([checked_range(pair, name) for name, pair in bounds.items()]).T
@@ -117,5 +121,5 @@ def variations_of(vary: Any) -> Variations:
     if isinstance(vary, Mapping):
         return grid(vary)
     if isinstance(vary, str) or not isinstance(vary, Iterable):
-        raise SceneError(f"Argument `vary` must map names to values, or be rows or `Variations`, but it is {vary!r}.")
+        raise SceneError(f"Argument `ranges` must map names to values, or be rows or `Variations`, but it is {vary!r}.")
     return listed(vary)

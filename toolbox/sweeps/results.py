@@ -40,7 +40,7 @@ class Sweep(Told, Result):
         Shape of the results, and the values along each axis of a grid.
     metrics, metric_units
         {name: array of shape `shape`} and their units.
-    standard_errors
+    failures
         Why a run failed: {index of the run: message}.
     duration, accuracy
         Length [s] and accuracy of a run.
@@ -194,7 +194,7 @@ class Sweep(Told, Result):
 
     def check_loaded(self) -> None:
         """Raise ValueError or TypeError where what was read does not fit together."""
-        kinds = {"title": "text", "names": "texts", "units": "texts", "measure_units": "by name", "asked": "by name"}
+        kinds = {"title": "text", "names": "texts", "units": "texts", "metric_units": "by name", "display_units": "by name"}
         check_notes(self, {**kinds, **dict.fromkeys(("duration", "accuracy", "seconds"), "number")})
         shapes: dict[str, Shape] = {"points": ("f", self.runs, len(self.names))}
         shapes |= {f"axis {k}": ("f", length) for k, length in enumerate(self.shape if self.axes else ())}

@@ -64,7 +64,7 @@ class Store:
         if not (self.path / metadata.FILE).is_file():
             if self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
                 raise SceneError(
-                    f"Argument `out` must be an empty or new folder, or that of a sweep to be continued, but `{self.path}` is not."
+                    f"Argument `checkpoint` must be an empty or new folder, or that of a sweep to be continued, but `{self.path}` is not."
                 )
             folder_of(self.path.absolute().parent)
             return
@@ -74,7 +74,7 @@ class Store:
         if other:
             words = ", ".join(f"`{word}`" for word in other)
             raise SceneError(
-                f"Argument `out` must be a new folder, or that of the same sweep, but `{self.path}` holds one with other {words}."
+                f"Argument `checkpoint` must be a new folder, or that of the same sweep, but `{self.path}` holds one with other {words}."
             )
         self.settings = notes["settings"]
 
@@ -125,7 +125,7 @@ def saved(sweep: Sheet, path: Path) -> None:
     _zarr()
     _check_free(path)
     columns = Columns.empty(sweep.runs, len(sweep.metrics))
-    columns.put(0, np.stack([values.ravel() for values in sweep.metrics.values()], axis=1), sweep.errors)
+    columns.put(0, np.stack([values.ravel() for values in sweep.metrics.values()], axis=1), sweep.failures)
     with replaced_folder(path) as folder:
         _laid_out(folder, sweep, chunk_shape(sweep.shape, ROWS), {})
         opened = _Open(folder, "r+")
@@ -162,8 +162,8 @@ def loaded(path: Path) -> dict[str, Any]:
     metrics = {name: columns.values[:, k].reshape(shape) for k, name in enumerate(notes["measure_units"])}
     return {
         "title": notes["title"], "names": names, "units": tuple(notes["units"]), "points": points, "shape": shape, "axes": axes if notes["grid"] else (),
-        "measures": metrics, "measure_units": notes["measure_units"], "errors": columns.errors, "duration": notes["duration"],
-        "accuracy": notes["accuracy"], "asked": notes.get("asked", {}),
+        "metrics": metrics, "metric_units": notes["measure_units"], "failures": columns.errors, "duration": notes["duration"],
+        "accuracy": notes["accuracy"], "display_units": notes.get("asked", {}),
     }  # fmt: skip
 
 
@@ -172,14 +172,14 @@ def folder_of(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SceneError(f"Argument `out` must be a folder that can be written, but `{path}` cannot: {error.strerror}.") from None
+        raise SceneError(f"Argument `checkpoint` must be a folder that can be written, but `{path}` cannot: {error.strerror}.") from None
 
 
 def journal_in(folder: Path, name: str, loop: ClosedLoop, variations: Variations, duration: float, accuracy: float, **more: Any) -> Journal:
     """What is known in a file of a folder of a search over runs of a loop; more: what else makes the search. Raises SceneError for that of another one."""
     folder_of(folder)
     run = shared_run(loop, variations, duration, accuracy=accuracy)
-    return Journal(folder / name, fingerprints(run, variations.names, duration=[duration], **more), word="checkpoint")
+    return Journal(folder / name, fingerprints(run, variations.names, duration=[duration], **more))
 
 
 # ---------------------------------------------------------------------------------------------------------------------------------------- zarr

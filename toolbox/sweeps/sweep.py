@@ -1,6 +1,6 @@
 """A loop thousands of times: over grids, lists and random designs, on all cores or a cluster, with nothing lost when it is interrupted.
 
-    found = sweep(closed_loop(rig, law), {"bit.weight": weights, "top.reference": speeds}, 120.0, measures=("severity",))
+    found = sweep(closed_loop(rig, law), {"bit.weight": weights, "top.reference": speeds}, 120.0, metrics=("severity",))
     found["severity"]          array of shape (len(weights), len(speeds))
 
 Everything is checked and compiled once; then only numbers change. Measures are read off the runs in machine code (`toolbox.measuring.readings`), so that no
@@ -113,7 +113,7 @@ def sweep(
     run = task.run
     taken = next((name for name in chosen if name in {"run", "status", "error", *variations.names} or "/" in name), None)
     if taken is not None:
-        raise SceneError(f"Argument `measures` must use names that are free, without a slash, but one is `{taken}`.")
+        raise SceneError(f"Argument `metrics` must use names that are free, without a slash, but one is `{taken}`.")
     units = tuple(run.loop.number(name).unit for name in variations.names)
     sheet = Sweep(
         title=loop.title,

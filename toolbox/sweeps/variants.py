@@ -33,7 +33,7 @@ from toolbox.sweeps.designs import Variations
 def shared_run(loop: ClosedLoop, variations: Variations, duration: float, **arguments: Any) -> Run:
     """The run that all variations share, with what is varied as inputs given as numbers. Raises SceneError as `simulate` does."""
     if len(set(variations.names)) < len(variations.names):
-        raise SceneError("Argument `vary` must name every number once.")
+        raise SceneError("Argument `ranges` must name every number once.")
     kept = [{name: v for name, v in given.items() if name not in variations.names} for given in (loop.inputs, loop.parameters)]
     loop = loop.but(inputs=kept[0], parameters=kept[1])
     middle = variations.points[len(variations.points) // 2].tolist()

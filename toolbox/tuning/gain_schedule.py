@@ -32,6 +32,7 @@ from toolbox.robustness.depth_windows import closed_at
 from toolbox.robustness.margins import disk_margin
 from toolbox.robustness.worst_case import Trials, cycle_phases, percent
 from toolbox.simulation.simulate import simulate
+from toolbox.vocabulary import new_names_only
 
 PHASES = 4
 """Phases of a stick-slip that exists from which a law is tried at a depth."""
@@ -106,7 +107,7 @@ class Schedule(Told, Result):
     gains: np.ndarray
     checked: tuple[CheckedDepth, ...]
     display_units: Mapping[str, str]
-    law: Any = field(default=None, repr=False, compare=False, metadata=LEFT_OUT)
+    controller: Any = field(default=None, repr=False, compare=False, metadata=LEFT_OUT)
     every: Any = field(default=None, repr=False, compare=False, metadata=LEFT_OUT)
 
     @property
@@ -121,11 +122,11 @@ class Schedule(Told, Result):
 
     def law_at(self, depth: NumberOrText) -> Any:
         """The law with the numbers of a depth [m], for a loop. Raises SceneError for a schedule that was loaded, which has no law."""
-        if self.law is None:
+        if self.controller is None:
             raise SceneError(
                 "A schedule that was loaded has no law, which belongs to the machine: make it again by `schedule`, or take `gains_at`."
             )
-        return _law_at(self.law, self.depths, self.every, number("depth", depth, "m", at_least=0))
+        return _law_at(self.controller, self.depths, self.every, number("depth", depth, "m", at_least=0))
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
@@ -169,6 +170,7 @@ class Schedule(Told, Result):
         return schedule_diagram(labels, np.array(self.depths) * deep.factor, gains, found, axes, deep.unit)
 
 
+@new_names_only
 def schedule(
     well: Callable[[float], Any],
     depths: Iterable[NumberOrText],
@@ -221,7 +223,7 @@ def schedule(
     kinds = {type(loop.designed[0]).__name__ for loop in loops}
     if len(set(counted)) > 1 or len(kinds) > 1:
         raise SceneError(
-            f"Argument `law` must have as many numbers at every depth to be interpolated, but it has {', '.join(map(str, counted))}: "
+            f"Argument `controller` must have as many numbers at every depth to be interpolated, but it has {', '.join(map(str, counted))}: "
             "let `well` give plants of one size, or take a law whose design does not grow with the plant."
         )
     every = np.array([numbers_of(loop.designed[0]) for loop in loops])
@@ -255,7 +257,7 @@ def _designed(well: Callable[[float], Any], depth: float, law: Any) -> ClosedLoo
     """The loop of a depth with the law that is designed there."""
     here = law if isinstance(law, (Controller, Sampled)) else law(depth) if callable(law) else None
     if not isinstance(here.law if isinstance(here, Sampled) else here, Controller):
-        raise SceneError(f"Argument `law` must be a Controller, Sampled with one, or a function depth -> law, but it is {law!r}.")
+        raise SceneError(f"Argument `controller` must be a Controller, Sampled with one, or a function depth -> law, but it is {law!r}.")
     return closed_at(well, depth).but(controllers=(here,))
 
 

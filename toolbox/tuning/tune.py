@@ -41,8 +41,10 @@ from toolbox.scenes.scene import Scene
 from toolbox.sweeps.executors import check_executor
 from toolbox.tuning.results import Free, Tuned, plain_number, with_numbers
 from toolbox.tuning.search import Spent, TuningSearch, is_result, smallest, spread
+from toolbox.vocabulary import new_names_only
 
 
+@new_names_only
 def tune(
     scene: Scene | HybridSystem | Sequence[Scene | HybridSystem] | Mapping[str, Scene | HybridSystem],
     controller: str | Controller | Sampled,
@@ -198,7 +200,7 @@ def _with_case(scene: Scene, controller: Any) -> Scene:
 def _free(loop: ClosedLoop, bounds: Any) -> tuple[Free, ...]:
     """The free numbers of the law of a loop, checked."""
     if not isinstance(bounds, Mapping) or not bounds:
-        raise SceneError(f"Argument `bounds` must map numbers of the law to (low, high), but it is {bounds!r}.")
+        raise SceneError(f"Argument `ranges` must map numbers of the law to (low, high), but it is {bounds!r}.")
     if not loop.controllers:
         raise SceneError("Argument `controller` must name a case with a law, but it has none.")
     first, law = sum(len(numbers_of(part)) for part in loop.plant.parts), loop.designed[0]
@@ -207,12 +209,12 @@ def _free(loop: ClosedLoop, bounds: Any) -> tuple[Free, ...]:
     for name, pair in bounds.items():
         number = loop.number(name)
         if not number.is_design and not (number.is_parameter and loop.system._parameter(number.name).offset in own):
-            raise SceneError(f"Argument `bounds` must hold numbers of the law that is tuned, but `{name}` is none: vary it by `sweep`.")
+            raise SceneError(f"Argument `ranges` must hold numbers of the law that is tuned, but `{name}` is none: vary it by `sweep`.")
         if number.name in loop.parameters:
-            raise SceneError(f"Argument `bounds` must not hold `{name}`, because `parameters` of the scene says what it is.")
+            raise SceneError(f"Argument `ranges` must not hold `{name}`, because `parameters` of the scene says what it is.")
         ends = number.in_si(f"bounds.{name}", pair)
         if not isinstance(ends, Sequence) or len(ends) != 2 or not all(map(is_finite_number, ends)) or not ends[0] < ends[1]:
-            raise SceneError(f"Argument `bounds` of `{name}` must be (low, high) in {number.unit} with low < high, but it is {pair!r}.")
+            raise SceneError(f"Argument `ranges` of `{name}` must be (low, high) in {number.unit} with low < high, but it is {pair!r}.")
         for end in ends:
             number.check(end)
         low, high = (end if isinstance(end, TypedNumber) else float(end) for end in ends)
@@ -234,7 +236,7 @@ def _shared(scenes: Mapping[str, ClosedLoop], bounds: Any) -> tuple[Free, ...]:
             free[i] = dataclasses.replace(mine, given=None)
         if here.controllers == loop.controllers and _at_low_ends(here, free) != _at_low_ends(loop, free):
             raise SceneError(
-                "Argument `bounds` must hold numbers that the law declares where it is designed otherwise in each scene, as "
+                "Argument `ranges` must hold numbers that the law declares where it is designed otherwise in each scene, as "
                 f"{type(law_of(loop.controllers[0])).__name__} is, but it holds {', '.join(f'`{each.name}`' for each in free)}."
             )
     return tuple(free)

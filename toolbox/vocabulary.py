@@ -116,6 +116,7 @@ ENTRIES = (
     Entry("stickslip-chance", "--over", "--range", "range of a parameter"),
     Entry("stickslip-basin", "--box", "--range", "range of a state"),
     Entry("stickslip-tune", "--free", "--range", "range of a parameter"),
+    Entry("stickslip-study stickslip-sweep stickslip-compare", "--measure", "--metric", "number that is read from a run"),
     Entry("stickslip-tune", "--over", "--aggregate", "how the values of several scenes become one"),
     Entry("stickslip-tune", "--journal", "--checkpoint", "file from which a stopped search continues"),
     Entry("stickslip-margins", "--wrong", "--uncertainty", "deviation of a parameter"),

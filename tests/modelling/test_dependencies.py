@@ -41,7 +41,7 @@ def test_what_a_measure_depends_on_is_followed_through_forces_modes_and_sampled_
     (first, rock, belt) = found.parts
     assert [line.split()[-1] for line in str(found).splitlines()] == ["top", "top", "belt"]
     assert str(dependencies_of(system, {"top": ("top.speed",)})).splitlines()[2].endswith("no measure depends on it")
-    assert first.metrics == rock.measured_signals == ("top",)
+    assert first.metrics == rock.metrics == ("top",)
     assert belt.metrics == ("belt",)
 
     @dataclasses.dataclass(frozen=True)

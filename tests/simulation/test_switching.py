@@ -269,7 +269,7 @@ def test_a_negative_bound_of_a_relay_is_refused_where_it_happens(bound, when, me
 
 def test_a_negative_bound_of_a_relay_ends_a_run_of_a_sweep():
     found = sweep(compose(Pushed()), {"a.static": [1.0, -1.0, 2.0]}, 1.0, metrics={"end": lambda run: run["a.v"][-1]})
-    assert list(found.failures) == [1] and "must be >= 0" in found.errors[1]
+    assert list(found.failures) == [1] and "must be >= 0" in found.failures[1]
 
 
 @pytest.mark.parametrize("inputs", [{"a.kinetic": 2.0}, {"a.kinetic": 0.5 + 0.2 * time}, {"a.static": 1.0 - 0.2 * time}])

@@ -17,5 +17,8 @@ from .lowest_set_point import LowestSetPoints as LowestSetPoints
 from .margins import Margins as Margins
 from .responses import FrequencyResponse as FrequencyResponse
 from .responses import frequency_response as frequency_response
+from .starts import OwnStickSlip as OwnStickSlip
+from .starts import SmoothRunning as SmoothRunning
+from .starts import TakenOver as TakenOver
+from .starts import cycle_phases as cycle_phases
 from .worst_case import WorstCase as WorstCase
-from .worst_case import cycle_phases as cycle_phases

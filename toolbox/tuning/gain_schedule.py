@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import count_of, number, numbers
-from toolbox.errors import SceneError, SimulationError
+from toolbox.errors import SceneError
 from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
@@ -30,15 +30,11 @@ from toolbox.modelling.components import numbers_of, rebuilt
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.robustness.depth_windows import closed_at
 from toolbox.robustness.margins import disk_margin
-from toolbox.robustness.worst_case import Trials, cycle_phases, percent
-from toolbox.simulation.simulate import simulate
+from toolbox.robustness.starts import TakenOver
+from toolbox.robustness.worst_case import Trials, percent
 
 PHASES = 4
 """Phases of a stick-slip that exists from which a law is tried at a depth."""
-
-
-SMOOTH = "smooth running (a stick-slip that exists: `before`)"
-"""Where runs begin that no drive before is given for."""
 
 
 @dataclass(frozen=True)
@@ -230,11 +226,11 @@ def schedule(
     found, way = [], ""
     for depth in sorted({*places, *((a + b) / 2 for a, b in pairwise(places))}):
         loop = closed_at(well, depth)
-        starts = None if before is None else _stuck(loop.but(laws=(before,)), duration)
+        starts = None if before is None else TakenOver(before, PHASES, duration)
         closed = loop.but(laws=(_law_at(base, places, every, depth),))
         trials = Trials.of(closed, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))
         outcomes = trials.of_cases({"declared": {}})
-        worst, way = outcomes.worst, (trials if before is not None else dataclasses.replace(trials, begun=SMOOTH)).way
+        worst, way = outcomes.worst, trials.way
         failed = sum(outcome.excess > 1.0 or math.isnan(outcome.excess) for outcome in outcomes.outcomes)
         settled = trials.known.get("declared")
         found.append(
@@ -269,11 +265,3 @@ def _named(loop: ClosedLoop) -> list[tuple[str, str]]:
     entries = sorted(loop.system.parameters.values(), key=lambda entry: entry.offset)
     own = [entry for entry in entries if first <= entry.offset < first + len(numbers_of(loop.designed[0]))]
     return [(entry.name if entry.size is None else f"{entry.name}.{i}", entry.unit) for entry in own for i in range(count_of(entry.size))]
-
-
-def _stuck(loop: ClosedLoop, duration: float) -> list[dict[str, Any]] | None:
-    """States at phases of the stick-slip of a loop; None where it does not stick and slip."""
-    try:
-        return cycle_phases(simulate(loop, duration), PHASES)
-    except (SceneError, SimulationError):
-        return None

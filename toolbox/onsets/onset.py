@@ -39,6 +39,7 @@ from toolbox.onsets.reach import reached_from
 from toolbox.onsets.results import Onset
 from toolbox.onsets.search import OnsetSearch
 from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.scenes.situation import Situation
 from toolbox.simulation.request import Request, accuracy_of
 from toolbox.steady_states.equilibria import EquilibriumBranch, state_values
 from toolbox.steady_states.hopf import HopfPoint, hopf_points_of, sampled_hopf_points
@@ -241,6 +242,13 @@ def _both_branches(
         breakaways=tuple(breakaways),
         coexisting=several,
         reached=reached,
+        situation=str(
+            Situation.of(
+                loop,
+                "smooth running with a small disturbance, and from stick-slip of the loop itself, led along the parameter",
+                "until the regime is decided",
+            )
+        ),
         between=tuple(sorted(others.items())),
         steady=np.array([search.steady(value)[0] for value in numbers]),
         signal_unit=loop.system.signal_unit(search.signal),

@@ -148,6 +148,8 @@ class Onset(Told, Result):
         Number of runs.
     undecided
         Values at which a run was carried on to the end of that time and could not be told.
+    situation
+        The situation that the verdict holds for, in one line.
     notes
         What was not done, or not confirmed.
     asked
@@ -182,6 +184,7 @@ class Onset(Told, Result):
     reached: tuple[Reached, ...] = ()
     undecided: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
+    situation: str = ""
     asked: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -331,6 +334,7 @@ class Onset(Told, Result):
         return [
             f"Onset of stick-slip: {self.title}",
             f"{span}, judged by `{self.element}` and `{self.signal}`",
+            self.situation,
             "",
             Rows(
                 [(name, value + read.tail, note) for name, value, note in self._border_rows()],

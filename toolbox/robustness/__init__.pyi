@@ -1,4 +1,6 @@
 from .absorber import absorber_limit as absorber_limit
+from .answer_table import Answers as Answers
+from .answer_table import answers as answers
 from .charts import StabilityChart as StabilityChart
 from .charts import stability_chart as stability_chart
 from .depth_windows import Windows as Windows

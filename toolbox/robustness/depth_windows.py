@@ -62,6 +62,8 @@ class Windows(Told, Result):
         Disk margin at the working point [1], shape (depths,); nan where there is no linear loop.
     asked
         {unit: unit that was typed}: the units in which `print` answers.
+    situation
+        The situation that the verdict holds for, in one line.
     maps
         The map of every depth, each with its own picture; empty in windows that were loaded.
     """
@@ -80,6 +82,7 @@ class Windows(Told, Result):
     disk_margin: np.ndarray
     asked: Mapping[str, str]
     maps: Any = field(default=(), repr=False, compare=False, metadata=LEFT_OUT)
+    situation: str = ""
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
@@ -108,6 +111,7 @@ class Windows(Told, Result):
             point = f", working point {x * first.factor:.4g}{first.tail}, {y * second.factor:.4g}{second.tail}"
         notes = [
             f"  between {self.lowest * first.factor:.4g} and {self.highest * first.factor:.4g}{first.tail}{point}",
+            f"  {self.situation}",
             "  smooth: as long as nothing disturbs it; free: from stick-slip, too; all: in the whole range; none: nowhere up to its end",
         ]
         return [f"Windows over depth of {self.title}", *notes, Rows(self.rows, ())]
@@ -228,6 +232,7 @@ def windows(
         disk_margin=np.array(disks),
         asked={**maps[0].asked, "m": asked_in(deep, "m")},
         maps=tuple(maps),
+        situation=maps[0].situation,
     )
 
 

@@ -121,6 +121,8 @@ class SmallestError(Told, Result):
         {unit: unit that was typed}: the units in which `print` answers.
     unknown
         Why `guaranteed` is nan; empty where it is a number.
+    situation
+        The situation that the verdict holds for, in one line.
     beside
         What runs of the declared machine that start from the loop's own stick-slip come to, in words; empty where the runs start from given values.
     """
@@ -139,6 +141,7 @@ class SmallestError(Told, Result):
     asked: Mapping[str, str]
     unknown: str = ""
     beside: str = ""
+    situation: str = ""
 
     @property
     def values(self) -> dict[str, float]:
@@ -161,7 +164,12 @@ class SmallestError(Told, Result):
 
     def _told(self) -> list[str | Rows]:
         broken = f"{self.size:.3g} of the ranges, all at once: {self.why}" if self.error else "none within the ranges"
-        lines: list[str | Rows] = [f"Smallest error that breaks {self.title}: {broken}", f"  {self.way}", Rows(self.rows)]
+        lines: list[str | Rows] = [
+            f"Smallest error that breaks {self.title}: {broken}",
+            f"  {self.way}",
+            f"  {self.situation}",
+            Rows(self.rows),
+        ]
         lines.append(f"  with every error that was tried up to {self.held:.3g} of the ranges these runs are a success ({self.runs} runs)")
         if self.beside:
             lines.append(f"  {self.beside}")
@@ -271,6 +279,7 @@ def smallest_error(
         guaranteed=guaranteed,
         unknown=unknown,
         asked={**loop.asked, **asked},
+        situation=str(trials.situation("plants with errors of all these numbers at once")),
         beside=_beside(trials) if isinstance(trials.start, SmoothRunning) else "",
     )
 

@@ -34,6 +34,7 @@ from toolbox.onsets.coming_to import Settled
 from toolbox.onsets.takeover import reference_of, taken_over
 from toolbox.robustness.starts import Found, SmoothRunning, Start, Starts, start_of
 from toolbox.scenes.judged import judged_contact, judged_measures, judged_speed
+from toolbox.scenes.situation import Situation
 from toolbox.simulation.simulate import simulate
 from toolbox.sweeps.sweep import sweep
 
@@ -93,12 +94,15 @@ class WorstCase(Told, Result):
         One `Outcome` per run.
     seconds
         Time that the runs took [s].
+    situation
+        The situation that the verdict holds for, in one line.
     """
 
     title: str
     way: str
     outcomes: tuple[Outcome, ...]
     seconds: float = field(default=0.0, compare=False)
+    situation: str = ""
 
     @property
     def _more(self) -> list[str]:
@@ -141,9 +145,13 @@ class WorstCase(Told, Result):
     def _told(self) -> list[str | Rows]:
         failed = sum(outcome.excess > 1.0 for outcome in self.outcomes)
         if not self.outcomes:
-            return [f"Worst case of {self.title}: no run, because there is no stick-slip to start from", f"  {self.way}"]
+            return [
+                f"Worst case of {self.title}: no run, because there is no stick-slip to start from",
+                f"  {self.way}",
+                f"  {self.situation}",
+            ]
         verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
-        return [f"Worst case of {self.title}: {verdict}", f"  {self.way}", Rows(self.rows)]
+        return [f"Worst case of {self.title}: {verdict}", f"  {self.way}", f"  {self.situation}", Rows(self.rows)]
 
     def _table(self) -> HeadedRows:
         """One row per run."""
@@ -215,7 +223,7 @@ def worst_case(
         If a name is unknown, or a number is none.
     """
     trials = Trials.of(loop, duration, starts=starts, seeds=seeds, after=after, allowed=(mean_within, ripple_within), measures=measures)
-    return trials.of_cases(_cases(errors, corners))
+    return trials.of_cases(cases_of(errors, corners))
 
 
 @dataclass(frozen=True)
@@ -297,6 +305,11 @@ class Trials:
             self.known[error] = Settled.of(machine, self.contact, self.speed, self.window)
         return self.known[error]
 
+    def situation(self, plants: str) -> Situation:
+        """The situation of the verdicts on some plants, in words."""
+        start = f"{len(self.given)} given start(s)" if self.start is None else self.start.words
+        return Situation.of(self.loop, start, f"{self.duration:g} s, judged from {self.window:g} s on", plants=plants)
+
     def starts(self, error: str, factors: Mapping[str, float]) -> Starts:
         """The start values of the runs of an error: smooth running is that of the declared machine, stick-slip that of the machine itself."""
         if self.start is None:
@@ -337,7 +350,8 @@ class Trials:
                 found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
         order = {label: i for i, label in enumerate(cases)}
         found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
-        return WorstCase(all_described(loop.laws), self.way, tuple(found), seconds)
+        plants = "the nominal plant" if list(cases) == ["declared"] else f"the nominal plant and {len(cases) - 1} with errors"
+        return WorstCase(all_described(loop.laws), self.way, tuple(found), seconds, str(self.situation(plants)))
 
     @cached_property
     def _read(self) -> dict[str, Measure]:
@@ -374,7 +388,7 @@ class Trials:
         return dataclasses.replace(outcome, rate=rate, failure=comes_to, excess=math.inf if comes_to else outcome.excess)
 
 
-def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
+def cases_of(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
     """{error in words: {name: factor}}, the declared machine first. Raises SceneError for factors that are no numbers > 0."""
     found: dict[str, dict[str, float]] = {"declared": {}}
     rows = [{name: factor} for name, given in mapping("errors", errors).items() for factor in _factors(name, given)]

@@ -90,6 +90,8 @@ class Schedule(Told, Result):
         {unit: unit that was typed}: the units in which `print` answers.
     law
         The law with all its numbers, as it is sampled, at the first depth; None in one that was loaded.
+    situation
+        The situation that the verdict holds for, in one line.
     every
         All its numbers at the depths of the table, those that do not change too; None in one that was loaded.
     """
@@ -104,6 +106,7 @@ class Schedule(Told, Result):
     asked: Mapping[str, str]
     law: Any = field(default=None, repr=False, compare=False, metadata=LEFT_OUT)
     every: Any = field(default=None, repr=False, compare=False, metadata=LEFT_OUT)
+    situation: str = ""
 
     @property
     def holds(self) -> bool:
@@ -145,7 +148,7 @@ class Schedule(Told, Result):
     def _told(self) -> list[str | Rows]:
         bad = [f"{each.depth * reading('m', self.asked).factor:.5g}" for each in self.checked if each.failed]
         verdict = "every run succeeds at every depth" if self.holds else f"runs fail at {', '.join(bad)}{reading('m', self.asked).tail}"
-        return [f"Gains over depth of {self.title}: {verdict}", f"  {self.way}", Rows(self.rows, (1,))]
+        return [f"Gains over depth of {self.title}: {verdict}", f"  {self.way}", f"  {self.situation}", Rows(self.rows, (1,))]
 
     def _table(self) -> HeadedRows:
         """The table for the drive, one row per depth."""
@@ -223,7 +226,7 @@ def schedule(
     base = dataclasses.replace(given, law=first) if isinstance(given, Sampled) else first
     moves = np.flatnonzero(np.ptp(every, axis=0) > 0.0)
     named = _named(loops[0])
-    found, way = [], ""
+    found, way, situation = [], "", ""
     for depth in sorted({*places, *((a + b) / 2 for a, b in pairwise(places))}):
         loop = closed_at(well, depth)
         starts = None if before is None else TakenOver(before, PHASES, duration)
@@ -231,6 +234,11 @@ def schedule(
         trials = Trials.of(closed, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))
         outcomes = trials.of_cases({"declared": {}})
         worst, way = outcomes.worst, trials.way
+        situation = str(
+            dataclasses.replace(
+                trials.situation("the nominal plant at each depth"), design="numbers of the controller between those of depths"
+            )
+        )
         failed = sum(outcome.excess > 1.0 or math.isnan(outcome.excess) for outcome in outcomes.outcomes)
         settled = trials.known.get("declared")
         found.append(
@@ -241,7 +249,7 @@ def schedule(
         )  # fmt: skip
     return Schedule(
         described(given), way, tuple(places), tuple(named[k][0] for k in moves), tuple(named[k][1] for k in moves), every[:, moves], tuple(found),
-        {**loops[0].asked, "m": asked_in(typed, "m")}, base, every,
+        {**loops[0].asked, "m": asked_in(typed, "m")}, base, every, situation,
     )  # fmt: skip
 
 

@@ -55,7 +55,8 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Answer for every controller. Returns the exit code."""
-    from toolbox.robustness.answer_table import Answers, answers
+    from toolbox.robustness.answer_results import Answers
+    from toolbox.robustness.answer_table import answers
     from toolbox.scenes.scene import Scene
     from toolbox.sweeps.store import folder_of
 

@@ -334,7 +334,7 @@ class Onset(Told, Result):
         return [
             f"Onset of stick-slip: {self.title}",
             f"{span}, judged by `{self.element}` and `{self.signal}`",
-            self.situation,
+            *([self.situation] if self.situation else []),
             "",
             Rows(
                 [(name, value + read.tail, note) for name, value, note in self._border_rows()],

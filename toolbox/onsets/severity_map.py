@@ -160,7 +160,7 @@ class SeverityMap(Told, Result):
                 for name, each, axis in zip(self.names, read, self.axes, strict=True)
             ),
             f"  {self.runs} runs, each until it is decided, of {self.duration:.4g} s at most, at accuracy {self.accuracy:g}",
-            f"  {self.situation}",
+            *([f"  {self.situation}"] if self.situation else []),
             Rows([("region", "share of the map", "what the machine does"), *self._share_rows()], (0, 2)),
             Rows([("border", *self.names), *self._border_rows()]),
             *(f"  note: {note}" for note in self.notes),

@@ -107,7 +107,7 @@ class Basin(Told, Result):
             f"Basin of {self.title}: {self.outcomes.size} disturbances, runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
             f"  it comes back from {100 * self.share:.4g} % of them, {100 * self.confidence:g} % bounds {100 * low:.4g} .. {100 * high:.4g} %",
         ]
-        lines.append(f"  {self.situation}")
+        lines += [f"  {self.situation}"] if self.situation else []
         rows: list[tuple[str, ...]] = [("state", "unit", "working point", "box", "smallest that tips it")]
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             factor, shown = reading(unit, self.asked)[:2]

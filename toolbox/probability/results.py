@@ -166,7 +166,7 @@ class Chance(Told, Result):
         size = " x ".join(str(axis.size) for axis in self.axes)
         lines: list[str | Rows] = [
             f"Chance of stick-slip: {self.title}, {size} points with {self.draws} draws each, runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
-            f"  {self.situation}",
+            *([f"  {self.situation}"] if self.situation else []),
             *(f"  {name} known as {words}" for name, words in self.uncertain.items()),
         ]
         if len(self.names) == 1:

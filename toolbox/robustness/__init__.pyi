@@ -1,5 +1,5 @@
 from .absorber import absorber_limit as absorber_limit
-from .answer_table import Answers as Answers
+from .answer_results import Answers as Answers
 from .answer_table import answers as answers
 from .charts import StabilityChart as StabilityChart
 from .charts import stability_chart as stability_chart

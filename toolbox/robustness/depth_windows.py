@@ -9,6 +9,7 @@ is above both borders, and the disk margin of its linear loop.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -111,7 +112,7 @@ class Windows(Told, Result):
             point = f", working point {x * first.factor:.4g}{first.tail}, {y * second.factor:.4g}{second.tail}"
         notes = [
             f"  between {self.lowest * first.factor:.4g} and {self.highest * first.factor:.4g}{first.tail}{point}",
-            f"  {self.situation}",
+            *([f"  {self.situation}"] if self.situation else []),
             "  smooth: as long as nothing disturbs it; free: from stick-slip, too; all: in the whole range; none: nowhere up to its end",
         ]
         return [f"Windows over depth of {self.title}", *notes, Rows(self.rows, ())]
@@ -232,7 +233,7 @@ def windows(
         disk_margin=np.array(disks),
         asked={**maps[0].asked, "m": asked_in(deep, "m")},
         maps=tuple(maps),
-        situation=maps[0].situation,
+        situation=re.sub(r"the nominal plant \([^)]*\)", "the nominal plant at each depth", maps[0].situation),
     )
 
 

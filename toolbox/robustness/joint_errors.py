@@ -166,8 +166,7 @@ class SmallestError(Told, Result):
         broken = f"{self.size:.3g} of the ranges, all at once: {self.why}" if self.error else "none within the ranges"
         lines: list[str | Rows] = [
             f"Smallest error that breaks {self.title}: {broken}",
-            f"  {self.way}",
-            f"  {self.situation}",
+            f"  {self.situation or self.way}",
             Rows(self.rows),
         ]
         lines.append(f"  with every error that was tried up to {self.held:.3g} of the ranges these runs are a success ({self.runs} runs)")

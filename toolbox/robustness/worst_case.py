@@ -147,11 +147,14 @@ class WorstCase(Told, Result):
         if not self.outcomes:
             return [
                 f"Worst case of {self.title}: no run, because there is no stick-slip to start from",
-                f"  {self.way}",
-                f"  {self.situation}",
+                f"  {self.situation or self.way}",
             ]
         verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
-        return [f"Worst case of {self.title}: {verdict}", f"  {self.way}", f"  {self.situation}", Rows(self.rows)]
+        return [
+            f"Worst case of {self.title}: {verdict}",
+            f"  {self.situation or self.way}",
+            Rows(self.rows),
+        ]
 
     def _table(self) -> HeadedRows:
         """One row per run."""
@@ -286,13 +289,21 @@ class Trials:
     @property
     def way(self) -> str:
         """From where the runs begin, which contact is judged, and when, in words."""
-        words = f"{len(self.given)} given start(s)" if self.start is None else self.start.words
+        return f"runs of {self.duration:g} s from {self._begins}; `{self.contact}` judged from {self.window:g} s on{self._notes}"
+
+    @property
+    def _begins(self) -> str:
+        """From where the runs start, in words."""
+        return f"{len(self.given)} given start(s)" if self.start is None else self.start.words
+
+    @property
+    def _notes(self) -> str:
+        """On which machines there is no stick-slip to start from, and why."""
         notes: dict[str, list[str]] = {}
         for error, found in self.begun.items():
             if found.note:
                 notes.setdefault(found.note, []).append(error)
-        more = "".join(f"; {note} ({', '.join(errors)})" for note, errors in notes.items())
-        return f"runs of {self.duration:g} s from {words}; `{self.contact}` judged from {self.window:g} s on{more}"
+        return "".join(f"; {note} ({', '.join(errors)})" for note, errors in notes.items())
 
     def machine(self, factors: Mapping[str, float], seed: int = 0) -> ClosedLoop:
         """The loop with factors of its numbers, and with a seed of its noise."""
@@ -306,9 +317,9 @@ class Trials:
         return self.known[error]
 
     def situation(self, plants: str) -> Situation:
-        """The situation of the verdicts on some plants, in words."""
-        start = f"{len(self.given)} given start(s)" if self.start is None else self.start.words
-        return Situation.of(self.loop, start, f"{self.duration:g} s, judged from {self.window:g} s on", plants=plants)
+        """The situation of the verdicts on some plants."""
+        lasts = f"{self.duration:g} s, `{self.contact}` judged from {self.window:g} s on{self._notes}"
+        return Situation.of(self.loop, self._begins, lasts, plants=plants)
 
     def starts(self, error: str, factors: Mapping[str, float]) -> Starts:
         """The start values of the runs of an error: smooth running is that of the declared machine, stick-slip that of the machine itself."""

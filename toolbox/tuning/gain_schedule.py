@@ -148,7 +148,11 @@ class Schedule(Told, Result):
     def _told(self) -> list[str | Rows]:
         bad = [f"{each.depth * reading('m', self.asked).factor:.5g}" for each in self.checked if each.failed]
         verdict = "every run succeeds at every depth" if self.holds else f"runs fail at {', '.join(bad)}{reading('m', self.asked).tail}"
-        return [f"Gains over depth of {self.title}: {verdict}", f"  {self.way}", f"  {self.situation}", Rows(self.rows, (1,))]
+        return [
+            f"Gains over depth of {self.title}: {verdict}",
+            f"  {self.situation or self.way}",
+            Rows(self.rows, (1,)),
+        ]
 
     def _table(self) -> HeadedRows:
         """The table for the drive, one row per depth."""
@@ -234,10 +238,9 @@ def schedule(
         trials = Trials.of(closed, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))
         outcomes = trials.of_cases({"declared": {}})
         worst, way = outcomes.worst, trials.way
+        there = trials.situation("")
         situation = str(
-            dataclasses.replace(
-                trials.situation("the nominal plant at each depth"), design="numbers of the controller between those of depths"
-            )
+            dataclasses.replace(there, plants="the nominal plant at each depth", design="numbers of the controller between those of depths")
         )
         failed = sum(outcome.excess > 1.0 or math.isnan(outcome.excess) for outcome in outcomes.outcomes)
         settled = trials.known.get("declared")

@@ -60,6 +60,17 @@ class TorsionalChain(Component):
         if self.collar is not None:
             whole("chain.collar", self.collar, -n, n - 1)
 
+    @property
+    def lumped(self) -> str:
+        """The number of inertias and the first torsional modes without drive and rock, in words."""
+        k, n = np.array(self.stiffness, float), len(self.inertia)
+        joints = np.diff(np.eye(n), axis=0)
+        root = 1.0 / np.sqrt(np.array(self.inertia, float))
+        slopes = root[:, None] * (joints.T * k) @ joints * root
+        modes = np.sqrt(np.maximum(np.linalg.eigvalsh(slopes)[1:4], 0.0)) / (2.0 * np.pi)
+        word = "mode" if modes.size == 1 else "modes"
+        return f"{n} inertias, first torsional {word} at {', '.join(f'{mode:.3g}' for mode in modes)} Hz"
+
     def equations(self, signal):
         n = len(self.inertia)
         twist, speed = state("chain.twist", "rad", n - 1), state("chain.speed", "rad/s", n)

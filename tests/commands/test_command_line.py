@@ -416,6 +416,7 @@ COMMANDS = (
     "chance",
     "basin",
     "margins",
+    "answer",
     "tune",
     "schedule",
     "windows",

@@ -222,7 +222,7 @@ def test_a_map_of_an_earlier_version_comes_back_and_one_that_judged_in_a_window_
     arrays |= {f"border.{name}": segments for name, segments in found.borders.items()}
     np.savez_compressed(tmp_path / "map.npz", map=np.array(json.dumps(told)), **arrays)
     back = SeverityMap.load(tmp_path / "map.npz")
-    assert str(back) == str(dataclasses.replace(found, failures={("smooth", 1, 2): "it failed"}, display_units={}))
+    assert str(back) == str(dataclasses.replace(found, failures={("smooth", 1, 2): "it failed"}, display_units={}, situation=""))
     np.testing.assert_array_equal(back.sticking.severity, found.sticking.severity)
     np.testing.assert_array_equal(back.borders["sticking"], found.borders["sticking"])
     told["errors"] = [["smooth", 9, 0, "it failed"]]

@@ -118,7 +118,7 @@ def test_nothing_within_the_ranges_is_said(rig):
     loop = closed_loop(rig, SoftTorque(reference=9.0))
     found = smallest_error(loop, {"bit.weight": 0.02}, 20.0)
     assert found.size == math.inf and found.error == () and found.values == {} and found.held == 1.0
-    assert "nothing within the ranges" in str(found) and "stays stable within them" in str(found) and found.guaranteed > 1.0
+    assert "none within the ranges" in str(found) and "stays stable within them" in str(found) and found.guaranteed > 1.0
 
 
 def test_mistakes_are_told(rig, loop):

@@ -42,6 +42,7 @@ COMMANDS = {
     "chance": ("chance", "chance of stick-slip over one or two numbers, where others are known as distributions only"),
     "basin": ("basin", "from which part of a box of disturbances a working point comes back, and the smallest that tips it"),
     "margins": ("margins", "disk, gain, phase and delay margin of every controller at its working point, and how wrong the model may be"),
+    "answer": ("answer", "does every controller of a scene end stick-slip, from which start, and from which set-point on?"),
     "setpoints": ("drives", "lowest set-point at which every controller of a drill string ends stick-slip, on this machine and on others"),
     "tune": ("tune", "find the numbers of a control law that do best on one scene, or on the worst of several"),
     "schedule": ("schedule", "gains of a law over the depth of a well, checked there and halfway between"),

@@ -71,7 +71,7 @@ def run(given: argparse.Namespace) -> int:
         raise SceneError(
             "Argument `SCENE.toml` must have a controller, because margins are those of a control law, but none of its cases has one."
         )
-    wrong = _wrong(given.uncertainty)
+    wrong = wrong_numbers("--uncertainty", given.uncertainty)
     check_known(scene, labels, wrong)
     if given.duration and not wrong:
         raise SceneError("Argument `--duration` must stand beside `--uncertainty`: margins need no run of it.")
@@ -104,16 +104,16 @@ def run(given: argparse.Namespace) -> int:
     return 0 if any(found.values()) else 1
 
 
-def _wrong(texts: Sequence[str]) -> dict[str, Any]:
+def wrong_numbers(option: str, texts: Sequence[str]) -> dict[str, Any]:
     """{number: part, or (low, high)} of texts NAME=20% and NAME=LOW:HIGH; raises SceneError for other forms, and for a name that is there twice."""
     found: dict[str, Any] = {}
-    for name, what in pairs("--uncertainty", "NAME=20% or NAME=LOW:HIGH", texts):
+    for name, what in pairs(option, "NAME=20% or NAME=LOW:HIGH", texts):
         if name in found:
-            raise SceneError(f"Argument `--uncertainty` must name every number once, but `{name}` is there twice.")
+            raise SceneError(f"Argument `{option}` must name every number once, but `{name}` is there twice.")
         if ":" in what:
-            found[name] = ranges("--uncertainty", [f"{name}={what}"])[name]
+            found[name] = ranges(option, [f"{name}={what}"])[name]
         else:
-            found[name] = share("--uncertainty", what)
+            found[name] = share(option, what)
     return found
 
 

@@ -307,7 +307,7 @@ class Carried(Generic[Place]):
     def seek(self, value: Place) -> RunState | None:
         """Stick-slip at a value from all beginnings, until one leads into it."""
         for begun, begin in () if value in self.cycling else self._untried(value):
-            if self.tried(value, begin, begun=begun, known=self._known(value)).regime == STICKS:
+            if self.tried(value, begin, begun=begun, known=self.known(value)).regime == STICKS:
                 break
         return self.cycling.get(value)
 
@@ -315,11 +315,11 @@ class Carried(Generic[Place]):
         """Begin stick-slip at a value from all beginnings; the cycle that is carried on stays the one that was known."""
         known = self.cycling.get(value)
         for begun, begin in self._untried(value):
-            self.tried(value, begin, begun=begun, known=self._known(value))
+            self.tried(value, begin, begun=begun, known=self.known(value))
         if known is not None:
             self.cycling[value] = known
 
-    def _known(self, value: Place) -> list[Judged]:
+    def known(self, value: Place) -> list[Judged]:
         """What runs at a value have come to that tells of others there: all rounds, and smooth running."""
         known: list[Judged] = [judged for _, judged, _ in self.rounds.get(value, ())]
         return [self.calm[value], *known] if value in self.calm else known

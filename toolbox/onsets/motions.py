@@ -79,12 +79,16 @@ def swing_period(rest: Equilibrium) -> float:
     return float(2 * math.pi / np.abs(poles).min(initial=1.0)) if poles.size else 1.0
 
 
-def swings(point: Equilibrium, row: FloatArray) -> Iterator[tuple[complex, FloatArray]]:
-    """(exponent, motion) of every swing of a steady state that shows in the slip of a contact, moved by 1; row: derivatives of the slip by the states."""
+def swings(point: Equilibrium, row: FloatArray, real: bool = True) -> Iterator[tuple[complex, np.ndarray]]:
+    """(exponent, motion) of every swing of a steady state that shows in the slip of a contact, moved by 1; row: derivatives of the slip by the states.
+
+    real: at the phase at which it moves the slip most; else the complex motion.
+    """
     exponents, motions = np.linalg.eig(flow_slopes(point))
     for exponent, motion in zip(exponents, motions.T, strict=True):
         if exponent.imag > 0.0 and abs(row @ motion) > 1e-6 * (np.abs(row) @ np.abs(motion)):
-            yield exponent, np.real(motion / (row @ motion))
+            scaled = motion / (row @ motion)
+            yield exponent, np.real(scaled) if real else scaled
 
 
 def moved(state: RunState, plant: HybridSystem, motion: FloatArray) -> RunState:

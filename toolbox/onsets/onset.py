@@ -35,9 +35,11 @@ from toolbox.onsets.coexisting import coexisting
 from toolbox.onsets.cycles import exact
 from toolbox.onsets.growth import SmoothBranch, check_autonomous
 from toolbox.onsets.inside import Inside, outward
+from toolbox.onsets.reach import reached_from
 from toolbox.onsets.results import Onset
 from toolbox.onsets.search import OnsetSearch
 from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.scenes.situation import Situation
 from toolbox.simulation.request import Request, accuracy_of
 from toolbox.steady_states.equilibria import EquilibriumBranch, state_values
 from toolbox.steady_states.hopf import HopfPoint, hopf_points_of, sampled_hopf_points
@@ -212,6 +214,8 @@ def _both_branches(
     sticking = [inside.found[value] for value in numbers]
     undecided += [value for value, judged in inside.found.items() if judged.regime == NOT_DECIDED]
     breakaways = inside.breakaways(numbers, tolerance)
+    beside = at in inside.found and inside.found[at].regime == STICKS and search.branch(at) is not None and search.branch.rate(at) < 0.0
+    reached = reached_from(inside, at) if beside else ()
     search.notes.extend(_of_sampling(search, loop, hopf))
     if len(numbers) < SURE and any(judged.regime == STICKS for judged in sticking):
         search.notes.append(
@@ -237,6 +241,14 @@ def _both_branches(
         stalls=tuple(border for border in cycles if border.beyond == STANDS),
         breakaways=tuple(breakaways),
         coexisting=several,
+        reached=reached,
+        situation=str(
+            Situation.of(
+                loop,
+                "smooth running with a small disturbance, and from stick-slip of the loop itself, led along the parameter",
+                "until the regime is decided",
+            )
+        ),
         cycle_runs=tuple(sorted(others.items())),
         steady=np.array([search.steady(value)[0] for value in numbers]),
         signal_unit=loop.system.signal_unit(search.signal),

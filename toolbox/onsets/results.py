@@ -17,7 +17,7 @@ from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import Reading, reading
-from toolbox.measuring.judge import SMOOTH, STANDS, SWINGS, Judged, told_growth
+from toolbox.measuring.judge import SMOOTH, STANDS, STICKS, SWINGS, Judged, told_growth
 from toolbox.steady_states.hopf import HopfPoint
 
 
@@ -81,6 +81,30 @@ class Coexisting:
 
 
 @dataclass(frozen=True)
+class Reached:
+    """How many runs from one kind of start end in stick-slip.
+
+    Attributes
+    ----------
+    start
+        The start in words.
+    reached, runs
+        Runs that end in stick-slip, and all runs.
+    smallest
+        The smallest kick that leads into stick-slip, as a multiple of the speed of the contact in smooth running; nan for other starts.
+    """
+
+    start: str
+    reached: int
+    runs: int
+    smallest: float = math.nan
+
+    def __str__(self) -> str:
+        smallest = "" if math.isnan(self.smallest) else f", the smallest of {self.smallest:.2g} times"
+        return f"{self.start} ({self.reached} of {self.runs} runs{smallest})"
+
+
+@dataclass(frozen=True)
 class Onset(Told, Result):
     """What a machine does over one parameter, on both of its branches: `print(onset)` for the report, `onset.plot()` for the picture.
 
@@ -110,6 +134,8 @@ class Onset(Told, Result):
         Borders of standstill.
     coexisting
         The stick-slip cycles at the value at which the most of them live side by side, the nearest one to the working point; empty where nowhere two were seen.
+    reached
+        How many runs from each kind of start end in stick-slip at the working point, if that is bistable.
     cycling, standing
         Whether stick-slip lasts, and whether standstill lasts, at each value.
     at
@@ -122,6 +148,8 @@ class Onset(Told, Result):
         Number of runs.
     undecided
         Values at which a run was carried on to the end of that time and could not be told.
+    situation
+        The situation that the verdict holds for, in one line.
     notes
         What was not done, or not confirmed.
     display_units
@@ -153,8 +181,10 @@ class Onset(Told, Result):
     signal_unit: str = "1"
     steady: FloatArray = field(default_factory=lambda: np.empty(0))
     coexisting: tuple[Coexisting, ...] = ()
+    reached: tuple[Reached, ...] = ()
     undecided: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
+    situation: str = ""
     display_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -261,7 +291,7 @@ class Onset(Told, Result):
             return f"The working point {point} is outside of the range."
         words = {
             "free": "is free: a disturbance dies, and stick-slip that has begun ends.",
-            "bistable": "is bistable: smooth until something disturbs it, and stick-slip that has begun never ends by itself.",
+            "bistable": f"is bistable: a small disturbance of smooth running dies, and stick-slip exists beside it.{self._reach}",
             "smooth or stuck": "is smooth until it is stopped, and standstill never ends by itself; stick-slip that has begun ends.",
             "stick-slip": "sticks and slips: the least disturbance grows into it.",
             "swing": "swings without stick: the least disturbance grows, and stick-slip that has begun turns into it.",
@@ -285,12 +315,26 @@ class Onset(Told, Result):
             f" Margin {', '.join(margins[:-1])}{' and ' if margins[1:] else ''}{margins[-1]}." if margins else ""
         )
 
+    @property
+    def _reach(self) -> str:
+        """From which starts the stick-slip at the working point is reached, in words; empty if that was not looked at."""
+        if not self.reached:
+            return ""
+        into = [str(each) for each in self.reached if each.reached]
+        out = [str(each) for each in self.reached if not each.reached]
+        near = self.cycling[self._near(self.at)] and self.sticking[self._near(self.at)]
+        period = f" (period {near.interval:.3g} s)" if near and near.regime == STICKS else ""
+        words = f" Once the loop is in this stick-slip{period} it stays there."
+        words += f" It is reached from {', '.join(into)}." if into else ""
+        return words + (f" It is not reached from {', '.join(out)}." if out else "")
+
     def _told(self) -> list[str | Rows]:
         read = self._read
         span = f"{self.parameter} from {self.values[0] * read.factor:.6g} to {self.values[-1] * read.factor:.6g}{read.tail}"
         return [
             f"Onset of stick-slip: {self.title}",
             f"{span}, judged by `{self.element}` and `{self.signal}`",
+            *([self.situation] if self.situation else []),
             "",
             Rows(
                 [(name, value + read.tail, note) for name, value, note in self._border_rows()],

@@ -41,6 +41,7 @@ from toolbox.onsets.carried import JudgedRuns
 from toolbox.onsets.front import Front
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS, Plane, map_runs, steady_plane
 from toolbox.onsets.regions import MEANINGS
+from toolbox.scenes.situation import Situation
 from toolbox.sweeps.designs import grid
 from toolbox.sweeps.executors import check_executor
 from toolbox.sweeps.store import folder_of
@@ -102,6 +103,8 @@ class SeverityMap(Told, Result):
         Number of runs.
     at
         Values of both numbers in the loop that was mapped, in SI: the working point, where it lies in the map.
+    situation
+        The situation that the verdict holds for, in one line.
     notes
         What the reader of the map should know.
     display_units
@@ -126,6 +129,7 @@ class SeverityMap(Told, Result):
     notes: tuple[str, ...] = ()
     at: tuple[float, float] = (math.nan, math.nan)
     display_units: Mapping[str, str] = field(default_factory=dict)
+    situation: str = ""
 
     @property
     def regions(self) -> dict[str, BoolArray]:
@@ -156,6 +160,7 @@ class SeverityMap(Told, Result):
                 for name, each, axis in zip(self.names, read, self.axes, strict=True)
             ),
             f"  {self.runs} runs, each until it is decided, of {self.duration:.4g} s at most, at accuracy {self.accuracy:g}",
+            *([f"  {self.situation}"] if self.situation else []),
             Rows([("region", "share of the map", "what the machine does"), *self._share_rows()], (0, 2)),
             Rows([("border", *self.names), *self._border_rows()]),
             *(f"  note: {note}" for note in self.notes),
@@ -370,6 +375,11 @@ def severity_map(
         accuracy=search.base.accuracy,
         resolution=0.5**halvings,
         runs=search.runs,
+        situation=str(
+            Situation.of(
+                loop, "smooth running with a small disturbance, and from a contact that is stopped at once", "until the regime is decided"
+            )
+        ),
         notes=tuple(_notes(search, (smooth, inside))),
         at=(plane.numbers[0].value, plane.numbers[1].value),
         display_units={

@@ -21,6 +21,7 @@ from toolbox.measuring.judge import NOT_DECIDED, SMOOTH, STANDS, STICKS, SWINGS,
 from toolbox.measuring.measure import stick_intervals
 from toolbox.onsets.coming_to import comes_to
 from toolbox.scenes.judged import judged_measures, sticks_before_standstill
+from toolbox.scenes.situation import Situation, start_in_words
 
 if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
@@ -147,11 +148,14 @@ def words_of(scene: Any, run: Trajectory, found: Mapping[str, float]) -> tuple[s
 def in_words(judged: Judged, sticks: int) -> str:
     """The verdict on a run that the judge has decided; sticks: how often it stuck in the time that was looked at.
 
-    "free", "stick-slip", "swing" and "stuck" for its regime at last; "recovered after 1 stick" and "recovered" where it is free after one stick or
-    several; "irregular" where sticks go on and never repeat. What nothing decides tells in which time a small disturbance of smooth running grows.
+    "free", "stick-slip", "swing" and "stuck" for its regime at last; "recovered after 1 stick" and "recovered" where it is free after one stick or several;
+    "irregular" where sticks go on and never repeat; "stick-slip later" where it begins only after the time that was looked at. What nothing decides tells in
+    which time a small disturbance of smooth running grows.
     """
     if judged.regime == SMOOTH:
         return {0: "free", 1: "recovered after 1 stick"}.get(sticks, "recovered")
+    if judged.regime == STICKS and not sticks:
+        return "stick-slip later"
     if judged.regime == NOT_DECIDED:
         return "irregular stick-slip" if judged.sticks else told_growth(judged.rate) if judged.rate > 0 else NOT_DECIDED
     return WORDS.get(judged.regime, judged.regime)
@@ -213,7 +217,14 @@ def judged_by(scene: Scene) -> str:
     speed = reading(scene.plant().unit(scene.signal), scene.display_units)
     until = f"{scene.duration:g} s" if scene.standstill is None else f"standstill at {scene.standstill * speed.factor:g} {speed.unit}"
     set_point = f"; set-point {scene.reference * speed.factor:.4g} {speed.unit}" if scene.reference else ""
-    return f"{scene.judges}, judged from {scene.after:g} s to {until}{set_point}."
+    label = next((each for each in scene.labels if scene[each].controllers), scene.labels[0])
+    situation = Situation.of(
+        scene[label],
+        start_in_words(scene[label]),
+        f"{scene.duration:g} s, carried on until the regime is decided",
+        design="controllers as the scene gives them",
+    )
+    return f"{scene.judges}, judged from {scene.after:g} s to {until}{set_point}.\n{situation}"
 
 
 def in_cells(scene: Scene, rows: Sequence[Row], times: bool = True) -> list[list[str]]:

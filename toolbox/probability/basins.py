@@ -29,6 +29,7 @@ from toolbox.onsets.map_loop import NONE, SMOOTH
 from toolbox.probability.bounds import clopper_pearson
 from toolbox.probability.chances import Search
 from toolbox.probability.pictures import picture
+from toolbox.scenes.situation import Situation
 from toolbox.steady_states.linear import equilibrium
 from toolbox.sweeps.designs import Variations, uniform
 
@@ -66,6 +67,8 @@ class Basin(Told, Result):
         Of the bounds.
     judged
         Number of runs that the judge of all verdicts carried on.
+    situation
+        The situation that the verdict holds for, in one line.
     display_units
         {unit: unit that was typed}.
     """
@@ -83,6 +86,7 @@ class Basin(Told, Result):
     confidence: float
     judged: int
     display_units: Mapping[str, str] = field(default_factory=dict)
+    situation: str = ""
 
     @property
     def share(self) -> float:
@@ -103,6 +107,7 @@ class Basin(Told, Result):
             f"Basin of {self.title}: {self.outcomes.size} disturbances, runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
             f"  it comes back from {100 * self.share:.4g} % of them, {100 * self.confidence:g} % bounds {100 * low:.4g} .. {100 * high:.4g} %",
         ]
+        lines += [f"  {self.situation}"] if self.situation else []
         rows: list[tuple[str, ...]] = [("state", "unit", "working point", "ranges", "smallest that tips it")]
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             factor, shown = reading(unit, self.display_units)[:2]
@@ -186,6 +191,7 @@ def basin(
         title=loop.title, names=names, units=tuple(each.unit for each in states), ranges=np.array(ends), point=point, starts=design.points, outcomes=came,
         smallest=_smallest(search, point, np.array(ends), design.points, came), duration=search.duration, accuracy=accuracy, confidence=confidence,
         judged=search.judged, display_units=asked_units(ends),
+        situation=str(Situation.of(loop, "smooth running disturbed within the box", f"{search.duration:.4g} s, carried on until the regime is decided")),
     )  # fmt: skip
 
 

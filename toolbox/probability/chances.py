@@ -33,6 +33,7 @@ from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, VERDICTS
 from toolbox.probability.distributions import Draws, drawn, known_as
 from toolbox.probability.results import Chance
 from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.scenes.situation import Situation, start_in_words
 from toolbox.simulation.simulate import simulate
 from toolbox.sweeps.designs import Variations, grid
 from toolbox.sweeps.executors import Manner, evaluated, probed
@@ -150,11 +151,14 @@ def chance(
             outcomes[label], severities[label] = (each.reshape(*points.shape, draws) for each in found)
             judged[label] = search.judged
     names = [first.number(name) for name in points.names]
+    begun = start_in_words(first) if start is None else "a start of its own for each draw"
+    lasts = f"{longest:.4g} s, carried on until the regime is decided"
+    situation = Situation.of(first, begun, lasts, plants=f"{draws} plants with drawn numbers at each point")
     return Chance(
         title=first.title, labels=tuple(loops), names=points.names, units=tuple(each.unit for each in names), axes=points.axes,
         uncertainty=known_as(uncertainty, known.names, draws),
         outcomes=outcomes, severities=severities, duration=longest, accuracy=accuracy, confidence=confidence, judged=judged,
-        display_units=asked_units(typed),
+        display_units=asked_units(typed), situation=str(situation),
     )  # fmt: skip
 
 

@@ -45,6 +45,8 @@ class Chance(Told, Result):
         {label: number of runs that their lanes did not decide, so that the judge of all verdicts carried them on}.
     display_units
         {unit: unit that was typed}.
+    situation
+        The situation that the verdict holds for, in one line.
     """
 
     title: str
@@ -60,6 +62,7 @@ class Chance(Told, Result):
     confidence: float
     judged: dict[str, int]
     display_units: Mapping[str, str] = field(default_factory=dict)
+    situation: str = ""
 
     @property
     def draws(self) -> int:
@@ -163,6 +166,7 @@ class Chance(Told, Result):
         size = " x ".join(str(axis.size) for axis in self.axes)
         lines: list[str | Rows] = [
             f"Chance of stick-slip: {self.title}, {size} points with {self.draws} draws each, runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
+            *([f"  {self.situation}"] if self.situation else []),
             *(f"  {name} known as {words}" for name, words in self.uncertainty.items()),
         ]
         if len(self.names) == 1:

@@ -25,6 +25,7 @@ from toolbox.probability.posteriors import Posterior
 from toolbox.probability.results import Chance
 from toolbox.reports.machine import usual_units
 from toolbox.reports.sections import KINDS, Section, picture, preformatted
+from toolbox.robustness.answer_results import Answers
 from toolbox.robustness.depth_windows import Windows
 from toolbox.robustness.joint_errors import SmallestError
 from toolbox.robustness.margins import Margins
@@ -178,7 +179,7 @@ def _short(onset: Onset, label: str) -> str:
 
 def _drives(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
     """The lowest set-points with what they leave and what they cost; all columns stand in the appendix."""
-    lines = text_of(folder / "drives.txt").strip().splitlines()[1:]
+    lines = [line for line in text_of(folder / "drives.txt").strip().splitlines()[1:] if not line.startswith("Holds for: ")]
     rows = [re.split(r" {2,}", line.strip()) for line in lines[1:]]
     if not rows or not set(DRIVES) <= {each.partition(" [")[0] for each in rows[0]}:
         return preformatted("\n".join(lines)), ()
@@ -191,6 +192,7 @@ DRIVES = ("law", "group", "way", "lowest", "disk margin", "recovery", "disturban
 """Columns of the lowest set-points that answer."""
 
 ALL: Sequence[Kind] = (
+    _one("Answers for every controller", "answers", Answers),
     Kind("study.txt", "Study", "comparison", _study),
     Kind("onset.txt", "Onset of stick-slip", "onset", _onset),
     _one("Onset of stick-slip of machines that are drawn", "drawn_onset", UncertainOnset),

@@ -1,4 +1,6 @@
 from .absorber import absorber_limit as absorber_limit
+from .answer_results import Answers as Answers
+from .answer_table import answers as answers
 from .charts import StabilityChart as StabilityChart
 from .charts import stability_chart as stability_chart
 from .depth_windows import Windows as Windows
@@ -17,5 +19,8 @@ from .lowest_set_point import SetPointLimit as SetPointLimit
 from .margins import Margins as Margins
 from .responses import FrequencyResponse as FrequencyResponse
 from .responses import frequency_response as frequency_response
+from .starts import OwnStickSlip as OwnStickSlip
+from .starts import SmoothRunning as SmoothRunning
+from .starts import TakenOver as TakenOver
+from .starts import cycle_phases as cycle_phases
 from .worst_case import WorstCase as WorstCase
-from .worst_case import cycle_phases as cycle_phases

@@ -9,6 +9,7 @@ is above both borders, and the disk margin of its linear loop.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,6 +64,8 @@ class Windows(Told, Result):
         Disk margin at the working point [1], shape (depths,); nan where there is no linear loop.
     display_units
         {unit: unit that was typed}: the units in which `print` answers.
+    situation
+        The situation that the verdict holds for, in one line.
     maps
         The map of every depth, each with its own picture; empty in windows that were loaded.
     """
@@ -81,6 +84,7 @@ class Windows(Told, Result):
     disk_margin: np.ndarray
     display_units: Mapping[str, str]
     maps: Any = field(default=(), repr=False, compare=False, metadata=LEFT_OUT)
+    situation: str = ""
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
@@ -109,6 +113,7 @@ class Windows(Told, Result):
             point = f", working point {x * first.factor:.4g}{first.tail}, {y * second.factor:.4g}{second.tail}"
         notes = [
             f"  between {self.lowest * first.factor:.4g} and {self.highest * first.factor:.4g}{first.tail}{point}",
+            *([f"  {self.situation}"] if self.situation else []),
             "  smooth: as long as nothing disturbs it; free: from stick-slip, too; all: in the whole range; none: nowhere up to its end",
         ]
         return [f"Windows over depth of {self.title}", *notes, Rows(self.rows, ())]
@@ -230,6 +235,7 @@ def windows(
         disk_margin=np.array(disks),
         display_units={**maps[0].display_units, "m": asked_in(deep, "m")},
         maps=tuple(maps),
+        situation=re.sub(r"the nominal plant \([^)]*\)", "the nominal plant at each depth", maps[0].situation),
     )
 
 

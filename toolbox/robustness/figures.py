@@ -193,3 +193,64 @@ def set_point_diagram(rows: Sequence[tuple[str, str, str, float, float]], highes
             handletextpad=0.1,
         )
     return ax
+
+
+def answer_diagram(
+    rows: Sequence[tuple[str, Mapping[str, float], float]], at: float, bounds: tuple[float, ...], unit: str, ax: Any = None
+) -> Any:
+    """Lowest set-points of controllers as marks, one line per controller, one kind of mark per start, and where its own stick-slip ends. Returns the ax.
+
+    rows: (controller, {start: lowest set-point or nan}, end of the own stick-slip: nan without any, inf beyond the range);  at: the set-point of the scene.
+    """
+    low, high = bounds
+    heads = list(dict.fromkeys(head for _, lowest, _ in rows for head in lowest))
+    with drawn_on(ax, height=1.5 + 0.5 * len(rows)) as ax:
+        for i, (_, lowest, end) in enumerate(rows):
+            for k, head in enumerate(heads):
+                value = lowest.get(head, math.nan)
+                place, none = i + 0.6 * ((k + 0.5) / len(heads) - 0.5), math.isnan(value)
+                color = LINES[k % len(LINES)]["color"]
+                face: Any = {"markerfacecolor": "white" if none else color, "markeredgecolor": color}
+                ax.plot(
+                    high if none else value, place, marker=MARKS[k % len(MARKS)], markersize=6.0, linestyle="none", clip_on=False, **face
+                )
+            if not math.isnan(end):
+                ax.plot([low, min(end, high)], [i + 0.4, i + 0.4], color="0.45", linewidth=2.5, solid_capstyle="butt")
+        for k, head in enumerate(heads):
+            ax.plot(
+                [], [], marker=MARKS[k % len(MARKS)], markersize=6.0, linestyle="none", color=LINES[k % len(LINES)]["color"], label=head
+            )
+        ax.plot([], [], color="0.45", linewidth=2.5, label="its own stick-slip exists")
+        ax.axvline(at, color="0.2", linewidth=0.8, linestyle="--", label="set-point of the scene")
+        ax.set_yticks(range(len(rows)), [label for label, _, _ in rows])
+        ax.set_ylim(len(rows) - 0.4, -0.5)
+        ax.set_xlim(low, high)
+        ax.set_xlabel(f"lowest set-point that holds [{unit}]; an open mark at the right: none holds")
+        ax.grid(axis="x", color="0.9", linewidth=0.6)
+        ax.legend(frameon=False, fontsize=8.0, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+    return ax
+
+
+def verdict_diagram(heads: Sequence[str], rows: Sequence[tuple[str, Sequence[tuple[int, int]]]], ax: Any = None) -> Any:
+    """How many runs hold, one row per controller and one column per start. Returns the ax.
+
+    rows: (controller, (held, runs) of each start).
+    """
+    with drawn_on(ax, height=1.3 + 0.42 * len(rows)) as ax:
+        for i, (_, counts) in enumerate(rows):
+            for k, (held, runs) in enumerate(counts):
+                share = held / runs if runs else math.nan
+                color = "0.85" if math.isnan(share) else LINES[2]["color"] if share == 1.0 else LINES[1]["color"]
+                ax.barh(i, 0.9 * (1.0 if math.isnan(share) else share), left=k, height=0.6, color=color)
+                ax.barh(i, 0.9, left=k, height=0.6, color="none", edgecolor="0.4", linewidth=0.6)
+                ax.text(k + 0.45, i, f"{held} of {runs}" if runs else "-", ha="center", va="center", fontsize=8.0)
+        ax.set_yticks(range(len(rows)), [label for label, _ in rows])
+        ax.set_xticks([k + 0.45 for k in range(len(heads))], heads, fontsize=8.0)
+        ax.xaxis.tick_top()
+        ax.set_ylim(len(rows) - 0.4, -0.6)
+        ax.set_xlim(-0.05, len(heads))
+        ax.set_xlabel("runs that come to smooth running")
+        for side in ("left", "right", "top", "bottom"):
+            ax.spines[side].set_visible(False)
+        ax.tick_params(length=0.0)
+    return ax

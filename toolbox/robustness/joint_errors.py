@@ -20,6 +20,7 @@ turns single numbers back where that fails at a smaller size. A search shows tha
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -37,11 +38,12 @@ from toolbox.files.units import NumberOrText, in_si
 from toolbox.halving import halved
 from toolbox.measuring.judge import told_growth
 from toolbox.messages import sign_of_life
-from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import all_described
 from toolbox.modelling.laws import Sampled
 from toolbox.onsets.coming_to import Settled
 from toolbox.robustness.disk_margins import balancing, frequencies, peak
+from toolbox.robustness.starts import OwnStickSlip, SmoothRunning, Start, Starts
 from toolbox.robustness.worst_case import DELAY, Outcome, Trials, declared_value
 from toolbox.simulation.simulate import simulate
 from toolbox.steady_states.linear_loop import NoDerivative
@@ -119,6 +121,10 @@ class SmallestError(Told, Result):
         {unit: unit that was typed}: the units in which `print` answers.
     unknown
         Why `guaranteed` is nan; empty where it is a number.
+    situation
+        The situation that the verdict holds for, in one line.
+    beside
+        What runs of the declared machine that start from the loop's own stick-slip come to, in words; empty where the runs start from given values.
     """
 
     title: str
@@ -134,6 +140,8 @@ class SmallestError(Told, Result):
     guaranteed: float
     display_units: Mapping[str, str]
     unknown: str = ""
+    beside: str = ""
+    situation: str = ""
 
     @property
     def values(self) -> dict[str, float]:
@@ -155,9 +163,15 @@ class SmallestError(Told, Result):
         return lines
 
     def _told(self) -> list[str | Rows]:
-        broken = f"{self.size:.3g} of the ranges, all at once: {self.why}" if self.error else "nothing within the ranges"
-        lines: list[str | Rows] = [f"Smallest error that breaks {self.title}: {broken}", f"  {self.way}", Rows(self.rows)]
-        lines.append(f"  every error that was tried up to {self.held:.3g} of the ranges is a success ({self.runs} runs)")
+        broken = f"{self.size:.3g} of the ranges, all at once: {self.why}" if self.error else "none within the ranges"
+        lines: list[str | Rows] = [
+            f"Smallest error that breaks {self.title}: {broken}",
+            f"  {self.situation or self.way}",
+            Rows(self.rows),
+        ]
+        lines.append(f"  with every error that was tried up to {self.held:.3g} of the ranges these runs are a success ({self.runs} runs)")
+        if self.beside:
+            lines.append(f"  {self.beside}")
         if not math.isnan(self.linear_size):
             grows = "stays stable within them" if math.isinf(self.linear_size) else f"grows from {self.linear_size:.3g} on"
             lines.append(f"  smooth running {grows}")
@@ -193,7 +207,7 @@ def smallest_error(
     uncertainty: Mapping[str, Any],
     duration: NumberOrText,
     *,
-    starts: Sequence[Mapping[str, Any]] | None = None,
+    starts: Start | Starts | None = None,
     after: NumberOrText | None = None,
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
@@ -210,7 +224,7 @@ def smallest_error(
     duration
         Length of a run [s].
     starts
-        Start values {state: value} of each run, for instance from `cycle_phases`; by default smooth running, which needs constant inputs.
+        Where runs start, as in `worst_case`; by default smooth running, which needs constant inputs.
     after, mean_within, ripple_within
         When a run is a success, as in `worst_case`.
 
@@ -258,12 +272,30 @@ def smallest_error(
         error=error,
         why=_alone(trials, numbers, error) if error else "",
         held=held,
-        runs=(search.tried - before + 1) * len(trials.begins),
+        runs=(search.tried - before + 1) * len(trials.starts(str(nothing), _factors(numbers, nothing))),
         linear_size=linear_size,
         linear_error=linear,
         guaranteed=guaranteed,
         unknown=unknown,
         display_units={**loop.display_units, **asked},
+        situation=str(trials.situation("plants with errors of all these numbers at once")),
+        beside=_beside(trials) if isinstance(trials.start, SmoothRunning) else "",
+    )
+
+
+def _beside(trials: Trials) -> str:
+    """What runs of the declared machine come to that start from the loop's own stick-slip, in words."""
+    own = OwnStickSlip()
+    inside = dataclasses.replace(trials, start=own, begun={})
+    found = own.on(trials.loop)
+    if not found.values:
+        return found.note
+    inside.begun["declared"] = found
+    outcomes = inside.of_cases({"declared": {}}).outcomes
+    failed = sum(not outcome.excess <= 1.0 for outcome in outcomes)
+    return (
+        f"stick-slip exists beside smooth running, with a period of {found.period:.3g} s: begun from it, {failed} of {len(outcomes)} runs of the declared "
+        "machine fail, without any error"
     )
 
 
@@ -318,8 +350,8 @@ def _rate(trials: Trials, numbers: Sequence[WrongNumber], error: Error) -> float
 def _alone(trials: Trials, numbers: Sequence[WrongNumber], error: Error) -> str:
     """What the machine with an error does from the start that is the worst, in words: one run outside of the lanes, and the judge."""
     worst: Outcome = trials.of_cases({str(error): _factors(numbers, error)}).worst
-    loop = trials.machine(_factors(numbers, error), worst.seed)
-    loop = loop.but(start=states_of(trials.begins[worst.start], loop.plant))
+    factors = _factors(numbers, error)
+    loop = trials.machine(factors, worst.seed).but(start=trials.starts(str(error), factors)[worst.start])
     try:
         run = simulate(loop, trials.duration)
     except SimulationError as failure:

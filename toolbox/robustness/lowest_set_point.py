@@ -25,7 +25,8 @@ from toolbox.measuring.judge import told_growth
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Controller
 from toolbox.robustness.groups import LASTING, NAMES, Group, machine_groups
-from toolbox.robustness.set_points import WAYS, Outcome, Trial
+from toolbox.robustness.set_points import SETTLING, WAYS, Outcome, Trial
+from toolbox.scenes.situation import Situation
 from toolbox.sweeps.executors import check_executor
 from toolbox.vocabulary import Renamed
 
@@ -238,6 +239,8 @@ class LowestSetPoints(Result):
         Set-points that were searched [rad/s].
     display_units
         {unit: unit in which it was typed}.
+    situation
+        The situation that the verdict holds for, in one line.
     """
 
     initial_controller: str
@@ -245,6 +248,7 @@ class LowestSetPoints(Result):
     bounds: tuple[float, float]
     step: float
     display_units: Mapping[str, str] = field(default_factory=dict)
+    situation: str = ""
 
     def __getitem__(self, key: tuple[str, ...]) -> SetPointLimit:
         """The entry of (label, group) or (label, group, way); the way is direct where none is given."""
@@ -283,7 +287,9 @@ class LowestSetPoints(Result):
             k for k, column in enumerate(zip(*lines[1:], strict=True)) if set(column) != {"-"}
         ]  # such as no lifts of laws that do not lift
         left = [told.index(k) for k in (0, 1, 2, len(lines[0]) - 1)]
-        return "\n".join([title, *columns([tuple(row[k] for k in told) for row in lines], left=left)])
+        return "\n".join(
+            [title, *([self.situation] if self.situation else []), *columns([tuple(row[k] for k in told) for row in lines], left=left)]
+        )
 
     def _table(self) -> HeadedRows:
         """One row per law, group and way."""
@@ -398,4 +404,10 @@ def lowest_set_point(
     cells = Cells(None if checkpoint is None else Path(checkpoint), callback, asked)
     found = borders(trial, chosen, protocols, cells, low, higher=high, step=grid, lasts=long_run)
     entries: dict[tuple[str, ...], SetPointLimit] = {(trial.label, *key): each for key, each in found.items()}
-    return LowestSetPoints(type(initial_controller).__name__, entries, (low, high), grid, asked)
+    count = len(chosen[0].phases) if chosen else 0
+    start = f"{count} phases of the stick-slip of the nominal plant under {type(initial_controller).__name__}, which is taken over without a jump"
+    situation = Situation(
+        "the plants of each group", f"started from {start}", "controller designed at each set-point", "surroundings of each group",
+        f"judged from {SETTLING:g} s after the takeover on" + (", and at each border for half an hour" if long_run else ""),
+    )  # fmt: skip
+    return LowestSetPoints(type(initial_controller).__name__, entries, (low, high), grid, asked, str(situation))

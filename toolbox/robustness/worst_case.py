@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import mapping, number, numbers, short, whole
+from toolbox.arguments import mapping, number, numbers, short
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import HeadedRows, Result
@@ -26,15 +26,16 @@ from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import CALM, STANDS, STICKS, told_growth
 from toolbox.measuring.metrics import Metric, maximum, mean, minimum, stuck_ratio
 from toolbox.messages import sign_of_life
-from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
+from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.closing import all_described
 from toolbox.modelling.laws import Sampled
 from toolbox.modelling.numbers import put_all
 from toolbox.onsets.coming_to import Settled
-from toolbox.scenes.judged import judged_contact, judged_measures, judged_speed, set_point
+from toolbox.onsets.takeover import reference_of, taken_over
+from toolbox.robustness.starts import Found, SmoothRunning, Start, Starts, start_of
+from toolbox.scenes.judged import judged_contact, judged_measures, judged_speed
+from toolbox.scenes.situation import Situation
 from toolbox.simulation.simulate import simulate
-from toolbox.simulation.trajectory import Trajectory
-from toolbox.steady_states.steady_loop import smooth_start
 from toolbox.sweeps.sweep import sweep
 
 DELAY = "delay"
@@ -93,16 +94,26 @@ class WorstCase(Told, Result):
         One `Outcome` per run.
     seconds
         Time that the runs took [s].
+    situation
+        The situation that the verdict holds for, in one line.
     """
 
     title: str
     way: str
     outcomes: tuple[Outcome, ...]
     seconds: float = field(default=0.0, compare=False)
+    situation: str = ""
+
+    @property
+    def _more(self) -> list[str]:
+        """The names of further measures."""
+        return list(self.outcomes[0].more) if self.outcomes else []
 
     @property
     def worst(self) -> Outcome:
-        """The outcome with the largest excess."""
+        """The outcome with the largest excess. Raises SceneError if no plant has the stick-slip from which runs were to start."""
+        if not self.outcomes:
+            raise SceneError(f"There is no worst outcome, because there was no run: {self.way}.")
         return max(self.outcomes, key=_badness)
 
     @property
@@ -122,9 +133,7 @@ class WorstCase(Told, Result):
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text: the worst outcome of each error, and how many of its runs fail."""
-        lines: list[tuple[str, ...]] = [
-            ("error", "failed", "start", "seed", "stuck", "mean error", "ripple", "a disturbance", *self.outcomes[0].more)
-        ]
+        lines: list[tuple[str, ...]] = [("error", "failed", "start", "seed", "stuck", "mean error", "ripple", "a disturbance", *self._more)]
         for error, worst in self.by_error.items():
             own = [outcome for outcome in self.outcomes if outcome.error == error]
             failed = sum(outcome.excess > 1.0 for outcome in own)
@@ -135,12 +144,21 @@ class WorstCase(Told, Result):
 
     def _told(self) -> list[str | Rows]:
         failed = sum(outcome.excess > 1.0 for outcome in self.outcomes)
+        if not self.outcomes:
+            return [
+                f"Worst case of {self.title}: no run, because there is no stick-slip to start from",
+                f"  {self.situation or self.way}",
+            ]
         verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
-        return [f"Worst case of {self.title}: {verdict}", f"  {self.way}", Rows(self.rows)]
+        return [
+            f"Worst case of {self.title}: {verdict}",
+            f"  {self.situation or self.way}",
+            Rows(self.rows),
+        ]
 
     def _table(self) -> HeadedRows:
         """One row per run."""
-        headings = ["error", "start", "seed", "stuck", "mean error", "ripple", "rate [1/s]", "failure", "excess", *self.outcomes[0].more]
+        headings = ["error", "start", "seed", "stuck", "mean error", "ripple", "rate [1/s]", "failure", "excess", *self._more]
         return headings, [[*list(vars(outcome).values())[:-1], *outcome.more.values()] for outcome in self.outcomes]
 
     def plot(self, axes: Any = None) -> Any:
@@ -151,41 +169,6 @@ class WorstCase(Told, Result):
         return worst_case_diagram(rows, axes=axes)
 
 
-def cycle_phases(run: Trajectory, count: int = 8) -> list[dict[str, Any]]:
-    """Return states of the plant at equal parts of the last whole stick-slip cycle of a run, as starts of other runs.
-
-    Parameters
-    ----------
-    run
-        A run that sticks and slips to its end, such as that of a stiff drive; its loop says which contact is judged.
-    count
-        Number of phases, the first of which is the release.
-
-    Returns
-    -------
-    list of {state: value}
-        `count` mappings, from release to release.
-
-    Raises
-    ------
-    SceneError
-        If the run has less than two releases, or the count is below 1.
-    """
-    whole("count", count, 1)
-    contact = judged_contact(run.run.loop)
-    releases = [event.time for event in run.events if event.element == contact and event.before == "stick" and event.after != "stick"]
-    if len(releases) < 2:
-        raise SceneError(
-            f"Argument `run` must stick and slip at `{contact}` at least twice to have phases, but it has {len(releases)} release(s)."
-        )
-    first, last = releases[-2:]
-    points = [run.at(first + (last - first) * k / count) for k in range(count)]
-    return [
-        {name: np.squeeze(point[name]) if size is None else np.ravel(point[name]) for name, (_, size, _) in run.run.plant.states.items()}
-        for point in points
-    ]
-
-
 @sign_of_life("worst_case is at work")
 @takes_loop
 def worst_case(
@@ -194,7 +177,7 @@ def worst_case(
     *,
     uncertainty: Mapping[str, float | str | Sequence[float | str]] | None = None,
     corners: Sequence[Mapping[str, float | str]] = (),
-    starts: Sequence[Mapping[str, Any]] | None = None,
+    starts: Start | Starts | None = None,
     seeds: Sequence[int] = (0,),
     after: NumberOrText | None = None,
     mean_within: float = 0.02,
@@ -220,7 +203,9 @@ def worst_case(
     corners
         Mappings {number of the loop: factor}, each of which is tried with all its errors at once; a share needs its sign here, "+20 %".
     starts
-        Start values {state: value} of each run, for instance from `cycle_phases`; by default smooth running, which needs constant inputs.
+        Where runs start: `TakenOver(initial_controller)`, from the stick-slip of another controller on each machine; `OwnStickSlip()`, from the stick-slip
+        of the loop itself; or start values {state or held command: value} of each run, such as `cycle_phases` returns. By default `SmoothRunning()`,
+        which needs constant inputs.
     seeds
         Seeds of the noise of `Sampled`, used where it has any.
     after
@@ -241,27 +226,28 @@ def worst_case(
         If a name is unknown, or a number is none.
     """
     trials = Trials.of(loop, duration, starts=starts, seeds=seeds, after=after, allowed=(mean_within, ripple_within), metrics=metrics)
-    return trials.of_cases(_cases(uncertainty, corners))
+    return trials.of_cases(cases_of(uncertainty, corners))
 
 
 @dataclass(frozen=True)
 class Trials:
     """How a loop is run and judged on machines that differ from the declared one by factors of its numbers.
 
-    window: time from which on a run is judged [s];  begins: the starts;  target: of the mean speed;  allowed: (error of the mean, ripple);  measures: more;
-    known: the judges of machines by the words of their errors.
+    window: time from which on a run is judged [s];  start: where runs start, found on each machine;  given: start values in place of that;  target: of the
+    mean speed;  allowed: (error of the mean, ripple);  measures: more;  known: the judges of machines by the words of their errors;  begun: their starts.
     """
 
     loop: ClosedLoop
     duration: float
     window: float
-    begins: Sequence[Mapping[str, Any]]
-    begun: str
+    start: Start | None
+    given: Starts
     seeds: Sequence[int]
     target: float
     allowed: tuple[float, float]
     metrics: Any = ()
     known: dict[str, Settled | None] = field(default_factory=dict, compare=False)
+    begun: dict[str, Found] = field(default_factory=dict, compare=False)
 
     @classmethod
     def of(
@@ -269,7 +255,7 @@ class Trials:
         loop: ClosedLoop,
         duration: NumberOrText,
         *,
-        starts: Sequence[Mapping[str, Any]] | None,
+        starts: Start | Starts | None,
         after: NumberOrText | None,
         seeds: Sequence[int] = (0,),
         allowed: tuple[float, float] = (0.02, 0.05),
@@ -279,12 +265,11 @@ class Trials:
         duration = number("duration", duration, "s", above=0)
         window = 0.7 * duration if after is None else number("after", after, "s")
         noisy = any(isinstance(law, Sampled) and law.noise for law in loop.controllers)
-        begun = (
-            "smooth running (a stick-slip that exists: `starts=cycle_phases(...)`)" if starts is None else f"{len(starts)} given start(s)"
-        )
-        begins = [smooth_start(loop)] if starts is None else list(starts)
-        wanted = _target(loop, judged_speed(loop, judged_contact(loop)))
-        return cls(loop, duration, window, begins, begun, seeds if noisy else (0,), wanted, allowed, metrics)
+        start = start_of(starts)
+        given: Starts = [] if start is not None else list(starts)  # type: ignore[arg-type]
+        aim = reference_of(loop, judged_speed(loop, judged_contact(loop)))
+        wanted = math.nan if aim is None else aim
+        return cls(loop, duration, window, start, given, seeds if noisy else (0,), wanted, allowed, metrics)
 
     @cached_property
     def contact(self) -> str:
@@ -304,7 +289,21 @@ class Trials:
     @property
     def way(self) -> str:
         """From where the runs begin, which contact is judged, and when, in words."""
-        return f"runs of {self.duration:g} s from {self.begun}; `{self.contact}` judged from {self.window:g} s on"
+        return f"runs of {self.duration:g} s from {self._begins}; `{self.contact}` judged from {self.window:g} s on{self._notes}"
+
+    @property
+    def _begins(self) -> str:
+        """From where the runs start, in words."""
+        return f"{len(self.given)} given start(s)" if self.start is None else self.start.words
+
+    @property
+    def _notes(self) -> str:
+        """On which machines there is no stick-slip to start from, and why."""
+        notes: dict[str, list[str]] = {}
+        for error, found in self.begun.items():
+            if found.note:
+                notes.setdefault(found.note, []).append(error)
+        return "".join(f"; {note} ({', '.join(errors)})" for note, errors in notes.items())
 
     def machine(self, factors: Mapping[str, float], seed: int = 0) -> ClosedLoop:
         """The loop with factors of its numbers, and with a seed of its noise."""
@@ -317,6 +316,21 @@ class Trials:
             self.known[error] = Settled.of(machine, self.contact, self.speed, self.window)
         return self.known[error]
 
+    def situation(self, plants: str) -> Situation:
+        """The situation of the verdicts on some plants."""
+        lasts = f"{self.duration:g} s, `{self.contact}` judged from {self.window:g} s on{self._notes}"
+        return Situation.of(self.loop, self._begins, lasts, plants=plants)
+
+    def starts(self, error: str, factors: Mapping[str, float]) -> Starts:
+        """The start values of the runs of an error: smooth running is that of the declared machine, stick-slip that of the machine itself."""
+        if self.start is None:
+            return [taken_over(self.loop, start) for start in self.given]
+        shared = isinstance(self.start, SmoothRunning)
+        key = "declared" if shared else error
+        if key not in self.begun:
+            self.begun[key] = self.start.on(self.loop if shared else self.machine(factors))
+        return self.begun[key].values
+
     def of_cases(self, cases: Mapping[str, Mapping[str, float]]) -> WorstCase:
         """The outcome of every start and seed in every case {error in words: {number of the loop: factor}}."""
         loop = self.loop
@@ -328,22 +342,27 @@ class Trials:
         found: list[Outcome] = []
         seconds = 0.0
         delays = sorted({case.get(DELAY, 1.0) for case in cases.values()})
-        for late, seed, (k, begin) in itertools.product(delays, self.seeds, enumerate(self.begins)):
-            own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late}
+        begins = {label: self.starts(label, case) for label, case in cases.items()}
+        for late, seed, k in itertools.product(delays, self.seeds, range(max(map(len, begins.values())))):
+            own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late and k < len(begins[label])}
+            if not own:
+                continue
             rows = [{name: value * case.get(name, 1.0) for name, value in declared.items()} for case in own.values()]
-            varied = self.machine({DELAY: late}, seed).but(start=states_of(begin, loop.plant))
-            done = sweep(varied, rows, self.duration, metrics=asked)
+            by_row = {tuple(row.values()): begins[label][k] for row, label in zip(rows, own, strict=True)}
+            varied = self.machine({DELAY: late}, seed)
+            done = sweep(varied, rows, self.duration, start=lambda row, known=by_row: known[tuple(row.values())], metrics=asked)  # type: ignore[misc]
             seconds += done.seconds
             for i, label in enumerate(own):
                 numbers = {name: float(done[name][i]) for name in asked}
                 outcome = self._outcome((label, k, seed), numbers, done.failures.get(i, ""))
                 if outcome.excess <= 1.0:
                     swing = (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"])
-                    outcome = self._lasting(outcome, put_all(varied, rows[i]), swing)
+                    outcome = self._lasting(outcome, put_all(varied, rows[i]).but(start=begins[label][k]), swing)
                 found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
         order = {label: i for i, label in enumerate(cases)}
         found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
-        return WorstCase(all_described(loop.controllers), self.way, tuple(found), seconds)
+        plants = "the nominal plant" if list(cases) == ["declared"] else f"the nominal plant and {len(cases) - 1} with errors"
+        return WorstCase(all_described(loop.controllers), self.way, tuple(found), seconds, str(self.situation(plants)))
 
     @cached_property
     def _read(self) -> dict[str, Metric]:
@@ -380,13 +399,7 @@ class Trials:
         return dataclasses.replace(outcome, rate=rate, failure=comes_to, excess=math.inf if comes_to else outcome.excess)
 
 
-def _target(loop: ClosedLoop, speed: str) -> float:
-    """The target of the mean speed: the reference of the loop, or the set-point of the law; nan where there is none."""
-    aim, own = loop.target(speed), set_point(loop.system, speed)
-    return aim if aim is not None else math.nan if own is None else loop.number(own).value
-
-
-def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
+def cases_of(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
     """{error in words: {name: factor}}, the declared machine first. Raises SceneError for factors that are no numbers > 0."""
     found: dict[str, dict[str, float]] = {"declared": {}}
     rows = [{name: factor} for name, given in mapping("uncertainty", errors).items() for factor in _factors(name, given)]

@@ -31,7 +31,16 @@ from toolbox.sweeps.designs import Variations, variations_of
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store
-from toolbox.sweeps.variants import run_fingerprint, shared_run, start_memories, start_states, varied_clocks, varied_held, varied_numbers
+from toolbox.sweeps.variants import (
+    run_fingerprint,
+    shared_run,
+    start_memories,
+    start_states,
+    varied_clocks,
+    varied_held,
+    varied_numbers,
+    with_kept,
+)
 
 
 def sweep(
@@ -62,7 +71,8 @@ def sweep(
     duration
         As in `simulate`.
     start
-        A function {name: value of what varies} -> {state: start value}, which wins over what the loop starts from.
+        A function {name: value of what varies} -> {state, memory of a sampled controller or command that it holds: start value}, which
+        wins over what the loop starts from.
     metrics
         A name of `toolbox.measuring.metrics.METRICS`, a measure of that module, a function of the run, or several as a sequence or {name: measure}. What is
         judged is that of the loop, from the time that the loop says or in the second half of the run. Settling, overshoot and functions are read from each
@@ -151,7 +161,8 @@ def task_of(
     run = shared_run(loop, variations, duration, method=method, accuracy=accuracy)
     chosen = judged_measures(metrics, run.loop, run.start.time, run.end)
     numbers, broken = varied_numbers(run, variations)
-    states, memories, held = start_states(run, variations, start), start_memories(run, variations), varied_held(run, variations)
+    states = start_states(run, variations, start)
+    memories, held = with_kept(run, variations, start, start_memories(run, variations), varied_held(run, variations))
     return Task(run, numbers, tuple(chosen.values()), states, memories, held, clocks=varied_clocks(run, variations)), broken, chosen
 
 

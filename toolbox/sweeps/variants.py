@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -160,10 +161,36 @@ def start_states(run: Run, variations: Variations, begin: Callable[[Mapping[str,
     starts = np.tile(run.start.states, (len(variations.points), 1))
     if begin is not None:
         for x, point in zip(starts, variations.points.tolist(), strict=True):
-            place_starts(run.system, x, begin(dict(zip(variations.names, point, strict=True))))
+            given = begin(dict(zip(variations.names, point, strict=True)))
+            place_starts(run.system, x, {name: value for name, value in given.items() if not _is_kept(run, name)})
     columns = dict(zip(variations.names, variations.points.T[:, None], strict=True))
     place_starts(run.system, starts.T, {name: columns[name] for name in own})
     return starts
+
+
+def _is_kept(run: Run, name: str) -> bool:
+    """Whether a start value is one that a sampled controller remembers, or a signal that it holds."""
+    return is_remembered(run.system, name) or any(name in update.names for update in run.system.updates)
+
+
+def with_kept(
+    run: Run,
+    variations: Variations,
+    begin: Callable[[Mapping[str, float]], Mapping[str, Any]] | None,
+    memories: np.ndarray | None,
+    held: np.ndarray | None,
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """(memories, held signals) of every run, with those that a function of what is varied says."""
+    if begin is None:
+        return memories, held
+    rows = [begin(dict(zip(variations.names, point, strict=True))) for point in variations.points.tolist()]
+    kept = [{name: value for name, value in row.items() if _is_kept(run, name)} for row in rows]
+    if not any(kept):
+        return memories, held
+    memories = np.tile(run.start.memory, (len(rows), 1)) if memories is None else memories
+    held = np.tile(run.start.held, (len(rows), 1)) if held is None else held
+    states = [replace(run.start, memory=m, held=h).with_values(row) for m, h, row in zip(memories, held, kept, strict=True)]
+    return np.array([each.memory for each in states]), np.array([each.held for each in states])
 
 
 def start_memories(run: Run, variations: Variations) -> np.ndarray | None:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import count_of, number, numbers
-from toolbox.errors import SceneError, SimulationError
+from toolbox.errors import SceneError
 from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
 from toolbox.files.unit_systems import asked_in, reading
@@ -30,16 +30,12 @@ from toolbox.modelling.components import numbers_of, rebuilt
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.robustness.depth_windows import closed_at
 from toolbox.robustness.margins import disk_margin
-from toolbox.robustness.worst_case import Trials, cycle_phases, percent
-from toolbox.simulation.simulate import simulate
+from toolbox.robustness.starts import TakenOver
+from toolbox.robustness.worst_case import Trials, percent
 from toolbox.vocabulary import new_names_only
 
 PHASES = 4
 """Phases of a stick-slip that exists from which a law is tried at a depth."""
-
-
-SMOOTH = "smooth running (a stick-slip that exists: `before`)"
-"""Where runs begin that no drive before is given for."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +91,8 @@ class Schedule(Told, Result):
         {unit: unit that was typed}: the units in which `print` answers.
     controller
         The law with all its numbers, as it is sampled, at the first depth; None in one that was loaded.
+    situation
+        The situation that the verdict holds for, in one line.
     every
         All its numbers at the depths of the table, those that do not change too; None in one that was loaded.
     """
@@ -109,6 +107,7 @@ class Schedule(Told, Result):
     display_units: Mapping[str, str]
     controller: Any = field(default=None, repr=False, compare=False, metadata=LEFT_OUT)
     every: Any = field(default=None, repr=False, compare=False, metadata=LEFT_OUT)
+    situation: str = ""
 
     @property
     def holds(self) -> bool:
@@ -152,7 +151,11 @@ class Schedule(Told, Result):
         verdict = (
             "every run succeeds at every depth" if self.holds else f"runs fail at {', '.join(bad)}{reading('m', self.display_units).tail}"
         )
-        return [f"Gains over depth of {self.title}: {verdict}", f"  {self.way}", Rows(self.rows, (1,))]
+        return [
+            f"Gains over depth of {self.title}: {verdict}",
+            f"  {self.situation or self.way}",
+            Rows(self.rows, (1,)),
+        ]
 
     def _table(self) -> HeadedRows:
         """The table for the drive, one row per depth."""
@@ -231,14 +234,18 @@ def schedule(
     base = dataclasses.replace(given, law=first) if isinstance(given, Sampled) else first
     moves = np.flatnonzero(np.ptp(every, axis=0) > 0.0)
     named = _named(loops[0])
-    found, way = [], ""
+    found, way, situation = [], "", ""
     for depth in sorted({*places, *((a + b) / 2 for a, b in pairwise(places))}):
         loop = closed_at(well, depth)
-        starts = None if initial_controller is None else _stuck(loop.but(controllers=(initial_controller,)), duration)
+        starts = None if initial_controller is None else TakenOver(initial_controller, PHASES, duration)
         closed = loop.but(controllers=(_law_at(base, places, every, depth),))
         trials = Trials.of(closed, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))
         outcomes = trials.of_cases({"declared": {}})
-        worst, way = outcomes.worst, (trials if initial_controller is not None else dataclasses.replace(trials, begun=SMOOTH)).way
+        worst, way = outcomes.worst, trials.way
+        there = trials.situation("")
+        situation = str(
+            dataclasses.replace(there, plants="the nominal plant at each depth", design="numbers of the controller between those of depths")
+        )
         failed = sum(outcome.excess > 1.0 or math.isnan(outcome.excess) for outcome in outcomes.outcomes)
         settled = trials.known.get("declared")
         found.append(
@@ -249,7 +256,7 @@ def schedule(
         )  # fmt: skip
     return Schedule(
         described(given), way, tuple(places), tuple(named[k][0] for k in moves), tuple(named[k][1] for k in moves), every[:, moves], tuple(found),
-        {**loops[0].display_units, "m": asked_in(typed, "m")}, base, every,
+        {**loops[0].display_units, "m": asked_in(typed, "m")}, base, every, situation,
     )  # fmt: skip
 
 
@@ -273,11 +280,3 @@ def _named(loop: ClosedLoop) -> list[tuple[str, str]]:
     entries = sorted(loop.system.parameters.values(), key=lambda entry: entry.offset)
     own = [entry for entry in entries if first <= entry.offset < first + len(numbers_of(loop.designed[0]))]
     return [(entry.name if entry.size is None else f"{entry.name}.{i}", entry.unit) for entry in own for i in range(count_of(entry.size))]
-
-
-def _stuck(loop: ClosedLoop, duration: float) -> list[dict[str, Any]] | None:
-    """States at phases of the stick-slip of a loop; None where it does not stick and slip."""
-    try:
-        return cycle_phases(simulate(loop, duration), PHASES)
-    except (SceneError, SimulationError):
-        return None

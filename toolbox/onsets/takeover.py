@@ -1,0 +1,109 @@
+"""Takeovers: states and commands at instants of a stick-slip cycle, from which another controller goes on without a jump of its command.
+
+Sampled controllers read the held commands at their first sample (`controllers.bumpless`). Of a continuous controller with one state, such as an integral, that
+state is chosen so that it gives the same command. Other continuous controllers begin with their start values.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from toolbox.arguments import whole
+from toolbox.errors import SceneError, SimulationError
+from toolbox.modelling.closed_loop import ClosedLoop, states_of, value_at
+from toolbox.scenes.judged import judged_contact, set_point
+from toolbox.simulation.simulate import simulate
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.steady_states.steady_loop import smooth_points
+
+
+def cycle_phases(run: Trajectory, count: int = 8) -> list[dict[str, Any]]:
+    """Return states of the plant and the commands that act, at equal parts of the last whole stick-slip cycle of a run, as starts of other runs.
+
+    A sampled controller that starts from them takes over without a jump of its command. `TakenOver` does the same on the plant that is judged.
+
+    Parameters
+    ----------
+    run
+        A run that sticks and slips to its end, such as that of a stiff drive; its loop says which contact is judged.
+    count
+        Number of phases, the first of which is the release.
+
+    Returns
+    -------
+    list of {state or command: value}
+        `count` mappings, from release to release.
+
+    Raises
+    ------
+    SceneError
+        If the run has less than two releases, or the count is below 1.
+    """
+    whole("count", count, 1)
+    contact = judged_contact(run.run.loop)
+    releases = releases_of(run, contact)
+    if len(releases) < 2:
+        raise SceneError(
+            f"Argument `run` must stick and slip at `{contact}` at least twice to have phases, but it has {len(releases)} release(s)."
+        )
+    first, last = releases[-2:]
+    return [acting_at(run, first + (last - first) * k / count) for k in range(count)]
+
+
+def acting_at(run: Trajectory, time: float) -> dict[str, Any]:
+    """States of the plant, and the commands of its controllers, at an instant of a run [s]."""
+    point, plant = run.at(time), run.run.plant
+    commands = [name for name in plant.inputs if name not in run.run.loop.system.inputs]
+    return {name: value_at(point, name, size) for name, (_, size, _) in plant.states.items()} | {
+        name: float(point[name]) for name in commands
+    }
+
+
+def taken_over(loop: ClosedLoop, start: Any) -> dict[str, Any]:
+    """Start values of a loop that takes over at an instant: commands that it does not hold are given by the state of a continuous controller instead."""
+    values = states_of(start, loop.plant)
+    commands = {name: values.pop(name) for name in loop.plant.inputs if name in values}
+    held = {name for update in loop.system.updates for name in update.names}
+    values |= {name: value for name, value in commands.items() if name in held}
+    own = [name for name, (_, size, _) in loop.system.states.items() if name not in loop.plant.states and size is None]
+    wanted = [name for name in commands if name not in held and loop.system.has_signal(name)]
+    if len(own) == len(wanted) == 1 and own[0] not in values:
+        values |= _same_command(loop, values, own[0], wanted[0], float(commands[wanted[0]]))
+    return values
+
+
+def _same_command(loop: ClosedLoop, values: Mapping[str, Any], own: str, command: str, wanted: float) -> dict[str, float]:
+    """{own: value} with which a continuous controller gives a command at the start; empty if its state does not decide the command alone and linearly."""
+    found = []
+    for guess in (0.0, 1.0):
+        found.append(float(simulate(loop.but(start={**values, own: guess}), 1e-9).at(0.0)[command]))
+    slope = found[1] - found[0]
+    if not slope or not math.isfinite(slope):
+        return {}
+    value = (wanted - found[0]) / slope
+    given = float(simulate(loop.but(start={**values, own: value}), 1e-9).at(0.0)[command])
+    return {own: value} if abs(given - wanted) <= 1e-6 * max(abs(wanted), abs(slope)) else {}
+
+
+def under_held_commands(loop: ClosedLoop) -> Iterator[dict[str, Any]]:
+    """Phases of the stick-slip of the plant whose commands are held at their values in smooth running; none if it does not stick and slip."""
+    with contextlib.suppress(SceneError, SimulationError):
+        commands = [name for name in loop.plant.inputs if name not in loop.system.inputs]
+        points = smooth_points(loop, {})
+        if commands and points:
+            held = {name: float(points[0][name]) for name in commands}
+            yield from cycle_phases(simulate(loop.bare.but(inputs={**loop.bare.inputs, **held}, start={}), 200.0))
+
+
+def releases_of(run: Trajectory, contact: str) -> list[float]:
+    """The instants at which a contact was released from stick [s]."""
+    return [event.time for event in run.events if event.element == contact and event.before == "stick" and event.after != "stick"]
+
+
+def reference_of(loop: ClosedLoop, speed: str) -> float | None:
+    """The set-point of a loop, of its target or of the input that its controllers follow; None if there is none."""
+    aim, own = loop.target(speed), set_point(loop.system, speed)
+    return aim if aim is not None else None if own is None else float(loop.number(own).value)

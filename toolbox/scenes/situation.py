@@ -1,0 +1,99 @@
+"""The situation that a verdict holds for, in one line: plant, start, design of the controllers, surroundings and duration.
+
+Two verdicts on one loop may differ because they judge different situations. So each result says its own: which plants were judged, how the runs started,
+whether the controllers were designed once, what acted from outside, and for how long.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from toolbox.files.unit_systems import reading
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.laws import Controller, Sampled
+from toolbox.scenes.judged import judged_contact, judged_speed, set_point
+
+
+@dataclass(frozen=True)
+class Situation:
+    """The situation of a verdict; `str(situation)` is one line.
+
+    Attributes
+    ----------
+    plants
+        The plants that were judged, such as "the nominal plant".
+    start
+        How the runs start.
+    design
+        How the controllers were designed; empty without controllers.
+    surroundings
+        Inputs that vary, and noise of the sensors.
+    duration
+        How long the runs last, and from when on they are judged.
+    """
+
+    plants: str
+    start: str
+    design: str
+    surroundings: str
+    duration: str
+
+    def __str__(self) -> str:
+        return f"Holds for: {'; '.join(part for part in vars(self).values() if part)}."
+
+    @classmethod
+    def of(cls, loop: ClosedLoop, start: str, duration: str, *, plants: str = "the nominal plant", design: str = "") -> Situation:
+        """Return the situation of verdicts on a loop.
+
+        Parameters
+        ----------
+        loop
+            The loop.
+        start, duration
+            How its runs start, and how long they last, in words.
+        plants
+            The plants that were judged, in words.
+        design
+            How the controllers were designed, in words; by default once, at the set-point of the loop.
+        """
+        lumped = [words for part in loop.plant.parts if (words := getattr(part, "lumped", ""))]
+        plant = plants + "".join(f" ({words})" for words in lumped)
+        return cls(plant, f"started from {start}", design or _design(loop), _surroundings(loop), duration)
+
+
+def start_in_words(loop: ClosedLoop) -> str:
+    """How a run of a loop starts, in words."""
+    name = set_point(loop.system, judged_speed(loop, judged_contact(loop))) if loop.plant.elements else None
+    step = (
+        ""
+        if name is None
+        else ", set-point in one step"
+        if isinstance(loop.values.get(name, 0.0), (int, float))
+        else ", set-point over time"
+    )
+    if not loop.start:
+        return f"rest{step}"
+    return f"given start values{step}"
+
+
+def _design(loop: ClosedLoop) -> str:
+    """How the controllers of a loop were designed, in words."""
+    laws: list[Any] = [law.law if isinstance(law, Sampled) else law for law in loop.controllers]
+    if not any(isinstance(law, Controller) and type(law).design is not Controller.design for law in laws):
+        return "controller with fixed numbers" if laws else "no controller"
+    name = set_point(loop.system, judged_speed(loop, judged_contact(loop))) if loop.plant.elements else None
+    number = None if name is None else loop.number(name)
+    if number is None or math.isnan(number.value):
+        return "controller designed once, for this plant"
+    read = reading(number.unit, loop.display_units)
+    return f"controller designed once, for this plant at {number.name} = {number.value * read.factor:.4g}{read.tail}"
+
+
+def _surroundings(loop: ClosedLoop) -> str:
+    """Inputs that vary and noise of the sensors, in words."""
+    varying = [name for name, value in loop.values.items() if not isinstance(value, (int, float))]
+    noise = sorted({name for law in loop.controllers if isinstance(law, Sampled) for name in law.noise})
+    words = [f"{', '.join(varying)} over time" if varying else "constant inputs"]
+    return ", ".join([*words, f"noise on {', '.join(noise)}" if noise else "no noise"])

@@ -197,7 +197,7 @@ def _closed(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], locates: b
         "rigid": np.flatnonzero([element.kind == RIGID for element in elements]),
         "initial": np.array([e.initial if e.kind == SWITCH else work_layout.UNDECIDED for e in elements], float),
         "attached": np.array(form.attached, np.int64),
-        "loader": np.array([work_layout.SECOND if e.second else j for e, j in zip(elements, form.loader, strict=True)], np.int64),
+        "loader": np.array([_loader(i, e, form) for i, e in enumerate(elements)], np.int64),
         "varying": varying,
         "bounded": bounded,
         "p_size": p.numel(),
@@ -209,6 +209,15 @@ def _closed(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], locates: b
         "group_count": group_count,
         "expressions": (p, u, form.force),
     }
+
+
+def _loader(i: int, element: Element, form: Switching) -> int:
+    """What stands for element i in `Work.loader`."""
+    from toolbox.compilation import work_layout
+
+    if i in form.passing:
+        return work_layout.PASSES
+    return work_layout.SECOND if element.second else work_layout.ONE_WAY if element.one_way else form.loader[i]
 
 
 def _by_unit(system: HybridSystem, hidden: int) -> tuple[np.ndarray, int]:

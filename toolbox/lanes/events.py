@@ -9,7 +9,7 @@ import numpy as np
 
 from toolbox.compilation.program import Program
 from toolbox.compilation.vector_emitter import VectorBody
-from toolbox.compilation.work_layout import RIGID, SWITCH
+from toolbox.compilation.work_layout import RIGID, SECOND, SWITCH
 from toolbox.lanes.layout import EVENT
 from toolbox.lanes.trial_step import Pass, explicit_formulas
 from toolbox.lanes.vectors import Rows, Truth, Value, called, largest, smallest
@@ -17,7 +17,7 @@ from toolbox.lanes.vectors import Rows, Truth, Value, called, largest, smallest
 
 def carries_events(program: Program) -> bool:
     """Whether events are settled in the block: without rigid contacts, and without friction that can lose its load."""
-    return program.kernel.elements > 0 and bool((program.kind != RIGID).all() and (program.loader < 0).all())
+    return program.kernel.elements > 0 and bool((program.kind != RIGID).all() and np.isin(program.loader, (-1, SECOND)).all())
 
 
 class Event(Pass):

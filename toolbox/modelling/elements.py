@@ -256,6 +256,9 @@ class Element:
     holds: bool = True
     rigid: bool = False  # holds a gap closed, and strikes
     has_gap: ClassVar[bool] = False
+    one_way: ClassVar[bool] = False  # holds a slip, as a gap is held, by a force of one sign
+    relay: ClassVar[bool] = False  # a switch that a controller gives
+    higher_degree: bool = False  # a relay whose surface its force reaches through lags
     second: ClassVar[bool] = False  # the second slip direction of the friction before it
     initial: int = 0
     law: FrictionLaw | None = None
@@ -438,14 +441,57 @@ class Relay(Element):
 
     Sliding is the mode "stick": the force is then the equivalent control, inside [-bound, bound]. The surface must have relative
     degree one with a positive gain, d(surface)/dx * d(flow)/d(force) > 0; anything else is a SceneError when the plant is composed.
+    With `higher_degree=True` its force may reach the surface through lags: it switches each time the surface passes through zero, and never slides.
     Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992.
     """
 
-    def __init__(self, name: str, surface: ca.SX, bound: ca.SX | float, *, surface_unit: str = "1", force_unit: str = "1"):
+    relay: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        name: str,
+        surface: ca.SX,
+        bound: ca.SX | float,
+        *,
+        surface_unit: str = "1",
+        force_unit: str = "1",
+        higher_degree: bool = False,
+    ):
         super().__init__(name, surface, surface_unit, force_unit)
+        self.higher_degree = higher_degree
         self.static = ca.SX(bound)
         self.load = ca.SX(bound)
         self.sliding = ca.SX(1)
+
+
+class OneWayClutch(Element):
+    """A one-way clutch (freewheel, sprag clutch), or a ratchet without play: it drives one way and runs free the other way.
+
+        locked:  slip = 0 and force >= 0          free:  slip < 0 and force = 0
+
+    `slip` is the speed of the driving side less that of the driven side, and `force` drives the driven side: in the flow it stands with a minus at the driving
+    side. A ratchet that holds a drum is one between the drum and the ground. The force has no bound. A start with a slip above zero is an error, and an impact
+    elsewhere passes through a clutch that is locked, or that it locks.
+    """
+
+    legend: Mapping[int, str] = {0: "locked", 1: "free"}
+    expressions: ClassVar[tuple[str, ...]] = (*Element.expressions, "closure")
+    rigid = True
+    one_way: ClassVar[bool] = True
+    initial = 1
+
+    def __init__(self, name: str, slip: ca.SX, *, slip_unit: str = "rad/s", force_unit: str = "N m"):
+        super().__init__(name, slip, slip_unit, force_unit)
+        if not self.slip.is_scalar():
+            raise SceneError(f"Argument `slip` of `{name}` must be one expression, but its shape is {self.slip.shape}.")
+        self.force = -self.multiplier
+        self.closure = self.slip
+
+    def guards(self, multiplier: ca.SX, bound: ca.SX) -> tuple[ca.SX, ca.SX]:
+        return -multiplier - self.mode * self.slip, ca.SX(1)
+
+    def signals(self) -> dict[str, tuple[ca.SX, str]]:
+        return {"force": (self.force, self.force_unit), "slip": (self.mode * self.slip, self.slip_unit)}
 
 
 class Hysteresis(Element):

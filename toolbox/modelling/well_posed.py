@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -40,6 +41,10 @@ def check_push(system: HybridSystem) -> None:
             )
 
 
+YIELDS = 1e-3
+"""What is added to the gain of a friction that may hold what others hold, where the rest is asked for dependence."""
+
+
 def check_gain(system: HybridSystem) -> None:
     """Every force must pull its own slip towards zero, and no slip may be a combination of others (where the numbers alone decide that)."""
     gain = system.switching.gain
@@ -49,7 +54,7 @@ def check_gain(system: HybridSystem) -> None:
     symbols = [system.t, system.x, system.u, system.p, system.m]
     found = system.once("gain", lambda: ca.Function("gain", symbols, [gain]))  # with its zeros it would grow as the square of a chain
     matrix = found(0.0, 0.0, 0.0, system.values, 0.0)
-    held = [i for i, element in enumerate(system.elements) if element.holds]
+    held = [i for i, element in enumerate(system.elements) if element.holds and i not in system.switching.passing]
     holding = [system.elements[i] for i in held]
     for element, entry in zip(holding, np.array(ca.diag(matrix)).ravel()[held], strict=True):
         if not entry > 0:
@@ -67,13 +72,26 @@ def check_gain(system: HybridSystem) -> None:
     ]
     kept = [i for i in range(len(holding)) if i not in opposed]
     matrix, holding = matrix[np.ix_(kept, kept)], [holding[i] for i in kept]
+    for i in system.switching.shared.members:
+        k = next((k for k, element in enumerate(holding) if element is system.elements[i]), None)
+        if k is not None:
+            matrix[k, k] += YIELDS
     dependent = dependent_rows(matrix)
-    if dependent:
+    if dependent and not _never_all(matrix, holding, dependent):
         raise SceneError(
             f"{must_be_independent([holding[i].title for i in dependent])} Two frictions on one body against surfaces of one speed are one friction under both "
             "loads; against surfaces of different speeds one of them may be a bristle (`Dahl`, `LuGre`); where they are the hole and the rock at the last "
             "inertia of a string made from tables, `on_bottom = true` leaves that inertia to the rock."
         )
+
+
+def _never_all(matrix: np.ndarray, holding: Sequence[Any], dependent: Sequence[int]) -> bool:
+    """Whether these are rigid contacts whose closures have a constant sum, as in a row of bodies between two stops: with play they never close all at once."""
+    if not all(holding[i].rigid for i in dependent):
+        return False
+    values, vectors = np.linalg.eig(matrix)
+    weakest = np.real(vectors[:, int(np.argmin(np.abs(values)))])[list(dependent)]
+    return bool((weakest > 0).all() or (weakest < 0).all())
 
 
 def _check_cones(system: HybridSystem) -> None:

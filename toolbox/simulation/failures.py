@@ -190,12 +190,27 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
         )
     if status == work_layout.INCONSISTENT:
         inside = (
-            [e.name for e in program.system.elements if e.rigid and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
+            [e for e in program.system.elements if e.rigid and float(np.ravel(point[f"{e.name}.{'slip' if e.one_way else 'closure'}"])[0]) > 0.0]
             if not work.ints[work_layout.STARTED]
             else []
         )
+        if inside and inside[0].one_way:
+            return SimulationError(
+                f"The slip of the one-way clutch `{inside[0].name}` must be <= 0 {inside[0].slip_unit} at the start, but it is "
+                f"{float(np.ravel(point[inside[0].name + '.slip'])[0]):g}: its driving side must not be faster than the side that it drives.",
+                so_far,
+            )
         if inside:
-            return SimulationError(f"The closure of the rigid contact `{inside[0]}` must be <= 0 at the start, but it is inside.", so_far)
+            return SimulationError(
+                f"The closure of the rigid contact `{inside[0].name}` must be <= 0 at the start, but it is inside.", so_far
+            )
+        still = [i for i in program.form.passing if work.m[i] == 0.0]
+        if still:
+            return SimulationError(
+                f"The slip of `{names[still[0]]}` is prescribed and stands still from t = {t:.9g} s on: nothing decides the force of a friction at rest "
+                "between motions that are given. Let the motion pass through zero, or move it by a force.",
+                so_far,
+            )
         if (wrong := _rising_friction(program, range(len(names)), point, work, so_far)) is not None:
             return wrong
         words = f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s" + _paradox(

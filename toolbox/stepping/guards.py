@@ -19,8 +19,8 @@ def close_to_zero(w, j):
 
 
 def flies(w, i):
-    """Whether element i is a friction without load because its contact is open: it has no force, and its slip passes through zero unhindered."""
-    return w.loader[i] >= 0 and w.m[w.loader[i]] == 1.0
+    """Whether the slip of element i passes through zero unhindered: of a friction whose contact is open, or whose motion is prescribed."""
+    return w.loader[i] == layout.PASSES or (w.loader[i] >= 0 and w.m[w.loader[i]] == 1.0)
 
 
 def without_lever(w, i):

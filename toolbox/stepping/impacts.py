@@ -50,8 +50,8 @@ def _energy(w):
 
 
 def _strikes(w, i):
-    """Whether a rigid contact takes part in the impact: it is closed, or has just closed."""
-    return w.kind[i] == layout.RIGID and (w.before[i] == 0.0 or w.fired[2 * i])
+    """Whether a rigid contact takes part in the impact: it is closed, or has just closed, or is a one-way clutch, which an impact can lock."""
+    return w.kind[i] == layout.RIGID and (w.before[i] == 0.0 or w.fired[2 * i] or w.loader[i] == layout.ONE_WAY)
 
 
 def _rubs(w, i):
@@ -231,7 +231,10 @@ def impact(w, t):
     for i in range(ne):
         after = w.y[n + 2 * ne + i]
         if w.kind[i] == layout.RIGID:
-            if w.before[i] == 0.0:
+            if w.loader[i] == layout.ONE_WAY:  # forces decide what it does where its sides come to one speed
+                w.zero[i] = w.m_other[i] == 1.0 or abs(after) <= 1e-9 * w.guard_scale[2 * i]
+                w.m[i] = 0.0 if w.zero[i] else 1.0
+            elif w.before[i] == 0.0:
                 w.m[i] = 1.0 - w.m_other[i]
                 w.zero[i] = w.m_other[i] == 1.0
             elif w.fired[2 * i]:

@@ -83,7 +83,7 @@ def decide(w, t):
                     w.m[i] = mode
     if settled and w.ints[layout.LEVERS] > 0:
         _let_pass(w, t)
-    return settled
+    return settled and _passes(w, t)
 
 
 STUCK, ARRIVES, LET_GO = 1.0, 2.0, 3.0
@@ -159,25 +159,39 @@ def _let_pass(w, t):
 
     They slide the way that a few short steps show. Where those show none, all is at rest.
     """
-    n, ne = w.ints[layout.N], w.ints[layout.NE]
-    for i in range(ne):
-        if not w.zero[i] or not without_lever(w, i):
-            continue
-        w.m[i] = 1.0
-        slip, h = 0.0, 1e-10 * w.reals[layout.HORIZON]
-        for _ in range(LOOKS):
+    for i in range(w.ints[layout.NE]):
+        if w.zero[i] and without_lever(w, i):
+            w.m[i] = 1.0
+            w.m[i] = _way(w, t, i)
+
+
+def _passes(w, t):
+    """Let slips that are prescribed, or those of relays of higher degree, go on the way that a few short steps show; False where one stands still."""
+    for i in range(w.ints[layout.NE]):
+        if w.loader[i] == layout.PASSES and (w.m[i] == 0.0 or w.zero[i]):
+            w.m[i] = _way(w, t, i)
+            if w.m[i] == 0.0:
+                return False
+    return True
+
+
+def _way(w, t, i):
+    """The sign of slip i after the shortest of a few short steps after which it is not zero; 0 where it stays zero."""
+    n = w.ints[layout.N]
+    slip, h = 0.0, 1e-10 * w.reals[layout.HORIZON]
+    for _ in range(LOOKS):
+        for j in range(n):
+            w.x_other[j] = w.x[j]
+        for step in range(4):  # a force that begins at zero moves the lever in the third
+            call(w.ints[layout.FIELD], t + step * h, 0.0, w.x_other, w.k, w.p, w.m, w.y)
             for j in range(n):
-                w.x_other[j] = w.x[j]
-            for step in range(4):  # a force that begins at zero moves the lever in the third
-                call(w.ints[layout.FIELD], t + step * h, 0.0, w.x_other, w.k, w.p, w.m, w.y)
-                for j in range(n):
-                    w.x_other[j] += h * w.y[n + j]
-            call(w.ints[layout.PROBE], t + 4.0 * h, 0.0, w.x_other, w.k, w.p, w.m, w.y)
-            slip = w.y[i]
-            if slip != 0.0:
-                break
-            h *= 10.0
-        w.m[i] = 0.0 if slip == 0.0 or not math.isfinite(slip) else math.copysign(1.0, slip)
+                w.x_other[j] += h * w.y[n + j]
+        call(w.ints[layout.PROBE], t + 4.0 * h, 0.0, w.x_other, w.k, w.p, w.m, w.y)
+        slip = w.y[i]
+        if slip != 0.0:
+            break
+        h *= 10.0
+    return 0.0 if slip == 0.0 or not math.isfinite(slip) else math.copysign(1.0, slip)
 
 
 def turn_switches(w):
@@ -296,6 +310,9 @@ def _come_to_rest(w, t, again):
     ended = False
     for i in range(w.ints[layout.NE]):
         if w.kind[i] == layout.FRICTION and w.before[i] != 0.0 and w.fired[2 * i]:
+            if w.loader[i] == layout.PASSES:
+                w.zero[i] = True
+                continue
             if flies(w, i) or (again and w.lever[i] == 1 and _cannot_hold(w, t, i)):
                 w.m[i] = -w.m[i]
                 continue

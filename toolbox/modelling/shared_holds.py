@@ -1,0 +1,96 @@
+"""Frictions that hold what others hold already: a seal beside a stop that is closed, wagons that touch, backlash with friction on both sides.
+
+At rest the motion says what such contacts carry together, not the share of each, and their balance of forces is singular. Frictions among them therefore
+yield a little, the more the lower their bound is,
+
+    w_i (A F + b)_i + s_i F_i = 0,      w_i = n bound_i / sum bound,   s_i = 1e-5 A_ii
+
+so that those that are loaded most reach their bounds at one time, and a rigid contact, which does not yield, takes what it can. Two more solutions with what
+the first leaves of the slip rates as right sides take the yield out of the motion again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from toolbox.modelling.elements import Element
+
+SOFT = 1e-5
+"""How far a friction yields whose slip is held by others, too, in parts of its own gain."""
+
+REPEATED = 2
+"""Solutions after the first: each takes all but about this part of the yield out of the motion."""
+
+MANY = 200
+"""Elements that hold each other, of which no more are searched for shared holds."""
+
+NO_MORE = 1e-11
+"""Singular value of a matrix with ones on its diagonal below which its rows depend on each other."""
+
+
+@dataclass(frozen=True)
+class Sharing:
+    """Which frictions hold what others hold: their numbers, and the weights and the softness of the rows of all elements."""
+
+    members: tuple[int, ...]
+    weights: ca.SX
+    softness: ca.SX
+
+    def held(self, solved: Callable[[ca.SX, ca.SX], ca.SX], matrix: ca.SX, right: ca.SX, sticks: ca.SX) -> ca.SX:
+        """Solve matrix * F = right, in which the rows of the members yield, so that their slip rates are zero all the same.
+
+        sticks: 1 for rows that hold.
+        """
+        found = solved(matrix, right)
+        for _ in range(REPEATED if self.members else 0):
+            rest = ca.SX.zeros(right.numel())
+            for i in self.members:
+                rest[i] = sticks[i] * self.softness[i] * found[i]
+            found = found + solved(matrix, self._left(matrix, right, found, rest))
+        return found
+
+    def _left(self, matrix: ca.SX, right: ca.SX, found: ca.SX, rest: ca.SX) -> ca.SX:
+        """What the members' rows lack of zero slip rate; the other rows are solved already."""
+        left = ca.SX.zeros(right.numel())
+        for i in self.members:
+            left[i] = right[i] - matrix[i, :] @ found + rest[i]
+        return left
+
+
+def sharing(elements: Sequence[Element], gain: ca.SX, force: ca.SX, static: ca.SX) -> Sharing:
+    """Return which frictions yield where their slips are held by others, too."""
+    n = len(elements)
+    weights, softness = ca.SX.ones(n), ca.SX(n, 1)
+    members = tuple(i for i in dependent_holds(elements, gain) if elements[i].slides and elements[i].directions == 1 and not elements[i].second)
+    alone = [i for i in members if not ca.depends_on(static[i], force)]
+    total = sum((static[i] for i in alone), ca.SX(0))
+    for i in members:
+        softness[i] = SOFT * gain[i, i]
+    for i in alone:
+        weights[i] = (len(alone) * static[i] + 1e-300) / (total + 1e-300)
+    return Sharing(members, weights, softness)
+
+
+def dependent_holds(elements: Sequence[Element], gain: ca.SX) -> list[int]:
+    """Numbers of the elements whose slips depend on each other at every state: one of them can be held by the others."""
+    held = [i for i, e in enumerate(elements) if e.holds]
+    if not 1 < len(held) <= MANY or gain.sparsity().is_diag():
+        return []
+    part = gain[held, held]
+    symbols = ca.symvar(part)
+    numbers = ca.Function("gain", symbols, [ca.densify(part)])
+    found = set(range(len(held)))
+    for seed in range(3):
+        random = np.random.default_rng(seed)
+        matrix = np.array(numbers.call([ca.DM(0.5 + random.random(s.shape)) for s in symbols])[0]).reshape(len(held), len(held))
+        size = np.sqrt(np.abs(np.diag(matrix)))
+        if not np.isfinite(matrix).all() or not size.all():
+            return []
+        _, values, vectors = np.linalg.svd(matrix / np.outer(size, size))
+        null = vectors[values < NO_MORE]
+        found &= {k for k in range(len(held)) if (np.abs(null[:, k]) > 1e-9).any()}
+    return [held[k] for k in sorted(found)]

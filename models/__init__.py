@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     from models.friction import RationalStribeck as RationalStribeck
     from models.friction import Tabulated as Tabulated
     from models.friction import Transition as Transition
+    from models.friction import TwoWay as TwoWay
+    from models.friction import Viscous as Viscous
     from models.gears import GearNetwork as GearNetwork
     from models.hand_arm import HandArm as HandArm
     from models.hysteretic_bit_rock import HystereticBitRock as HystereticBitRock

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from toolbox.modelling.composition import compose as compose
     from toolbox.modelling.elements import DryFriction as DryFriction
     from toolbox.modelling.elements import FrictionLaw as FrictionLaw
+    from toolbox.modelling.elements import OneWayClutch as OneWayClutch
     from toolbox.modelling.elements import Quantity as Quantity
     from toolbox.modelling.elements import quantity as quantity
     from toolbox.modelling.elements import state as state

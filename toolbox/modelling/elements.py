@@ -228,6 +228,10 @@ class FrictionLaw(Declared):
         """Slip speeds > 0 at which the law jumps down: each becomes a switch `contact.break`, located as an event."""
         return ()
 
+    def reverse(self) -> FrictionLaw:
+        """Return the law for slip speeds below zero; by default this one."""
+        return self
+
     def breakaway(self) -> ca.SX:
         """Static bound per unit of load."""
         raise _without(self, "breakaway", "the static bound per unit of load")
@@ -378,11 +382,33 @@ class DryFriction(Element):
             self.speed = speed = ca.SX.sym(f"{name}.speed")
             second = [SecondDirection(f"{name}.direction", slips[1], slip_unit, force_unit)]
             self.force = ca.vertcat(self.multiplier, second[0].multiplier)
-        breaks = law.breaks()
-        jumps = [_Break(f"{name}.break" + (f".{i}" if len(breaks) > 1 else ""), speed, place) for i, place in enumerate(breaks)]
+        back = law.reverse()
+        if back is not law:
+            self._two_way(law, back, speed)
+            return
+        jumps = self._jumps(law.breaks(), speed)
         self.companions = [*second, *jumps]
         self.sliding = _expression(law, "sliding", law.sliding(speed, *[jump.mode for jump in jumps]))
         self.static = self.load * _expression(law, "breakaway", law.breakaway())
+
+    def _jumps(self, breaks: Sequence[Any], speed: ca.SX) -> list[_Break]:
+        """The switches of the jumps of a law."""
+        return [_Break(f"{self.name}.break" + (f".{i}" if len(breaks) > 1 else ""), speed, place) for i, place in enumerate(breaks)]
+
+    def _two_way(self, law: FrictionLaw, back: FrictionLaw, speed: ca.SX) -> None:
+        """Take a law for each direction: with half the difference of their bounds in the force, the rest of it has one bound both ways."""
+        if self.directions != 1:
+            raise SceneError(f"The law of `{self.name}` must be one for both directions, as it slips in a plane, but {type(law).__name__} has two.")
+        count = len(law.breaks())
+        jumps = self._jumps([*law.breaks(), *back.breaks()], speed)
+        self.companions, beyond = jumps, [jump.mode for jump in jumps]
+        ahead, behind = (_expression(each, "breakaway", each.breakaway()) for each in (law, back))
+        shift = (behind - ahead) / 2
+        slides = _expression(law, "sliding", law.sliding(speed, *beyond[:count])) + shift
+        returns = _expression(back, "sliding", back.sliding(speed, *beyond[count:])) - shift
+        self.sliding = (slides + returns) / 2 + self.mode * (slides - returns) / 2
+        self.static = self.load * (ahead + behind) / 2
+        self.force = self.multiplier + self.load * shift
 
     def _remember(self, slips: ca.SX, law: FrictionLaw) -> None:
         """Take force, states and powers from a law; what is stored is booked as a power, as a load that changes makes it worth more or less."""

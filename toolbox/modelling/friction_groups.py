@@ -56,6 +56,11 @@ class GroupLaw(FrictionLaw):
     def sliding(self, speed: ca.SX, *beyond: ca.SX) -> ca.SX:
         return sum(self._each(speed, beyond), ca.SX(0))
 
+    def reverse(self) -> FrictionLaw:
+        if all(law.reverse() is law for _, law, _ in self.parts):
+            return self
+        return GroupLaw(tuple((size, law.reverse(), load) for size, law, load in self.parts))
+
     def breaks(self) -> tuple[ca.SX, ...]:
         return tuple(place / size for size, law, _ in self.parts for place in law.breaks())
 

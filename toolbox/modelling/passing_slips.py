@@ -16,23 +16,27 @@ from toolbox.modelling.elements import Element
 def passing_slips(
     elements: Sequence[Element], flow: ca.SX, x: ca.SX, force: ca.SX, slip: ca.SX, gain: ca.SX
 ) -> tuple[int, ...]:
-    """Return the numbers of the frictions whose slip none of their force ever reaches, and of the relays that are declared as of higher degree."""
+    """Return the numbers of the frictions whose slip no force ever reaches, and of the relays that are declared as of higher degree."""
     tried = [i for i, e in enumerate(elements) if e.slides and e.directions == 1 and not e.second and not gain.has_nz(i, i)]
-    tried = [i for i in tried if elements[i].higher_degree or (elements[i].law is not None and elements[i].slip.nnz())]
-    if not tried:
-        return ()
-    acts, moves, reads = ca.jacobian_sparsity(flow, force), ca.jacobian_sparsity(flow, x), ca.jacobian_sparsity(slip, x)
+    rubbing = [i for i in tried if elements[i].law is not None and elements[i].slip.nnz()]
+    found = [i for i in tried if elements[i].higher_degree]
+    if rubbing:
+        moved = _moved(flow, x, force)
+        reads: dict[int, set[int]] = {i: set() for i in rubbing}
+        for row, column in zip(*ca.jacobian_sparsity(slip, x).get_triplet(), strict=True):
+            reads.setdefault(row, set()).add(column)
+        found += [i for i in rubbing if not reads[i] & moved]
+    return tuple(sorted(found))
+
+
+def _moved(flow: ca.SX, x: ca.SX, force: ca.SX) -> set[int]:
+    """The states that forces move, at once or through others."""
     following: dict[int, set[int]] = {}
-    for row, column in zip(*moves.get_triplet(), strict=True):
+    for row, column in zip(*ca.jacobian_sparsity(flow, x).get_triplet(), strict=True):
         following.setdefault(column, set()).add(row)
-    found = []
-    for i in tried:
-        reached: set[int] = set()
-        left = {row for row, column in zip(*acts.get_triplet(), strict=True) if column == i}
-        while left:
-            reached |= left
-            left = {row for column in left for row in following.get(column, ())} - reached
-        read = {column for row, column in zip(*reads.get_triplet(), strict=True) if row == i}
-        if elements[i].higher_degree or not read & reached:
-            found.append(i)
-    return tuple(found)
+    reached: set[int] = set()
+    left = set(ca.jacobian_sparsity(flow, force).row())
+    while left:
+        reached |= left
+        left = {row for column in left for row in following.get(column, ())} - reached
+    return reached

@@ -146,6 +146,8 @@ def _peak(plant: HybridSystem, template: SmoothSystem, name: str, width: float) 
     law = plant.element(name).law
     if law is None:
         return 0.0
+    if law.reverse() is not law:
+        raise SceneError(f"The peak of `{name}` is matched for a law that is the same both ways: smooth it with `matched=False`.")
     v, w = ca.SX.sym("v"), ca.SX.sym("w")
     function = template.once(("peak", name), lambda: ca.Function("peak", [v, w, plant.p], _pieces(law, v, w)))
     return missing_peak(lambda grid: function(grid[None, :], width, plant.values), width)
@@ -175,8 +177,8 @@ def regularised(width: float, matched: bool = True) -> Regularisation:
 
     def force(element: Element) -> ca.SX:
         law = element.law
-        if law is None or law.breaks():
-            raise SceneError(f"`{element.name}` cannot be regularised: that takes a contact whose law has no breaks.")
+        if law is None or law.breaks() or law.reverse() is not law:
+            raise SceneError(f"`{element.name}` cannot be regularised: that takes a contact whose law has no breaks and is the same both ways.")
         v = element.slip
         smooth = ca.tanh(v / width)
         speed = v * smooth

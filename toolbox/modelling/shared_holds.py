@@ -17,7 +17,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from toolbox.errors import SceneError
 from toolbox.modelling.elements import Element
+from toolbox.modelling.elimination import coupled_groups
 
 SOFT = 1e-5
 """How far a friction yields whose slip is held by others, too, in parts of its own gain."""
@@ -62,28 +64,56 @@ class Sharing:
 
 
 def sharing(elements: Sequence[Element], gain: ca.SX, force: ca.SX, static: ca.SX) -> Sharing:
-    """Return which frictions yield where their slips are held by others, too."""
+    """Return which frictions yield where their slips are held by others, too.
+
+    Raises SceneError for a load that reads the force of one of these contacts: nothing decides it, and then the motion is not unique.
+    """
     n = len(elements)
     weights, softness = ca.SX.ones(n), ca.SX(n, 1)
-    members = tuple(i for i in dependent_holds(elements, gain) if elements[i].slides and elements[i].directions == 1 and not elements[i].second)
+    members: list[int] = []
+    for together in dependent_holds(elements, gain):
+        rubbing = [i for i in together if _rubs(elements[i])]
+        if rubbing:
+            check_loads(elements, together, rubbing[0])
+        members += rubbing
     alone = [i for i in members if not ca.depends_on(static[i], force)]
     total = sum((static[i] for i in alone), ca.SX(0))
     for i in members:
         softness[i] = SOFT * gain[i, i]
     for i in alone:
         weights[i] = (len(alone) * static[i] + 1e-300) / (total + 1e-300)
-    return Sharing(members, weights, softness)
+    return Sharing(tuple(sorted(members)), weights, softness)
 
 
-def dependent_holds(elements: Sequence[Element], gain: ca.SX) -> list[int]:
-    """Numbers of the elements whose slips depend on each other at every state: one of them can be held by the others."""
-    held = [i for i, e in enumerate(elements) if e.holds]
+def _rubs(element: Element) -> bool:
+    return element.slides and element.directions == 1 and not element.second
+
+
+def check_loads(elements: Sequence[Element], together: Sequence[int], friction: int) -> None:
+    """Raise SceneError for a load that reads the force of one of the contacts that hold each other's slips."""
+    for element in elements:
+        read = ca.vertcat(element.static, element.load, element.sliding)
+        held = next((j for j in together if ca.depends_on(read, elements[j].multiplier)), None)
+        if held is not None:
+            rubs = elements[friction] if friction != held else elements[next(j for j in together if j != held)]
+            remedy = f"give `{elements[held].name}` a `stiffness` in place of its restitution" if elements[held].rigid else (
+                f"make `{elements[held].name}` a bristle (`Dahl`, `LuGre`)"
+            )
+            raise SceneError(
+                f"The load of `{element.name}` must not be the force of `{elements[held].name}`: `{rubs.name}` can hold the same slip, so that at rest "
+                f"nothing decides how much of the force each carries, and the motion is not unique. To decide it, {remedy}."
+            )
+
+
+def dependent_holds(elements: Sequence[Element], gain: ca.SX, only_friction: bool = False) -> list[list[int]]:
+    """Numbers of the elements whose slips depend on each other at every state, by those that do: one of them can be held by the others."""
+    held = [i for i, e in enumerate(elements) if e.holds and (_rubs(e) or not only_friction)]
     if not 1 < len(held) <= MANY or gain.sparsity().is_diag():
         return []
     part = gain[held, held]
     symbols = ca.symvar(part)
     numbers = ca.Function("gain", symbols, [ca.densify(part)])
-    found = set(range(len(held)))
+    shared = np.ones((len(held), len(held)), bool)
     for seed in range(3):
         random = np.random.default_rng(seed)
         matrix = np.array(numbers.call([ca.DM(0.5 + random.random(s.shape)) for s in symbols])[0]).reshape(len(held), len(held))
@@ -92,5 +122,6 @@ def dependent_holds(elements: Sequence[Element], gain: ca.SX) -> list[int]:
             return []
         _, values, vectors = np.linalg.svd(matrix / np.outer(size, size))
         null = vectors[values < NO_MORE]
-        found &= {k for k in range(len(held)) if (np.abs(null[:, k]) > 1e-9).any()}
-    return [held[k] for k in sorted(found)]
+        shared &= np.abs(null.T @ null) > 1e-9
+    groups = coupled_groups(ca.sparsify(ca.DM(shared * 1.0)).sparsity()) if shared.any() else []
+    return [[held[k] for k in group] for group in groups if len(group) > 1]

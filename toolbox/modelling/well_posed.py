@@ -11,6 +11,7 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.modelling.elimination import dependent_rows, must_be_independent
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.shared_holds import check_loads, dependent_holds
 
 
 def check_push(system: HybridSystem) -> None:
@@ -83,6 +84,43 @@ def check_gain(system: HybridSystem) -> None:
             "loads; against surfaces of different speeds one of them may be a bristle (`Dahl`, `LuGre`); where they are the hole and the rock at the last "
             "inertia of a string made from tables, `on_bottom = true` leaves that inertia to the rock."
         )
+
+
+def check_rings(system: HybridSystem) -> None:
+    """Frictions that can hold each other's slips without a stop, as two on the ground and one between their bodies, must be as strong in slip as at rest."""
+    form = system.switching
+    rings = dependent_holds(system.elements, form.gain, only_friction=True) if form.shared.members else []
+    if not rings:
+        return
+    bounds = ca.vertcat(*[ca.vertcat(e.static, e.load * e.sliding) for e in system.elements])
+    read = system.once("rings", lambda: ca.Function("bounds", [system.t, system.x, system.u, system.p, system.held, system.F, system.m], [bounds]))
+    inputs = system.input_defaults(system.values)
+    static, kinetic = np.array(read(0.0, 0.0, inputs, system.values, 0.0, 0.0, 0.0)).reshape(-1, 2).T
+    for ring in rings:
+        falls = [i for i in ring if static[i] > kinetic[i] * (1.0 + 1e-9)]
+        if falls:
+            names = ", ".join(f"`{system.elements[i].name}`" for i in ring)
+            raise SceneError(
+                f"The frictions {names} hold each other in a ring, and `{system.elements[falls[0]].name}` is weaker in slip than at rest: nothing decides "
+                "which of them lets go first, and the motion is not unique. Make one of them a bristle (`Dahl`, `LuGre`), or give all of them a static "
+                "coefficient equal to the kinetic one."
+            )
+
+
+def check_wedges(system: HybridSystem) -> None:
+    """No load may read the force of a stop of a body without play: both stops may press on it, and nothing decides how strongly."""
+    rigid = [e for e in system.elements if e.rigid and not e.one_way]
+    if len(rigid) < 2 or not any(ca.depends_on(e.static, ca.vertcat(*[r.multiplier for r in rigid])) for e in system.elements):
+        return
+    rows = system.once("wedges", lambda: dependent_holds(system.elements, system.switching.gain))
+    for together in rows:
+        closures = ca.vertcat(*[system.elements[i].closure for i in together])
+        sizes = system.once(
+            ("closures", *together), lambda c=closures: ca.Function("closures", [system.t, system.x, system.u, system.p, system.held], [c])
+        )
+        found = np.array(sizes(0.0, 0.0, system.input_defaults(system.values), system.values, 0.0)).ravel()
+        if all(system.elements[i].rigid for i in together) and not found.any():
+            check_loads(system.elements, together, together[0])
 
 
 def _never_all(matrix: np.ndarray, holding: Sequence[Any], dependent: Sequence[int]) -> bool:

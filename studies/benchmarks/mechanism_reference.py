@@ -301,11 +301,16 @@ class Reference:
     def _happens(self, wrong: Sequence[int]) -> None:
         for k in wrong:
             if k in self.rubs:
-                self.mode[k] = 0
+                lever = np.abs(self._row(k, self.q)).max() if callable(self.contacts[k].row) else 1.0
+                self.mode[k] = 0 if lever > 1e-6 else -self.mode[k]  # at a dead centre the slip passes through zero
                 self.events.append((self.t, self.contacts[k].name, "stops"))
         if any(k in self.stops or k in self.clutches for k in wrong):
             self._impact([k for k in wrong if k >= 0 and k not in self.rubs])
         self._at_zero()
+        scale = float(np.abs(self.largest[self.n :]).max()) + 1e-300
+        for k in self.rubs:  # two slips that end at one instant
+            if self.mode[k] != 0 and not callable(self.contacts[k].row) and abs(self.slip(k, self.t, self.q, self.v)) <= 1e-11 * scale:
+                self.mode[k] = 0
         self._decide()
 
     def _at_zero(self) -> None:

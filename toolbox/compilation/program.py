@@ -211,6 +211,15 @@ def _closed(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], locates: b
     }
 
 
+def levers_of(form: Switching) -> np.ndarray:
+    """`Work.lever`: 1 for frictions whose lever may vanish, OPPOSED for rigid contacts that stand against another one."""
+    from toolbox.compilation import work_layout
+
+    found = np.array(form.levers, np.int64)
+    found[list(form.opposed)] = work_layout.OPPOSED
+    return found
+
+
 def _loader(i: int, element: Element, form: Switching) -> int:
     """What stands for element i in `Work.loader`."""
     from toolbox.compilation import work_layout

@@ -3,9 +3,9 @@
 At rest the motion says what such contacts carry together, not the share of each, and their balance of forces is singular. Frictions among them therefore
 yield a little, the more the lower their bound is,
 
-    w_i (A F + b)_i + s_i F_i = 0,      w_i = n bound_i / sum bound,   s_i = 1e-5 A_ii
+    w_i (A F + b)_i + s_i F_i = 0,      w_i = n bound_i / sum bound,   s_i in proportion to 1e-5 |c_i| where all slip together, at c_i v
 
-so that those that are loaded most reach their bounds at one time, and a rigid contact, which does not yield, takes what it can. Two more solutions with what
+so that those that are loaded most reach their bounds at one time, and a rigid contact, which does not yield, takes what it can. Three more solutions with what
 the first leaves of the slip rates as right sides take the yield out of the motion again.
 """
 
@@ -19,13 +19,22 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.modelling.elements import Element
-from toolbox.modelling.elimination import coupled_groups
+from toolbox.modelling.elimination import coupled_groups, masked_solve
 
 SOFT = 1e-5
-"""How far a friction yields whose slip is held by others, too, in parts of its own gain."""
+"""How far a friction yields whose slip is held by others, too, in parts of the gain."""
 
-REPEATED = 2
+REPEATED = 3
 """Solutions after the first: each takes all but about this part of the yield out of the motion."""
+
+SMALL = 12
+"""Contacts that hold each other, beyond which all of a group are taken to slip at one speed where they slip together, as wagons do."""
+
+LOOSE = 1e-9
+"""How far a rigid contact yields, in parts of its own gain, where the softness of frictions is asked for."""
+
+LEAST = 1e-6
+"""Part of the gain below which closed contacts leave a friction no motion of its own: it yields as one that nothing else holds."""
 
 MANY = 200
 """Elements that hold each other, of which no more are searched for shared holds."""
@@ -36,9 +45,10 @@ NO_MORE = 1e-11
 
 @dataclass(frozen=True)
 class Sharing:
-    """Which frictions hold what others hold: their numbers, and the weights and the softness of the rows of all elements."""
+    """Which frictions and rigid contacts hold what others hold: their numbers, and the weights and the softness of the rows of all elements."""
 
     members: tuple[int, ...]
+    rigid: tuple[int, ...]
     weights: ca.SX
     softness: ca.SX
 
@@ -70,19 +80,39 @@ def sharing(elements: Sequence[Element], gain: ca.SX, force: ca.SX, static: ca.S
     """
     n = len(elements)
     weights, softness = ca.SX.ones(n), ca.SX(n, 1)
-    members: list[int] = []
+    members, rigid = list[int](), list[int]()
     for together in dependent_holds(elements, gain):
         rubbing = [i for i in together if _rubs(elements[i])]
         if rubbing:
             check_loads(elements, together, rubbing[0])
         members += rubbing
+        rigid += [i for i in together if elements[i].rigid]
+        for i, soft in zip(rubbing, _softness(elements, gain, together, rubbing), strict=True):
+            softness[i] = soft
     alone = [i for i in members if not ca.depends_on(static[i], force)]
     total = sum((static[i] for i in alone), ca.SX(0))
-    for i in members:
-        softness[i] = SOFT * gain[i, i]
     for i in alone:
         weights[i] = (len(alone) * static[i] + 1e-300) / (total + 1e-300)
-    return Sharing(tuple(sorted(members)), weights, softness)
+    return Sharing(tuple(sorted(members)), tuple(sorted(rigid)), weights, softness)
+
+
+def _softness(elements: Sequence[Element], gain: ca.SX, together: Sequence[int], rubbing: Sequence[int]) -> list[ca.SX]:
+    """How far each of these frictions yields: in proportion to how fast it slips where all of them slip together, so that all are loaded as their weights say.
+
+    With gains G that closed contacts leave, a motion c_i v has G_ii in proportion to c_i^2.
+    """
+    closed = [i for i in together if elements[i].rigid]
+    size = sum((gain[i, i] for i in rubbing), ca.SX(0)) / len(rubbing)
+    if not closed or len(together) > SMALL:
+        return [SOFT * size for _ in rubbing]
+    holds = ca.vertcat(*[1 - elements[i].mode ** 2 for i in closed])
+    among, own = gain[closed, closed], ca.diag(gain[closed, closed])
+    matrix = ca.sparsify(ca.diag(holds) @ among + ca.diag((1 - holds) + holds * LOOSE * own))
+    found = []
+    for i in rubbing:
+        left = (gain[i, i] - gain[i, closed] @ masked_solve(matrix, ca.densify(holds * gain[closed, i]))) / size
+        found.append(SOFT * size * (ca.sqrt(left + LOOSE**2) + (LEAST / (left + LEAST)) ** 2))
+    return found
 
 
 def _rubs(element: Element) -> bool:

@@ -79,6 +79,8 @@ class Switching(NamedTuple):
         How frictions share what others hold, too.
     passing
         Numbers of the elements whose slip passes through zero, whatever their force is: frictions on a prescribed motion, relays of higher degree.
+    opposed
+        Numbers of the rigid contacts that stand against another one, as the two stops of a body.
     """
 
     field: ca.SX
@@ -102,6 +104,7 @@ class Switching(NamedTuple):
     probed: ca.SX
     shared: Sharing
     passing: tuple[int, ...]
+    opposed: tuple[int, ...]
 
 
 NEIGHBOURS = 4
@@ -135,8 +138,8 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     _check_forces(elements, force, static, gain_of_force, coupling, gain, passing)
     levers = vanishing_levers(elements, slip_of_state, gain_of_force, gain, ca.vertcat(t, x))
     opposed = opposed_contacts(elements, gain, ca.vertcat(t, x))
-    floor = least_gains(gain, levers, opposed)
     shared = sharing(elements, gain, force, static)
+    floor = least_gains(gain, levers, opposed, shared.rigid)
     free = ca.substitute(flow, force, ca.SX.zeros(force.shape))
     free_rate = ca.mtimes(slip_of_state, free) + ca.jacobian(slip, t)
     zero = ca.SX.zeros(force.shape)
@@ -208,7 +211,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, solved, bound, pace)))
     return Switching(
         field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,
-        levers, floor, probed, shared, passing,
+        levers, floor, probed, shared, passing, tuple(sorted({i for pair in opposed for i in pair})),
     )  # fmt: skip
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -43,7 +42,7 @@ def check_push(system: HybridSystem) -> None:
 
 
 YIELDS = 1e-3
-"""What is added to the gain of a friction that may hold what others hold, where the rest is asked for dependence."""
+"""What is added to the gain of a contact that may hold what others hold, where the rest is asked for dependence."""
 
 
 def check_gain(system: HybridSystem) -> None:
@@ -73,12 +72,12 @@ def check_gain(system: HybridSystem) -> None:
     ]
     kept = [i for i in range(len(holding)) if i not in opposed]
     matrix, holding = matrix[np.ix_(kept, kept)], [holding[i] for i in kept]
-    for i in system.switching.shared.members:
+    for i in (*system.switching.shared.members, *system.switching.shared.rigid):
         k = next((k for k, element in enumerate(holding) if element is system.elements[i]), None)
         if k is not None:
             matrix[k, k] += YIELDS
     dependent = dependent_rows(matrix)
-    if dependent and not _never_all(matrix, holding, dependent):
+    if dependent:
         raise SceneError(
             f"{must_be_independent([holding[i].title for i in dependent])} Two frictions on one body against surfaces of one speed are one friction under both "
             "loads; against surfaces of different speeds one of them may be a bristle (`Dahl`, `LuGre`); where they are the hole and the rock at the last "
@@ -121,15 +120,6 @@ def check_wedges(system: HybridSystem) -> None:
         found = np.array(sizes(0.0, 0.0, system.input_defaults(system.values), system.values, 0.0)).ravel()
         if all(system.elements[i].rigid for i in together) and not found.any():
             check_loads(system.elements, together, together[0])
-
-
-def _never_all(matrix: np.ndarray, holding: Sequence[Any], dependent: Sequence[int]) -> bool:
-    """Whether these are rigid contacts whose closures have a constant sum, as in a row of bodies between two stops: with play they never close all at once."""
-    if not all(holding[i].rigid for i in dependent):
-        return False
-    values, vectors = np.linalg.eig(matrix)
-    weakest = np.real(vectors[:, int(np.argmin(np.abs(values)))])[list(dependent)]
-    return bool((weakest > 0).all() or (weakest < 0).all())
 
 
 def _check_cones(system: HybridSystem) -> None:

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.compilation import work_layout
-from toolbox.compilation.program import Program
+from toolbox.compilation.program import Program, levers_of
 from toolbox.modelling.inputs import Shape, Table
 from toolbox.simulation.budget import Budget
 from toolbox.simulation.run import Run
@@ -77,7 +77,7 @@ def work_arrays(run: Run, program: Program) -> Any:
         scale=np.zeros(n), noise=np.zeros(n + ng), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=sizes, slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
-        kind=program.kind, initial=initial, attached=program.attached, loader=program.loader, lever=np.array(program.form.levers, np.int64),
+        kind=program.kind, initial=initial, attached=program.attached, loader=program.loader, lever=levers_of(program.form),
         bound=_bounds(program), bounced=np.zeros(ne, np.bool_),
         excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),

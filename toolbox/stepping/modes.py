@@ -375,7 +375,7 @@ def _take_in_what_touches(w, t):
             and abs(w.z[i]) <= ROUND_OFF * abs(w.y[i] - w.z[i])
         ):
             w.zero[i] = True
-            if released and abs(w.z[ne + i]) <= least * abs(w.z[4 * ne + i]):
+            if released and w.lever[i] == layout.OPPOSED and abs(w.z[ne + i]) <= least * abs(w.z[4 * ne + i]):
                 w.m[i], w.forced[i] = 0.0, True
     w.m_other[ne] = least
 

@@ -343,7 +343,9 @@ def _nonlinear_alone(form: Switching, elements: list[Element], along: ca.SX) -> 
         bent = _bent(stuck, along)
         found = [each for k, each in enumerate(chosen) if k in bent]
         return [i for i, _ in found], [value for _, value in found]
-    found = [(i, value) for k, (i, value) in enumerate(chosen) if ca.depends_on(ca.jacobian(stuck[k], along), along)]
+    # a stop that is closed relieves a friction, whose force shows only while it is open
+    tried = [stuck, *_stuck(elements, [ca.vertcat(*[value for _, value in chosen])], form.shared.rigid)] if form.shared.rigid else [stuck]
+    found = [(i, value) for k, (i, value) in enumerate(chosen) if any(ca.depends_on(ca.jacobian(each[k], along), along) for each in tried)]
     return [i for i, _ in found], [value for _, value in found]
 
 
@@ -378,10 +380,11 @@ MANY = 100
 """Forces and bounds beyond which they are looked at together."""
 
 
-def _stuck(elements: list[Element], expressions: list[ca.SX]) -> list[ca.SX]:
-    """Expressions with all contacts sticking."""
+def _stuck(elements: list[Element], expressions: list[ca.SX], opened: Sequence[int] = ()) -> list[ca.SX]:
+    """Expressions with all contacts sticking, but for the rigid ones that are opened."""
     holding = [element.mode for element in elements if element.holds]
-    return list(ca.substitute([ca.densify(e) for e in expressions], holding, [ca.SX(0)] * len(holding)))
+    modes = [ca.SX(float(i in opened)) for i, element in enumerate(elements) if element.holds]
+    return list(ca.substitute([ca.densify(e) for e in expressions], holding, modes))
 
 
 def _hiding(form: Switching, i: int, element: Element) -> tuple[ca.SX, ...]:

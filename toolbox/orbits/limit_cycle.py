@@ -17,6 +17,7 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from toolbox.arguments import number
@@ -130,7 +131,10 @@ def limit_cycle(
 
 
 def forcing_period(run: Run) -> float | None:
-    """The period of the sines among the inputs, where they have one frequency and nothing else varies; else None."""
+    """The period of the sines among the inputs, where they have one frequency and nothing else varies, as the plant by itself may; else None."""
+    system = run.system
+    if ca.depends_on(ca.vertcat(system.flow, *[element.slip for element in system.elements]), system.t):
+        return None
     shapes = [value for value in run.inputs.values() if isinstance(value, Shape)]
     if not shapes or any(s.kind != "sine" for s in shapes) or len({s.coefficients[2] for s in shapes}) > 1 or not shapes[0].coefficients[2]:
         return None

@@ -117,7 +117,7 @@ def _from_zero(w, h):
     for j in range(2 * ng):
         w.g_low[j] = w.g[j]
     for j in range(ng):
-        if w.armed[j] or w.side[j] * w.g_high[j] >= -1e-12 * guard_size(w, j) or rests(w, j, w.g[j], w.g_high[j]):
+        if w.armed[j] or w.side[j] * w.g_high[j] >= -1e-12 * guard_size(w, j) or rests(w, j, w.g[ng + j], w.g_high[ng + j]):
             continue
         rise, fall = rising_fraction(w, h, j)
         if (

@@ -18,9 +18,9 @@ def close_to_zero(w, j):
     return min(max(1e-5 * w.reals[layout.RTOL], 1e-13), 1e-9) * guard_size(w, j)
 
 
-def rests(w, j, a, b):
-    """Whether guard j is that of an open gap which others hold at zero: what it is, a and then b, is round-off and does not change."""
-    return j < 2 * w.ints[layout.NE] and a == b and w.kind[j // 2] == layout.RIGID and w.m[j // 2] == 1.0
+def rests(w, j, begin, end):
+    """Whether guard j is that of an open gap which others hold at zero: its rates at both ends of a step are exactly zero, and what it is is round-off."""
+    return j < 2 * w.ints[layout.NE] and begin == 0.0 and end == 0.0 and w.kind[j // 2] == layout.RIGID and w.m[j // 2] == 1.0
 
 
 def flies(w, i):

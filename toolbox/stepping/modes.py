@@ -33,7 +33,7 @@ def modes_consistent(w, t, change, one):
             if (
                 force <= (w.m_other[ne] if hands_over else 0.0)
                 if w.m[i] == 0.0
-                else rate <= 1e-9 * abs(pace) * w.guard_scale[2 * i + w.ints[layout.NG]]
+                else rate <= abs(pace) * max(1e-9 * w.guard_scale[2 * i + w.ints[layout.NG]], 64.0 * layout.EPS * abs(static))
             ):
                 continue  # released where its force is zero, it may seem to close by the round-off of that zero
             right = 1.0 - w.m[i]
@@ -81,9 +81,24 @@ def decide(w, t):
                 w.m[i] = 0.0
                 if not modes_consistent(w, t, False, -1):
                     w.m[i] = mode
+    if settled and w.ints[layout.COUPLED] == 1:
+        _caught(w, t)
     if settled and w.ints[layout.LEVERS] > 0:
         _let_pass(w, t)
     return settled and _passes(w, t)
+
+
+def _caught(w, t):
+    """Keep a friction at rest that reached its limit where a contact which it thereby closes holds it within that: it has not slipped."""
+    ne, closed = w.ints[layout.NE], False
+    for i in range(ne):
+        closed = closed or (w.kind[i] == layout.RIGID and w.zero[i] and w.m[i] == 0.0 and w.before[i] == 1.0)
+    for i in range(ne if closed else 0):
+        if w.kind[i] == layout.FRICTION and w.zero[i] and w.forced[i] and w.before[i] == 0.0 and w.m[i] != 0.0:
+            mode = w.m[i]
+            w.m[i] = 0.0
+            if not modes_consistent(w, t, False, -1) or abs(w.z[2 * ne + i]) > (1.0 - 1e-9) * w.z[3 * ne + i]:
+                w.m[i] = mode
 
 
 STUCK, ARRIVES, LET_GO = 1.0, 2.0, 3.0

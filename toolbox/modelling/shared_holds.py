@@ -45,7 +45,7 @@ NO_MORE = 1e-11
 
 @dataclass(frozen=True)
 class Sharing:
-    """Which frictions and rigid contacts hold what others hold: their numbers, and the weights and the softness of the rows of all elements."""
+    """Which frictions hold what others hold, which rigid contacts what other rigid ones hold, and the weights and the softness of the rows of all elements."""
 
     members: tuple[int, ...]
     rigid: tuple[int, ...]
@@ -80,13 +80,14 @@ def sharing(elements: Sequence[Element], gain: ca.SX, force: ca.SX, static: ca.S
     """
     n = len(elements)
     weights, softness = ca.SX.ones(n), ca.SX(n, 1)
-    members, rigid = list[int](), list[int]()
+    members: list[int] = []
+    stops = [i for i, e in enumerate(elements) if e.rigid]
+    rigid = [i for together in dependent_holds(elements, gain, stops) for i in together]
     for together in dependent_holds(elements, gain):
         rubbing = [i for i in together if _rubs(elements[i])]
         if rubbing:
             check_loads(elements, together, rubbing[0])
         members += rubbing
-        rigid += [i for i in together if elements[i].rigid]
         for i, soft in zip(rubbing, _softness(elements, gain, together, rubbing), strict=True):
             softness[i] = soft
     alone = [i for i in members if not ca.depends_on(static[i], force)]
@@ -135,9 +136,9 @@ def check_loads(elements: Sequence[Element], together: Sequence[int], friction: 
             )
 
 
-def dependent_holds(elements: Sequence[Element], gain: ca.SX, only_friction: bool = False) -> list[list[int]]:
-    """Numbers of the elements whose slips depend on each other at every state, by those that do: one of them can be held by the others."""
-    held = [i for i, e in enumerate(elements) if e.holds and (_rubs(e) or not only_friction)]
+def dependent_holds(elements: Sequence[Element], gain: ca.SX, among: Sequence[int] | None = None) -> list[list[int]]:
+    """Numbers of the elements, of some or of all, whose slips depend on each other at every state, by those that do: others can hold what one of them holds."""
+    held = [i for i, e in enumerate(elements) if e.holds and (among is None or i in among)]
     if not 1 < len(held) <= MANY or gain.sparsity().is_diag():
         return []
     part = gain[held, held]

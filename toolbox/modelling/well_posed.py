@@ -88,7 +88,8 @@ def check_gain(system: HybridSystem) -> None:
 def check_rings(system: HybridSystem) -> None:
     """Frictions that can hold each other's slips without a stop, as two on the ground and one between their bodies, must be as strong in slip as at rest."""
     form = system.switching
-    rings = dependent_holds(system.elements, form.gain, only_friction=True) if form.shared.members else []
+    rubbing = [i for i, e in enumerate(system.elements) if e.slides and e.directions == 1 and not e.second]
+    rings = dependent_holds(system.elements, form.gain, rubbing) if form.shared.members else []
     if not rings:
         return
     bounds = ca.vertcat(*[ca.vertcat(e.static, e.load * e.sliding) for e in system.elements])

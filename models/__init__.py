@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from models import oscillators as oscillators
     from models import wells as wells
     from models.axial import AxialChain as AxialChain
+    from models.backlash import BacklashDrive as BacklashDrive
     from models.bar import OscillatorOnBar as OscillatorOnBar
     from models.belt import Absorber as Absorber
     from models.belt import Block as Block
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from models.bristles import Dahl as Dahl
     from models.bristles import Dankowicz as Dankowicz
     from models.bristles import LuGre as LuGre
+    from models.cranks import CrankSlider as CrankSlider
+    from models.cranks import ScotchYoke as ScotchYoke
     from models.damper import FrictionDamper as FrictionDamper
     from models.disc_brake import DiscBrake as DiscBrake
     from models.disk_stack import DiskStack as DiskStack
@@ -53,18 +56,21 @@ if TYPE_CHECKING:
     from models.friction import Transition as Transition
     from models.friction import TwoWay as TwoWay
     from models.friction import Viscous as Viscous
+    from models.gear_stage import GearStage as GearStage
     from models.gears import GearNetwork as GearNetwork
     from models.hand_arm import HandArm as HandArm
     from models.hysteretic_bit_rock import HystereticBitRock as HystereticBitRock
     from models.hysteretic_bit_rock import SmoothHystereticBitRock as SmoothHystereticBitRock
     from models.lateral import WhirlingCollar as WhirlingCollar
     from models.lateral import whirl_ratio as whirl_ratio
+    from models.overrunning_drive import OverrunningDrive as OverrunningDrive
     from models.pipe_sizes import inner_diameter as inner_diameter
     from models.rate_and_state import RateAndState as RateAndState
     from models.sections import Section as Section
     from models.sections import ToolJoint as ToolJoint
     from models.sections import read_sections as read_sections
     from models.shaft import shaft_frequencies as shaft_frequencies
+    from models.shoe_brake import ShoeBrake as ShoeBrake
     from models.sliders import InclinedSlider as InclinedSlider
     from models.sliders import PlateContact as PlateContact
     from models.sliders import Slider as Slider
@@ -77,6 +83,7 @@ if TYPE_CHECKING:
     from models.torque_and_drag import TorqueDrag as TorqueDrag
     from models.torque_and_drag import torque_drag as torque_drag
     from models.torsional_pendulum import TorsionalPendulum as TorsionalPendulum
+    from models.valve_spool import ValveSpool as ValveSpool
     from models.wall_friction import StringOnWall as StringOnWall
     from models.wall_friction import WallContact as WallContact
     from models.wall_friction import sliding_resultant as sliding_resultant

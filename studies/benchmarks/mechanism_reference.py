@@ -336,9 +336,11 @@ class Reference:
             P = np.zeros(len(taking))
             P[on] = np.linalg.lstsq(A[np.ix_(on, on)], (before - target)[on], rcond=1e-11)[0] if on.size else []
             after = before - A @ P
-            if (P >= -1e-10 * size / A.diagonal().min()).all() and (after <= target + 1e-10 * size).all() and (
-                np.abs((after - target)[on]) <= 1e-9 * size
-            ).all():
+            if (
+                (P >= -1e-10 * size / A.diagonal().min()).all()
+                and (after <= target + 1e-10 * size).all()
+                and (np.abs((after - target)[on]) <= 1e-9 * size).all()
+            ):
                 break
         else:
             raise LeftOut("no impact")

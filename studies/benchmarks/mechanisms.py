@@ -115,7 +115,10 @@ class Mechanism(Component):
         for i, rub in enumerate(one.rubs):
             row = ca.DM(rub.row).T
             lever = ca.cos(row @ q) if rub.lever else 1.0
-            laws = [Coulomb(s, k) if not rub.viscous else Viscous(Coulomb(s, k), rub.viscous) for s, k in zip(rub.static, rub.kinetic, strict=True)]
+            laws = [
+                Coulomb(s, k) if not rub.viscous else Viscous(Coulomb(s, k), rub.viscous)
+                for s, k in zip(rub.static, rub.kinetic, strict=True)
+            ]
             element = DryFriction(f"rub{i}", lever * (row @ v), laws[0] if rub.static[0] == rub.static[1] else TwoWay(*laws))
             pull += row.T * lever * element.force
             elements.append(element)
@@ -132,20 +135,21 @@ class Mechanism(Component):
         return Equations(flow={q: v, v: pull / ca.DM(one.masses)}, elements=elements)
 
 
-KINDS = ("group", "stops", "backlash", "clutch", "wagons", "ring", "lever", "mixed")
+KINDS = ("group", "stops", "backlash", "clutch", "wagons", "drive", "lever", "mixed")
 
 
 def trial(seed: int, number: int) -> Trial:
     """A random mechanism of one to three bodies; one in sixty has a ring of frictions that are weaker in slip than at rest."""
     random = np.random.default_rng([seed, number, 7])
     kind = KINDS[number % len(KINDS)]
+    if number % 64 == 5:
+        kind = "ring"
     n = {"group": 1, "stops": 1, "lever": 1, "wagons": 3}.get(kind, 2)
-    falls = kind != "ring" or random.random() < 1 / 8
 
     def rub(*row: float, lever: bool = False) -> Rub:
         ahead = random.uniform(0.1, 1.5)
         back = ahead if lever or kind == "ring" or random.random() < 0.7 else random.uniform(0.1, 1.5)
-        part = random.choice([1.0, random.uniform(0.4, 1.0)]) if falls else 1.0
+        part = random.uniform(0.4, 0.9) if kind == "ring" else random.choice([1.0, random.uniform(0.4, 1.0)])
         viscous = random.uniform(0.0, 0.5) * random.integers(2) if not lever else 0.0
         return Rub(tuple(map(float, row)), (ahead, back), (part * ahead, part * back), viscous, lever)
 
@@ -174,11 +178,14 @@ def trial(seed: int, number: int) -> Trial:
         stops = [((1.0, -1.0, 0.0), gap * int(random.integers(2)), 0.0), ((0.0, 1.0, -1.0), gap * int(random.integers(2)), 0.0)]
     elif kind == "ring":
         rubs = [rub(1.0, 0.0), rub(0.0, 1.0), rub(1.0, -1.0)]
+    elif kind == "drive":
+        rubs = [rub(*unit(0)), rub(*unit(0, 2.0)), rub(*unit(1))]
+        stops = [((1.0, -1.0), gap, e), ((-1.0, 1.0), gap, e), (tuple(unit(1)), float(random.uniform(0.3, 1.0)), e)]
     elif kind == "lever":
         rubs = [rub(1.0, lever=True)]
     else:
         rubs = [rub(*unit(i)) for i in range(2)] + [rub(*unit(0))]
-        stops = [((1.0, 0.0), gap, e), ((1.0, -1.0), gap, e)]
+        stops = [((1.0, 0.0), gap, e), ((1.0, -1.0), float(random.uniform(0.02, 0.5)), e)]
         clutches = [(0.0, -1.0)] * int(random.integers(2))
     drive = [
         (float(random.uniform(-1, 1) * random.integers(2)), float(random.uniform(0.5, 4.0) * (i == 0 or random.integers(2))),

@@ -105,7 +105,9 @@ def test_sensitivities_are_differences_of_runs(name):
     loop = LOOPS[name]
     number = inertia(loop)
     value = loop.plant.parameter(number)
-    ends = [simulate(loop.but(parameters={number: value * part}), DURATION, accuracy=1e-12)["shaft.speed"][-1] for part in (1 - 1e-6, 1 + 1e-6)]
+    ends = [
+        simulate(loop.but(parameters={number: value * part}), DURATION, accuracy=1e-12)["shaft.speed"][-1] for part in (1 - 1e-6, 1 + 1e-6)
+    ]
     exact = sensitivity(simulate(loop, DURATION, accuracy=1e-11), number)["shaft.speed"][-1]
     assert float(np.ravel(exact)[0]) == pytest.approx((ends[1] - ends[0]) / (2e-6 * value), rel=1e-5)
 

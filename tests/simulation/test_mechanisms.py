@@ -139,7 +139,12 @@ def test_backlash_with_friction_on_both_sides_moves_as_gauss_says(method):
 @METHODS
 def test_a_one_way_clutch_locks_drives_and_overruns(method):
     right = Reference(
-        [1.0, 2.0], lambda t, q, v: np.array([0.5 + 1.5 * math.sin(t), -0.3 * v[1]]), [Clutch("clutch", [1.0, -1.0])], [0.0, 0.0], [0.0, 0.0], 20.0
+        [1.0, 2.0],
+        lambda t, q, v: np.array([0.5 + 1.5 * math.sin(t), -0.3 * v[1]]),
+        [Clutch("clutch", [1.0, -1.0])],
+        [0.0, 0.0],
+        [0.0, 0.0],
+        20.0,
     )
     loop = closed_loop(compose(Overrunning()), inputs={"drive.torque": sine(0.5, 1.5, 1 / (2 * math.pi))})
     run = simulate(loop, 20.0, method=method)
@@ -228,7 +233,9 @@ def test_relays_that_switch_ever_faster_come_to_rest_together(method, start, res
     def equations(signal):
         x = state("f.x", "1", 2)
         first, second = Relay("first", x[0], 1.0), Relay("second", x[1], 1.0)
-        return Equations(flow={x: 2 * ca.vertcat(first.force - 26 * second.force, 26 * first.force + second.force)}, elements=[first, second])
+        return Equations(
+            flow={x: 2 * ca.vertcat(first.force - 26 * second.force, 26 * first.force + second.force)}, elements=[first, second]
+        )
 
     run = simulate(closed_loop(part(equations), start={"f.x": start}), 1.0, method=method)
     assert run.events[-1].time == pytest.approx(rest, abs=1e-6)
@@ -258,7 +265,11 @@ def test_wagons_that_touch_break_away_when_the_push_reaches_all_their_bounds(met
         x, v = state("w.x", "m", 3), state("w.v", "m/s", 3)
         rubs = [DryFriction(f"wheel{i}", v[i], Coulomb(1.0, 0.8)) for i in range(3)]
         buffers = [UnilateralContact(f"buffer{i}", x[i] - x[i + 1], v[i] - v[i + 1], restitution=0.0) for i in range(2)]
-        forces = [time + rubs[0].force - buffers[0].force, rubs[1].force + buffers[0].force - buffers[1].force, rubs[2].force + buffers[1].force]
+        forces = [
+            time + rubs[0].force - buffers[0].force,
+            rubs[1].force + buffers[0].force - buffers[1].force,
+            rubs[2].force + buffers[1].force,
+        ]
         return Equations(flow={x: v, v: ca.vertcat(*forces)}, elements=[*rubs, *buffers])
 
     run = simulate(part(equations), 4.0, method=method)
@@ -362,13 +373,11 @@ def test_a_load_that_reads_one_friction_of_a_group_is_refused_and_one_that_reads
     assert run["b.u"][-1] == pytest.approx(1.0 - 0.1 * (5.0 - 1.2))
 
 
-def test_a_ring_of_frictions_is_refused_where_one_is_weaker_in_slip_than_at_rest():
-    def equations(signal, static):
+def test_a_ring_of_frictions_is_refused_with_the_remedy():
+    def equations(signal):
         v, u = state("a.v", "m/s"), state("b.u", "m/s")
-        ground, other, between = (DryFriction(n, s, Coulomb(static, 1.0)) for n, s in (("ground", v), ("other", u), ("between", v - u)))
+        ground, other, between = (DryFriction(n, s, Coulomb(1.5, 1.0)) for n, s in (("ground", v), ("other", u), ("between", v - u)))
         return Equations(flow={v: time + ground.force + between.force, u: other.force - between.force}, elements=[ground, other, between])
 
     with refused("`ground`, `other`, `between`", "ring", "not unique"):
-        part(lambda signal: equations(signal, 1.5))
-    run = simulate(part(lambda signal: equations(signal, 1.0)), 3.0)  # at 2 N the first body goes, of 1 kg, and pulls at the other with no more than its ground holds
-    assert run["a.v"][-1] == pytest.approx(0.5, abs=1e-6) and run["b.u"][-1] == pytest.approx(0.0, abs=1e-9)
+        part(equations)

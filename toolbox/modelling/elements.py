@@ -398,7 +398,9 @@ class DryFriction(Element):
     def _two_way(self, law: FrictionLaw, back: FrictionLaw, speed: ca.SX) -> None:
         """Take a law for each direction: with half the difference of their bounds in the force, the rest of it has one bound both ways."""
         if self.directions != 1:
-            raise SceneError(f"The law of `{self.name}` must be one for both directions, as it slips in a plane, but {type(law).__name__} has two.")
+            raise SceneError(
+                f"The law of `{self.name}` must be one for both directions, as it slips in a plane, but {type(law).__name__} has two."
+            )
         count = len(law.breaks())
         jumps = self._jumps([*law.breaks(), *back.breaks()], speed)
         self.companions, beyond = jumps, [jump.mode for jump in jumps]

@@ -13,9 +13,7 @@ import casadi as ca
 from toolbox.modelling.elements import Element
 
 
-def passing_slips(
-    elements: Sequence[Element], flow: ca.SX, x: ca.SX, force: ca.SX, slip: ca.SX, gain: ca.SX
-) -> tuple[int, ...]:
+def passing_slips(elements: Sequence[Element], flow: ca.SX, x: ca.SX, force: ca.SX, slip: ca.SX, gain: ca.SX) -> tuple[int, ...]:
     """Return the numbers of the frictions whose slip no force ever reaches, and of the relays that are declared as of higher degree."""
     tried = [i for i, e in enumerate(elements) if e.slides and e.directions == 1 and not e.second and not gain.has_nz(i, i)]
     rubbing = [i for i in tried if elements[i].law is not None and elements[i].slip.nnz()]

@@ -178,7 +178,9 @@ def regularised(width: float, matched: bool = True) -> Regularisation:
     def force(element: Element) -> ca.SX:
         law = element.law
         if law is None or law.breaks() or law.reverse() is not law:
-            raise SceneError(f"`{element.name}` cannot be regularised: that takes a contact whose law has no breaks and is the same both ways.")
+            raise SceneError(
+                f"`{element.name}` cannot be regularised: that takes a contact whose law has no breaks and is the same both ways."
+            )
         v = element.slip
         smooth = ca.tanh(v / width)
         speed = v * smooth

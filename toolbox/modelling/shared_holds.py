@@ -127,8 +127,10 @@ def check_loads(elements: Sequence[Element], together: Sequence[int], friction: 
         held = next((j for j in together if ca.depends_on(read, elements[j].multiplier)), None)
         if held is not None:
             rubs = elements[friction] if friction != held else elements[next(j for j in together if j != held)]
-            remedy = f"give `{elements[held].name}` a `stiffness` in place of its restitution" if elements[held].rigid else (
-                f"make `{elements[held].name}` a bristle (`Dahl`, `LuGre`)"
+            remedy = (
+                f"give `{elements[held].name}` a `stiffness` in place of its restitution"
+                if elements[held].rigid
+                else (f"make `{elements[held].name}` a bristle (`Dahl`, `LuGre`)")
             )
             raise SceneError(
                 f"The load of `{element.name}` must not be the force of `{elements[held].name}`: `{rubs.name}` can hold the same slip, so that at rest "

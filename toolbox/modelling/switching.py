@@ -291,7 +291,9 @@ def _check_forces(
         raise SceneError("The bound of an element may depend on forces of elements declared earlier only; here it closes a cycle.")
     for i, element in enumerate(elements):
         if element.holds and not gain.has_nz(i, i) and i not in passing:
-            remedy = "; one that acts through lags and may switch ever faster is declared with `higher_degree=True`" if element.relay else ""
+            remedy = (
+                "; one that acts through lags and may switch ever faster is declared with `higher_degree=True`" if element.relay else ""
+            )
             raise SceneError(
                 f"Element {element.title} cannot hold its slip: its force must act on the rate of its slip (relative degree one){remedy}."
             )
@@ -379,9 +381,7 @@ def _single(slip_of_state: ca.SX, x: ca.SX) -> list[tuple[int, int]]:
     return [place for k, place in enumerate(single) if k not in changed]
 
 
-def _project(
-    x: ca.SX, slip: ca.SX, slip_of_state: ca.SX, gain_of_force: ca.SX, matrix: ca.SX, sticks: ca.SX, shared: Sharing
-) -> ca.SX:
+def _project(x: ca.SX, slip: ca.SX, slip_of_state: ca.SX, gain_of_force: ca.SX, matrix: ca.SX, sticks: ca.SX, shared: Sharing) -> ca.SX:
     """Set the slip of sticking elements to zero by an impulse, then remove round-off exactly where a state enters a slip with factor +-1."""
     if not slip.numel():
         return x

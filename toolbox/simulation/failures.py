@@ -190,7 +190,11 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
         )
     if status == work_layout.INCONSISTENT:
         inside = (
-            [e for e in program.system.elements if e.rigid and float(np.ravel(point[f"{e.name}.{'slip' if e.one_way else 'closure'}"])[0]) > 0.0]
+            [
+                e
+                for e in program.system.elements
+                if e.rigid and float(np.ravel(point[f"{e.name}.{'slip' if e.one_way else 'closure'}"])[0]) > 0.0
+            ]
             if not work.ints[work_layout.STARTED]
             else []
         )

@@ -14,6 +14,9 @@ from toolbox.translation.words import call
 ROUND_OFF = 4.0 * layout.EPS * 1e7
 """What the round-off of a number is in parts of what `nudge` changes it by."""
 
+ZERO_RATE = 1e-12
+"""Part of the forces at an open contact from which on the rate that they leave closes it: those that hold each other cancel to no better."""
+
 SEEN = 2e-9
 """How far a guard must have passed zero, in parts of its size, to have been passed: more than events are located to."""
 
@@ -33,7 +36,7 @@ def modes_consistent(w, t, change, one):
             if (
                 force <= (w.m_other[ne] if hands_over else 0.0)
                 if w.m[i] == 0.0
-                else rate <= abs(pace) * max(1e-9 * w.guard_scale[2 * i + w.ints[layout.NG]], 64.0 * layout.EPS * abs(static))
+                else rate <= abs(pace) * max(1e-9 * w.guard_scale[2 * i + w.ints[layout.NG]], ZERO_RATE * abs(static))
             ):
                 continue  # released where its force is zero, it may seem to close by the round-off of that zero
             right = 1.0 - w.m[i]

@@ -1,0 +1,84 @@
+"""Parts of mechanisms: energy that is kept, closed forms of their friction, and the lossy gear of the Modelica Standard Library."""
+
+import math
+
+import numpy as np
+import pytest
+
+from models import BacklashDrive, CrankSlider, GearNetwork, GearStage, OverrunningDrive, ScotchYoke, ShoeBrake, Tabulated, ValveSpool
+from toolbox import Component, DryFriction, Equations, SceneError, closed_loop, compose, energy_audit, simulate, time
+from toolbox.inputs import sine
+
+CASES = {
+    "crank": (CrankSlider(), {"crank.torque": sine(0.5, 1.5, 0.5)}, {"crank.speed": 5.0}, 5.0),
+    "yoke": (ScotchYoke(), {}, {"crank.speed": 1.3}, 40.0),
+    "spool": (ValveSpool(), {"spool.force": sine(0.0, 12.0, 1.4)}, {}, 3.0),
+    "one-way clutch": (OverrunningDrive(), {"driver.torque": sine(0.5, 1.5, 0.16)}, {}, 20.0),
+    "backlash": (BacklashDrive(), {"driver.force": sine(0.0, 4.0, 0.32)}, {}, 6.0),
+    "shoes": (ShoeBrake(), {"drum.torque": sine(0.0, 20.0, 0.2), "drum.press": 100.0}, {"drum.speed": 3.0}, 10.0),
+    "gears": (GearStage(), {"input.torque": sine(0.0, 10.0, 1.0), "output.torque": sine(-4.0, 1.0, 0.1)}, {}, 3.0),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_energy_of_a_mechanism_is_kept(name):
+    part, inputs, start, duration = CASES[name]
+    run = simulate(closed_loop(compose(part), inputs=inputs, start=start), duration, accuracy=1e-9)
+    assert len(run.events) > 3
+    assert energy_audit(run).relative < 1e-9
+
+
+def test_a_crank_rests_where_friction_holds_it_and_never_at_a_dead_centre():
+    """A yoke of 1 kg m2 slows down by J w^2 / 2 = F times the way of its pin: at rest at 4 pi + asin(0.45), as 1.3^2 / 2 = 0.1 (8 + 0.45)."""
+    run = simulate(closed_loop(compose(ScotchYoke()), start={"crank.speed": 1.3}), 40.0)
+    assert run["crank.angle"][-1] == pytest.approx(4 * math.pi + math.asin(0.45), rel=1e-7)
+    assert run["crank.speed"][-1] == pytest.approx(0.0, abs=1e-30)
+    assert [event.after for event in run.events].count("stick") == 1
+
+
+def test_a_leading_shoe_and_a_trailing_one_hold_by_their_shoe_factors():
+    """R P (mu / (1 - mu c) + mu / (1 + mu c)) + bearing = 0.15 100 (0.4 / 0.68 + 0.4 / 1.32) + 0.5, forwards and backwards alike."""
+    holds = 0.15 * 100.0 * (0.4 / 0.68 + 0.4 / 1.32) + 0.5
+    for sign in (1.0, -1.0):
+        run = simulate(closed_loop(compose(ShoeBrake()), inputs={"drum.torque": sign * 2 * time, "drum.press": 100.0}), 8.0)
+        assert run.events[0].time == pytest.approx(holds / 2, rel=1e-8)
+    force = 100.0 * 0.3 / (1 - 0.3 * 0.8)
+    assert run["leading.force"][-1] == pytest.approx(100.0 * 0.3 / (1 + 0.3 * 0.8))
+    assert run["trailing.force"][-1] == pytest.approx(force)
+
+
+@pytest.mark.parametrize(
+    ("part", "word"), [(CrankSlider(rod=0.04), "rod"), (ShoeBrake(lever=3.0), "lever"), (ShoeBrake(kinetic=0.5), "kinetic")]
+)
+def test_dimensions_that_make_no_mechanism_are_refused(part, word):
+    with pytest.raises(SceneError, match=f"Argument `{word}`"):
+        compose(part)
+
+
+class _Bearing(Component):
+    """The bearing of the lossy gear examples: 0.5 at rest, 0.5 + 0.5 |w| beyond."""
+
+    def equations(self, signal):
+        speed = signal("in.speed", "rad/s")
+        law = Tabulated(speeds=(0.0, 100.0), coefficients=(0.5, 50.5), static=0.5)
+        bearing = DryFriction("bearing", speed, law, slip_unit="rad/s", force_unit="N m")
+        import casadi as ca
+
+        return Equations(gives={"in.torque": (bearing.force + 10 * ca.sin(2 * ca.pi * time), "N m")}, elements=[bearing])
+
+
+def test_the_lossy_gear_with_a_bearing_switches_as_the_modelica_library_publishes():
+    """LossyGearDemo2: i 2, efficiency 0.5, J 1 and 1.5, 10 sin 2 pi t and -10 + 2.5 t; switches of its rigid limit, which the teeth come to as they get stiffer."""
+    from dataclasses import dataclass
+
+    bearing = dataclass(frozen=True)(type("Bearing", (_Bearing,), {}))()
+    gears = GearNetwork(
+        nodes=("in", "out"), inertia=(1.0, 1.5), trains=(("in", "out", "ground"),), ratio=(2.0,), mesh_stiffness=(1e8,), mesh_damping=(1e4,),
+        efficiency=(0.5,), idle_torque=(1e-6,),
+    )  # fmt: skip
+    run = simulate(closed_loop(compose(gears, bearing), inputs={"out.torque": -10.0 + 2.5 * time}), 0.5)
+    found = [(event.time, event.after) for event in run.events if event.element == "bearing"]
+    published = [(0.0, "slip-"), (0.0635910958, "stick"), (0.230374016, "slip+"), (0.308306857, "stick"), (0.472738311, "slip-")]
+    assert [word for _, word in found] == [word for _, word in published]
+    assert np.subtract([t for t, _ in found], [t for t, _ in published]) == pytest.approx(0.0, abs=1e-4)
+    assert run["gears.speed"][-1, 1] == pytest.approx(-0.009624279, abs=1e-4)

@@ -2,7 +2,7 @@
 
     M q'' = f(t, q, q') + sum c_k F_k          slips c_k(q) q' - w_k(t)
 
-Gauss's principle decides the accelerations: among those that stops and clutches allow, q'' minimises (a - M^-1 f)' M (a - M^-1 f) / 2 + sum bound_k |slip rate k|
+Gauss's principle decides the accelerations: among those that stops and clutches allow, q'' minimises (a - M^-1 f)' M (a - M^-1 f) / 2 + sum bound |slip rate|
 over the frictions without slip. Its dual is a least-squares problem with bounds on the forces, which `scipy.optimize.lsq_linear` solves whatever depends on
 what; nothing is known of modes, groups or shares. Frictions that begin to slide then have their kinetic force, and the rest is decided again. Between events
 scipy's DOP853 integrates with a relative tolerance of 1e-12; that what holds can go on holding is asked of the same least squares. Impacts are Newton's.
@@ -152,7 +152,7 @@ class Reference:
 
         if not holding:
             return np.zeros(0)
-        inverse, rows, A, b = self._held(t, q, v, holding, mode)
+        _, _, A, b = self._held(t, q, v, holding, mode)
         # what depends on each other is told apart by so little that the rates do not feel it
         root = np.linalg.cholesky(A + 1e-11 * np.trace(A) * np.eye(len(b))).T
         given, right = root, np.linalg.solve(root.T, -b)
@@ -248,7 +248,7 @@ class Reference:
             y = np.concatenate([self.q, self.v])
             solver = DOP853(slope, self.t, y, self.duration, rtol=1e-12, atol=1e-14 * (1 + self.largest), max_step=self.duration / self.steps,
                             first_step=min(1e-9 * self.duration, self.duration - self.t))  # fmt: skip
-            armed = {k: False for k in self.mode}
+            armed = dict.fromkeys(self.mode, False)
             self._arm(armed, self.t, self.q, self.v)
             event = None
             while event is None and solver.status == "running":
@@ -337,7 +337,7 @@ class Reference:
             P[on] = np.linalg.lstsq(A[np.ix_(on, on)], (before - target)[on], rcond=1e-11)[0] if on.size else []
             after = before - A @ P
             if (
-                (P >= -1e-10 * size / A.diagonal().min()).all()
+                (-1e-10 * size / A.diagonal().min() <= P).all()
                 and (after <= target + 1e-10 * size).all()
                 and (np.abs((after - target)[on]) <= 1e-9 * size).all()
             ):

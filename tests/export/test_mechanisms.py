@@ -23,9 +23,9 @@ from toolbox import (
     stepper,
     sweep,
 )
+from toolbox.errors import GrazingError
 from toolbox.inputs import sine
 from toolbox.measuring import measures
-from toolbox.errors import GrazingError
 from toolbox.simulation import TimeStepping
 
 DURATION, TIGHT = 6.0, 1e-10

@@ -68,7 +68,7 @@ class _Bearing(Component):
 
 
 def test_the_lossy_gear_with_a_bearing_switches_as_the_modelica_library_publishes():
-    """LossyGearDemo2: i 2, efficiency 0.5, J 1 and 1.5, 10 sin 2 pi t and -10 + 2.5 t; switches of its rigid limit, which the teeth come to as they get stiffer."""
+    """LossyGearDemo2: i 2, efficiency 0.5, J 1 and 1.5, 10 sin 2 pi t and -10 + 2.5 t; switches of its rigid limit, which stiff teeth come to."""
     from dataclasses import dataclass
 
     bearing = dataclass(frozen=True)(type("Bearing", (_Bearing,), {}))()

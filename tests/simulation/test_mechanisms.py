@@ -1,7 +1,8 @@
-"""Mechanisms beside references that share no code with the toolbox, and beside closed forms: levers, groups of frictions, stops, clutches, prescribed motions."""
+"""Mechanisms beside references that share no code with the toolbox, and beside closed forms: levers, groups of frictions, stops, clutches, given motions."""
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -210,7 +211,7 @@ def test_friction_on_a_prescribed_motion_does_the_work_of_its_law(method):
         return abs(v) * (2 + math.exp(-((v / 0.05) ** 2)))
 
     ends = [0.0, *turns, 10.0]
-    work = sum(quad(power, a, b, epsabs=1e-12, epsrel=1e-12, limit=200)[0] for a, b in zip(ends, ends[1:], strict=False))
+    work = sum(quad(power, a, b, epsabs=1e-12, epsrel=1e-12, limit=200)[0] for a, b in pairwise(ends))
     assert run["rub.work"][-1] == pytest.approx(work, rel=1e-7)
 
 

@@ -81,7 +81,7 @@ class Work(NamedTuple):
     side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
     kind, initial: kind of each element and its mode at the start, UNDECIDED where the states and forces decide;
     attached: the rigid contact that loads a friction, or -1;
-    loader: the unilateral contact without which a friction has no load, -1, SECOND, PASSES or ONE_WAY;  bound: what changes the bound of each element, see above;
+    loader: the unilateral contact without which a friction has no load, -1, SECOND, PASSES or ONE_WAY;  bound: what changes each bound, see above;
     lever: 1 for a friction whose lever may vanish, OPPOSED or 0;
     bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after, and whether other modes were

@@ -183,7 +183,7 @@ def _merged(so_far: Groups, group: Sequence[tuple[int, ca.SX]]) -> Groups:
     leader.law = GroupLaw(tuple((s, e.law, load) for s, e, load in zip(sizes, own, loads, strict=True) if e.law is not None))
     members = {i for i, _ in group}
     forces = ca.vertcat(*[e.multiplier for e in own])
-    for j, other in enumerate(elements):
+    for other in elements:
         reads = ca.vertcat(other.static, other.load * other.sliding)
         if ca.depends_on(reads, forces) and not _reads_the_sum(reads, own, sizes, signs):
             among = ", ".join(f"`{e.name}`" for e in own)

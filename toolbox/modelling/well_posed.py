@@ -108,11 +108,9 @@ def check_wedges(system: HybridSystem) -> None:
         return
     rows = system.once("wedges", lambda: dependent_holds(system.elements, system.switching.gain))
     for together in rows:
-        closures = ca.vertcat(*[system.elements[i].closure for i in together])
-        sizes = system.once(
-            ("closures", *together), lambda c=closures: ca.Function("closures", [system.t, system.x, system.u, system.p, system.held], [c])
-        )
-        found = np.array(sizes(0.0, 0.0, system.input_defaults(system.values), system.values, 0.0)).ravel()
+        read = ca.vertcat(*[system.elements[i].closure for i in together])
+        closures = ca.Function("closures", [system.t, system.x, system.u, system.p, system.held], [read])
+        found = np.array(closures(0.0, 0.0, system.input_defaults(system.values), system.values, 0.0)).ravel()
         if all(system.elements[i].rigid for i in together) and not found.any():
             check_loads(system.elements, together, together[0])
 

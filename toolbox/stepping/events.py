@@ -59,9 +59,9 @@ TOGETHER = 1e-7
 def _end_together(w, t):
     """Put at zero together the slips that switch without end, as two relays do that take each other back and forth ever faster; forces then decide."""
     for i in range(w.ints[layout.NE]):
-        if w.kind[i] == layout.FRICTION and w.m[i] != 0.0 and not flies(w, i) and not two_directions(w, i):
-            if abs(w.g[2 * i]) <= TOGETHER * guard_size(w, 2 * i):
-                w.fired[2 * i], w.m[i] = True, 0.0
+        slides = w.kind[i] == layout.FRICTION and w.m[i] != 0.0 and not flies(w, i) and not two_directions(w, i)
+        if slides and abs(w.g[2 * i]) <= TOGETHER * guard_size(w, 2 * i):
+            w.fired[2 * i], w.m[i] = True, 0.0
     project(w, t)
     for i in range(w.ints[layout.NE]):
         w.m[i] = w.before[i]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -93,12 +94,26 @@ def check_rings(system: HybridSystem) -> None:
     form = system.switching
     rubbing = [i for i, e in enumerate(system.elements) if e.slides and e.directions == 1 and not e.second]
     rings = dependent_holds(system.elements, form.gain, rubbing) if form.shared.members else []
+    rings = [ring for ring in rings if _can_rest(system, ring)]
     if rings:
         names = ", ".join(f"`{system.elements[i].name}`" for i in rings[0])
         raise SceneError(
             f"The frictions {names} hold each other in a ring: nothing decides how they share a force at rest, and where static friction is above kinetic "
             "the motion is not unique. Make one of them a bristle (`Dahl`, `LuGre`), or carry it by a spring."
         )
+
+
+def _can_rest(system: HybridSystem, ring: Sequence[int]) -> bool:
+    """Whether slips that depend on each other can all be zero at once: those of one body against surfaces of different speeds never are."""
+    read = ca.vertcat(*[system.elements[i].slip for i in ring])
+    symbols = [system.t, system.x, system.u, system.p, system.m]
+    slips = ca.Function("slips", symbols, [ca.densify(read), ca.densify(system.switching.gain[list(ring), list(ring)])])
+    x = np.cos(np.arange(1, system.x.numel() + 1))
+    found, gain = (np.array(value) for value in slips(0.3, x, system.input_defaults(system.values), system.values, 0.0))
+    size = np.sqrt(np.diag(gain))
+    _, values, vectors = np.linalg.svd(gain / np.outer(size, size))
+    apart = vectors[values < 1e-9] @ (found.ravel() / size)
+    return bool((np.abs(apart) <= 1e-9 * np.abs(found.ravel() / size).max()).any())
 
 
 def check_wedges(system: HybridSystem) -> None:

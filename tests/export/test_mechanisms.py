@@ -96,7 +96,11 @@ def test_an_fmu_in_fmpy_ends_where_simulate_ends(tmp_path, right, name):
 def test_a_stepper_ends_where_simulate_ends(right, name):
     machine = stepper(LOOPS[name], DURATION / 10, outputs=("shaft.speed",), duration=DURATION, accuracy=TIGHT)
     machine.reset()
-    seen = [machine.step()[0] for _ in range(10)]
+    seen, events = [], []
+    for _ in range(10):
+        seen.append(machine.step()[0])
+        events += machine.events
+    assert sorted(event[1:] for event in events) == sorted(tuple(event)[1:] for event in simulate(LOOPS[name], DURATION, accuracy=TIGHT).events)
     assert seen[-1] == pytest.approx(right[name], abs=1e-8)
 
 

@@ -28,7 +28,7 @@ from models import (
     WhirlingCollar,
     wells,
 )
-from toolbox import SceneError, compose, energy_audit, linearise, measure, simulate
+from toolbox import compose, energy_audit, linearise, measure, simulate
 from toolbox.inputs import sine
 
 STRIBECK = Exponential(static=1.0, kinetic=0.6, decay=3.0)

@@ -63,6 +63,25 @@ class Program:
     form: Switching
     equations: ClosedEquations
 
+    @cached_property
+    def lever(self) -> np.ndarray:
+        """1 for every friction whose lever may vanish, OPPOSED for every rigid contact that stands against another one, else 0."""
+        from toolbox.compilation import work_layout
+
+        found = np.array(self.form.levers, np.int64)
+        found[list(self.form.opposed)] = work_layout.OPPOSED
+        return found
+
+    @cached_property
+    def bound(self) -> np.ndarray:
+        """What changes the bound of each element during a run."""
+        from toolbox.compilation import work_layout
+
+        found = np.full(len(self.kind), work_layout.BY_NUMBERS, np.int64)
+        for i in self.varying:
+            found[i] = work_layout.BY_STATES if i in self.bounded else work_layout.BY_CONTACT
+        return found
+
     def lacking(self, formulas: Formulas, kinds: tuple[tuple[str, Any], ...]) -> str:
         """Why a run that asked for these formulas steps by those of this program; empty where it steps by them."""
         if self.formulas == formulas:
@@ -209,15 +228,6 @@ def _closed(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], locates: b
         "group_count": group_count,
         "expressions": (p, u, form.force),
     }
-
-
-def levers_of(form: Switching) -> np.ndarray:
-    """`Work.lever`: 1 for frictions whose lever may vanish, OPPOSED for rigid contacts that stand against another one."""
-    from toolbox.compilation import work_layout
-
-    found = np.array(form.levers, np.int64)
-    found[list(form.opposed)] = work_layout.OPPOSED
-    return found
 
 
 def _loader(i: int, element: Element, form: Switching) -> int:

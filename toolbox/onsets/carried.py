@@ -31,7 +31,7 @@ from toolbox.steady_states.running import at_set_points
 STEPS = 12
 """Steps in which the parameter goes from one value to the next, with a little more than two periods at each: a jump at once would shake a cycle off."""
 
-FINEST = 1 / 64
+FINEST = 1 / 256
 """The smallest step, in parts of the way, in which stick-slip is led into the range."""
 
 NOISY = 32

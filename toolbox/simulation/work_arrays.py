@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.compilation import work_layout
-from toolbox.compilation.program import Program, levers_of
+from toolbox.compilation.program import Program
 from toolbox.modelling.inputs import Shape, Table
 from toolbox.simulation.budget import Budget
 from toolbox.simulation.run import Run
@@ -77,8 +77,8 @@ def work_arrays(run: Run, program: Program) -> Any:
         scale=np.zeros(n), noise=np.zeros(n + ng), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=sizes, slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
-        kind=program.kind, initial=initial, attached=program.attached, loader=program.loader, lever=levers_of(program.form),
-        bound=_bounds(program), bounced=np.zeros(ne, np.bool_),
+        kind=program.kind, initial=initial, attached=program.attached, loader=program.loader, lever=program.lever,
+        bound=program.bound, bounced=np.zeros(ne, np.bool_),
         excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
@@ -106,14 +106,6 @@ def closures(program: Program, t: float, x: np.ndarray, p: np.ndarray) -> np.nda
     names = tuple(f"{element.name}.{'slip' if element.one_way else 'closure'}" for element in elements)
     found, m = np.empty(len(names)), np.ones(program.kind.size)
     signal_reader(program, names)(t, 0.0, *(array.ctypes.data for array in (x, x, p, m, found)))
-    return found
-
-
-def _bounds(program: Program) -> np.ndarray:
-    """What changes the bound of each element during a run."""
-    found = np.full(len(program.kind), work_layout.BY_NUMBERS, np.int64)
-    for i in program.varying:
-        found[i] = work_layout.BY_STATES if i in program.bounded else work_layout.BY_CONTACT
     return found
 
 
@@ -248,10 +240,10 @@ def state_of(run: Run, program: Program, work: Any) -> RunState:
         )
         for c, update in enumerate(updates)
     )
-    held = work.p[program.held_slot : program.held_slot + program.system.held.numel()]
+    held = work.p[program.held_slot : program.held_slot + run.start.held.size]
     t, elements = float(work.reals[work_layout.TIME]), program.kind.size
     return dataclasses.replace(
-        run.start, time=t, states=work.x[: program.system.x.numel()].copy(), memory=work.memory.copy(), held=held.copy(), modes=work.m.copy(),
+        run.start, time=t, states=work.x[: run.start.states.size].copy(), memory=work.memory.copy(), held=held.copy(), modes=work.m.copy(),
         closures=closures(program, t, work.x, work.p) if program.rigid.size else None,
         sizes=work.guard_scale.reshape(2, -1)[:, : 2 * elements].copy(), taken=taken, applied=applied, waiting=waiting, laws=(), carried=True,
     )  # fmt: skip

@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from toolbox.modelling.composition import compose as compose
     from toolbox.modelling.elements import DryFriction as DryFriction
     from toolbox.modelling.elements import FrictionLaw as FrictionLaw
-    from toolbox.modelling.elements import OneWayClutch as OneWayClutch
     from toolbox.modelling.elements import Quantity as Quantity
     from toolbox.modelling.elements import quantity as quantity
     from toolbox.modelling.elements import state as state
@@ -53,6 +52,7 @@ if TYPE_CHECKING:
     from toolbox.modelling.hybrid_system import HybridSystem as HybridSystem
     from toolbox.modelling.laws import Controller as Controller
     from toolbox.modelling.laws import Sampled as Sampled
+    from toolbox.modelling.one_way_clutch import OneWayClutch as OneWayClutch
     from toolbox.modelling.unilateral_contact import UnilateralContact as UnilateralContact
     from toolbox.onsets.onset import onset as onset
     from toolbox.onsets.severity_map import severity_map as severity_map

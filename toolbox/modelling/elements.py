@@ -386,14 +386,10 @@ class DryFriction(Element):
         if back is not law:
             self._two_way(law, back, speed)
             return
-        jumps = self._jumps(law.breaks(), speed)
+        jumps = _jumps(name, law.breaks(), speed)
         self.companions = [*second, *jumps]
         self.sliding = _expression(law, "sliding", law.sliding(speed, *[jump.mode for jump in jumps]))
         self.static = self.load * _expression(law, "breakaway", law.breakaway())
-
-    def _jumps(self, breaks: Sequence[Any], speed: ca.SX) -> list[_Break]:
-        """The switches of the jumps of a law."""
-        return [_Break(f"{self.name}.break" + (f".{i}" if len(breaks) > 1 else ""), speed, place) for i, place in enumerate(breaks)]
 
     def _two_way(self, law: FrictionLaw, back: FrictionLaw, speed: ca.SX) -> None:
         """Take a law for each direction: with half the difference of their bounds in the force, the rest of it has one bound both ways."""
@@ -401,13 +397,12 @@ class DryFriction(Element):
             raise SceneError(
                 f"The law of `{self.name}` must be one for both directions, as it slips in a plane, but {type(law).__name__} has two."
             )
-        count = len(law.breaks())
-        jumps = self._jumps([*law.breaks(), *back.breaks()], speed)
+        jumps = _jumps(self.name, [*law.breaks(), *back.breaks()], speed)
         self.companions, beyond = jumps, [jump.mode for jump in jumps]
         ahead, behind = (_expression(each, "breakaway", each.breakaway()) for each in (law, back))
         shift = (behind - ahead) / 2
-        slides = _expression(law, "sliding", law.sliding(speed, *beyond[:count])) + shift
-        returns = _expression(back, "sliding", back.sliding(speed, *beyond[count:])) - shift
+        slides = _expression(law, "sliding", law.sliding(speed, *beyond[: len(law.breaks())])) + shift
+        returns = _expression(back, "sliding", back.sliding(speed, *beyond[len(law.breaks()) :])) - shift
         self.sliding = (slides + returns) / 2 + self.mode * (slides - returns) / 2
         self.static = self.load * (ahead + behind) / 2
         self.force = self.multiplier + self.load * shift
@@ -457,71 +452,6 @@ def length(column: ca.SX, beside: ca.SX | float = 0.0) -> ca.SX:
     return ca.sqrt(ca.sumsqr(column) + beside + 1e-300)
 
 
-def check_one_direction(elements: Sequence[Element], what: str, remedy: str) -> None:
-    """Raise SceneError where one of the elements is a friction with two slip directions, which `what` does not know."""
-    for element in elements:
-        if element.directions > 1:
-            raise SceneError(f"{what} knows friction with one slip direction, but `{element.name}` has two: {remedy}.")
-
-
-class Relay(Element):
-    """An ideal switch u = -bound * sgn(surface), with true sliding on surface = 0.
-
-    Sliding is the mode "stick": the force is then the equivalent control, inside [-bound, bound]. The surface must have relative
-    degree one with a positive gain, d(surface)/dx * d(flow)/d(force) > 0; anything else is a SceneError when the plant is composed.
-    With `higher_degree=True` its force may reach the surface through lags: it switches each time the surface passes through zero, and never slides.
-    Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992.
-    """
-
-    relay: ClassVar[bool] = True
-
-    def __init__(
-        self,
-        name: str,
-        surface: ca.SX,
-        bound: ca.SX | float,
-        *,
-        surface_unit: str = "1",
-        force_unit: str = "1",
-        higher_degree: bool = False,
-    ):
-        super().__init__(name, surface, surface_unit, force_unit)
-        self.higher_degree = higher_degree
-        self.static = ca.SX(bound)
-        self.load = ca.SX(bound)
-        self.sliding = ca.SX(1)
-
-
-class OneWayClutch(Element):
-    """A one-way clutch (freewheel, sprag clutch), or a ratchet without play: it drives one way and runs free the other way.
-
-        locked:  slip = 0 and force >= 0          free:  slip < 0 and force = 0
-
-    `slip` is the speed of the driving side less that of the driven side, and `force` drives the driven side: in the flow it stands with a minus at the driving
-    side. A ratchet that holds a drum is one between the drum and the ground. The force has no bound. A start with a slip above zero is an error, and an impact
-    elsewhere passes through a clutch that is locked, or that it locks.
-    """
-
-    legend: Mapping[int, str] = {0: "locked", 1: "free"}
-    expressions: ClassVar[tuple[str, ...]] = (*Element.expressions, "closure")
-    rigid = True
-    one_way: ClassVar[bool] = True
-    initial = 1
-
-    def __init__(self, name: str, slip: ca.SX, *, slip_unit: str = "rad/s", force_unit: str = "N m"):
-        super().__init__(name, slip, slip_unit, force_unit)
-        if not self.slip.is_scalar():
-            raise SceneError(f"Argument `slip` of `{name}` must be one expression, but its shape is {self.slip.shape}.")
-        self.force = -self.multiplier
-        self.closure = self.slip
-
-    def guards(self, multiplier: ca.SX, bound: ca.SX) -> tuple[ca.SX, ca.SX]:
-        return -multiplier - self.mode * self.slip, ca.SX(1)
-
-    def signals(self) -> dict[str, tuple[ca.SX, str]]:
-        return {"force": (self.force, self.force_unit), "slip": (self.mode * self.slip, self.slip_unit)}
-
-
 class Hysteresis(Element):
     """A two-position switch with memory: `output` becomes 1 when `signal` rises to `high` and 0 when it falls to `low` < high.
 
@@ -565,3 +495,7 @@ class _Break(Hysteresis):
 
     def signals(self) -> dict[str, tuple[ca.SX, str]]:
         return {}
+
+
+def _jumps(name: str, breaks: Sequence[Any], speed: ca.SX) -> list[_Break]:
+    return [_Break(f"{name}.break" + (f".{i}" if len(breaks) > 1 else ""), speed, place) for i, place in enumerate(breaks)]

@@ -12,7 +12,7 @@ leader, with bound W and force T. The others follow: their modes are its mode, t
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -172,25 +172,9 @@ def _merged(so_far: Groups, group: Sequence[tuple[int, ca.SX]]) -> Groups:
 
     rubs = [by_leader(e.load * e.sliding) for e in own]
     bounds = [by_leader(e.static) for e in own]
-    leader = copy.copy(first)
-    one_load = all(ca.is_equal(e.load, first.load, 10) for e in own)
-    leader.load = first.load if one_load else ca.SX(1)
-    parts = [e.sliding if one_load else e.load * e.sliding for e in own]
-    leader.sliding = sum((size * by_leader(part) for size, part in zip(sizes, parts, strict=True)), ca.SX(0))
-    leader.static = sum((size * bound for size, bound in zip(sizes, bounds, strict=True)), ca.SX(0))
-    leader.companions = [twin for e in own for twin in e.companions]
-    loads = [ca.SX(1) if one_load else e.load for e in own]
-    leader.law = GroupLaw(tuple((s, e.law, load) for s, e, load in zip(sizes, own, loads, strict=True) if e.law is not None))
+    leader = _leading(own, sizes, by_leader, bounds)
     members = {i for i, _ in group}
-    forces = ca.vertcat(*[e.multiplier for e in own])
-    for other in elements:
-        reads = ca.vertcat(other.static, other.load * other.sliding)
-        if ca.depends_on(reads, forces) and not _reads_the_sum(reads, own, sizes, signs):
-            among = ", ".join(f"`{e.name}`" for e in own)
-            raise SceneError(
-                f"The load of `{other.name}` must not be the force of one of the frictions {among}: they share one slip, so that at rest nothing decides "
-                "which of them carries how much. Let the load be their sum, or make one of them a bristle (`Dahl`, `LuGre`)."
-            )
+    _check_readers(elements, own, sizes, signs)
     total = first.multiplier
     shares = [
         sign * ((1 - first.mode**2) * bound / (leader.static + first.mode**2 + 1e-300) * total - first.mode * rub)
@@ -213,6 +197,34 @@ def _merged(so_far: Groups, group: Sequence[tuple[int, ca.SX]]) -> Groups:
     leaders = so_far.leaders | {e.name: (first.name, sign) for e, sign in zip(own[1:], signs[1:], strict=True)}
     old, new = [total, *others, *followed], [*shares, *mode]
     return Groups(elements, by_sum(so_far.flow), [*so_far.old, *old], [*so_far.new, *new], leaders)
+
+
+def _leading(own: Sequence[Element], sizes: Sequence[ca.SX], by_leader: Callable[[ca.SX], ca.SX], bounds: Sequence[ca.SX]) -> Element:
+    """The friction that stands for those of a group."""
+    first = own[0]
+    leader = copy.copy(first)
+    one_load = all(ca.is_equal(e.load, first.load, 10) for e in own)
+    leader.load = first.load if one_load else ca.SX(1)
+    parts = [e.sliding if one_load else e.load * e.sliding for e in own]
+    leader.sliding = sum((size * by_leader(part) for size, part in zip(sizes, parts, strict=True)), ca.SX(0))
+    leader.static = sum((size * bound for size, bound in zip(sizes, bounds, strict=True)), ca.SX(0))
+    leader.companions = [twin for e in own for twin in e.companions]
+    loads = [ca.SX(1) if one_load else e.load for e in own]
+    leader.law = GroupLaw(tuple((s, e.law, load) for s, e, load in zip(sizes, own, loads, strict=True) if e.law is not None))
+    return leader
+
+
+def _check_readers(elements: Sequence[Element], own: Sequence[Element], sizes: Sequence[ca.SX], signs: Sequence[ca.SX]) -> None:
+    """Raise SceneError for a load that reads the force of one friction of a group."""
+    forces = ca.vertcat(*[e.multiplier for e in own])
+    for other in elements:
+        reads = ca.vertcat(other.static, other.load * other.sliding)
+        if ca.depends_on(reads, forces) and not _reads_the_sum(reads, own, sizes, signs):
+            among = ", ".join(f"`{e.name}`" for e in own)
+            raise SceneError(
+                f"The load of `{other.name}` must not be the force of one of the frictions {among}: they share one slip, so that at rest nothing decides "
+                "which of them carries how much. Let the load be their sum, or make one of them a bristle (`Dahl`, `LuGre`)."
+            )
 
 
 def _place(elements: Sequence[Element], group: Sequence[tuple[int, ca.SX]], leader: Element) -> int:

@@ -24,8 +24,9 @@ import numpy as np
 
 from toolbox.arguments import number
 from toolbox.errors import SceneError, suggest
-from toolbox.modelling.elements import Element, FrictionLaw, Hysteresis, check_one_direction
+from toolbox.modelling.elements import Element, FrictionLaw, Hysteresis
 from toolbox.modelling.hybrid_system import HybridSystem, Parameter, checked_plant
+from toolbox.modelling.two_directions import check_one_direction
 
 STICKING = 3.0
 """Slip speed in widths below which a smoothed contact is shown as sticking."""

@@ -261,7 +261,6 @@ class Element:
     rigid: bool = False  # holds a gap closed, and strikes
     has_gap: ClassVar[bool] = False
     one_way: ClassVar[bool] = False  # holds a slip, as a gap is held, by a force of one sign
-    relay: ClassVar[bool] = False  # a switch that a controller gives
     higher_degree: bool = False  # a relay whose surface its force reaches through lags
     second: ClassVar[bool] = False  # the second slip direction of the friction before it
     initial: int = 0

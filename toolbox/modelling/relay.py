@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import casadi as ca
 
 from toolbox.modelling.elements import Element
@@ -17,8 +15,6 @@ class Relay(Element):
     With `higher_degree=True` its force may reach the surface through lags: it switches each time the surface passes through zero, and never slides.
     Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992.
     """
-
-    relay: ClassVar[bool] = True
 
     def __init__(
         self,

@@ -292,7 +292,9 @@ def _check_forces(
     for i, element in enumerate(elements):
         if element.holds and not gain.has_nz(i, i) and i not in passing:
             remedy = (
-                "; one that acts through lags and may switch ever faster is declared with `higher_degree=True`" if element.relay else ""
+                "; one that acts through lags and may switch ever faster is declared with `higher_degree=True`"
+                if element.law is None and element.slides
+                else ""
             )
             raise SceneError(
                 f"Element {element.title} cannot hold its slip: its force must act on the rate of its slip (relative degree one){remedy}."

@@ -52,6 +52,11 @@ class Sharing:
     weights: ca.SX
     softness: ca.SX
 
+    def of_impulse(self, gain: ca.SX, held: ca.SX, floor: ca.SX) -> ca.SX:
+        """The matrix of impulses: held rows as for forces, the others give no impulse."""
+        matrix = ca.sparsify(ca.diag(held * self.weights) @ gain + ca.diag(1 - held))
+        return ca.sparsify(matrix + ca.diag(held * (floor + self.softness)))
+
     def held(self, solved: Callable[[ca.SX, ca.SX], ca.SX], matrix: ca.SX, right: ca.SX, sticks: ca.SX) -> ca.SX:
         """Solve matrix * F = right, in which the rows of the members yield, so that their slip rates are zero all the same.
 

@@ -126,15 +126,13 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     cones = Cones(elements, slip, loader, times)
     load, sliding = cones.shared(load), cones.shared(sliding)
     kinetic = load * sliding
-    holds = ca.SX([float(e.holds) for e in elements]) if elements else ca.SX(0, 1)
 
     gain_of_force = ca.jacobian(flow, force)
     coupling = ca.jacobian(kinetic, force)
     slip_of_state = ca.jacobian(slip, x)
     gain = ca.sparsify(ca.mtimes(slip_of_state, gain_of_force))
     passing = passing_slips(elements, flow, x, force, slip, gain)
-    for i in passing:
-        holds[i] = 0
+    holds = ca.vertcat(ca.SX(0, 1), *[float(e.holds and i not in passing) for i, e in enumerate(elements)])
     _check_forces(elements, force, static, gain_of_force, coupling, gain, passing)
     levers = vanishing_levers(elements, slip_of_state, gain_of_force, gain, ca.vertcat(t, x))
     opposed = opposed_contacts(elements, gain, ca.vertcat(t, x))
@@ -153,12 +151,10 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         yielding: slip rate of every sticking row in parts of minus its force, none by default.
         """
         laws = cones.at_speed(free_sliding, speeds)
-        rows = sticks * shared.weights
-        matrix = ca.sparsify(ca.diag(rows) @ gain + ca.diag(1 - sticks) + ca.diag(side) @ cones.at_speed(coupling, speeds))
-        matrix = ca.sparsify(matrix + ca.diag(sticks * (floor + shared.softness)))
+        matrix = ca.sparsify(shared.of_impulse(gain, sticks, floor) + ca.diag(side) @ cones.at_speed(coupling, speeds))
         if yielding is not None:
             matrix = ca.sparsify(matrix + ca.diag(yielding))
-        right = -(rows * free_rate + side * free_load * laws)
+        right = -(sticks * shared.weights * free_rate + side * free_load * laws)
         if matrix.sparsity().is_diag():
             pivot = ca.diag(matrix)
             return Balance(matrix, right, -(sticks / pivot) * free_rate - (side * free_load / pivot) * laws)
@@ -185,15 +181,13 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     stuck = sticks * solved
     cones.moving_at(slip_rate)
     guards = cones.at_speed(_guards(elements, cones, stuck, limit), speeds)
-    guards = with_play(guards, t, x, elements, gain, opposed)
+    guards, opposing = with_play(guards, t, x, elements, gain, opposed), tuple(sorted({i for pair in opposed for i in pair}))
     watched = [cones.at_speed(getattr(e, e.watched), speeds) for e in elements if e.watched]
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
     held = held_by_force(levers, sticks, solved, bound)
-    rows = held * shared.weights
-    of_impulse = ca.sparsify(ca.diag(rows) @ gain + ca.diag(1 - held))  # held rows as for forces, others give no impulse
-    of_impulse = ca.sparsify(of_impulse + ca.diag(held * (floor + shared.softness)))
+    of_impulse = shared.of_impulse(gain, held, floor)
     projected = _project(x, slip, slip_of_state, gain_of_force, of_impulse, held, shared)
     burden = ca.fabs(gain_of_force) @ terms
     attached, impulse = [-1] * len(elements), None
@@ -211,7 +205,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, solved, bound, pace)))
     return Switching(
         field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,
-        levers, floor, probed, shared, passing, tuple(sorted({i for pair in opposed for i in pair})),
+        levers, floor, probed, shared, passing, opposing,
     )  # fmt: skip
 
 

@@ -34,9 +34,13 @@ class CustomBuildHook(BuildHookInterface):
         subprocess.run(made, cwd=self.root, check=True, stdout=subprocess.DEVNULL)
         build_data["force_include"][self.folder] = "toolbox/translation/objects"
         build_data["pure_python"] = False
-        system = (
-            f"manylinux_2_17_{platform.machine()}" if sys.platform == "linux" else sysconfig.get_platform()
-        )  # it needs no library of the system
+        systems = {
+            "linux": f"manylinux_2_17_{platform.machine()}",
+            "darwin": f"macosx_11_0_{platform.machine()}",
+        }  # it needs no library of the system
+        system = systems.get(
+            sys.platform, sysconfig.get_platform()
+        )  # the platform of a Python for both Macs is universal2, which this code is not
         build_data["tag"] = f"py3-none-{system.replace('-', '_').replace('.', '_')}"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:

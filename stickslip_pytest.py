@@ -1,14 +1,14 @@
 """The pytest plugin: a fixture with assertions on runs, and a marker that repeats a test on perturbed machines.
 
     @pytest.mark.stickslip_perturbed({"bit.weight": 0.2, "chain.stiffness": 0.1})
-    def test_my_drive_frees_the_bit(stickslip, perturbed):
+    def test_my_drive_frees_the_bit(stickslip_checks, perturbed):
         run = simulate(rig, 200.0, controller=MyDrive(), parameters=perturbed(rig))
-        stickslip.no_stick_slip(run, after=100.0)
+        stickslip_checks.no_stick_slip(run, after=100.0)
 
-    def test_my_drive_is_robust(stickslip):
+    def test_my_drive_is_robust(stickslip_checks):
         law = Sampled(MyDrive(), 0.01, delay=0.03)
-        stickslip.robust(rig, law, disk_margin=0.35)
-        stickslip.survives(rig, law, 200.0, errors={"chain.inertia.0": (0.8, 1.2)}, starts=cycle_phases(stick_slip, 8))
+        stickslip_checks.robust(rig, law, disk_margin=0.35)
+        stickslip_checks.survives(rig, law, 200.0, errors={"chain.inertia.0": (0.8, 1.2)}, starts=cycle_phases(stick_slip, 8))
 
 The assertions are those of `toolbox.robustness.checks.Checks`; a failed one saves a figure under `--stickslip-figures DIR`, or the test's `tmp_path`.
 
@@ -65,9 +65,15 @@ def perturbed(request):
 
 
 @pytest.fixture
-def stickslip(request):
+def stickslip_checks(request):
     """Assertions on runs, see `toolbox.robustness.checks.Checks`."""
     from toolbox.robustness.checks import Checks
 
     folder = request.config.getoption("stickslip_figures", None)
     return Checks(folder=Path(folder) if folder else request.getfixturevalue("tmp_path"), name=request.node.name)
+
+
+@pytest.fixture
+def stickslip():
+    """The former name of the fixture: an argument `stickslip` of a test would hide what `import stickslip` gives."""
+    pytest.fail("The fixture `stickslip` is now `stickslip_checks`.", pytrace=False)

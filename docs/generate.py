@@ -135,18 +135,18 @@ def public_of(place: str) -> list[str]:
 def names_of_rooms() -> dict[str, list[str]]:
     """{room: its public names, each as one imports it}: those of `toolbox` itself, then those of public modules, then the room's own."""
     toolbox = importlib.import_module("toolbox")
-    loader = importlib.util.find_spec("toolbox").loader  # type: ignore[union-attr]
-    homes = importlib.import_module("toolbox.faces").imports_for_types(loader.get_code("toolbox"))  # type: ignore[union-attr]
+    stub = ast.parse(Path(toolbox.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    homes = {alias.name: f"{node.module or alias.name}".split(".")[0] for node in stub.body for alias in node.names}  # type: ignore[attr-defined]
     found: dict[str, list[str]] = {}
     modules = {}
     for dotted in (*public_of("toolbox"), "toolbox.time"):
         name = dotted.partition(".")[2]
-        room = ".".join(homes[name]).split(".")[1]
+        room = homes[name]
         if inspect.ismodule(getattr(toolbox, name)):
             modules[dotted] = room
         else:
             found.setdefault(room, []).append(dotted)
-    rooms = {f"toolbox.{room.name}": room.name for room in iter_modules(toolbox.__path__) if room.ispkg}
+    rooms = {f"toolbox.{room.name}": room.name for room in iter_modules(toolbox.__path__) if room.ispkg and room.name != "authoring"}
     on_face = [getattr(toolbox, name) for name in homes]
     for place, room in {**modules, **rooms}.items():
         module = importlib.import_module(place)

@@ -45,6 +45,9 @@ def main(arguments: list[str]) -> int:
         print(f"There is no study {name!r}: {hint}", file=sys.stderr)
         return 2
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is loaded: see `toolbox.sweeps.executors.Workers`
+    from toolbox.messages import write_log_to_stderr
+
+    write_log_to_stderr()
     sys.argv = [name, *arguments[1:]]
     runpy.run_module(f"studies.{where[name]}.{name}", run_name="__main__", alter_sys=True)
     return 0

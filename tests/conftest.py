@@ -14,6 +14,7 @@ from hypothesis import settings
 ROOT = Path(__file__).parents[1]
 
 settings.register_profile("quiet", deadline=None)  # the first example of a test may compile
+settings.register_profile("quick", deadline=None, derandomize=True, database=None)
 settings.load_profile("quiet")
 
 
@@ -32,6 +33,8 @@ def pytest_configure(config):
         distribution("stickslip-toolbox")
     except PackageNotFoundError:
         config.stickslip_metadata = _registered()
+    if config.option.markexpr == "not slow":  # the quick suite draws the same every time
+        settings.load_profile("quick")
     if not config.pluginmanager.has_plugin("stickslip_pytest"):  # an installation registers it
         config.pluginmanager.import_plugin("stickslip_pytest")
     here = not config.getoption("numprocesses", None)  # tests run in this process, not in others that it starts

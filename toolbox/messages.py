@@ -14,11 +14,12 @@ from typing import Any
 LOG = logging.getLogger("stickslip")
 """The logger: INFO what one waits for, WARNING what one should know, DEBUG which way a computation took.
 
-`logging.getLogger("stickslip").setLevel("WARNING")` is quieter.
+A program that wants to see the records adds a handler, as `logging.basicConfig(level="INFO")` does; the command `stickslip` writes them to stderr.
 """
+LOG.addHandler(logging.NullHandler())
 
 
-class _Said(logging.Handler):
+class _OnStderr(logging.Handler):
     """Writes records to stderr, unless the program has handlers of its own, which get them as well."""
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -26,8 +27,11 @@ class _Said(logging.Handler):
             print(f"stickslip: {self.format(record)}", file=sys.stderr, flush=True)
 
 
-LOG.addHandler(_Said())
-LOG.setLevel(logging.INFO)
+def write_log_to_stderr() -> None:
+    """Write the records of the logger to stderr from now on, from INFO upwards: a command does, a library does not."""
+    if not any(isinstance(handler, _OnStderr) for handler in LOG.handlers):
+        LOG.addHandler(_OnStderr())
+        LOG.setLevel(logging.INFO)
 
 
 def complaint(text: str, code: int) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 from toolbox import SceneError
 from toolbox.authoring import opened, read_mat, suggest
 
-LARGEST = 2**30
+LARGEST = 2**28
 """Bytes of the largest Matrix Market file, unpacked."""
 
 MOST_ROWS = 2**24
@@ -44,10 +44,12 @@ def _matrix_market(path: Path, name: str | None) -> Any:
         raise SceneError(f"`{path}` holds one matrix without a name, but `{name}` is asked for.")
     try:
         with opened(path, LARGEST) as file, gzip.GzipFile(fileobj=file) if path.suffix.lower() == ".gz" else file as plain:
-            held = plain.read(LARGEST + 1)
-        if len(held) > LARGEST:
-            raise ValueError(f"it unpacks to more than {LARGEST / 2**20:.0f} MiB")
-        return _market(held)
+            held = bytearray()  # memory is taken for what is there, not for what may be
+            while piece := plain.read(2**20):
+                held += piece
+                if len(held) > LARGEST:
+                    raise ValueError(f"it unpacks to more than {LARGEST / 2**20:.0f} MiB")
+        return _market(bytes(held))
     except SceneError:
         raise
     except (ValueError, OSError, EOFError, OverflowError, MemoryError, zlib.error) as error:

@@ -310,6 +310,8 @@ def csv_said(path: Path) -> Any:
     except UnicodeDecodeError:
         text = held.decode("cp1252", errors="replace")
     lines = [line for line in text.splitlines() if line.strip(" \t,;") and not line.lstrip().startswith("#")]
+    while len(lines) > 1 and max(map(lines[0].count, ",;\t")) == 0:  # a broken remark above the headings
+        lines.pop(0)
     headings, *rows = ([cell.strip() for cell in line.split(max(",;\t", key=lines[0].count))] for line in lines)
     rows = [row for row in rows if len(row) == len(headings)]
     found = {}
@@ -592,6 +594,9 @@ def tried(kind: str, folder: Path, mutations: int, seed: int, reader: Reader) ->
     intact = shutil.copytree(whole, kept / whole.name) if whole.is_dir() else Path(shutil.copy(whole, kept / whole.name))
     counts: Counter[str] = Counter()
     faults = []
+    came, words = reader.asked(kind, Path(intact), Path(intact))
+    if came != "same":
+        faults.append(f"{kind}: the whole file is not read: {came} {words}")
     for number in range(mutations):
         draw = random.Random(f"{kind} {seed} {number}")
         copy = folder / f"{number}" / whole.name

@@ -26,6 +26,7 @@ import time as clock
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from studies.command_line import parser_of
 from toolbox.files.origin import ORIGIN
 from toolbox.onsets import SeverityMap
 from toolbox.sweeps import Sweep
+from toolbox.tuning.results import Tuned
 
 ROOT = Path(__file__).parents[2]
 
@@ -127,6 +129,8 @@ def _values(found: Sweep) -> tuple[bytes, ...]:
 
 def _text(path: Path) -> bytes:
     """What is in a file, without how many points a journal had already."""
+    if path.name == "tune.npz":
+        return repr(replace(Tuned.load(path), simulated=0)).encode()
     lines = path.read_bytes()
     if path.name != "tune.txt":
         return lines

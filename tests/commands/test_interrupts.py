@@ -110,15 +110,24 @@ def ended(process, seconds=120):
     return process.returncode, [line for line in errors.splitlines() if "once per machine" not in line], out
 
 
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """The folder of a study that was not interrupted."""
+    folder = tmp_path_factory.mktemp("whole")
+    assert ended(started(folder, "study", "belt.toml", "--out", folder / "out"))[0] == 0
+    return folder / "out"
+
+
 @pytest.mark.parametrize("exists", [False, True], ids=["a new folder", "a folder with results"])
 @pytest.mark.parametrize(
     "patch", [IN_A_CALLBACK, LOST, IN_MACHINE_CODE, IN_A_HARD_FINALLY, TWICE],
     ids=["in a callback of machine code", "caught by somebody", "in machine code", "before a long cleaning up", "twice"],
 )  # fmt: skip
-def test_an_interrupt_ends_the_study_wherever_it_arrives(tmp_path, patch, exists):
+def test_an_interrupt_ends_the_study_wherever_it_arrives(tmp_path, patch, exists, results):
     out = tmp_path / "out"
+    (tmp_path / "belt.toml").write_text(BELT)
     if exists:
-        assert ended(started(tmp_path, "study", "belt.toml", "--out", out))[0] == 0
+        shutil.copytree(results, out)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     began = time.monotonic()
     assert ended(started(tmp_path, "study", "belt.toml", "--out", out, patch=patch))[:2] == (130, [NOTHING])

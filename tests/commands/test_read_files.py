@@ -9,8 +9,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from tests.commands.test_output import EVERY
+from toolbox import Scene, simulate
 from toolbox.files.origin import Origin
 
 ROOT = Path(__file__).parents[2]
@@ -74,7 +77,7 @@ def check(lines, folder, written=()):
             )
             and ".part" not in path
             and not (path.startswith(str(ROOT)) and Path(path).parts[len(ROOT.parts)] in ("toolbox", "controllers", ".git", ".venv"))
-            and not (path.startswith(str(ROOT)) and path.endswith((".py", ".pyc", ".toml")) and not path.startswith(str(SCENES)))
+            and not (path.startswith(str(ROOT)) and path.endswith((".py", ".pyi", ".pyc", ".toml")) and not path.startswith(str(SCENES)))
         }
         assert inputs == own, (shlex.join(line), inputs ^ own)
         assert inputs
@@ -118,16 +121,75 @@ def test_an_origin_names_all_files_of_every_shipped_scene(scene, tmp_path):
     check([["simulate", str(SCENES / scene), "--duration", "10 ms", "--out", "out"]], tmp_path)
 
 
+MACHINE = """
+title = "string from a table"
+duration = "20 s"
+reference = "95 rpm"
+[[plant]]
+part = "DrillString"
+sections = "tables/string.csv"
+top_inertia = 2000
+drag_rate = 0.1
+elements = 2
+[[plant]]
+part = "BitRock"
+[[controllers]]
+label = "PI"
+law = "StiffPI"
+"""
+
+
+@pytest.fixture(scope="module")
+def well(tmp_path_factory):
+    """A folder with scenes of a string whose sections are a table, one of them with sampled laws, a log of the machine, and a well that gets deeper."""
+    folder = tmp_path_factory.mktemp("well")
+    (folder / "tables").mkdir()
+    (folder / "tables" / "string.csv").write_bytes((SCENES / "deepening_well.csv").read_bytes())
+    (folder / "rig.toml").write_text(MACHINE)
+    (folder / "other.toml").write_text(MACHINE.replace("95 rpm", "96 rpm"))
+    (folder / "sampled.toml").write_text(MACHINE + 'sample_time = "10 ms"\n[[controllers]]\nlabel = "soft torque"\nlaw = "SoftTorque"\n')
+    (folder / "well.toml").write_text((SCENES / "deepening_well.toml").read_text().replace("deepening_well.csv", "tables/string.csv"))
+    run = simulate(Scene.load(folder / "rig.toml")["PI"], 20.0, output_times=np.linspace(0.0, 20.0, 201))
+    names = {"top.speed": "rad/s", "top.torque": "N m", "bit.speed": "rad/s"}
+    heads = ",".join(["time [s]", *(f"{name} [{unit}]" for name, unit in names.items())])
+    np.savetxt(folder / "log.csv", np.column_stack([run.time, *(run[name] for name in names)]), delimiter=",", header=heads, comments="")
+    return folder
+
+
+FILES = {"RIG": "rig.toml", "OTHER": "other.toml", "LOG": "log.csv", "WELL": "well.toml"}
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize("line", [
-    "study rig.toml --out out",
-    "onset rig.toml --parameter top.reference --from '100 rpm' --to '150 rpm' --values 3 --controller 'published PI' --out out",
-    "map rig.toml --x top.reference=9:14 --y chain.friction.static=0.2:0.4 --shape 2x2 --controller 'published PI' --out out",
-    "tune rig.toml --controller 'published PI' --free pi.integral=500:5000 --objective severity --runs 3 --journal journal --out out",
-    "margins rig.toml --controller 'published PI' --out out",
-    "tradeoff belt.toml --out out",
-], ids=lambda line: line.split()[0])  # fmt: skip
-def test_an_origin_names_all_files_of_every_command(line, rig):
-    (rig / "rig.toml").write_text((rig / "rig.toml").read_text().replace('"30 s"', '"4 s"').replace('"15 s"', '"2 s"'))
-    check([shlex.split(line)], rig, ("journal",))
+@pytest.mark.parametrize("command", EVERY)
+def test_an_origin_names_all_files_of_every_command_that_writes_one(command, well):
+    files = FILES | ({"RIG": "sampled.toml"} if command in ("drives", "estimate") else {})
+    line = [command, *(files.get(word, word) for word in EVERY[command])]
+    check([[*line, "--out", f"out_{command}"]], well)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_an_origin_names_a_posterior_and_a_log_and_no_journal(well):
+    """Of commands that go on from a file of their own that file is no input: it is as it was before the first call."""
+    posterior = [
+        "posterior",
+        "rig.toml",
+        "log.csv",
+        "--prior",
+        "bit.weight=50kN:110kN",
+        "--compare",
+        "bit.speed=0.5 rad/s",
+        "--controller",
+        "PI",
+    ]
+    lines = [
+        [*posterior, "--draws", "32", "--out", "known"],
+        ["chance", "rig.toml", "--over", "top.reference=80rpm:130rpm:2", "--posterior", "known/posterior.npz", "--draws", "8", "--out", "chances"],
+        [
+            "drives", "sampled.toml", "--group", "declared", "--posterior", "known/posterior.npz", "--draws", "2", "--way", "direct",
+            "--from", "120 rpm", "--to", "140 rpm", "--step", "10 rpm", "--out", "lowest",
+        ],
+        *[["tune", "rig.toml", *EVERY["tune"][1:], "--journal", "journal", "--out", out] for out in ("tuned", "again")],
+    ]  # fmt: skip
+    check(lines, well, ("journal",))

@@ -19,8 +19,10 @@ twice = Compiled(_twice, "f", gives="f")
 """
 PROGRAM = """
 import doubling
+from toolbox.messages import write_log_to_stderr
 from toolbox.compilation.notices import announced
 
+write_log_to_stderr()
 print(announced("doubling", doubling.twice), announced("doubling", doubling.twice), doubling.twice(2.0))
 """
 
@@ -41,6 +43,7 @@ def test_long_machine_code_is_announced_before_it_is_written_and_short_is_not(mo
     def chain(n):
         return compose(TorsionalChain(inertia=(1.0,) * n, stiffness=(1.0,) * (n - 1), damping=(0.1,) * (n - 1)))
 
+    caplog.set_level("INFO", logger="stickslip")
     simulate(chain(3), 0.0, method="stiff")
     assert caplog.text == ""
     monkeypatch.setattr("toolbox.compilation.notices.LONG", 50)

@@ -98,7 +98,9 @@ def test_a_planted_file_in_an_open_folder_is_not_run(tmp_path, root):
     def answer(name):
         paths = os.pathsep.join([str(tmp_path), str(root), os.environ.get("PYTHONPATH", "")])
         environment = {**os.environ, "STICKSLIP_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": paths}
-        return subprocess.run([sys.executable, "-c", f"import {name}"], capture_output=True, text=True, env=environment)
+        return subprocess.run(
+            [sys.executable, "-c", f"import logging; logging.basicConfig(); import {name}"], capture_output=True, text=True, env=environment
+        )
 
     for name, known in (("loops_two", "False 4.0"), ("loops_two", "True 4.0"), ("loops_three", "False 6.0")):
         done = answer(name)

@@ -42,33 +42,33 @@ def driven(law=None, duration=200.0, **arguments):
     return simulate(RIG, duration, controller=law or Yielding(), **arguments)
 
 
-def test_a_stiff_drive_leaves_the_bit_in_stick_slip(stickslip):
+def test_a_stiff_drive_leaves_the_bit_in_stick_slip(stickslip_checks):
     # the twin of every claim below: without the law the problem is there
     with pytest.raises(AssertionError, match="must not stick"):
-        stickslip.no_stick_slip(driven(StiffPI(reference=SPEED)), after=100.0)
+        stickslip_checks.no_stick_slip(driven(StiffPI(reference=SPEED)), after=100.0)
 
 
 @pytest.mark.stickslip_perturbed({"bit.weight": 0.2, "chain.stiffness": 0.2, "chain.damping": 0.5, "bit.friction.static": 0.1})
-def test_the_bit_is_freed_on_a_machine_that_is_not_quite_the_declared_one(stickslip, perturbed):
-    stickslip.no_stick_slip(driven(parameters=perturbed(RIG)), after=100.0)
+def test_the_bit_is_freed_on_a_machine_that_is_not_quite_the_declared_one(stickslip_checks, perturbed):
+    stickslip_checks.no_stick_slip(driven(parameters=perturbed(RIG)), after=100.0)
 
 
-def test_the_speed_settles_smoothly_within_the_limits_of_the_motor(stickslip):
+def test_the_speed_settles_smoothly_within_the_limits_of_the_motor(stickslip_checks):
     run = driven()
-    stickslip.settles(run, "bit.speed", SPEED, within=100.0)
-    stickslip.severity_below(run, 0.01, after=150.0)
-    stickslip.respects_limits(run, {"top.torque": 20_000.0, "top.speed": (0.0, 15.0)})
-    stickslip.energy_balances(run)
+    stickslip_checks.settles(run, "bit.speed", SPEED, within=100.0)
+    stickslip_checks.severity_below(run, 0.01, after=150.0)
+    stickslip_checks.respects_limits(run, {"top.torque": 20_000.0, "top.speed": (0.0, 15.0)})
+    stickslip_checks.energy_balances(run)
 
 
-def test_the_law_beats_a_stiff_drive_by_far(stickslip):
-    stickslip.beats(driven(), driven(StiffPI(reference=SPEED)), after=150.0, by=100.0)
+def test_the_law_beats_a_stiff_drive_by_far(stickslip_checks):
+    stickslip_checks.beats(driven(), driven(StiffPI(reference=SPEED)), after=150.0, by=100.0)
 
 
-def test_sampled_at_100_hertz_it_still_frees_the_bit(stickslip):
-    stickslip.no_stick_slip(driven(sample_time=0.01), after=100.0)
+def test_sampled_at_100_hertz_it_still_frees_the_bit(stickslip_checks):
+    stickslip_checks.no_stick_slip(driven(sample_time=0.01), after=100.0)
 
 
-def test_neither_a_disturbance_nor_an_existing_stick_slip_survives_above_90_rpm(stickslip):
-    found = stickslip.onset_below(closed_loop(RIG, Yielding()), "top.reference", 9.4, (2.0, 14.0), values=7, tolerance=0.1)
+def test_neither_a_disturbance_nor_an_existing_stick_slip_survives_above_90_rpm(stickslip_checks):
+    found = stickslip_checks.onset_below(closed_loop(RIG, Yielding()), "top.reference", 9.4, (2.0, 14.0), values=7, tolerance=0.1)
     assert found.loss < found.end

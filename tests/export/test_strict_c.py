@@ -1,5 +1,6 @@
 """Exported C of machines of every kind compiles without a warning under each compiler that is here."""
 
+import itertools
 import shutil
 import subprocess
 from dataclasses import dataclass
@@ -54,14 +55,15 @@ LOOPS = {
 }
 
 
-@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.skipif(not COMPILERS, reason="neither gcc nor clang is here")
 @pytest.mark.parametrize("kind", LOOPS)
-def test_machines_of_every_kind_compile_without_a_warning(tmp_path, compiler, kind):
+def test_machines_of_every_kind_compile_without_a_warning(tmp_path, kind):
     source, _ = export_c(LOOPS[kind], tmp_path / "made", part="loop", duration=1.0)
-    for file in (source, source.with_name("main.c")):
+    for compiler, file in itertools.product(COMPILERS, (source, source.with_name("main.c"))):
         subprocess.run([compiler, *STRICT, "-O1", "-c", str(file), "-o", str(tmp_path / "made.o")], check=True)
     for version in ("2.0", "3.0"):
         unit = Unit(machine(LOOPS[kind], "made", 1.0), version)
         for name, text in (machine_sources(unit.made, importer=True) | {"made_fmi.c": unit.source("guid")}).items():
             (tmp_path / name).write_text(text)
-        subprocess.run([compiler, *STRICT, "-fsyntax-only", str(tmp_path / "made_fmi.c")], check=True)
+        for compiler in COMPILERS:
+            subprocess.run([compiler, *STRICT, "-fsyntax-only", str(tmp_path / "made_fmi.c")], check=True)

@@ -17,6 +17,7 @@ from models import ElasticBody, ReducedBody
 from studies.benchmarks.damaged_files import ARGUMENTS, BELT, KINDS, Reader, run_file, store_file, tried
 from toolbox import Scene, SceneError, Trajectory, sweep
 from toolbox.calibration.recording import Recording
+from toolbox.commands.command_line import main
 from toolbox.files.journal import Journal
 from toolbox.files.mat import read_mat
 from toolbox.files.reading import opened
@@ -289,3 +290,17 @@ def test_a_file_that_is_larger_than_it_may_be_is_not_read(tmp_path):
         Scene.load(tmp_path / "scene.toml")
     with pytest.raises(SceneError, match="must be of at most 4096 MiB"):
         opened(tmp_path / "scene.toml")
+
+
+@pytest.mark.parametrize("text", ["a" + ".a" * 200_000 + " = 1", "[" + "a." * 200_000 + "a]", 'a."b c"' + " . 'd'" * 200_000 + " = 1"])
+def test_a_scene_with_a_key_of_very_many_parts_is_refused(tmp_path, text):
+    (tmp_path / "scene.toml").write_text(text)
+    with pytest.raises(SceneError, match="keys have at most a hundred parts"):
+        Scene.load(tmp_path / "scene.toml")
+
+
+def test_a_large_file_in_the_way_of_a_report_is_not_read(tmp_path, capsys):
+    with (tmp_path / "page.html").open("wb") as file:
+        file.truncate(2**31)
+    assert main(["report", str(tmp_path), "--page", str(tmp_path / "page.html")]) == 2
+    assert "is not an earlier report" in capsys.readouterr().err

@@ -136,3 +136,85 @@ def test_arrays_of_a_mat_file_of_version_7_3_are_measured_before_they_are_read(t
     with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
     assert f"but it takes {-(-3 * 8 * 100_000_000 // 2**20)} MiB" in refused_cheaply(path)
+
+
+def repacked(path, name, change):
+    with zipfile.ZipFile(path) as archive:
+        held = {each: archive.read(each) for each in archive.namelist()}
+    held[name] = change(held[name])
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for each, content in held.items():
+            archive.writestr(each, content)
+
+
+FAR = b'<row r="1048576"><c r="XFD1048576"><v>1</v></c></row></sheetData>'
+HIDDEN = {
+    "in UTF-16": lambda text: text.replace(b"</sheetData>", FAR).decode().encode("utf-16"),
+    "in entities": lambda text: text.replace(b"</sheetData>", FAR.replace(b"XFD", b"&#88;FD")),
+    "in a declared entity": lambda text: b'<!DOCTYPE a [<!ENTITY b "x">]>' + text,
+}
+
+
+@pytest.mark.parametrize("how", HIDDEN)
+def test_a_far_cell_that_is_hidden_from_the_bytes_is_refused(tmp_path, how):
+    path = sheet(tmp_path / "rig.xlsx")
+    Recording.of(path, BELT)
+    repacked(path, "xl/worksheets/sheet1.xml", HIDDEN[how])
+    with pytest.raises(SceneError, match="must be a sheet, but it is not: its part"):
+        Recording.of(path, BELT)
+
+
+def test_styles_and_sheets_that_stand_very_often_are_refused(tmp_path):
+    path = sheet(tmp_path / "rig.xlsx")
+    repacked(path, "xl/styles.xml", lambda text: text.replace(b"</cellXfs>", b"<xf/>" * 400_000 + b"</cellXfs>"))
+    with pytest.raises(SceneError, match="must take at most 256 MiB"):
+        Recording.of(path, BELT)
+
+
+def linked(file, h5py):
+    file["far"] = h5py.ExternalLink("other.h5", "/x")
+
+
+def elsewhere(file, h5py):
+    file.create_dataset("far", shape=(1, 50), dtype="f8", external=[("/dev/zero", 0, 400)])
+
+
+def chunked(file, h5py):
+    file.create_dataset("far", shape=(10,), maxshape=(None,), chunks=(2**27,), dtype="f8", compression="gzip")
+
+
+def around(file, h5py):
+    file.create_group("far")["again"] = file["/"]
+
+
+def referring(file, h5py):
+    last = file.create_dataset("inner", data=np.ones((1, 100_000)))
+    for k in range(12):
+        cells = file.create_dataset(f"cells{k}", shape=(1, 8), dtype=h5py.ref_dtype)
+        cells[:] = last.ref
+        last = cells
+
+
+@pytest.mark.parametrize("change", [linked, elsewhere, chunked, around, referring], ids=lambda each: each.__name__)
+def test_a_mat_file_of_version_7_3_that_leads_elsewhere_or_to_itself_is_refused(tmp_path, change):
+    h5py = pytest.importorskip("h5py")
+    pytest.importorskip("pymatreader")
+    with h5py.File(tmp_path / "rig.mat", "w") as file:
+        for name in ("time", "block.speed"):
+            file.create_dataset(name, data=np.arange(50.0)[None])
+        change(file, h5py)
+    with pytest.raises(SceneError, match=r"File `.*rig\.mat` must"):
+        Recording.of(tmp_path / "rig.mat", BELT)
+
+
+@pytest.mark.parametrize("name", ["rig.csv", "rig.las"])
+def test_a_file_of_zeros_is_no_table(tmp_path, name):
+    (tmp_path / name).write_bytes(bytes(10_000))
+    with pytest.raises(SceneError, match="must be a table in text, a sheet"):
+        Recording.of(tmp_path / name, BELT)
+
+
+def test_a_long_line_in_the_head_of_a_las_file_is_refused(tmp_path):
+    (tmp_path / "rig.las").write_text("~V\n" + "A." * 10_000 + " : x\n~A\n1 2\n")
+    with pytest.raises(SceneError, match="a line of its head has more than 10000 characters"):
+        Recording.of(tmp_path / "rig.las", BELT)

@@ -1,9 +1,12 @@
 """The interpreters on which the checks of a contribution run: the lowest that the project supports, and the newest of the machine."""
 
+import os
 import runpy
 import sys
 
 import pytest
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="the interpreters are scripts of sh")
 
 
 @pytest.fixture

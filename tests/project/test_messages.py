@@ -25,18 +25,30 @@ LOG.debug("detail")
 LOG.info("compiling")
 LOG.warning("no zarr")
 """
+COMMAND = "import toolbox.messages; toolbox.messages.write_log_to_stderr()"
+OWN = "logging.basicConfig(format='%(name)s %(levelname)s %(message)s', level='{}')"
 
 
 @pytest.mark.parametrize(
     ("before", "after", "stderr"),
     [
-        ("", "", "stickslip: compiling\nstickslip: no zarr\n"),
-        ("", "logging.getLogger('stickslip').setLevel('WARNING')", "stickslip: no zarr\n"),
-        ("logging.basicConfig(format='%(name)s %(levelname)s %(message)s')", "", "stickslip INFO compiling\nstickslip WARNING no zarr\n"),
+        ("", "", ""),
+        ("", COMMAND, "stickslip: compiling\nstickslip: no zarr\n"),
+        ("", f"{COMMAND}; {COMMAND}; logging.getLogger('stickslip').setLevel('WARNING')", "stickslip: no zarr\n"),
+        (OWN.format("INFO"), "", "stickslip INFO compiling\nstickslip WARNING no zarr\n"),
+        (OWN.format("WARNING"), "", "stickslip WARNING no zarr\n"),
+        (OWN.format("INFO"), COMMAND, "stickslip INFO compiling\nstickslip WARNING no zarr\n"),
     ],
-    ids=["as it is", "quieter", "with a program's own handlers"],
+    ids=[
+        "a library is silent",
+        "a command",
+        "a quieter command",
+        "a program's own handlers",
+        "quieter ones",
+        "a command in such a program",
+    ],
 )
-def test_records_of_the_logger_are_written_once(before, after, stderr):
+def test_records_of_the_logger_are_written_once_and_by_a_command_or_the_program_alone(before, after, stderr):
     done = subprocess.run([sys.executable, "-c", SAYS.format(before=before, after=after)], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("", stderr)
 

@@ -31,7 +31,7 @@ def built():
 
 def test_the_wheel_has_every_module_and_all_data(built):
     wheel, _ = built
-    assert sources(*PACKAGES) | {"stickslip_pytest.py"} == wheel
+    assert sources(*PACKAGES) | {"stickslip.py", "stickslip_pytest.py"} == wheel
     assert {f"{package}/py.typed" for package in PACKAGES} <= wheel
     assert (
         {path for path in wheel if path.endswith(".csv")}
@@ -42,7 +42,19 @@ def test_the_wheel_has_every_module_and_all_data(built):
 
 def test_the_sdist_has_what_the_tests_and_the_pages_need(built):
     _, sdist = built
-    needed = {"CHANGELOG.md", "CITATION.cff", "mkdocs.yml", "docs/index.md", "studies/scenes/jansen_2.toml", "tests/conftest.py", ".ci/run"}
+    needed = {
+        "SECURITY.md",
+        "CODE_OF_CONDUCT.md",
+        ".ci/constraints.txt",
+        ".github/workflows/tests.yml",
+        "CHANGELOG.md",
+        "CITATION.cff",
+        "mkdocs.yml",
+        "docs/index.md",
+        "studies/scenes/jansen_2.toml",
+        "tests/conftest.py",
+        ".ci/run",
+    }
     assert needed <= sdist and sources(*PACKAGES) <= sdist
     assert {path for path in sources("studies") if path.endswith((".py", ".toml", ".npz", ".ipynb"))} <= sdist
 
@@ -62,7 +74,36 @@ def test_one_version_licence_and_name_wherever_they_stand():
     assert f"- name: {project['authors'][0]['name']}" in citation
     assert f"\n## {project['version']}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert said["license"] == "BSD-3-Clause" and "BSD 3-Clause" in (ROOT / "LICENSE").read_text(encoding="utf-8")
-    assert set(re.findall(r"^  - (?!name)(.+)$", citation, re.MULTILINE)) == set(project["keywords"])
+    assert set(re.findall(r"^  - (?!name|type)(.+)$", citation, re.MULTILINE)) == set(project["keywords"])
+
+
+def test_the_workflow_runs_the_commands_of_the_local_checks_on_every_version_and_system():
+    workflow, local = ((ROOT / path).read_text(encoding="utf-8") for path in (".github/workflows/tests.yml", ".ci/run"))
+    commands = re.findall(r"^ +(?:- )?run: (\w.+)$", workflow, re.MULTILINE)
+    own = {"pip wheel --no-build-isolation --no-deps -w wheels ."}
+    assert set(commands) - own == {
+        "pip install -q -e '.[dev]'",
+        "python -m pytest -n auto -m 'not slow'",
+        "ruff check .",
+        "ruff format --check .",
+        "mypy",
+    }
+    for command in set(commands) - own:
+        assert f".venv/bin/{command}" in local, f"`.ci/run` does not say `{command}`"
+    least = PROJECT["project"]["requires-python"].removeprefix(">=")
+    versions = re.findall(r'"(3\.\d+)"', re.search(r"python: \[(.+)\]", workflow)[1])
+    assert versions[0] == least and versions == [f"3.{minor}" for minor in range(11, 16)]
+    assert {"ubuntu", "macos", "windows"} == {system.partition("-")[0] for system in re.search(r" os: \[(.+?)\]", workflow)[1].split(", ")}
+
+
+def test_the_constraints_of_developers_fit_what_is_declared():
+    """Each package that is declared has a version there that is not below the declared one."""
+    constraints = dict(re.findall(r"^([\w.-]+)==([\d.]+)", (ROOT / ".ci" / "constraints.txt").read_text(encoding="utf-8"), re.MULTILINE))
+    extras = PROJECT["project"]["optional-dependencies"]
+    for line in [*PROJECT["project"]["dependencies"], *extras["dev"], *extras["docs"]]:
+        name, least = re.match(r"([\w-]+)(?:\[.*\])?>=([\d.]+)", line).groups()
+        found = constraints[name.replace("_", "-")]
+        assert tuple(map(int, found.split("."))) >= tuple(map(int, least.split("."))), f"{line}, but the constraints have {found}"
 
 
 def test_a_package_that_is_too_old_says_which_version_works(monkeypatch):

@@ -10,6 +10,7 @@ import pytest
 from toolbox.faces import public_names
 
 FLOORS = (
+    "version",
     "errors", "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "translation", "stepping", "simulation", "contacts",
     "measuring", "prediction", "steady_states", "logs",
     "scenes", "lanes", "orbits", "sweeps", "onsets", "robustness", "calibration", "probability", "tuning", "export", "reports", "authoring",
@@ -17,7 +18,7 @@ FLOORS = (
 )  # fmt: skip
 """Rooms from the ground up."""
 
-LONGEST_FILE, LONGEST_FUNCTION, MOST_ARGUMENTS, MOST_BRANCHES = 500, 90, 10, 25
+LONGEST_FILE, LONGEST_FUNCTION, MOST_ARGUMENTS = 500, 90, 10
 
 COMPILED_LOOPS = {
     "event_stepper.advance", "time_stepper._advance", "lanes/loop._run",
@@ -77,7 +78,7 @@ def test_no_files_import_one_another_in_a_circle(imports):
 def test_no_room_bears_the_name_of_a_public_function():
     import toolbox
 
-    rooms = set(FLOORS) - {"errors", "arguments", "messages", "halving", "authoring", "face"}
+    rooms = set(FLOORS) - {"version", "errors", "arguments", "messages", "halving", "authoring", "face"}
     assert not rooms & set(toolbox.__all__)
 
 
@@ -111,18 +112,6 @@ def test_files_and_functions_can_be_read_at_once(root):
         if lines_without_docstring(node) > LONGEST_FUNCTION and not compiled_loop(path, node.name)
     ]
     assert not large
-
-
-def test_functions_branch_seldom_enough_to_be_followed(root):
-    radon = pytest.importorskip("radon.complexity", reason="radon counts branches; it is in the extra `dev`")
-    many, seen = [], 0
-    for package in ("toolbox", "models", "controllers"):
-        for path in sorted((root / package).rglob("*.py")):
-            for block in radon.cc_visit(path.read_text(encoding="utf-8")):
-                seen += 1
-                if block.letter != "C" and block.complexity > MOST_BRANCHES and not compiled_loop(path, block.name):
-                    many.append(f"{path.relative_to(root)}: {block.name} has {block.complexity} branches")
-    assert not many and seen > 2000, "\n".join(many)
 
 
 def test_functions_take_few_arguments_unless_users_need_them(root):

@@ -30,7 +30,7 @@ def test_every_public_name_of_the_toolbox_and_its_rooms_stands_on_one_page_of_th
     named = [name for page, names in pages.items() if page != "authoring" for name in names]
     modules = [name for name in toolbox.__all__ if inspect.ismodule(getattr(toolbox, name)) and name != "authoring"]
     face = [name for name in (*toolbox.__all__, "time") if not inspect.ismodule(getattr(toolbox, name))]
-    rooms = [room.name for room in pkgutil.iter_modules(toolbox.__path__) if room.ispkg]
+    rooms = [room.name for room in pkgutil.iter_modules(toolbox.__path__) if room.ispkg and room.name != "authoring"]
     expected = [f"toolbox.{name}" for name in face]
     for place in (*modules, *rooms):
         module = importlib.import_module(f"toolbox.{place}")

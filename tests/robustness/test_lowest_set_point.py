@@ -318,7 +318,8 @@ def processes():
 
 @contextmanager
 def dask():
-    distributed = pytest.importorskip("distributed")
+    import distributed  # of the extra `dev`
+
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,

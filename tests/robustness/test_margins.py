@@ -262,7 +262,13 @@ def test_the_bound_of_the_structured_singular_value_is_exact_where_it_is_known()
         a, b = rng.standard_normal((2, n)) + 1j * rng.standard_normal((2, n))
         # of a matrix a b' of rank one: sum |a_i b_i|; of a triangular one: its largest diagonal entry
         assert scaled_norm(np.outer(a, b)) == pytest.approx(np.abs(a * b).sum(), rel=1e-6)
-    assert scaled_norm(np.array([[0.5, 1e3], [0.0, 0.7j]])) == pytest.approx(0.7, rel=1e-2)
+    assert scaled_norm(np.array([[0.5, 1e3], [0.0, 0.7j]])) == pytest.approx(0.7, rel=1e-15)
+    for matrix in rng.standard_normal((20, 2, 2)) + 1j * rng.standard_normal((20, 2, 2)):
+        d = np.geomspace(1e-3, 1e3, 20_001)[:, None, None]
+        scaled = np.linalg.norm(
+            matrix * np.concatenate([np.ones_like(d), d, 1 / d, np.ones_like(d)], axis=2).reshape(-1, 2, 2), 2, axis=(1, 2)
+        )
+        assert scaled.min() * (1 - 1e-6) <= scaled_norm(matrix) <= scaled.min() * (1 + 1e-14)
 
 
 @pytest.mark.slow

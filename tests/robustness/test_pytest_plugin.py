@@ -172,8 +172,8 @@ from toolbox import compose, simulate
 
 BELT = compose(BlockOnBelt())
 
-def test_a_block_that_sticks(stickslip):
-    stickslip.no_stick_slip(simulate(BELT, 30.0), after=1.0)
+def test_a_block_that_sticks(stickslip_checks):
+    stickslip_checks.no_stick_slip(simulate(BELT, 30.0), after=1.0)
 
 @pytest.mark.stickslip_perturbed({"block.mass": 0.2, "block.stiffness": 0.1})
 def test_masses(perturbed):
@@ -198,6 +198,14 @@ def test_the_marker_repeats_a_test_for_each_perturbation_by_name(pytester):
     result = pytester.runpytest_inprocess("-p", "stickslip_pytest", "--collect-only", "-q", "-k", "masses")
     for word in ("declared", "block.mass +20 %", "block.mass -20 %", "block.stiffness +10 %", "block.stiffness -10 %"):
         assert f"test_masses[{word}]" in result.stdout.str()
+
+
+def test_the_former_name_of_the_fixture_is_refused_with_the_new_one(pytester):
+    pytester.makepyfile("import stickslip\ndef test_it(stickslip): pass\n")
+    result = pytester.runpytest_inprocess("-p", "stickslip_pytest")
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines(["The fixture `stickslip` is now `stickslip_checks`."])
+    assert "Traceback" not in result.stdout.str()
 
 
 @pytest.mark.parametrize("marker", ["", "@pytest.mark.stickslip_perturbed()", '@pytest.mark.stickslip_perturbed({"block.mass": -0.1})'])
@@ -261,14 +269,14 @@ RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 STUCK = simulate(RIG, 100.0, controller=StiffPI(reference=6.5), sample_time=0.01)
 LAW = Sampled(LQG(reference=6.5, late=3), 0.01, delay=0.03)
 
-def test_margin(stickslip):
-    stickslip.robust(closed_loop(RIG, LAW), disk_margin=0.35)
+def test_margin(stickslip_checks):
+    stickslip_checks.robust(closed_loop(RIG, LAW), disk_margin=0.35)
 
-def test_declared(stickslip):
-    stickslip.survives(closed_loop(RIG, LAW), 100.0, starts=cycle_phases(STUCK, 2))
+def test_declared(stickslip_checks):
+    stickslip_checks.survives(closed_loop(RIG, LAW), 100.0, starts=cycle_phases(STUCK, 2))
 
-def test_lighter(stickslip):
-    stickslip.survives(closed_loop(RIG, LAW), 100.0, errors={"chain.inertia.0": 0.8}, starts=cycle_phases(STUCK, 2))
+def test_lighter(stickslip_checks):
+    stickslip_checks.survives(closed_loop(RIG, LAW), 100.0, errors={"chain.inertia.0": 0.8}, starts=cycle_phases(STUCK, 2))
 """
 
 

@@ -297,6 +297,7 @@ def test_the_file_of_a_long_run_is_as_long_as_its_arrays(tmp_path):
 
 
 def test_a_run_that_takes_long_to_save_says_once_how_far_it_is(tmp_path, monkeypatch, caplog):
+    caplog.set_level("INFO", logger="stickslip")
     run = simulate(RIG, 120.0, controller=PI(reference=9.0), sample_time=0.01)
     run.save(tmp_path / "run.npz")
     assert not caplog.messages

@@ -1,5 +1,6 @@
 """The comparison of this tree with another checkout: whose code is run, and what the table says."""
 
+import os
 import re
 import sys
 
@@ -39,6 +40,7 @@ def test_a_turn_runs_the_packages_of_its_tree_and_leaves_out_the_methods_that_it
     assert found["rows"]["belt taylor"] == {"failure": "KeyError: 'taylor'"}
 
 
+@pytest.mark.skipif(os.name != "posix", reason="the interpreter is a script of sh")
 def test_a_tree_whose_interpreter_runs_other_packages_is_refused(tmp_path):
     own = checkout(tmp_path / "own", "return SimpleNamespace(events=[])")
     python = own / ".venv" / "bin" / "python"

@@ -8,6 +8,7 @@ import json
 import math
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -599,17 +600,45 @@ def test_a_folder_with_other_files_is_not_written_to(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
 
 
+@dataclass(frozen=True)
+class Killing(Gentle):
+    """The same torque; the process in which it is called first, if it is none of these, is killed."""
+
+    mark: str
+    spared: tuple[int, ...]
+
+    def __call__(self, t, y):
+        if os.getpid() not in self.spared:
+            try:
+                open(self.mark, "x").close()
+            except FileExistsError:
+                pass
+            else:
+                os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
+        return super().__call__(t, y)
+
+
 @pytest.mark.slow
-def test_dask_workers_give_the_same_numbers():
-    distributed = pytest.importorskip("distributed")
-    weights = {"bit.weight": np.linspace(50e3, 110e3, 12)}
-    here = sweep(closed_loop(RIG, Sampled(StiffPI(), 0.01)), weights, duration=30.0)
+def test_a_dask_cluster_of_which_a_worker_is_killed_gives_the_same_numbers(tmp_path):
+    import distributed  # of the extra `dev`
+
+    def found(spared, executor=None):
+        loop = closed_loop(RIG, Sampled(Killing(str(tmp_path / "killed"), spared), 0.05))
+        return sweep(loop, {"bit.weight": np.linspace(50e3, 110e3, 12)}, duration=30.0, measures=("severity", "mean"), executor=executor)
+
+    here = found((os.getpid(),), ThreadPoolExecutor(1))
+    assert not (tmp_path / "killed").exists()
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
     ):
-        there = sweep(closed_loop(RIG, Sampled(StiffPI(), 0.01)), weights, duration=30.0, executor=client.get_executor())
-    np.testing.assert_array_equal(there["severity"], here["severity"])
+        before = set(client.run(os.getpid).values())
+        there = found((os.getpid(),), client.get_executor())
+        client.wait_for_workers(2)
+        after = set(client.run(os.getpid).values())
+    assert (tmp_path / "killed").exists() and len(before - after) == 1
+    for name in ("severity", "mean"):
+        np.testing.assert_array_equal(there[name], here[name])
     assert not there.errors
 
 

@@ -5,6 +5,8 @@ write it as C; put results on one page; list the parts.
 
 Exit codes: 0 done; 1 nothing could be simulated, tuned or fitted, or a file could not be written while it ran; 2 the scene or an argument is wrong, or
 the folder cannot be written; 130 interrupted; 143 ended by SIGTERM.
+
+Why argparse: it is there, starts at once, and its groups and errors say all that these commands need; a library of commands would be one more dependency.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ from typing import Any, NoReturn
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.errors import SceneError, SimulationError, UnusualValue
 from toolbox.files.interrupts import GATE
-from toolbox.messages import complaint, sign_of_life
+from toolbox.messages import complaint, sign_of_life, write_log_to_stderr
+from toolbox.version import __version__
 
 COMMANDS = {
     "study": ("study", "simulate every controller of a scene; table, figures and data"),
@@ -137,6 +140,7 @@ def script(watch: Watch | None = None) -> NoReturn:
 
         before = os.environ.get("COMP_LINE", "")[: int(os.environ.get("COMP_POINT", "0"))]
         argcomplete.autocomplete(_parser(before.split()[1 : None if before[-1:].isspace() else -1]))
+    write_log_to_stderr()
     looked_after = watch or Watch()
     elsewhere = warnings.showwarning
 
@@ -169,7 +173,7 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         epilog="exit codes: 0 done; 1 nothing could be simulated, tuned or fitted; 2 a scene or an argument is wrong; 130 interrupted",
     )
     parser.set_defaults(words=lambda given: NOTHING, spelled={}, found=None)
-    parser.add_argument("--version", action="version", version=f"stickslip-toolbox {_version()}")
+    parser.add_argument("--version", action="version", version=f"stickslip-toolbox {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     typed = next((word for word in words if word != "--"), "")
     module = COMMANDS[typed][0] if typed in COMMANDS else ""
@@ -200,12 +204,3 @@ def _declare_common(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "--units", choices=tuple(SYSTEMS), help="of what is printed and drawn; without, those that were typed, else SI; files stay SI"
     )
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("stickslip-toolbox")
-    except PackageNotFoundError:
-        return "(not installed)"

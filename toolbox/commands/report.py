@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.errors import SceneError
+from toolbox.files.reading import opened
 
 MARK = 'content="stickslip report"'
 """What a page of an earlier call holds."""
@@ -38,7 +39,7 @@ def run(given: argparse.Namespace) -> int:
     """Write the page. Returns the exit code."""
     from toolbox.reports.writing import report
 
-    if given.page.exists() and not (given.page.is_file() and MARK in given.page.read_text(encoding="utf-8", errors="replace")[:2000]):
+    if given.page.exists() and (not given.page.is_file() or MARK not in _beginning(given.page)):
         raise SceneError(f"Argument `--page` must not hide your own files, but `{given.page}` is not an earlier report.")
     path = report(*given.folders, path=given.page, title=given.title, pdf=given.pdf)
     given.found = {"page": str(path), "pdf": str(path.with_suffix(".pdf")) if given.pdf else None}
@@ -46,3 +47,9 @@ def run(given: argparse.Namespace) -> int:
     count = f"{len(given.folders)} folder{'s' * (len(given.folders) > 1)}"
     print(f"Report of {count} is in {path}{beside} ({path.stat().st_size / 1e6:.1f} MB)")
     return 0
+
+
+def _beginning(page: Path) -> str:
+    """The first 2000 bytes of a page, as text."""
+    with opened(page, apart=True) as file:
+        return file.read(2000).decode("utf-8", errors="replace")

@@ -99,7 +99,9 @@ def export_fmu(
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
         law = declared_c(loop, folder / name)
-        identity = uuid.uuid5(uuid.NAMESPACE_OID, (folder / f"{name}.c").read_text() + (folder / f"{name}.h").read_text())
+        identity = uuid.uuid5(
+            uuid.NAMESPACE_OID, (folder / f"{name}.c").read_text(encoding="utf-8") + (folder / f"{name}.h").read_text(encoding="utf-8")
+        )
         (folder / f"{name}_fmi.c").write_text(_interface(law, f"{{{identity}}}"), encoding="utf-8")
         parts = sorted(folder.rglob("*.c"))
         listed = [each.relative_to(folder).as_posix() for each in parts]

@@ -99,5 +99,5 @@ def understood(path: Path, what: str) -> Iterator[None]:
     except KeyError as error:
         raise SceneError(f"File `{path}` must be {what}, but it has no {error}.") from None
     except Exception as error:
-        words = f"{error}".rstrip(".") or type(error).__name__
+        words = " ".join(f"{error}".split()).rstrip(".") or type(error).__name__
         raise SceneError(f"File `{path}` must be {what}, but it is not: {words}.") from None

@@ -15,7 +15,7 @@ import shutil
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from toolbox.errors import SceneError
 from toolbox.files.interrupts import GATE, temporary, undivided
@@ -163,6 +163,10 @@ def _exchanged(one: Path, other: Path) -> bool:
     return False
 
 
+LINK_ITSELF: dict[str, Any] = {"follow_symlinks": False} if os.link in os.supports_follow_symlinks else {}
+"""Of `os.link`, that a symbolic link is linked and not its target; Windows does so anyway, and Python refuses to be told there."""
+
+
 def _carry(source: Path, target: Path, without: Collection[str] = ()) -> None:
     """Give all files in a folder a second name in another one; a file that is another one there takes its place."""
     for entry in list(os.scandir(source)):
@@ -171,7 +175,7 @@ def _carry(source: Path, target: Path, without: Collection[str] = ()) -> None:
             place.mkdir(exist_ok=True)
             _carry(Path(entry.path), place)
         elif entry.name not in without and not os.path.lexists(place):
-            os.link(entry.path, place, follow_symlinks=False)
+            os.link(entry.path, place, **LINK_ITSELF)
         elif entry.name not in without and not os.path.samestat(entry.stat(follow_symlinks=False), place.lstat()):
             os.replace(entry.path, place)
     if os.name == "posix":

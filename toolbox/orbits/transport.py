@@ -91,7 +91,7 @@ KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Transport._fields, ("float64",
 }
 
 
-def _transport(w):
+def _transport(w):  # noqa: C901 (a compiled loop)
     """Carry `tangent` in place over the recorded steps, and fill `kept` unless it is empty.
 
     The parameter of column n + j of the derivatives has the direction FIRST_PARAMETER + j.

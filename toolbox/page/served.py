@@ -1,4 +1,7 @@
-"""A page on which the numbers of a closed loop are turned, and what one sees is simulated at once."""
+"""A page on which the numbers of a closed loop are turned, and what one sees is simulated at once.
+
+Why no framework of pages, such as Panel: it would install 213 MB; the page is a few files and a server of the standard library.
+"""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from toolbox.errors import SceneError
-from toolbox.files.reading import content
+from toolbox.files.reading import TEXT, content
 from toolbox.reports.machine import usual_units
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def picture(path: Path, caption: str) -> Picture | None:
     """The figure of a file; None where there is none that a page can hold, or a symbolic link."""
     if path.suffix not in KINDS or path.is_symlink() or not path.is_file():
         return None
-    return Picture(content(path, what="figure"), KINDS[path.suffix], caption)
+    return Picture(content(path, TEXT, "figure"), KINDS[path.suffix], caption)
 
 
 def _plotted(result: Any, caption: str) -> tuple[Picture, ...]:

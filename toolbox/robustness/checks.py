@@ -1,6 +1,6 @@
 """Assertions on runs for the tests of a control law: each says in numbers what failed, and saves a figure of it.
 
-The pytest plugin gives them as the fixture `stickslip`; elsewhere, `Checks(folder=..., name=...)` does the same.
+The pytest plugin gives them as the fixture `stickslip_checks`; elsewhere, `Checks(folder=..., name=...)` does the same.
 """
 
 from __future__ import annotations

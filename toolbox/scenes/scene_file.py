@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import itertools
+import re
 import tomllib
 import types
 import typing
@@ -38,6 +39,9 @@ _SHAPES = {**UNITS, "table": {"times": "s", "values": ""}}
 SAMPLED = ("delay", "noise", "resolution", "seed")
 """Keys of a controller that only a sampled law has."""
 
+_DOTTED = re.compile(r"""(?:\.[ \t]*+(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+){100}+""")
+"""A key of so many parts, which takes a time that grows with the square of their number."""
+
 LAWS: dict[type, str] = {FrictionLaw: "friction law", Controller: "control law"}
 """Kinds of laws that a field may hold; an observer is a control law to the catalogue."""
 
@@ -51,6 +55,8 @@ def read(path: Path, depth: float | str | None = None) -> dict[str, Any]:
 
 def _data(path: Path) -> dict[str, Any]:
     given = text_of(path, SCENE)
+    if _DOTTED.search(given):
+        raise SceneError("the file must be TOML whose keys have at most a hundred parts, but one has more.")
     try:
         return tomllib.loads(given)
     except (ValueError, RecursionError) as error:

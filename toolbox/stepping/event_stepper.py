@@ -212,7 +212,7 @@ def _crossed(w, t, h, t_new, error, node, series):
     return False, event, h, t_new, error
 
 
-def advance(w, series):
+def advance(w, series):  # noqa: C901 (a compiled loop)
     """Run until the end time, a full buffer, a sample of a Python controller, the step budget, or a failure; can be called again.
 
     series: True where the steps are Taylor series, else None: another type, so that the loop of other steps is compiled without them. A condition

@@ -116,7 +116,7 @@ def _step(w, t, h):
     return True
 
 
-def _advance(w):
+def _advance(w):  # noqa: C901 (a compiled loop)
     """Step until the end time, a full buffer, a sample of a Python controller or the step budget; can be called again."""
     n, ne = w.ints[layout.N], w.ints[layout.NE]
     every = w.ints[layout.NODES]

@@ -4,6 +4,8 @@ They are written in a part of Python that is nearly C: functions of named tuples
 raise nothing. Types follow from the arrays and from how the functions are called, one function for every set of types; tuples become structs; conditions that
 are known, such as those on the sizes of a model in C, leave out what they rule out. Whatever is not known here is refused by name and line, so that a change of
 the loop either arrives in both languages or stops them.
+
+Why not numba: it writes no C, and the first design of a controller took 16.7 s with it, 2.2 s with this.
 """
 
 from __future__ import annotations

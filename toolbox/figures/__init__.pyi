@@ -1,0 +1,2 @@
+from .films import film as film
+from .spectrograms import spectrogram as spectrogram

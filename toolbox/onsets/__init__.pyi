@@ -1,0 +1,1 @@
+from .severity_map import SeverityMap as SeverityMap

@@ -1,0 +1,2 @@
+from .served import Page as Page
+from .served import explore as explore

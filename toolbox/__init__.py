@@ -21,9 +21,8 @@ def _public_module(name: str, file: str) -> ModuleType:
     return sys.modules[file]
 
 
-measure = _public_module(
-    "measure", "toolbox.measuring.measure"
-)  # `measure.pyi`, `inputs.pyi` and `plot.pyi` say the same to mypy and editors
+# `measure.pyi`, `inputs.pyi` and `plot.pyi` say the same to mypy and editors
+measure = _public_module("measure", "toolbox.measuring.measure")
 inputs = _public_module("inputs", "toolbox.modelling.inputs")
 plot = _public_module("plot", "toolbox.simulation.plot")
 

@@ -40,7 +40,7 @@ def check_sheets(path: Path, held: bytes) -> None:
 
     Any part may be a sheet, whatever it is called. Raises ValueError for parts whose cells cannot be told by their bytes, and for a sheet that stands twice.
     """
-    cells = elements = sheets = 0
+    cells = elements = 0
     with zipfile.ZipFile(io.BytesIO(held)) as archive:
         check_memory(path, sum(entry.file_size for entry in archive.infolist()))
         for entry in archive.infolist():
@@ -50,8 +50,11 @@ def check_sheets(path: Path, held: bytes) -> None:
             if _HIDDEN.search(part):
                 raise ValueError(f"its part `{entry.filename}` hides the place of a cell in entities")
             found = _cells(part)
-            cells, sheets = cells + found, sheets + (found > 0)
-            elements += part.count(b"<") if not found and b"<si>" not in part else _OTHER.sub(b"", part).count(b"<") if found else 0
+            cells += found
+            if found:
+                elements += _OTHER.sub(b"", part).count(b"<")
+            elif b"<si>" not in part:
+                elements += part.count(b"<")
             if len(_SHEET.findall(part)) > len(archive.namelist()):
                 raise ValueError("it names one sheet several times")
     check_memory(path, CELL * cells + ELEMENT * elements)

@@ -262,10 +262,6 @@ def sampled_owner(loop: Loop, name: str) -> int:
     return clock_prefixes(loop)[name.rpartition(".")[0]]
 
 
-FORMER_NAMES = {"period": "sample_time"}
-"""{last word of a former name of a number: the word now}."""
-
-
 def clock_value(loop: Loop, name: str) -> tuple[NumberKind, float] | None:
     """(kind, value) of the sample time or delay of that name; None for any other name."""
     head, _, word = name.rpartition(".")
@@ -278,11 +274,12 @@ def clock_value(loop: Loop, name: str) -> tuple[NumberKind, float] | None:
 def former_name(loop: Loop, name: str) -> str | None:
     """The name now of a number that had another name; None for a name that never was one."""
     head, _, word = name.rpartition(".")
-    now = FORMER_NAMES.get(word, word)
+    if word not in ("period", "sample_time"):
+        return None
     for prefix, index in clock_prefixes(loop).items():
-        path = clock_path(loop, index)
-        if path is not None and now == "sample_time" and head in (prefix, path.rpartition(".")[0]) and name != f"{prefix}.{now}":
-            return f"{prefix}.{now}"
+        path, now = clock_path(loop, index), f"{prefix}.sample_time"
+        if path is not None and head in (prefix, path.rpartition(".")[0]) and name != now:
+            return now
     return None
 
 

@@ -253,9 +253,8 @@ def scaled_norm(matrix: np.ndarray) -> float:
 
     It is exact for up to three channels (A. Packard, J. Doyle, Automatica 29 (1993) 71-109); convex in log D, which is balanced first.
     """
-    if (
-        len(matrix) == 2
-    ):  # D changes neither the diagonal nor the determinant: the smallest Frobenius norm, of equal entries, has the smallest singular value
+    if len(matrix) == 2:
+        # D changes neither the diagonal nor the determinant: the smallest Frobenius norm, of equal entries, has the smallest singular value
         (a, b), (c, d) = matrix
         one, other = (1.0 if x == 0 else x / abs(x) for x in (b, c))
         size = math.sqrt(abs(b)) * math.sqrt(abs(c))

@@ -37,7 +37,7 @@ from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
 from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes, state_values
 from toolbox.steady_states.linear import holding_elements, steady_state
-from toolbox.steady_states.sampled_hopf import SampledBranch, check_slopes
+from toolbox.steady_states.sampled_hopf import SampledBranch, check_slopes, refuse_modes
 from toolbox.steady_states.zeros import NEARER, newton, searched
 
 
@@ -141,7 +141,7 @@ def hopf_points(
     check_slopes(loop)
     free = loop.acting(parameter, "hopf_points", lambda number: number.kind.poles)
     if loop.sampled:
-        _refuse_modes(mode, "hopf_points")
+        refuse_modes(mode, "hopf_points")
         found = sampled_hopf_points(SampledBranch(loop, free, guess), free.span(between), whole("values", values, 2))
     else:
         inputs = loop.constant_inputs("steady running")
@@ -226,7 +226,7 @@ def hopf_curve(
     within, loop = free.span(between), loop if loop.sampled else loop.continuous
     closed, inputs = loop.system, loop.constant_inputs("steady running")
     if loop.sampled:
-        _refuse_modes(mode, "hopf_curve")
+        refuse_modes(mode, "hopf_curve")
     curve = []
     for value in numbers("values", other.in_si("values", values)):
         try:
@@ -248,13 +248,6 @@ def sampled_hopf_points(branch: SampledBranch, between: tuple[float, float], val
         residual = abs(exponent.real) / abs(exponent.imag)
         found.append(HopfPoint(free.name, free.unit, value, exponent.imag, branch.equilibrium(value), stable, math.nan, residual))
     return found
-
-
-def _refuse_modes(mode: Mapping[str, str] | None, verb: str) -> None:
-    if mode:
-        raise SceneError(
-            f"Argument `mode` must be left out for `{verb}` of a sampled loop, whose contacts all slide, but it is {dict(mode)!r}."
-        )
 
 
 def _crossing(followed: EquilibriumBranch, k: int, a: float, b: float) -> float | None:

@@ -8,12 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from toolbox.arguments import numbers
-from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.steady_states.equilibria import EquilibriumBranch
 from toolbox.steady_states.linear import linearise
-from toolbox.steady_states.sampled_hopf import SampledBranch, check_slopes
+from toolbox.steady_states.sampled_hopf import SampledBranch, check_slopes, refuse_modes
 
 
 @takes_loop
@@ -47,10 +46,7 @@ def pole_locus(loop: ClosedLoop, parameter: str, values: Sequence[NumberOrText],
     check_slopes(loop)
     free = loop.acting(parameter, "pole_locus", lambda number: number.kind.poles)
     if loop.sampled:
-        if mode:
-            raise SceneError(
-                f"Argument `mode` must be left out for `pole_locus` of a sampled loop, whose contacts all slide, but it is {dict(mode)!r}."
-            )
+        refuse_modes(mode, "pole_locus")
         poles_at = SampledBranch(loop, free).poles
     else:
         followed = EquilibriumBranch(loop.continuous.system, free, loop.constant_inputs("steady running"), mode)

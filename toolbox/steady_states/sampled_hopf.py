@@ -36,6 +36,14 @@ def check_slopes(loop: ClosedLoop) -> None:
         )
 
 
+def refuse_modes(mode: Mapping[str, str] | None, verb: str) -> None:
+    """Raise SceneError for modes of contacts, which steady running of a sampled loop does not take."""
+    if mode:
+        raise SceneError(
+            f"Argument `mode` must be left out for `{verb}` of a sampled loop, whose contacts all slide, but it is {dict(mode)!r}."
+        )
+
+
 class SampledBranch:
     """Steady running of a sampled loop over one number, each value once: its exact matrix.
 

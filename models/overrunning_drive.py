@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from toolbox import Component, Equations, OneWayClutch, Quantity, quantity, state
+from toolbox import Component, Equations, Quantity, quantity, state
+from toolbox.modelling import OneWayClutch
 
 
 @dataclass(frozen=True)

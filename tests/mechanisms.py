@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from models import Coulomb, GaussianStribeck, TwoWay
-from toolbox import Component, DryFriction, Equations, FrictionLaw, OneWayClutch, Quantity, UnilateralContact, quantity, state, time
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, UnilateralContact, quantity, state, time
+from toolbox.modelling import OneWayClutch
 
 
 @dataclass(frozen=True)

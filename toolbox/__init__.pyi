@@ -27,7 +27,6 @@ from .modelling.elements import time as time
 from .modelling.hybrid_system import HybridSystem as HybridSystem
 from .modelling.laws import Controller as Controller
 from .modelling.laws import Sampled as Sampled
-from .modelling.one_way_clutch import OneWayClutch as OneWayClutch
 from .modelling.unilateral_contact import UnilateralContact as UnilateralContact
 from .onsets.onset import onset as onset
 from .onsets.severity_map import severity_map as severity_map

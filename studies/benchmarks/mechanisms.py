@@ -26,7 +26,6 @@ from toolbox import (
     Component,
     DryFriction,
     Equations,
-    OneWayClutch,
     SceneError,
     SimulationError,
     UnilateralContact,
@@ -35,6 +34,7 @@ from toolbox import (
     state,
     time,
 )
+from toolbox.modelling import OneWayClutch
 
 METHODS = ("event", "explicit", "taylor", "stiff")
 ACCURACY = 1e-9

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from models import Coulomb, GaussianStribeck, TwoWay, Viscous
 from studies.benchmarks.machines_in_c import COMPILER, CompiledMachine
 from tests.mechanisms import TWO_WAY, BrakedShaft, Overrunning, RubbedArm, Spool
 from toolbox import (
@@ -34,6 +35,14 @@ LOOPS = {
     "one-way clutch": closed_loop(compose(Overrunning()), inputs={"drive.torque": sine(0.5, 1.5, 0.25)}),
     "spool": closed_loop(compose(Spool()), inputs={"drive.torque": sine(0.0, 12.0, 1.4)}),
     "spool with a lip seal": closed_loop(compose(Spool(seal=TWO_WAY)), inputs={"drive.torque": sine(0.0, 12.0, 1.4)}),
+    "viscous friction": closed_loop(
+        compose(
+            BrakedShaft(
+                bearing=Viscous(GaussianStribeck(2.0, 1.0, 0.5), 0.4), brake=TwoWay(Viscous(Coulomb(0.4, 0.3), 0.2), Coulomb(0.5, 0.2))
+            )
+        ),
+        inputs={"drive.torque": sine(0.0, 4.0, 0.2)},
+    ),
     "prescribed motion": closed_loop(compose(RubbedArm()), inputs={"drive.torque": sine(0.0, 1.0, 1 / math.pi)}),
 }
 each = pytest.mark.parametrize("name", LOOPS)
@@ -129,7 +138,7 @@ def test_bounces_without_number_have_no_derivative_and_say_so(name):
 @smooth
 def test_limit_cycles_close(name):
     if name == "prescribed motion":
-        with pytest.raises(SceneError, match="`period` must be given"):
+        with pytest.raises(SceneError, match="`period` must be given for a driven machine that depends on time by itself"):
             limit_cycle(LOOPS[name], 60.0)
     cycle = limit_cycle(LOOPS[name], 60.0, period=math.pi if name == "prescribed motion" else None)
     again = simulate(LOOPS[name], 41 * cycle.period, accuracy=1e-11)

@@ -17,7 +17,6 @@ from toolbox import (
     Component,
     DryFriction,
     Equations,
-    OneWayClutch,
     SceneError,
     SimulationError,
     UnilateralContact,
@@ -28,7 +27,7 @@ from toolbox import (
     time,
 )
 from toolbox.inputs import sine
-from toolbox.modelling import Relay
+from toolbox.modelling import OneWayClutch, Relay
 
 METHODS = pytest.mark.parametrize("method", ["event", "taylor", "explicit", "stiff"])
 

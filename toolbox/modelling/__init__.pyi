@@ -5,6 +5,7 @@ from .elements import Quantities as Quantities
 from .laws import Takeover as Takeover
 from .observers import Observed as Observed
 from .observers import Observer as Observer
+from .one_way_clutch import OneWayClutch as OneWayClutch
 from .regularisation import smoothed as smoothed
 from .relay import Relay as Relay
 from .remembering import Remembering as Remembering

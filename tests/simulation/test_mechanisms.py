@@ -17,11 +17,13 @@ from toolbox import (
     Component,
     DryFriction,
     Equations,
+    Quantity,
     SceneError,
     SimulationError,
     UnilateralContact,
     closed_loop,
     compose,
+    quantity,
     simulate,
     state,
     time,
@@ -381,3 +383,23 @@ def test_a_ring_of_frictions_is_refused_with_the_remedy():
 
     with refused("`ground`, `other`, `between`", "ring", "not unique"):
         part(equations)
+
+
+def test_slips_that_one_value_of_a_ratio_makes_the_same_are_refused_with_what_to_change():
+    @dataclass(frozen=True)
+    class Rolling(Component):
+        radius: Quantity = quantity(0.3, "m", "radius of the second wheel")
+
+        def equations(self, signal):
+            v, w = state("cart.v", "m/s"), state("wheel.w", "rad/s")
+            first, second = (
+                DryFriction("first", v - 0.3 * w, Coulomb(1.0, 0.8)),
+                DryFriction("second", v - self.radius * w, Coulomb(0.5, 0.4)),
+            )
+            return Equations(
+                flow={v: 1.0 + first.force + second.force, w: -0.3 * first.force - self.radius * second.force}, elements=[first, second]
+            )
+
+    with refused("`first`, `second`", "these values of the parameters", "gear ratio", "bristle"):
+        compose(Rolling())
+    assert simulate(compose(Rolling(radius=0.31)), 1.0)["cart.v"][-1] > 0

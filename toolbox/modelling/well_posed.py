@@ -80,9 +80,8 @@ def check_gain(system: HybridSystem) -> None:
     dependent = dependent_rows(matrix)
     if dependent:
         raise SceneError(
-            f"{must_be_independent([holding[i].title for i in dependent])} Two frictions on one body against surfaces of one speed are one friction under both "
-            "loads; against surfaces of different speeds one of them may be a bristle (`Dahl`, `LuGre`); where they are the hole and the rock at the last "
-            "inertia of a string made from tables, `on_bottom = true` leaves that inertia to the rock."
+            f"{must_be_independent([holding[i].title for i in dependent])} Their slips depend on each other for these values of the parameters only, such as "
+            "for one gear ratio: change a value, or make one of the frictions a bristle (`Dahl`, `LuGre`)."
         )
 
 

@@ -34,6 +34,7 @@ from toolbox.errors import SceneError
 from toolbox.modelling.elements import Element
 from toolbox.modelling.elimination import coupled_groups, masked_solve
 from toolbox.modelling.passing_slips import passing_slips
+from toolbox.modelling.rings import limits_of_rings
 from toolbox.modelling.shared_holds import Sharing, sharing
 from toolbox.modelling.singular_gains import depending, held_by_force, least_gains, opposed_contacts, vanishing_levers, with_play
 from toolbox.modelling.two_directions import EXACT, Cones
@@ -177,12 +178,13 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     field = _held_exactly(free + gain_of_force @ solved, slip, slip_of_state, x, t, sticks)
     slip_rate = free_rate + gain @ solved
 
-    limit = sticks * bound
-    stuck = sticks * solved
+    let_go_at, least = limits_of_rings(elements, gain, ca.vertcat(t, x), solved, bound, sticks) if shared.members else (solved, bound)
+    limit = sticks * least
+    stuck = sticks * let_go_at
     cones.moving_at(slip_rate)
     guards = cones.at_speed(_guards(elements, cones, stuck, limit), speeds)
     guards, opposing = with_play(guards, t, x, elements, gain, opposed), tuple(sorted({i for pair in opposed for i in pair}))
-    watched = [cones.at_speed(getattr(e, e.watched), speeds) for e in elements if e.watched]
+    watched = [cones.at_speed(getattr(e, e.watched), speeds) for e in elements if e.watched] + [least] * bool(shared.members)
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
@@ -198,11 +200,11 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         cones.check_loads(attached)
         balanced_size = ca.fabs(slip_of_state) @ ca.fabs(free) + ca.fabs(ca.jacobian(slip, t))
         for j in rigid:
-            bound[j] = balanced_size[j] / gain[j, j]
+            bound[j] = least[j] = balanced_size[j] / gain[j, j]
         impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements, floor, shared)
     # of a rigid contact the pace is that of a force of 1
     pace = ca.diag(gain) * ca.vertcat(*[1 if e.rigid else bound[i] for i, e in enumerate(elements)])
-    probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, solved, bound, pace)))
+    probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, let_go_at, least, pace)))
     return Switching(
         field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,
         levers, floor, probed, shared, passing, opposing,

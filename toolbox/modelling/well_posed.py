@@ -9,8 +9,10 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.modelling.elements import Element
 from toolbox.modelling.elimination import dependent_rows, must_be_independent
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.rings import motions_of, rings_of
 from toolbox.modelling.shared_holds import check_loads, dependent_holds
 
 
@@ -88,18 +90,36 @@ def check_gain(system: HybridSystem) -> None:
 def check_rings(system: HybridSystem) -> None:
     """Frictions must not hold each other's slips in a ring that no stop explains, as two on the ground and one between their bodies do.
 
-    With static friction above kinetic the motion is not unique there; where both are equal it is, but the shares of a ring are not followed.
+    With static friction above kinetic the motion is not unique there. Where both are equal it is, and the ring may stay if its slips keep their ratios.
     """
     form = system.switching
-    rubbing = [i for i, e in enumerate(system.elements) if e.slides and e.directions == 1 and not e.second]
-    rings = dependent_holds(system.elements, form.gain, rubbing) if form.shared.members else []
-    rings = [ring for ring in rings if _can_rest(system, ring)]
-    if rings:
-        names = ", ".join(f"`{system.elements[i].name}`" for i in rings[0])
-        raise SceneError(
-            f"The frictions {names} hold each other in a ring: nothing decides how they share a force at rest, and where static friction is above kinetic "
-            "the motion is not unique. Make one of them a bristle (`Dahl`, `LuGre`), or carry it by a spring."
-        )
+    for ring in rings_of(system.elements, form.gain) if form.shared.members else []:
+        if not _can_rest(system, ring):
+            continue
+        words = f"The frictions {', '.join(f'`{system.elements[i].name}`' for i in ring)} hold each other in a ring"
+        remedy = "make one of them a bristle (`Dahl`, `LuGre`), or carry it by a spring."
+        weaker = [system.elements[i].name for i in ring if _weakens(system, system.elements[i])]
+        if weaker:
+            raise SceneError(
+                f"{words}, and the static friction of `{weaker[0]}` is above its kinetic friction: nothing decides how they share a force at rest, and which "
+                f"of them gives way first, so that the motion is not unique. Let static and kinetic friction of each be equal, {remedy}"
+            )
+        if not motions_of(form.gain, ring, ca.vertcat(system.t, system.x)):
+            raise SceneError(
+                f"{words} whose slips have too many motions, or change their ratios with the states: the toolbox does not follow such a ring. Instead, {remedy}"
+            )
+
+
+def _weakens(system: HybridSystem, friction: Element) -> bool:
+    """Whether the static friction of a law is not its kinetic friction where slip begins, either way."""
+    law = friction.law
+    if law is None:
+        return False
+    laws = {id(each): each for each in (law, law.reverse())}.values()
+    falls = [each.breakaway() - each.sliding(ca.SX(0), *[ca.SX(0)] * len(each.breaks())) for each in laws]
+    size = [each.breakaway() for each in laws]
+    found, bounds = ca.Function("falls", [system.p], [ca.vertcat(*falls), ca.vertcat(*size)])(system.values)
+    return bool((np.abs(np.array(found)) > 1e-9 * np.abs(np.array(bounds))).any())
 
 
 def _can_rest(system: HybridSystem, ring: Sequence[int]) -> bool:

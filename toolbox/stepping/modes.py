@@ -80,15 +80,33 @@ def decide(w, t):
     if settled and w.ints[layout.COUPLED] == 1:
         for i in range(ne):
             if w.zero[i] and not w.forced[i] and w.m[i] != 0.0 and w.kind[i] == layout.FRICTION:
-                mode = w.m[i]
-                w.m[i] = 0.0
-                if not modes_consistent(w, t, False, -1):
-                    w.m[i] = mode
+                _stick_if_it_can(w, t, i)
     if settled and w.ints[layout.COUPLED] == 1:
         _caught(w, t)
     if settled and w.ints[layout.LEVERS] > 0:
         _let_pass(w, t)
     return settled and _passes(w, t)
+
+
+def _stick_if_it_can(w, t, i):
+    """Let friction i stick where that agrees with the other modes, or with closed contacts beside it that then let go and frictions that then stick, too."""
+    ne, opens = w.ints[layout.NE], False
+    for j in range(ne):
+        w.m_other[ne + 1 + j] = w.m[j]
+        opens = opens or (w.kind[j] == layout.RIGID and w.zero[j] and w.m[j] == 0.0)
+    w.m[i] = 0.0
+    agrees = modes_consistent(w, t, False, -1)
+    if not agrees and opens:
+        w.zero[i] = False
+        for _ in range(20 + 4 * ne):
+            if modes_consistent(w, t, True, -1):
+                break
+        w.zero[i] = True
+        agrees = modes_consistent(w, t, False, -1)
+        for j in range(ne):
+            agrees = agrees and (w.kind[j] != layout.FRICTION or w.m[j] == 0.0 or w.m_other[ne + 1 + j] == w.m[j])
+    for j in range(0 if agrees else ne):
+        w.m[j] = w.m_other[ne + 1 + j]
 
 
 def _caught(w, t):

@@ -174,3 +174,63 @@ def test_bodies_that_collapse_onto_the_floor_lie_there_and_never_gain_energy():
         assert x[:, 0].min() > -1e-9 and np.diff(x, axis=1).min() > -1e-9
         rested += bool((v[-1] == 0.0).all())
     assert rested >= 40
+
+
+@dataclass(frozen=True)
+class Wagons(Component):
+    """A row of wagons without springs; the first is braked by a constant force."""
+
+    masses: tuple[float, float, float] = quantity((1.0, 1.0, 1.0), "kg")
+    gaps: tuple[float, float] = quantity((1.0, 1.0), "m", "between the wagons where all positions are zero")
+    brake: float = quantity(1.0, "N", "against the motion of the first wagon")
+    restitution: float = quantity(0.0, "1")
+
+    def equations(self, signal):
+        x, v = state("row.x", "m", 3), state("row.v", "m/s", 3)
+        buffers = [
+            UnilateralContact(f"buffer{i}", x[i] - x[i + 1] - self.gaps[i], v[i] - v[i + 1], restitution=self.restitution) for i in range(2)
+        ]
+        first, second = (buffer.force for buffer in buffers)
+        force = ca.vertcat(-self.brake - first, first - second, second)
+        return Equations(flow={x: v, v: force / ca.vertcat(*self.masses)}, elements=buffers)
+
+
+@cache
+def wagons():
+    return compose(Wagons())
+
+
+@pytest.mark.parametrize("method", ["taylor", "explicit", "stiff"])
+@pytest.mark.parametrize("later", [0.0, 1e-11, 4e-9, 1e-7, 1e-4])
+def test_a_wagon_that_is_hit_right_after_it_was_pushed_hits_the_first_one_again(later, method):
+    """The first wagon runs into the second; the third hits the second `later`, when the brake has hardly opened the gap to the first.
+
+    Without restitution and with no force but the brake, all three then have the speed that their momentum gives. The brake parts the first from the others,
+    which go on at that speed.
+    """
+    for seed in range(4):
+        random = np.random.default_rng(seed)
+        masses, brake, gap = random.uniform(1, 3, 3), random.uniform(1, 3), random.uniform(0.05, 0.2)
+        before, duration = np.array([*random.uniform(1.0, 1.3, 1), 0.2, -1.5]), 3.0
+        slows = brake / masses[0]
+        falls = before[0] - before[1]  # the gap to the second falls at first at this speed, and by `slows` less
+        first = 2 * gap / (falls + np.sqrt(falls**2 - 2 * slows * gap))
+        common = (masses[0] * (before[0] - slows * first) + masses[1] * before[1]) / (masses[0] + masses[1])
+        second = first + later
+        positions = np.array([gap + before[1] * first, before[1] * first + common * later, before[2] * second])
+        run = simulate(
+            wagons(),
+            duration,
+            start={"row.v": before},
+            parameters={"row.masses": masses, "row.gaps": [gap, positions[1] - positions[2]], "row.brake": brake},
+            method=method,
+        )
+        after = (masses @ before - brake * second) / masses.sum()
+        # between both impacts the brake has parted the first wagon from the second, by what it catches up in at most
+        catches_up = slows * later**2
+        close = 1e-7 + 10 * catches_up
+        left = duration - second
+        np.testing.assert_allclose(run["row.v"][-1], [after - slows * left, after, after], atol=close)
+        np.testing.assert_allclose(run["row.x"][-1, 1], positions[1] + after * left, atol=close * left)
+        assert max(run["buffer0.closure"].max(), run["buffer1.closure"].max()) < 1e-9
+        assert {event.element for event in run.events} == {"buffer0", "buffer1"}

@@ -83,7 +83,7 @@ class Work(NamedTuple):
     attached: the rigid contact that loads a friction, or -1;
     loader: the unilateral contact without which a friction has no load, -1, SECOND, PASSES or ONE_WAY;  bound: what changes each bound, see above;
     lever: 1 for a friction whose lever may vanish, OPPOSED or 0;
-    bounced: rigid contacts that have just left again;
+    struck: rigid contacts that have just been hit;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after, and whether other modes were
     consistent, too); jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
     period and delay in `clocks`, controller states and behind them the noise of the sample in `memory`, the key of each noise
@@ -123,7 +123,7 @@ class Work(NamedTuple):
     loader: np.ndarray
     lever: np.ndarray
     bound: np.ndarray
-    bounced: np.ndarray
+    struck: np.ndarray
     rec_t: np.ndarray
     rec_x: np.ndarray
     rec_m: np.ndarray
@@ -146,7 +146,7 @@ class Work(NamedTuple):
 KINDS: dict[str, tuple[str, int]] = dict.fromkeys(Work._fields, ("float64", 1)) | {
     "ints": ("int64", 1), "group": ("int64", 1), "slot": ("int64", 1), "kind": ("int64", 1), "attached": ("int64", 1), "loader": ("int64", 1),
     "lever": ("int64", 1), "bound": ("int64", 1), "excited": ("int64", 1), "armed": ("bool", 1), "fired": ("bool", 1), "zero": ("bool", 1),
-    "forced": ("bool", 1), "bounced": ("bool", 1), "rec_x": ("float64", 2), "rec_m": ("int8", 2), "rec_p": ("float64", 2), "ev_i": ("int32", 1),
+    "forced": ("bool", 1), "struck": ("bool", 1), "rec_x": ("float64", 2), "rec_m": ("int8", 2), "rec_p": ("float64", 2), "ev_i": ("int32", 1),
     "ev_m": ("int8", 2), "jump_first": ("int64", 1), "jump_index": ("int64", 1), "samplers": ("int64", 2), "clocks": ("float64", 2), "keys": ("uint64", 1),
     "queue": ("float64", 3),
 }  # fmt: skip

@@ -68,7 +68,7 @@ def begin(b, given, w, s, steps):
     _fill(w.guard_scale, w.guard_scale.size, 0.0)
     _fill(w.side, w.side.size, 1.0)
     _fill(w.forced, w.forced.size, False)
-    _fill(w.bounced, w.bounced.size, False)
+    _fill(w.struck, w.struck.size, False)
     w.ints[work_layout.ACCEPTED], w.ints[work_layout.REJECTED], w.ints[work_layout.STARTED] = 0, 0, 0
     w.ints[work_layout.JUMP], w.ints[work_layout.CLOSE], w.ints[work_layout.OUTPUT] = 0, 0, 0
     w.reals[work_layout.TIME], w.reals[work_layout.STEP_OLD], w.reals[work_layout.ERROR_OLD] = 0.0, 0.0, 0.0

@@ -78,7 +78,7 @@ def work_arrays(run: Run, program: Program) -> Any:
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=sizes, slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
         kind=program.kind, initial=initial, attached=program.attached, loader=program.loader, lever=program.lever,
-        bound=program.bound, bounced=np.zeros(ne, np.bool_),
+        bound=program.bound, struck=np.zeros(ne, np.bool_),
         excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.guards import close_to_zero, guard_size, rests
+from toolbox.stepping.guards import close_to_zero, guard_size, leaves_zero, rests
 from toolbox.translation.words import call
 
 
@@ -194,6 +194,8 @@ def locate(w, h, low):
 def watch(w, h, error, node):
     """Whether a guard has crossed zero over the step in `y`, and whether one may have dipped below it; its end guards are then in `g_high`.
 
+    Returns a third truth: whether the guard in LOCATED stands at zero and falls, so that it crosses at the start of the step.
+
     node: whether the step ends where an input turns. A step too long to be trusted may still show where an event cuts it short.
     """
     ng, ne, end = w.ints[layout.NG], w.ints[layout.NE], 2 * w.ints[layout.N]
@@ -202,6 +204,9 @@ def watch(w, h, error, node):
         a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
         if w.armed[j]:
             bound = (j < 2 * ne and w.m[j // 2] == 0.0 and w.kind[j // 2] == layout.FRICTION) or j >= ng - w.ints[layout.BOUNDS]
+            if a <= 0.0 and leaves_zero(w, j) and w.side[j] * w.g[ng + j] < 0.0:
+                w.ints[layout.LOCATED] = j
+                return True, False, True
             if node and bound and b >= -1e-12 * guard_size(w, j) and b <= 0.0:
                 continue  # at its bound, or a bound at zero, where an input turns: what follows decides
             if b <= 0.0:
@@ -214,4 +219,4 @@ def watch(w, h, error, node):
     if hit or suspicious:
         for j in range(2 * ng):
             w.g_high[j] = w.y[end + j]
-    return hit, suspicious
+    return hit, suspicious, False

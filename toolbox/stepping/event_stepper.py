@@ -186,7 +186,9 @@ def _crossed(w, t, h, t_new, error, node, series):
         elif hit:
             top = _step_to(w, t, h, top)
     else:
-        hit, suspicious = watch(w, h, error, node)
+        hit, suspicious, located = watch(w, h, error, node)
+        if located:
+            return False, True, 0.0, w.reals[layout.TIME], 0.0
         if suspicious:
             top = _first_dip(w, t, h)
             hit = hit or top < 1.0

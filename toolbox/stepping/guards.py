@@ -68,6 +68,40 @@ def refresh(w):
     for i in range(w.ints[layout.NE]):
         if w.zero[i] and w.m[i] != 0.0 and w.kind[i] == layout.FRICTION:
             w.armed[2 * i] = False
+    _arm_falling_from_zero(w)
+
+
+def leaves_zero(w, j):
+    """Whether guard j belongs to an open rigid contact, a switch or a kink: it may stand at zero and fall, which no force decides."""
+    if j < 2 * w.ints[layout.NE]:
+        kind = w.kind[j // 2]
+        return j % 2 == 0 and (kind == layout.SWITCH or (kind == layout.RIGID and w.m[j // 2] == 1.0))
+    return j < w.ints[layout.NG] - w.ints[layout.BOUNDS]
+
+
+def _falling_from_zero(w, j):
+    """Whether guard j stands at zero, unarmed, and its slope is negative."""
+    return leaves_zero(w, j) and not w.armed[j] and w.side[j] * w.g[w.ints[layout.NG] + j] < 0.0
+
+
+def _arm_falling_from_zero(w):
+    """Arm the guards that stand at zero and fall by more than the round-off of their slope, so that they cross at once.
+
+    An impact changes speeds: it can drive a body into a stop that it touches. The gap there starts at zero and is negative for a short time only, if it rises
+    again within the step. Its end does not show that.
+    """
+    n, ng = w.ints[layout.N], w.ints[layout.NG]
+    found = False
+    for j in range(ng):
+        found = found or _falling_from_zero(w, j)
+    if not found:
+        return
+    nudge(w)
+    call(w.ints[layout.FIELD], w.reals[layout.TIME], 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
+    for j in range(ng):
+        slope = w.g[ng + j]
+        if _falling_from_zero(w, j) and abs(slope) > 1e-12 * 1e7 * abs(w.z[2 * n + ng + j] - slope):
+            w.armed[j] = True
 
 
 def held_quietly(w):

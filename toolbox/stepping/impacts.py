@@ -189,11 +189,11 @@ def _end_low_flights(w, t):
         w.m_other[i] = 64.0 * layout.EPS * 1e7 * abs(w.m_other[i] - w.z[2 * n + 2 * i])
     call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):
-        if w.bounced[i]:
+        if w.struck[i] and not w.zero[i]:
             after, fall = w.z[i], w.z[ne + i]
             # a flight must also rise well above the depth at which the impact was located, or its end could not be told from its beginning
             if fall > 0.0 and 0.5 * after * after <= fall * max(1e-13 * guard_size(w, 2 * i), -10.0 * w.g[2 * i], w.m_other[i]):
-                w.bounced[i], w.zero[i], w.m[i] = False, True, 0.0
+                w.zero[i], w.m[i] = True, 0.0
 
 
 def _close_what_does_not_part(w, t):
@@ -203,7 +203,7 @@ def _close_what_does_not_part(w, t):
     call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(w.ints[layout.NE]):
         if _strikes(w, i) and w.m[i] == 1.0 and abs(w.z[i]) <= 1e-12 * 1e7 * abs(w.y[i] - w.z[i]):
-            w.bounced[i], w.zero[i], w.m[i] = False, True, 0.0
+            w.zero[i], w.m[i] = True, 0.0
 
 
 def many_at_once(w):
@@ -245,7 +245,7 @@ def impact(w, t):
                 w.zero[i] = w.m_other[i] == 1.0
             elif w.fired[2 * i]:
                 w.zero[i] = not after < 0.0
-                w.bounced[i] = not w.zero[i]
+                w.struck[i] = True
                 w.m[i] = 0.0 if w.zero[i] else 1.0
         elif w.kind[i] == layout.FRICTION:
             if two_directions(w, i):

@@ -8,7 +8,7 @@ import numpy as np
 
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.guards import bounds_hold, flies, guard_size, nudge, project, refresh, two_directions, without_lever
-from toolbox.stepping.impacts import impact
+from toolbox.stepping.impacts import impact, piles_up
 from toolbox.translation.words import call
 
 ROUND_OFF = 4.0 * layout.EPS * 1e7
@@ -260,8 +260,8 @@ def settle(w, t):
         if not turn_switches(w):
             break
     for i in range(w.ints[layout.NE]):
-        if w.m[i] != w.before[i] or w.bounced[i]:
-            w.bounced[i] = False
+        if w.m[i] != w.before[i] or w.struck[i]:
+            w.struck[i] = False
             note_event(w, t, i, w.before[i], w.m[i])
     return True
 
@@ -277,12 +277,13 @@ def note_event(w, t, i, before, after):
 def mark(w, again):
     """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending, unless it decides again.
 
-    A slip that passes through zero in flight fires alone: it concerns no other element.
+    A slip that passes through zero in flight fires alone: it concerns no other element. Where impacts pile up, all gaps at zero take part in the next one.
     """
     ng = w.ints[layout.NG]
     first = w.ints[layout.LOCATED] // 2 if w.ints[layout.LOCATED] < 2 * w.ints[layout.NE] else -1
     alone = first >= 0 and w.m[first] != 0.0 and flies(w, first)
     strikes = first >= 0 and w.m[first] != 0.0 and w.kind[first] == layout.RIGID
+    piled_up = strikes and piles_up(w)
     for i in range(w.ints[layout.NE]):
         w.before[i] = w.m[i]
         w.zero[i] = w.m[i] == 0.0 and w.kind[i] != layout.SWITCH
@@ -293,6 +294,8 @@ def mark(w, again):
         near = w.side[j] * w.g[j] <= 1e-9 * guard_size(w, j) and (rate < 0.0 or (rate == 0.0 and not stays))
         flying = j < 2 * w.ints[layout.NE] and w.m[j // 2] != 0.0 and flies(w, j // 2)
         w.fired[j] = (near and not again and not alone and not flying) or j == w.ints[layout.LOCATED]
+        if piled_up and j % 2 == 0 and j < 2 * w.ints[layout.NE] and w.kind[j // 2] == layout.RIGID and w.m[j // 2] != 0.0:
+            w.fired[j] = w.fired[j] or w.g[j] <= 1e-9 * guard_size(w, j)
 
 
 def fire(w, t, again):

@@ -61,7 +61,7 @@ def from_sample_to_sample(w, every_node, budget):
         error = scaled_error(w, h)
         if not error <= 1.0:
             return False
-        hit, suspicious = watch(w, h, error, False)
+        hit, suspicious, _ = watch(w, h, error, False)
         if hit or suspicious:
             return False
         w.ints[layout.ACCEPTED] = due

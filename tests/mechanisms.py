@@ -6,7 +6,7 @@ import casadi as ca
 
 from models import Coulomb, GaussianStribeck, TwoWay
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, UnilateralContact, quantity, state, time
-from toolbox.modelling import OneWayClutch
+from toolbox.modelling import OneWayClutch, Quantities
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,29 @@ class RubbedArm(Component):
         speed = state("shaft.speed", "rad/s")
         rub = DryFriction("rub", 0.3 * ca.cos(2 * time) + 0.1, self.friction)
         return Equations(flow={speed: (torque + rub.force - speed) / self.inertia}, elements=[rub])
+
+
+@dataclass(frozen=True)
+class Stack(Component):
+    """A driven plate on another one, each of which rubs on the ground, too: three frictions hold two bodies."""
+
+    inertia: Quantity = quantity(1.0, "kg", "mass of the driven plate", above=0)
+    other: Quantity = quantity(2.0, "kg", "mass of the other plate", above=0)
+    bounds: Quantities = quantity(
+        (0.8, 1.5, 1.1), "N", "friction of the first and of the second plate on the ground, and between them", at_least=0
+    )
+
+    def equations(self, signal):
+        force = signal("drive.torque", "N", default=0.0)
+        v, u = state("shaft.speed", "m/s"), state("plate.speed", "m/s")
+        first, second, between = (
+            DryFriction(name, slip, Coulomb(self.bounds[i], self.bounds[i]))
+            for i, (name, slip) in enumerate((("first", v), ("second", u), ("between", v - u)))
+        )
+        return Equations(
+            flow={v: (force + first.force + between.force) / self.inertia, u: (second.force - between.force) / self.other},
+            elements=[first, second, between],
+        )
 
 
 TWO_WAY = TwoWay(Coulomb(2.0, 1.2), Coulomb(1.5, 1.0))

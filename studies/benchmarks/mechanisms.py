@@ -139,17 +139,17 @@ KINDS = ("group", "stops", "backlash", "clutch", "wagons", "drive", "lever", "mi
 
 
 def trial(seed: int, number: int) -> Trial:
-    """A random mechanism of one to three bodies; one in sixty has a ring of frictions that are weaker in slip than at rest."""
+    """A random mechanism of one to three bodies; one in sixty has a ring of frictions that are weaker in slip than at rest, and one a ring of others."""
     random = np.random.default_rng([seed, number, 7])
     kind = KINDS[number % len(KINDS)]
-    if number % 64 == 5:
+    if number % 64 in (5, 37):
         kind = "ring"
     n = {"group": 1, "stops": 1, "lever": 1, "wagons": 3}.get(kind, 2)
 
     def rub(*row: float, lever: bool = False) -> Rub:
         ahead = random.uniform(0.1, 1.5)
         back = ahead if lever or kind == "ring" or random.random() < 0.7 else random.uniform(0.1, 1.5)
-        part = random.uniform(0.4, 0.9) if kind == "ring" else random.choice([1.0, random.uniform(0.4, 1.0)])
+        part = (random.uniform(0.4, 0.9) if number % 64 == 5 else 1.0) if kind == "ring" else random.choice([1.0, random.uniform(0.4, 1.0)])
         viscous = random.uniform(0.0, 0.5) * random.integers(2) if not lever else 0.0
         return Rub(tuple(map(float, row)), (ahead, back), (part * ahead, part * back), viscous, lever)
 

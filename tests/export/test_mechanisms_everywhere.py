@@ -9,7 +9,7 @@ import pytest
 
 from models import Coulomb, GaussianStribeck, TwoWay, Viscous
 from studies.benchmarks.machines_in_c import COMPILER, CompiledMachine
-from tests.mechanisms import TWO_WAY, BrakedShaft, Overrunning, RubbedArm, Spool
+from tests.mechanisms import TWO_WAY, BrakedShaft, Overrunning, RubbedArm, Spool, Stack
 from toolbox import (
     SceneError,
     closed_loop,
@@ -43,6 +43,7 @@ LOOPS = {
         ),
         inputs={"drive.torque": sine(0.0, 4.0, 0.2)},
     ),
+    "ring of frictions": closed_loop(compose(Stack()), inputs={"drive.torque": sine(0.4, 4.0, 0.3)}),
     "prescribed motion": closed_loop(compose(RubbedArm()), inputs={"drive.torque": sine(0.0, 1.0, 1 / math.pi)}),
 }
 each = pytest.mark.parametrize("name", LOOPS)

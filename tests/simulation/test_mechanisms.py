@@ -403,3 +403,74 @@ def test_slips_that_one_value_of_a_ratio_makes_the_same_are_refused_with_what_to
     with refused("`first`, `second`", "these values of the parameters", "gear ratio", "bristle"):
         compose(Rolling())
     assert simulate(compose(Rolling(radius=0.31)), 1.0)["cart.v"][-1] > 0
+
+
+def ring(bounds, kinetic=1.0, n=2, pull=lambda: ca.vertcat(time, 0.0), mass=1.0):
+    """Bodies on the ground, each of which rubs on every other, too: bounds of the ground, then of the pairs; kinetic: part of each in slip."""
+
+    def equations(signal):
+        x, v = state("w.x", "m", n), state("w.v", "m/s", n)
+        slips = [*(v[i] for i in range(n)), *(v[i] - v[j] for i in range(n) for j in range(i))]
+        rubs = [DryFriction(f"rub{i}", slip, Coulomb(b, kinetic * b)) for i, (slip, b) in enumerate(zip(slips, bounds, strict=True))]
+        acting = ca.jacobian(ca.vertcat(*slips), v).T @ ca.vertcat(*[rub.force for rub in rubs])
+        return Equations(flow={x: v, v: (pull() + acting) / mass}, elements=rubs)
+
+    return equations
+
+
+@METHODS
+@pytest.mark.parametrize(("bounds", "breaks", "both"), [((1.0, 1.0, 0.5), 1.5, False), ((1.0, 0.3, 0.5), 1.3, True)])
+def test_a_ring_gives_way_where_the_weakest_of_its_motions_does(method, bounds, breaks, both):
+    """One body alone goes at ground + pair, both together at the sum of the grounds, whichever is less; then v' = t - breaks over the mass that goes."""
+    run = simulate(part(ring(bounds)), 2.0, method=method)
+    moving = {"rub0", "rub1"} if both else {"rub0", "rub2"}
+    assert {e.element for e in run.events[:2]} == moving and len(run.events) >= 2
+    assert [e.time for e in run.events[:2]] == pytest.approx([breaks] * 2, abs=1e-8)
+    end = run.events[2].time if len(run.events) > 2 else 2.0
+    assert run.at(end)["w.v"].ravel()[0] == pytest.approx((end - breaks) ** 2 / (4 if both else 2), rel=1e-7)
+
+
+@METHODS
+@pytest.mark.parametrize(("n", "seed"), [(2, 1), (3, 2), (4, 3)])
+def test_rings_that_share_frictions_move_as_gauss_says(method, n, seed):
+    """Every body rubs on the ground and on every other one: six frictions hold three bodies, ten hold four."""
+    random = np.random.default_rng(seed)
+    bounds = random.uniform(0.1, 1.5, n * (n + 1) // 2)
+    mean, size, pace, phase = random.uniform([[-0.5], [0.5], [0.5], [0.0]], [[0.5], [4.0], [3.0], [6.0]], (4, n))
+    rows = [*np.eye(n), *(np.eye(n)[i] - np.eye(n)[j] for i in range(n) for j in range(i))]
+    right = Reference(
+        np.full(n, 1.5), lambda t, q, v: mean + size * np.sin(pace * t + phase),
+        [Friction(f"rub{i}", row, b, lambda s, b=b: b) for i, (row, b) in enumerate(zip(rows, bounds, strict=True))], np.zeros(n), np.zeros(n), 4.0,
+    )  # fmt: skip
+    run = simulate(
+        part(ring(bounds, n=n, pull=lambda: ca.DM(mean) + ca.DM(size) * ca.sin(ca.DM(pace) * time + phase), mass=1.5)), 4.0, method=method
+    )
+    scale = np.maximum(right.largest, 1e-2)
+    np.testing.assert_allclose(
+        np.concatenate([run["w.x"][-1], run["w.v"][-1]]) / scale, np.concatenate([right.q, right.v]) / scale, atol=1e-7
+    )
+    assert any(right.v) and len(run.events) > 5
+
+
+def test_only_a_ring_whose_friction_falls_is_refused_and_the_one_that_falls_is_named():
+    with refused("`rub0`, `rub1`, `rub2`", "ring", "static friction of `rub0` is above its kinetic", "not unique", "bristle"):
+        part(ring((1.0, 1.0, 0.5), kinetic=0.9))
+    simulate(part(ring((1.0, 1.0, 0.5))), 0.1)
+
+
+@METHODS
+def test_a_body_that_can_rest_if_its_neighbour_leaves_rests(method):
+    """A wagon pulled by 1.3 N leaves another one, pulled by 0.8 N the same way: both going on together would agree with the forces, too."""
+
+    def equations(signal):
+        x, v = state("w.x", "m", 2), state("w.v", "m/s", 2)
+        first, second = DryFriction("first", v[0], Coulomb(1.0, 0.9)), DryFriction("second", v[1], Coulomb(1.0, 0.5))
+        buffer = UnilateralContact("buffer", x[0] - x[1], v[0] - v[1], restitution=0.0)
+        return Equations(
+            flow={x: v, v: ca.vertcat(-1.3 + first.force - buffer.force, (-0.8 + second.force + buffer.force) / 0.5)},
+            elements=[first, second, buffer],
+        )
+
+    run = simulate(part(equations), 1.0, method=method)
+    assert run.time_in("second", "stick") == pytest.approx(1.0)
+    np.testing.assert_allclose(run["w.x"][-1], [-0.5 * (1.3 - 0.9), 0.0], atol=1e-9)

@@ -29,8 +29,7 @@ class Event(Pass):
     def __init__(self, made: Pass) -> None:
         vars(self).update(vars(made), body=VectorBody(made.body.width))
         form = self.program.form
-        pace = ca.diag(form.gain) * form.static
-        self.probe = ca.Function("probe", self.arguments, [ca.vertcat(*map(ca.densify, (form.slip_rate, form.force, form.static, pace)))])
+        self.probe = ca.Function("probe", self.arguments, [form.probed[form.slip.numel() :]])  # all but the slips
         self.burden = ca.Function("burden", self.arguments, [ca.densify(form.burden)])
         self.was = was = self.loaded()
         self.t, self.m, self.end, self.zero = was["time"], was["m"][:], was["end"], was["time"] * 0.0

@@ -293,7 +293,8 @@ def test_two_balls_between_two_walls_exchange_what_they_have(method):
 
 
 @METHODS
-def test_a_pusher_leaves_a_block_that_its_rail_stops_and_finds_it_again(method):
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-6, 1e-10])
+def test_a_pusher_leaves_a_block_that_its_rail_stops_and_finds_it_again(method, accuracy):
     """The block goes with the pusher, w = 0.2 (1 - cos t) + 0.03 t, while that goes forward, and stays where it turned."""
 
     def w(t):
@@ -307,7 +308,7 @@ def test_a_pusher_leaves_a_block_that_its_rail_stops_and_finds_it_again(method):
 
     stops = math.pi + math.asin(0.15)
     hit = brentq(lambda t: w(t) - w(stops), 7.0, 9.2)
-    run = simulate(closed_loop(part(equations), start={"a.v": 0.03}), 12.0, method=method)
+    run = simulate(closed_loop(part(equations), start={"a.v": 0.03}), 12.0, method=method, accuracy=accuracy)
     assert times(run, "rail", "stick") == pytest.approx([stops, stops + 2 * math.pi], abs=1e-6)
     assert times(run, "pusher", "closed") == pytest.approx([hit], abs=1e-6)
     assert run["a.x"][-1] == pytest.approx(w(stops + 2 * math.pi), rel=1e-7)

@@ -80,8 +80,9 @@ def leaves_zero(w, j):
 
 
 def _falling_from_zero(w, j):
-    """Whether guard j stands at zero, unarmed, and its slope is negative."""
-    return leaves_zero(w, j) and not w.armed[j] and w.side[j] * w.g[w.ints[layout.NG] + j] < 0.0
+    """Whether guard j stands at zero, unarmed, and its slope is negative, but of a contact that has just been let go: the closing speed of that is an error."""
+    let_go = j < 2 * w.ints[layout.NE] and w.kind[j // 2] == layout.RIGID and w.before[j // 2] == 0.0 and w.ints[layout.STARTED] == 1
+    return leaves_zero(w, j) and not w.armed[j] and not let_go and w.side[j] * w.g[w.ints[layout.NG] + j] < 0.0
 
 
 def _arm_falling_from_zero(w):

@@ -2,8 +2,10 @@
 
 import math
 
+import casadi as ca
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from models import BacklashDrive, CrankSlider, GearNetwork, GearStage, OverrunningDrive, ScotchYoke, ShoeBrake, Tabulated, ValveSpool
 from toolbox import Component, DryFriction, Equations, SceneError, closed_loop, compose, energy_audit, simulate, time
@@ -62,8 +64,6 @@ class _Bearing(Component):
         speed = signal("in.speed", "rad/s")
         law = Tabulated(speeds=(0.0, 100.0), coefficients=(0.5, 50.5), static=0.5)
         bearing = DryFriction("bearing", speed, law, slip_unit="rad/s", force_unit="N m")
-        import casadi as ca
-
         return Equations(gives={"in.torque": (bearing.force + 10 * ca.sin(2 * ca.pi * time), "N m")}, elements=[bearing])
 
 
@@ -82,3 +82,33 @@ def test_the_lossy_gear_with_a_bearing_switches_as_the_modelica_library_publishe
     assert [word for _, word in found] == [word for _, word in published]
     assert np.subtract([t for t, _ in found], [t for t, _ in published]) == pytest.approx(0.0, abs=1e-4)
     assert run["gears.speed"][-1, 1] == pytest.approx(-0.009624279, abs=1e-4)
+
+
+def test_the_lossy_gear_alone_sticks_and_moves_as_its_rigid_limit_in_closed_form():
+    """LossyGearDemo1: the gear of the other example without its bearing. Rigid teeth pass i eta T1 on ahead and i / eta T1 backwards, by
+
+    (J2 + q i J1) w2' = T2 + q T1,   q = i eta while w2 > 0,   i / eta while w2 < 0,   at rest while neither sign of w2 can begin
+    """
+    ratio, efficiency, first, second = 2.0, 0.5, 1.0, 1.5
+    ahead, back = ratio * efficiency, ratio / efficiency
+
+    def pull(q, t):
+        return -10.0 + 2.5 * t + q * 10.0 * math.sin(2 * math.pi * t)
+
+    def impulse(q, a, b):
+        return -10.0 * (b - a) + 1.25 * (b * b - a * a) + q * 10.0 * (math.cos(2 * math.pi * a) - math.cos(2 * math.pi * b)) / (2 * math.pi)
+
+    rests = brentq(lambda t: impulse(back, 0.0, t), 0.03, 0.2)
+    moves = brentq(lambda t: pull(ahead, t), 0.1, 0.25)
+    rests_again = brentq(lambda t: impulse(ahead, moves, t), 0.27, 0.45)
+    turns = brentq(lambda t: pull(back, t), 0.4, 0.5)
+    assert pull(back, rests) > 0 > pull(ahead, rests) and pull(back, rests_again) > 0 > pull(ahead, rests_again)  # it rests there
+    gears = GearNetwork(
+        nodes=("in", "out"), inertia=(first, second), trains=(("in", "out", "ground"),), ratio=(ratio,), mesh_stiffness=(1e7,), mesh_damping=(3e3,),
+        efficiency=(efficiency,), idle_torque=(1e-6,),
+    )  # fmt: skip
+    torques = {"in.torque": 10.0 * ca.sin(2 * math.pi * time), "out.torque": -10.0 + 2.5 * time}
+    run = simulate(closed_loop(compose(gears), inputs=torques), 0.5)
+    assert [event.after for event in run.events] == ["slip-", "stick", "slip+", "stick", "slip-"]
+    assert [event.time for event in run.events] == pytest.approx([0.0, rests, moves, rests_again, turns], abs=1e-5)
+    assert run["gears.speed"][-1, 1] == pytest.approx(impulse(back, turns, 0.5) / (second + back * ratio * first), abs=1e-5)

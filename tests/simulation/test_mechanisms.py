@@ -475,3 +475,20 @@ def test_a_body_that_can_rest_if_its_neighbour_leaves_rests(method):
     run = simulate(part(equations), 1.0, method=method)
     assert run.time_in("second", "stick") == pytest.approx(1.0)
     np.testing.assert_allclose(run["w.x"][-1], [-0.5 * (1.3 - 0.9), 0.0], atol=1e-9)
+
+
+@METHODS
+@pytest.mark.parametrize("accuracy", [1e-6, 1e-9])
+@pytest.mark.parametrize("mass", [0.8, 1.3])
+def test_a_ratchet_with_friction_lets_go_where_the_pull_reaches_the_bound(method, accuracy, mass):
+    """m v' = 2.7 sin t - 0.4 from asin(0.4 / 2.7) on, forwards only: the clutch holds what pulls back, and friction the rest."""
+
+    def equations(signal):
+        speed = state("drum.speed", "rad/s")
+        pawl, rub = OneWayClutch("pawl", -speed), DryFriction("rub", speed, Coulomb(0.4, 0.4))
+        return Equations(flow={speed: (2.7 * ca.sin(time - 1.0) + pawl.force + rub.force) / mass}, elements=[rub, pawl])
+
+    run = simulate(part(equations), 2.0, method=method, accuracy=accuracy)
+    begins = 1.0 + math.asin(0.4 / 2.7)
+    assert times(run, "rub", "slip+") == pytest.approx([begins], abs=1e-8)
+    assert run["drum.speed"][-1] == pytest.approx((2.7 * (math.cos(begins - 1.0) - math.cos(1.0)) - 0.4 * (2.0 - begins)) / mass, rel=1e-7)

@@ -74,8 +74,8 @@ def refresh(w):
 def leaves_zero(w, j):
     """Whether guard j belongs to an open rigid contact, a switch or a kink: it may stand at zero and fall, which no force decides."""
     if j < 2 * w.ints[layout.NE]:
-        kind = w.kind[j // 2]
-        return j % 2 == 0 and (kind == layout.SWITCH or (kind == layout.RIGID and w.m[j // 2] == 1.0))
+        kind, driven = w.kind[j // 2], w.loader[j // 2] == layout.ONE_WAY  # of a one-way clutch force decides
+        return j % 2 == 0 and (kind == layout.SWITCH or (kind == layout.RIGID and w.m[j // 2] == 1.0 and not driven))
     return j < w.ints[layout.NG] - w.ints[layout.BOUNDS]
 
 

@@ -311,6 +311,9 @@ class Reference:
         for k in self.rubs:  # two slips that end at one instant
             if self.mode[k] != 0 and not callable(self.contacts[k].row) and abs(self.slip(k, self.t, self.q, self.v)) <= 1e-11 * scale:
                 self.mode[k] = 0
+        for k in self.clutches:  # and one that comes to no slip as it does
+            if self.mode[k] == 1 and abs(self.slip(k, self.t, self.q, self.v)) <= 1e-11 * scale:
+                self.mode[k] = 0
         self._decide()
 
     def _at_zero(self) -> None:

@@ -179,8 +179,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     slip_rate = free_rate + gain @ solved
 
     let_go_at, least = limits_of_rings(elements, gain, ca.vertcat(t, x), solved, bound, sticks) if shared.members else (solved, bound)
-    limit = sticks * least
-    stuck = sticks * let_go_at
+    stuck, limit = sticks * let_go_at, sticks * least
     cones.moving_at(slip_rate)
     guards = cones.at_speed(_guards(elements, cones, stuck, limit), speeds)
     guards, opposing = with_play(guards, t, x, elements, gain, opposed), tuple(sorted({i for pair in opposed for i in pair}))

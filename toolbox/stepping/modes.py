@@ -114,6 +114,17 @@ def _caught(w, t):
     ne, closed = w.ints[layout.NE], False
     for i in range(ne):
         closed = closed or (w.kind[i] == layout.RIGID and w.zero[i] and w.m[i] == 0.0 and w.before[i] == 1.0)
+    if closed:  # those that it sets in motion may hold, too
+        held = True
+        for i in range(ne):
+            w.m_other[ne + 1 + i] = w.m[i]
+            if w.kind[i] == layout.FRICTION and w.zero[i] and w.before[i] == 0.0:
+                w.m[i] = 0.0
+        held = modes_consistent(w, t, False, -1)
+        for i in range(ne):
+            held = held and not (w.forced[i] and w.m[i] == 0.0 and abs(w.z[2 * ne + i]) > (1.0 - 1e-9) * w.z[3 * ne + i])
+        for i in range(0 if held else ne):
+            w.m[i] = w.m_other[ne + 1 + i]
     for i in range(ne if closed else 0):
         if w.kind[i] == layout.FRICTION and w.zero[i] and w.forced[i] and w.before[i] == 0.0 and w.m[i] != 0.0:
             mode = w.m[i]

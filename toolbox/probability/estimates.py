@@ -71,7 +71,7 @@ class Estimates(Told, Result):
         Of the ensemble.
     measured
         Number of samples with a top speed.
-    asked
+    display_units
         {unit: unit that was typed}.
     notes
         What is not known and why, and where the machine cannot be that of the log.
@@ -85,7 +85,7 @@ class Estimates(Told, Result):
     source: str
     members: int
     measured: int
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     @property
@@ -108,7 +108,7 @@ class Estimates(Told, Result):
         ]
         rows: list[tuple[str, ...]] = [("estimate", "unit", "at the end", "deviation", "mean", "lowest", "highest")]
         for name, unit in UNITS.items():
-            factor, shown = reading(unit, self.asked)[:2]
+            factor, shown = reading(unit, self.display_units)[:2]
             values = self.mean[name] * factor
             known = values[np.isfinite(values)]
             told = [f"{each:.4g}" for each in (known.mean(), known.min(), known.max())] if known.size else ["-"] * 3
@@ -199,7 +199,7 @@ def estimate(
     measured = int(np.isfinite(speed).sum())
     notes = [f"There is no margin: {made.no_border}."] if made.no_border else []
     notes += _too_wound(recording, mean["bit_speed"], made.stiffness)
-    return Estimates(loop.title, time, mean, deviation, alarm, recording.source, members, measured, dict(loop.asked), tuple(notes))
+    return Estimates(loop.title, time, mean, deviation, alarm, recording.source, members, measured, dict(loop.display_units), tuple(notes))
 
 
 def _too_wound(recording: Recording, bit_speed: np.ndarray, stiffness: float) -> list[str]:

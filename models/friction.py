@@ -199,3 +199,64 @@ class CubicStribeck(_Falling):
     def sliding(self, speed):
         ratio = speed / self.minimum_speed
         return self.static - 1.5 * (self.static - self.minimum) * (ratio - ratio**3 / 3)
+
+
+@dataclass(frozen=True)
+class Viscous(FrictionLaw):
+    """A law with a viscous term: mu(v) = dry(v) + viscous |v|.
+
+    `dry` says what friction is at rest and how it falls; the viscous term adds to it in slip only. It is per unit of load: at a contact whose load is 1, N m s
+    per rad, or N s/m. For drag that no load causes, give the body a damper of its own. Range: viscous >= 0. Source: textbook (Stribeck curve).
+    """
+
+    dry: FrictionLaw = Coulomb()
+    viscous: Quantity = quantity(0.1, "s/m", "viscous coefficient (s/rad where the contact turns)", at_least=0)
+
+    def sliding(self, speed, *beyond):
+        return self.dry.sliding(speed, *beyond) + self.viscous * speed
+
+    def breaks(self):
+        return self.dry.breaks()
+
+    def breakaway(self):
+        return self.dry.breakaway()
+
+    def reverse(self):
+        back = self.dry.reverse()
+        return self if back is self.dry else Viscous(back, self.viscous)
+
+    def check(self):
+        _without_memory(self.dry, "dry")
+
+
+@dataclass(frozen=True)
+class TwoWay(FrictionLaw):
+    """Friction that is another one forwards (slip > 0) than backwards: as of a lip seal, a brush, a worm or a shoe that digs in one way.
+
+    At rest the force may be anything from -forward.breakaway() to +backward.breakaway() times the load. Source: textbook.
+    """
+
+    forward: FrictionLaw = Coulomb()
+    backward: FrictionLaw = Coulomb(0.3, 0.2)
+
+    def sliding(self, speed, *beyond):
+        return self.forward.sliding(speed, *beyond)
+
+    def breaks(self):
+        return self.forward.breaks()
+
+    def breakaway(self):
+        return self.forward.breakaway()
+
+    def reverse(self):
+        return self.backward
+
+    def check(self):
+        _without_memory(self.forward, "forward")
+        _without_memory(self.backward, "backward")
+
+
+def _without_memory(law, field):
+    """Raise SceneError for a law with memory, which is no function of the slip speed."""
+    if law.memory(1):
+        raise SceneError(f"Argument `{field}` must be a law without memory, but {type(law).__name__} has one.")

@@ -329,7 +329,8 @@ def findings(run: Trajectory, again: Any) -> Iterator[tuple[str, str]]:
             run.computed(_terms(element.slip)),
         )
         size = np.abs(speeds).max(axis=-1) if speeds.ndim > 1 else np.abs(speeds)
-        if (np.abs(slip[stuck]) > 1e-9 * np.maximum(size[stuck], 1e-300)).any():
+        # contacts that hold each other, as a wall and a row of bodies that rub, leave the round-off of the speeds that they end
+        if (np.abs(slip[stuck]) > np.maximum(1e-9 * size[stuck], np.finfo(float).eps * size.max())).any():
             worst = float(np.abs(slip[stuck]).max())
             yield "slip", f"`{element.name}` sticks at slip {worst:.3g}, its speeds being {float(size[stuck].max()):.3g}"
         force, bound = (

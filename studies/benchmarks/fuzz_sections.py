@@ -1,6 +1,7 @@
 """Random machines of one kind, each judged by its own module: `examine(seed, number)` gives (kind, words) for every outcome.
 
-A module of a section says in its head what right is. A finding is anything but "right" and "left out", an error of the toolbox and a hang among them.
+A module of a section says in its head what right is. A finding is anything but "right", "left out" and
+"refused", which a section says of a refusal that it proves right: an error of the toolbox and a hang among them.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
-SECTIONS = ("levers", "cones", "controllers", "rests", "cuts")
+SECTIONS = ("levers", "cones", "controllers", "rests", "cuts", "mechanisms")
 """Modules of `studies.benchmarks`."""
+FINE = ("right", "left out", "refused")
+"""Outcomes that are no finding; a refusal is one only with a proof that it is right."""
 LONGEST = 120.0
 """Time that one machine may take [s], compilation and repetitions at a higher accuracy included."""
 
@@ -38,9 +41,9 @@ def main(section: str, structures: int, seed: int, jobs: int, first: int) -> int
         for number, future in waiting:
             for kind, words in future.result():
                 counts[kind] += 1
-                if kind not in ("right", "left out"):
+                if kind not in FINE:
                     print(f"  {section} {number}: {kind}: {words}", flush=True)
     print(f"\n{structures} machines of {section} in {clock.perf_counter() - began:.0f} s")
     for kind, count in counts.most_common():
         print(f"  {kind:<16}{count:8d}")
-    return sum(count for kind, count in counts.items() if kind not in ("right", "left out"))
+    return sum(count for kind, count in counts.items() if kind not in FINE)

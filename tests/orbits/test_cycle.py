@@ -17,6 +17,7 @@ from models import BitRock, Block, BlockOnBelt, Coulomb, TwoDisks, oscillators, 
 from studies.questions import cycles
 from toolbox import (
     Component,
+    DryFriction,
     Equations,
     SceneError,
     UnilateralContact,
@@ -506,3 +507,24 @@ def test_cycle_and_branch_print_and_draw_themselves():
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("chain twist, 1st from the top [rad]", "bit speed [rpm]")
     with pytest.raises(SceneError, match="There is no signal `block.sped`"):
         branch.plot("block.sped")
+
+
+def test_a_load_that_time_changes_asks_for_the_period_beside_a_sine_of_another_frequency():
+    """A torque of period 2 pi s on a brake whose press has the period 4 pi s: the motion comes round after 4 pi s, not with the torque."""
+
+    @dataclass(frozen=True)
+    class PressedShaft(Component):
+        def equations(self, signal):
+            torque, speed = signal("drive.torque", "N m", default=0.0), state("shaft.speed", "rad/s")
+            brake = DryFriction("brake", speed, Coulomb(0.4, 0.3), 2.0 + ca.cos(time / 2))
+            return Equations(flow={speed: torque + brake.force - speed}, elements=[brake])
+
+    loop = closed_loop(compose(PressedShaft()), inputs={"drive.torque": sine(0.0, 2.0, 0.5 / math.pi)})
+    with pytest.raises(SceneError, match="`period` must be given for a driven machine that depends on time by itself"):
+        limit_cycle(loop, 60.0)
+    cycle = limit_cycle(loop, 60.0, period=4 * math.pi)
+    run = simulate(loop, 32 * math.pi, accuracy=1e-11)
+    speeds = [run.at(k * 2 * math.pi + 1.5)["shaft.speed"] for k in (12, 13, 14)]
+    assert speeds[0] == pytest.approx(speeds[2], abs=1e-9) and abs(speeds[0] - speeds[1]) > 1e-2
+    assert cycle.period == pytest.approx(4 * math.pi)
+    assert cycle.run.at(1.5)["shaft.speed"] == pytest.approx(speeds[0], abs=1e-8)

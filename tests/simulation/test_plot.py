@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 
+import casadi as ca
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
@@ -14,10 +15,11 @@ from matplotlib.colors import to_hex, to_rgb
 
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, TorsionalChain, wells
-from toolbox import SceneError, Trajectory, compose, simulate
+from toolbox import DryFriction, SceneError, Trajectory, UnilateralContact, compose, simulate
 from toolbox.figures.curves import draw_line
 from toolbox.figures.style import LINES, MANY_EVENTS, RESOLUTION, TONES
 from toolbox.measuring.measure import extent, stick_intervals
+from toolbox.modelling import Hysteresis, OneWayClutch
 from toolbox.simulation.plot import comparison, phase_plane, traces
 
 
@@ -306,3 +308,15 @@ def test_limits_of_the_drive_are_drawn_where_they_can_be_seen(law, tmp_path):
         assert all(ax.get_ylim()[0] < limit < ax.get_ylim()[1] for limit in limits)
         (ax,) = traces(shown, "bit.speed")
         assert not [line for line in ax.get_lines() if line.get_label() == "_limit"]
+
+
+def test_every_mode_of_every_element_has_a_tone():
+    x, v = ca.SX.sym("x"), ca.SX.sym("v")
+    kinds = [
+        DryFriction("a", v, Coulomb()),
+        UnilateralContact("b", x, v, restitution=0.5),
+        OneWayClutch("c", v),
+        Hysteresis("d", x, low=0.0, high=1.0),
+    ]
+    words = {word for element in kinds for word in element.legend.values()}
+    assert {"stick", "slip+", "closed", "locked", "free", "high"} <= words <= set(TONES)

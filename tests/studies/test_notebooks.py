@@ -77,6 +77,13 @@ def test_a_block_on_a_belt_repeats_its_closed_form(answer):
     assert found["largest error"] < 1e-6
 
 
+def test_friction_in_mechanisms_follows_the_energy_and_the_least_of_the_ways_to_move(answer):
+    found = answer("16")
+    assert found["rest"] == pytest.approx(4 * math.pi + math.asin(0.45), rel=1e-7)
+    assert found["error of the force"] < 1e-8
+    assert found["least torque of the clutch"] >= -1e-9 and 0.4 < found["locked"] < 0.6
+
+
 @pytest.mark.slow
 def test_soft_torque_and_sliding_mode_free_the_published_rig_that_sticks_without_them(answer):
     stuck = answer("05")

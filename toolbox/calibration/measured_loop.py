@@ -20,9 +20,9 @@ from toolbox.calibration.recording import Recording
 from toolbox.calibration.shifts import Shift, moved
 from toolbox.errors import SceneError, suggest
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.numbers import Number
 from toolbox.modelling.start import place_start
+from toolbox.modelling.two_directions import check_one_direction
 
 TRIAL = 500
 """Samples of a loop, about, with which the searches from different starts are done."""

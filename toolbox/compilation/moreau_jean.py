@@ -29,6 +29,8 @@ import numpy as np
 from toolbox.compilation.emitter import Body, inline
 from toolbox.compilation.formulas import ClosedEquations, Formulas, StepCode
 from toolbox.modelling.elimination import masked_solve
+from toolbox.modelling.rings import limits_of_rings
+from toolbox.modelling.shared_holds import REPEATED, Sharing
 
 
 @dataclass(frozen=True)
@@ -120,11 +122,27 @@ def trial_step(theta: float, equations: ClosedEquations) -> ca.Function:
     rows = ca.diag(sticks) @ stick_rows + ca.diag(slides) @ law_rows if ne else ca.SX(0, n)
     law = at_rest(at_side(kinetic)) + straight * theta * h * about(at_side(ca.jacobian(kinetic, t))) if ne else ca.SX(0, 1)
     right = ca.vertcat(free, sticks * (target - later - ca.mtimes(to_slip, free)) - slides * mode * law)
-    solved = _solved(ca.sparsify(ca.vertcat(top, rows)), right)
+    matrix = ca.sparsify(ca.vertcat(top, rows))
+    solved = _solved(matrix, right) if not form.shared.members else _shared(matrix, right, form.shared, sticks, h)
     change, found = solved[:n], solved[n:]
     bound = ca.substitute(static, force, found) if ne else static
-    results = [x + change, later + ca.mtimes(to_slip, change), found, bound, slip, closure + 0.5 * h * slip, restitution]
+    let_go_at, least = (
+        limits_of_rings(elements, form.gain, ca.vertcat(t, x), found, bound, sticks) if form.shared.members else (found, bound)
+    )
+    results = [x + change, later + ca.mtimes(to_slip, change), let_go_at, least, slip, closure + 0.5 * h * slip, restitution]
     return ca.Function("trial", [t, h, x, p, mode, ca.vertcat(elastic, ahead, last)], [ca.vertcat(*map(ca.densify, results))])
+
+
+def _shared(matrix: ca.SX, right: ca.SX, shared: Sharing, sticks: ca.SX, h: ca.SX) -> ca.SX:
+    """Solve where frictions hold what others hold, too: their rows yield, and further solutions take the yield out of the motion again."""
+    n = matrix.shape[0] - sticks.numel()
+    size = ca.vertcat(ca.SX.ones(n), 1 + sticks * (shared.weights - 1))
+    matrix, right = ca.sparsify(ca.diag(size) @ matrix), size * right
+    yielding = ca.sparsify(matrix + ca.diag(ca.vertcat(ca.SX(n, 1), h * sticks * shared.softness)))
+    found = _solved(yielding, right)
+    for _ in range(REPEATED):
+        found = found + _solved(yielding, right - matrix @ found)
+    return found
 
 
 def _solved(matrix: ca.SX, right: ca.SX) -> ca.SX:

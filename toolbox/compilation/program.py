@@ -65,8 +65,12 @@ class Program:
 
     @cached_property
     def lever(self) -> np.ndarray:
-        """1 for every friction whose lever may vanish, else 0."""
-        return np.array(self.form.levers, np.int64)
+        """1 for every friction whose lever may vanish, OPPOSED for every rigid contact that stands against another one, else 0."""
+        from toolbox.compilation import work_layout
+
+        found = np.array(self.form.levers, np.int64)
+        found[list(self.form.opposed)] = work_layout.OPPOSED
+        return found
 
     @cached_property
     def bound(self) -> np.ndarray:
@@ -212,7 +216,7 @@ def _closed(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], locates: b
         "rigid": np.flatnonzero([element.kind == RIGID for element in elements]),
         "initial": np.array([e.initial if e.kind == SWITCH else work_layout.UNDECIDED for e in elements], float),
         "attached": np.array(form.attached, np.int64),
-        "loader": np.array([work_layout.SECOND if e.second else j for e, j in zip(elements, form.loader, strict=True)], np.int64),
+        "loader": np.array([_loader(i, e, form) for i, e in enumerate(elements)], np.int64),
         "varying": varying,
         "bounded": bounded,
         "p_size": p.numel(),
@@ -224,6 +228,15 @@ def _closed(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], locates: b
         "group_count": group_count,
         "expressions": (p, u, form.force),
     }
+
+
+def _loader(i: int, element: Element, form: Switching) -> int:
+    """What stands for element i in `Work.loader`."""
+    from toolbox.compilation import work_layout
+
+    if i in form.passing:
+        return work_layout.PASSES
+    return work_layout.SECOND if element.second else work_layout.ONE_WAY if element.one_way else form.loader[i]
 
 
 def _by_unit(system: HybridSystem, hidden: int) -> tuple[np.ndarray, int]:
@@ -340,7 +353,9 @@ def _nonlinear_alone(form: Switching, elements: list[Element], along: ca.SX) -> 
         bent = _bent(stuck, along)
         found = [each for k, each in enumerate(chosen) if k in bent]
         return [i for i, _ in found], [value for _, value in found]
-    found = [(i, value) for k, (i, value) in enumerate(chosen) if ca.depends_on(ca.jacobian(stuck[k], along), along)]
+    # a stop that is closed relieves a friction, whose force shows only while it is open
+    tried = [stuck, *_stuck(elements, [ca.vertcat(*[value for _, value in chosen])], form.shared.rigid)] if form.shared.rigid else [stuck]
+    found = [(i, value) for k, (i, value) in enumerate(chosen) if any(ca.depends_on(ca.jacobian(each[k], along), along) for each in tried)]
     return [i for i, _ in found], [value for _, value in found]
 
 
@@ -375,10 +390,11 @@ MANY = 100
 """Forces and bounds beyond which they are looked at together."""
 
 
-def _stuck(elements: list[Element], expressions: list[ca.SX]) -> list[ca.SX]:
-    """Expressions with all contacts sticking."""
+def _stuck(elements: list[Element], expressions: list[ca.SX], opened: Sequence[int] = ()) -> list[ca.SX]:
+    """Expressions with all contacts sticking, but for the rigid ones that are opened."""
     holding = [element.mode for element in elements if element.holds]
-    return list(ca.substitute([ca.densify(e) for e in expressions], holding, [ca.SX(0)] * len(holding)))
+    modes = [ca.SX(float(i in opened)) for i, element in enumerate(elements) if element.holds]
+    return list(ca.substitute([ca.densify(e) for e in expressions], holding, modes))
 
 
 def _hiding(form: Switching, i: int, element: Element) -> tuple[ca.SX, ...]:

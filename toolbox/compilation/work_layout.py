@@ -29,6 +29,18 @@ SECOND = -2
 """`Work.loader` of the second direction of the friction before it: a switch, which is in mode 0 again when that friction comes to rest."""
 
 
+OPPOSED = 2
+"""`Work.lever` of a rigid contact that stands against another one, which takes over where this one lets go of a body without play."""
+
+
+PASSES = -3
+"""`Work.loader` of a friction on a prescribed motion, or of a relay of higher degree: its slip passes through zero, and no force of its own holds it."""
+
+
+ONE_WAY = -4
+"""`Work.loader` of a one-way clutch: it holds a slip, not a gap, so that it takes part in every impact."""
+
+
 # --- indices into `Work.reals`; ERROR_OLD is a binary logarithm, FOLLOWED the longest implicit step that follows modes that grow, 0 where it is not known.
 # LOOKED_AT is the time of the last look for progress, at which LOOKED steps had been taken.
 # The loop returns at END; the run ends at LAST, beyond which no step looks; HORIZON is the time over which the accuracy is promised, of which a step may add
@@ -69,8 +81,8 @@ class Work(NamedTuple):
     side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
     kind, initial: kind of each element and its mode at the start, UNDECIDED where the states and forces decide;
     attached: the rigid contact that loads a friction, or -1;
-    loader: the unilateral contact without which a friction has no load, -1, or SECOND;  bound: what changes the bound of each element, see above;
-    lever: 1 for a friction whose lever may vanish;
+    loader: the unilateral contact without which a friction has no load, -1, SECOND, PASSES or ONE_WAY;  bound: what changes each bound, see above;
+    lever: 1 for a friction whose lever may vanish, OPPOSED or 0;
     struck: rigid contacts that have just been hit;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after, and whether other modes were
     consistent, too); jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with

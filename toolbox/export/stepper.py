@@ -252,13 +252,13 @@ class Stepper:
         return self._values.copy()
 
     def _switches(self) -> list[Event]:
-        work, elements = self._work, self._program.system.elements
+        work, system = self._work, self._program.system
+        told = [(i, element.name, element.legend) for i, element in enumerate(system.elements) if not element.second]
+        told += [(place, name, legend) for name in system.leaders for place, legend in [system.switch(name)]]
         found = []
         for k in range(work.ints[layout.EVENTS]):
-            element = elements[work.ev_i[k]]
-            if not element.second:
-                before, after = (element.legend[int(mode)] for mode in work.ev_m[k, :2])
-                found.append(Event(float(work.ev_t[k]), element.name, before, after))
+            before, after = (int(mode) for mode in work.ev_m[k, :2])
+            found += [Event(float(work.ev_t[k]), name, legend[before], legend[after]) for i, name, legend in told if i == work.ev_i[k]]
         return found
 
 

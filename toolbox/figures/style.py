@@ -38,6 +38,8 @@ TONES: dict[str, dict[str, Any]] = {
     "slip-": {"facecolor": "0.66", "edgecolor": "0.95", "hatch": "/////"},
     "closed": {"facecolor": "0.25", "edgecolor": "0.25"},
     "open": {"facecolor": "0.94", "edgecolor": "0.94"},
+    "locked": {"facecolor": "0.25", "edgecolor": "0.25"},
+    "free": {"facecolor": "0.94", "edgecolor": "0.94"},
     "high": {"facecolor": "0.45", "edgecolor": "0.45"},
     "low": {"facecolor": "0.90", "edgecolor": "0.90"},
     "beyond": {"facecolor": "0.45", "edgecolor": "0.45"},

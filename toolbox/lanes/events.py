@@ -9,7 +9,7 @@ import numpy as np
 
 from toolbox.compilation.program import Program
 from toolbox.compilation.vector_emitter import VectorBody
-from toolbox.compilation.work_layout import RIGID, SWITCH
+from toolbox.compilation.work_layout import RIGID, SECOND, SWITCH
 from toolbox.lanes.layout import EVENT
 from toolbox.lanes.trial_step import Pass, explicit_formulas
 from toolbox.lanes.vectors import Rows, Truth, Value, called, largest, smallest
@@ -17,7 +17,7 @@ from toolbox.lanes.vectors import Rows, Truth, Value, called, largest, smallest
 
 def carries_events(program: Program) -> bool:
     """Whether events are settled in the block: without rigid contacts, and without friction that can lose its load."""
-    return program.kernel.elements > 0 and bool((program.kind != RIGID).all() and (program.loader < 0).all())
+    return program.kernel.elements > 0 and bool((program.kind != RIGID).all() and np.isin(program.loader, (-1, SECOND)).all())
 
 
 class Event(Pass):
@@ -29,8 +29,7 @@ class Event(Pass):
     def __init__(self, made: Pass) -> None:
         vars(self).update(vars(made), body=VectorBody(made.body.width))
         form = self.program.form
-        pace = ca.diag(form.gain) * form.static
-        self.probe = ca.Function("probe", self.arguments, [ca.vertcat(*map(ca.densify, (form.slip_rate, form.force, form.static, pace)))])
+        self.probe = ca.Function("probe", self.arguments, [form.probed[form.slip.numel() :]])  # all but the slips
         self.burden = ca.Function("burden", self.arguments, [ca.densify(form.burden)])
         self.was = was = self.loaded()
         self.t, self.m, self.end, self.zero = was["time"], was["m"][:], was["end"], was["time"] * 0.0

@@ -21,7 +21,7 @@ from toolbox.lanes import layout
 from toolbox.lanes.layout import ITEMS, BlockArrays, Results, Scenarios, lane_states
 from toolbox.measuring.metrics import Metric
 from toolbox.measuring.readings import Layout, Readings
-from toolbox.modelling.elements import check_one_direction
+from toolbox.modelling.two_directions import check_one_direction
 from toolbox.simulation.carry_out import compiled_loop, formulas_of
 from toolbox.simulation.methods import Explicit, TaylorSeries
 from toolbox.simulation.run import Run

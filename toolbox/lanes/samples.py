@@ -72,7 +72,8 @@ class Sample(Pass):
     def __init__(self, made: Pass, late: tuple[bool, ...]) -> None:
         vars(self).update(vars(made), body=VectorBody(made.body.width))
         form = self.program.form
-        anew = (form.field, form.guards, form.guard_rates, form.slip, form.force, form.static)
+        ne = form.slip.numel()
+        anew = (form.field, form.guards, form.guard_rates, form.slip, form.probed[2 * ne : 4 * ne])
         self.late, self.refreshed = late, ca.Function("refreshed", self.arguments, [ca.vertcat(*map(ca.densify, anew))])
         self.was = was = Rows(self.body, self.rows, self.every)
         self.t, self.flag, (self.calendar,) = was["time"], was["flag"], was["calendar"]

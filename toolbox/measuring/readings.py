@@ -52,13 +52,11 @@ class Layout:
             for m, span in zip(self.metrics, spans, strict=True)
         ]
         self.whole = windows.index((0.0, duration)) if varying else 0
-        names = [element.name for element in program.system.elements]
         self.rows = [-1] * len(self.metrics)
         asked: list[tuple[float, ...]] = []
         for q, (m, span) in enumerate(zip(self.metrics, spans, strict=True)):
             if m.compiled not in OF_SIGNALS:
-                i = names.index(m.of)
-                words = program.system.elements[i].legend
+                i, words = program.system.switch(m.of)
                 self.rows[q] = len(asked)
                 asked.append((i, next((number for number, word in words.items() if word == m.mode), -9), *span))
         self.asked = np.array(asked, float).reshape(-1, 4)

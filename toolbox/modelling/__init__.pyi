@@ -2,9 +2,10 @@ from .elements import Hysteresis as Hysteresis
 from .elements import OptionalQuantities as OptionalQuantities
 from .elements import OptionalQuantity as OptionalQuantity
 from .elements import Quantities as Quantities
-from .elements import Relay as Relay
 from .laws import Takeover as Takeover
 from .observers import Observed as Observed
 from .observers import Observer as Observer
+from .one_way_clutch import OneWayClutch as OneWayClutch
 from .regularisation import smoothed as smoothed
+from .relay import Relay as Relay
 from .remembering import Remembering as Remembering

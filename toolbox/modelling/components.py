@@ -358,7 +358,9 @@ def _last_frames(error: BaseException, count: int) -> Sequence[Any]:
 
 def governed(law: Any, owner: Any) -> bool:
     """Whether a law is this one, or has it as a field."""
-    return law is owner or (law is not None and any(getattr(law, field.name) is owner for field in dataclasses.fields(law)))
+    return law is owner or (
+        dataclasses.is_dataclass(law) and any(governed(getattr(law, field.name), owner) for field in dataclasses.fields(law))
+    )
 
 
 def unit_at(element: Element, unit: str) -> str:

@@ -34,10 +34,11 @@ from toolbox.modelling.components import (
     unit_at,
 )
 from toolbox.modelling.elements import Element, State, time
+from toolbox.modelling.friction_groups import grouped
 from toolbox.modelling.garbage import uncollected
 from toolbox.modelling.hybrid_system import HybridSystem, Input, Parameter, SampledUpdate
 from toolbox.modelling.switching import check_rates
-from toolbox.modelling.well_posed import check_gain, check_push
+from toolbox.modelling.well_posed import check_gain, check_push, check_rings, check_wedges
 
 
 def compose(*components: Component) -> HybridSystem:
@@ -101,6 +102,8 @@ def assembled(components: tuple[Component, ...]) -> HybridSystem:
         _COMPOSED[key] = shared
     system = numbered(shared, components)
     check_gain(system)
+    check_rings(system)
+    check_wedges(system)
     check_push(system)
     return system
 
@@ -320,13 +323,14 @@ class _Composer:
         system = HybridSystem()
         system.t, system.x, system.p, system.held = time, _column(self.x), _column(self.symbols), _column(self.held)
         system.u = _column([entry.symbol for entry in inputs.values()])
-        system.F, system.m = _column([e.multiplier for e in self.elements]), _column([e.mode for e in self.elements])
         system.flow = ca.vertcat(*[bundle[f"flow:{i}"] for i in range(len(self.flow))])
         system.states, system.begin = self.states, np.concatenate(self.begin)
-        system.signals = {name: (bundle[f"given:{name}"], unit) for name, (_, unit) in self.given.items()}
         for i, element in enumerate(self.elements):
             for name in element.expressions:
                 setattr(element, name, bundle[f"{name}:{i}"])
+        bundle = self._grouped(system, bundle)
+        system.F, system.m = _column([e.multiplier for e in self.elements]), _column([e.mode for e in self.elements])
+        system.signals = {name: (bundle[f"given:{name}"], unit) for name, (_, unit) in self.given.items()}
         for kind in ("stored", "losses", "supplies"):
             setattr(system, kind, {name: bundle[f"{kind}:{name}"] for name in getattr(self, kind)})
         system.updates = tuple(
@@ -341,6 +345,14 @@ class _Composer:
         system.values, system.cache, system.parts = np.array(self.values, float), {NEEDED: frozenset(self.placeholders)}, ()
         self._check(system, bundle)
         return system
+
+    def _grouped(self, system: HybridSystem, bundle: dict[str, ca.SX]) -> dict[str, ca.SX]:
+        """The expressions with one friction in place of all on one slip, which the elements and the flow of the system then have, too."""
+        groups = grouped(time, system.x, system.flow, self.elements)
+        if groups is None:
+            return bundle
+        self.elements, system.flow, system.leaders = groups.elements, groups.flow, groups.leaders
+        return _substituted(bundle, groups.old, groups.new)
 
     def _inputs(self) -> dict[str, Input]:
         """The signals that nobody gives, with their defaults; one entry of a vector state is given where it is needed."""
@@ -412,7 +424,7 @@ class _Composer:
         rigid = [e.multiplier for e in self.elements if e.rigid]
         for name in (n for n in self.modeless if any(ca.depends_on(bundle[f"given:{n}.force"], push) for push in rigid)):
             raise SceneError(f"The load of `{name}` must not come from a rigid contact, as its law has a memory: make that elastic.")
-        slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if e.has_gap])
+        slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if e.rigid or e.has_gap])
         if ca.depends_on(slips, system.held):
             raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")
         _ = system.switching  # raises where the elements are not well posed

@@ -230,6 +230,10 @@ class FrictionLaw(Declared):
         """Slip speeds > 0 at which the law jumps down: each becomes a switch `contact.break`, located as an event."""
         return ()
 
+    def reverse(self) -> FrictionLaw:
+        """Return the law for slip speeds below zero; by default this one."""
+        return self
+
     def breakaway(self) -> ca.SX:
         """Static bound per unit of load."""
         raise _without(self, "breakaway", "the static bound per unit of load")
@@ -258,6 +262,8 @@ class Element:
     holds: bool = True
     rigid: bool = False  # holds a gap closed, and strikes
     has_gap: ClassVar[bool] = False
+    one_way: ClassVar[bool] = False  # holds a slip, as a gap is held, by a force of one sign
+    higher_degree: bool = False  # a relay whose surface its force reaches through lags
     second: ClassVar[bool] = False  # the second slip direction of the friction before it
     initial: int = 0
     law: FrictionLaw | None = None
@@ -377,11 +383,30 @@ class DryFriction(Element):
             self.speed = speed = ca.SX.sym(f"{name}.speed")
             second = [SecondDirection(f"{name}.direction", slips[1], slip_unit, force_unit)]
             self.force = ca.vertcat(self.multiplier, second[0].multiplier)
-        breaks = law.breaks()
-        jumps = [_Break(f"{name}.break" + (f".{i}" if len(breaks) > 1 else ""), speed, place) for i, place in enumerate(breaks)]
+        back = law.reverse()
+        if back is not law:
+            self._two_way(law, back, speed)
+            return
+        jumps = _jumps(name, law.breaks(), speed)
         self.companions = [*second, *jumps]
         self.sliding = _expression(law, "sliding", law.sliding(speed, *[jump.mode for jump in jumps]))
         self.static = self.load * _expression(law, "breakaway", law.breakaway())
+
+    def _two_way(self, law: FrictionLaw, back: FrictionLaw, speed: ca.SX) -> None:
+        """Take a law for each direction: with half the difference of their bounds in the force, the rest of it has one bound both ways."""
+        if self.directions != 1:
+            raise SceneError(
+                f"The law of `{self.name}` must be one for both directions, as it slips in a plane, but {type(law).__name__} has two."
+            )
+        jumps = _jumps(self.name, [*law.breaks(), *back.breaks()], speed)
+        self.companions, beyond = jumps, [jump.mode for jump in jumps]
+        ahead, behind = (_expression(each, "breakaway", each.breakaway()) for each in (law, back))
+        shift = (behind - ahead) / 2
+        slides = _expression(law, "sliding", law.sliding(speed, *beyond[: len(law.breaks())])) + shift
+        returns = _expression(back, "sliding", back.sliding(speed, *beyond[len(law.breaks()) :])) - shift
+        self.sliding = (slides + returns) / 2 + self.mode * (slides - returns) / 2
+        self.static = self.load * (ahead + behind) / 2
+        self.force = self.multiplier + self.load * shift
 
     def _remember(self, slips: ca.SX, law: FrictionLaw) -> None:
         """Take force, states and powers from a law; what is stored is booked as a power, as a load that changes makes it worth more or less."""
@@ -428,28 +453,6 @@ def length(column: ca.SX, beside: ca.SX | float = 0.0) -> ca.SX:
     return ca.sqrt(ca.sumsqr(column) + beside + 1e-300)
 
 
-def check_one_direction(elements: Sequence[Element], what: str, remedy: str) -> None:
-    """Raise SceneError where one of the elements is a friction with two slip directions, which `what` does not know."""
-    for element in elements:
-        if element.directions > 1:
-            raise SceneError(f"{what} knows friction with one slip direction, but `{element.name}` has two: {remedy}.")
-
-
-class Relay(Element):
-    """An ideal switch u = -bound * sgn(surface), with true sliding on surface = 0.
-
-    Sliding is the mode "stick": the force is then the equivalent control, inside [-bound, bound]. The surface must have relative
-    degree one with a positive gain, d(surface)/dx * d(flow)/d(force) > 0; anything else is a SceneError when the plant is composed.
-    Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992.
-    """
-
-    def __init__(self, name: str, surface: ca.SX, bound: ca.SX | float, *, surface_unit: str = "1", force_unit: str = "1"):
-        super().__init__(name, surface, surface_unit, force_unit)
-        self.static = ca.SX(bound)
-        self.load = ca.SX(bound)
-        self.sliding = ca.SX(1)
-
-
 class Hysteresis(Element):
     """A two-position switch with memory: `output` becomes 1 when `signal` rises to `high` and 0 when it falls to `low` < high.
 
@@ -493,3 +496,7 @@ class _Break(Hysteresis):
 
     def signals(self) -> dict[str, tuple[ca.SX, str]]:
         return {}
+
+
+def _jumps(name: str, breaks: Sequence[Any], speed: ca.SX) -> list[_Break]:
+    return [_Break(f"{name}.break" + (f".{i}" if len(breaks) > 1 else ""), speed, place) for i, place in enumerate(breaks)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -104,6 +105,8 @@ class HybridSystem(Renamed):
         Where states start unless a run says otherwise, shape (n,): 0, or what a law with memory declares.
     values
         Declared parameter values, shape (n_p,).
+    leaders
+        {friction: (friction on the same slip whose mode it has, sign of its slip against that one)}.
     owners
         {state or element: index of the part that has it}.
     held
@@ -133,6 +136,7 @@ class HybridSystem(Renamed):
     parameters: dict[str, Parameter]
     elements: tuple[Element, ...]
     modeless: Mapping[str, str]
+    leaders: Mapping[str, tuple[str, ca.SX]] = MappingProxyType({})
     begin: np.ndarray
     stored: dict[str, ca.SX]
     losses: dict[str, ca.SX]
@@ -254,6 +258,16 @@ class HybridSystem(Renamed):
         if found is None:
             raise self.no_element(name)
         return found
+
+    def switch(self, name: str) -> tuple[int, Mapping[int, str]]:
+        """(number of the element whose mode an element has, {mode of that one: word}): of a friction on the slip of another, the other one's."""
+        element = self.element(name)
+        names = [each.name for each in self.elements]
+        if name not in self.leaders:
+            return names.index(name), element.legend
+        leader, sign = self.leaders[name]
+        side = float(ca.Function("side", [self.p], [sign])(self.values))
+        return names.index(leader), {int(side * mode): word for mode, word in element.legend.items()}
 
     def no_element(self, name: str) -> SceneError:
         """The error of a name that is no element: a contact without modes is none."""

@@ -24,8 +24,9 @@ import numpy as np
 
 from toolbox.arguments import number
 from toolbox.errors import SceneError, suggest
-from toolbox.modelling.elements import Element, FrictionLaw, Hysteresis, check_one_direction
+from toolbox.modelling.elements import Element, FrictionLaw, Hysteresis
 from toolbox.modelling.hybrid_system import HybridSystem, Parameter, checked_plant
+from toolbox.modelling.two_directions import check_one_direction
 
 STICKING = 3.0
 """Slip speed in widths below which a smoothed contact is shown as sticking."""
@@ -146,6 +147,8 @@ def _peak(plant: HybridSystem, template: SmoothSystem, name: str, width: float) 
     law = plant.element(name).law
     if law is None:
         return 0.0
+    if law.reverse() is not law:
+        raise SceneError(f"The peak of `{name}` is matched for a law that is the same both ways: smooth it with `matched=False`.")
     v, w = ca.SX.sym("v"), ca.SX.sym("w")
     function = template.once(("peak", name), lambda: ca.Function("peak", [v, w, plant.p], _pieces(law, v, w)))
     return missing_peak(lambda grid: function(grid[None, :], width, plant.values), width)
@@ -175,8 +178,10 @@ def regularised(width: float, matched: bool = True) -> Regularisation:
 
     def force(element: Element) -> ca.SX:
         law = element.law
-        if law is None or law.breaks():
-            raise SceneError(f"`{element.name}` cannot be regularised: that takes a contact whose law has no breaks.")
+        if law is None or law.breaks() or law.reverse() is not law:
+            raise SceneError(
+                f"`{element.name}` cannot be regularised: that takes a contact whose law has no breaks and is the same both ways."
+            )
         v = element.slip
         smooth = ca.tanh(v / width)
         speed = v * smooth

@@ -47,12 +47,15 @@ def _changes(value: ca.SX, along: ca.SX) -> bool:
     return not np.ptp(found) <= 1e-12 * np.abs(found).max()
 
 
-def least_gains(gain: ca.SX, levers: Sequence[int], opposed: set[tuple[int, int]]) -> ca.SX:
-    """What is added to the own gain of every element that holds, so that no pivot is zero: nothing to most."""
+def least_gains(gain: ca.SX, levers: Sequence[int], opposed: set[tuple[int, int]], dependent: Sequence[int] = ()) -> ca.SX:
+    """What is added to the own gain of every element that holds, so that no pivot is zero: nothing to most.
+
+    dependent: rigid contacts whose slips others can hold.
+    """
     floor = ca.SX(len(levers), 1)
     for i in np.flatnonzero(levers).tolist():
         floor[i] = VANISHING
-    for i in {i for pair in opposed for i in pair}:
+    for i in {i for pair in opposed for i in pair} | set(dependent):
         floor[i] = YIELDING * gain[i, i]
     return floor
 

@@ -33,6 +33,9 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.modelling.elements import Element
 from toolbox.modelling.elimination import coupled_groups, masked_solve
+from toolbox.modelling.passing_slips import passing_slips
+from toolbox.modelling.rings import limits_of_rings
+from toolbox.modelling.shared_holds import Sharing, sharing
 from toolbox.modelling.singular_gains import depending, held_by_force, least_gains, opposed_contacts, vanishing_levers, with_play
 from toolbox.modelling.two_directions import EXACT, Cones
 
@@ -73,6 +76,12 @@ class Switching(NamedTuple):
         What is added to the own gain of an element that holds, so that no balance of forces is without solution.
     probed
         What the loops decide modes by, [slip | slip rate | force | bound | pace] of all elements: pace is the slip rate that a force at its bound makes.
+    shared
+        How frictions share what others hold, too.
+    passing
+        Numbers of the elements whose slip passes through zero, whatever their force is: frictions on a prescribed motion, relays of higher degree.
+    opposed
+        Numbers of the rigid contacts that stand against another one, as the two stops of a body.
     """
 
     field: ca.SX
@@ -94,6 +103,9 @@ class Switching(NamedTuple):
     levers: tuple[int, ...]
     floor: ca.SX
     probed: ca.SX
+    shared: Sharing
+    passing: tuple[int, ...]
+    opposed: tuple[int, ...]
 
 
 NEIGHBOURS = 4
@@ -115,16 +127,18 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     cones = Cones(elements, slip, loader, times)
     load, sliding = cones.shared(load), cones.shared(sliding)
     kinetic = load * sliding
-    holds = ca.SX([float(e.holds) for e in elements]) if elements else ca.SX(0, 1)
 
     gain_of_force = ca.jacobian(flow, force)
     coupling = ca.jacobian(kinetic, force)
     slip_of_state = ca.jacobian(slip, x)
     gain = ca.sparsify(ca.mtimes(slip_of_state, gain_of_force))
-    _check_forces(elements, force, static, gain_of_force, coupling, gain)
+    passing = passing_slips(elements, flow, x, force, slip, gain)
+    holds = ca.vertcat(ca.SX(0, 1), *[float(e.holds and i not in passing) for i, e in enumerate(elements)])
+    _check_forces(elements, force, static, gain_of_force, coupling, gain, passing)
     levers = vanishing_levers(elements, slip_of_state, gain_of_force, gain, ca.vertcat(t, x))
     opposed = opposed_contacts(elements, gain, ca.vertcat(t, x))
-    floor = least_gains(gain, levers, opposed)
+    shared = sharing(elements, gain, force, static)
+    floor = least_gains(gain, levers, opposed, shared.rigid)
     free = ca.substitute(flow, force, ca.SX.zeros(force.shape))
     free_rate = ca.mtimes(slip_of_state, free) + ca.jacobian(slip, t)
     zero = ca.SX.zeros(force.shape)
@@ -138,15 +152,14 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         yielding: slip rate of every sticking row in parts of minus its force, none by default.
         """
         laws = cones.at_speed(free_sliding, speeds)
-        matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(1 - sticks) + ca.diag(side) @ cones.at_speed(coupling, speeds))
-        matrix = ca.sparsify(matrix + ca.diag(sticks * floor))
+        matrix = ca.sparsify(shared.of_impulse(gain, sticks, floor) + ca.diag(side) @ cones.at_speed(coupling, speeds))
         if yielding is not None:
             matrix = ca.sparsify(matrix + ca.diag(yielding))
-        right = -(sticks * free_rate + side * free_load * laws)
+        right = -(sticks * shared.weights * free_rate + side * free_load * laws)
         if matrix.sparsity().is_diag():
             pivot = ca.diag(matrix)
             return Balance(matrix, right, -(sticks / pivot) * free_rate - (side * free_load / pivot) * laws)
-        return Balance(matrix, right, solved_for(matrix, right))
+        return Balance(matrix, right, shared.held(solved_for, matrix, right, sticks))
 
     own_mode = cones.shared(mode)
     sticks, side, speeds = holds * (1 - own_mode * own_mode), mode, ca.SX(0, 1)
@@ -165,19 +178,18 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     field = _held_exactly(free + gain_of_force @ solved, slip, slip_of_state, x, t, sticks)
     slip_rate = free_rate + gain @ solved
 
-    limit = sticks * bound
-    stuck = sticks * solved
+    let_go_at, least = limits_of_rings(elements, gain, ca.vertcat(t, x), solved, bound, sticks) if shared.members else (solved, bound)
+    stuck, limit = sticks * let_go_at, sticks * least
     cones.moving_at(slip_rate)
     guards = cones.at_speed(_guards(elements, cones, stuck, limit), speeds)
-    guards = with_play(guards, t, x, elements, gain, opposed)
-    watched = [cones.at_speed(getattr(e, e.watched), speeds) for e in elements if e.watched]
+    guards, opposing = with_play(guards, t, x, elements, gain, opposed), tuple(sorted({i for pair in opposed for i in pair}))
+    watched = [cones.at_speed(getattr(e, e.watched), speeds) for e in elements if e.watched] + [least] * bool(shared.members)
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
     held = held_by_force(levers, sticks, solved, bound)
-    of_impulse = ca.sparsify(ca.diag(held) @ gain + ca.diag(1 - held))  # held rows as for forces, others give no impulse
-    of_impulse = ca.sparsify(of_impulse + ca.diag(held * floor))
-    projected = _project(x, slip, slip_of_state, gain_of_force, of_impulse, held)
+    of_impulse = shared.of_impulse(gain, held, floor)
+    projected = _project(x, slip, slip_of_state, gain_of_force, of_impulse, held, shared)
     burden = ca.fabs(gain_of_force) @ terms
     attached, impulse = [-1] * len(elements), None
     rigid = [i for i, element in enumerate(elements) if element.rigid]
@@ -187,14 +199,14 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         cones.check_loads(attached)
         balanced_size = ca.fabs(slip_of_state) @ ca.fabs(free) + ca.fabs(ca.jacobian(slip, t))
         for j in rigid:
-            bound[j] = balanced_size[j] / gain[j, j]
-        impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements, floor)
+            bound[j] = least[j] = balanced_size[j] / gain[j, j]
+        impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements, floor, shared)
     # of a rigid contact the pace is that of a force of 1
     pace = ca.diag(gain) * ca.vertcat(*[1 if e.rigid else bound[i] for i, e in enumerate(elements)])
-    probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, solved, bound, pace)))
+    probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, let_go_at, least, pace)))
     return Switching(
         field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,
-        levers, floor, probed,
+        levers, floor, probed, shared, passing, opposing,
     )  # fmt: skip
 
 
@@ -254,7 +266,15 @@ def _guards(elements: Sequence[Element], cones: Cones, stuck: ca.SX, limit: ca.S
     return ca.vertcat(ca.SX(0, 1), *found)
 
 
-def _check_forces(elements: Sequence[Element], force: ca.SX, static: ca.SX, gain_of_force: ca.SX, coupling: ca.SX, gain: ca.SX) -> None:
+def _check_forces(
+    elements: Sequence[Element],
+    force: ca.SX,
+    static: ca.SX,
+    gain_of_force: ca.SX,
+    coupling: ca.SX,
+    gain: ca.SX,
+    passing: Sequence[int],
+) -> None:
     """Raise SceneError as `switching` does."""
     if (
         ca.depends_on(gain_of_force, force)
@@ -265,9 +285,14 @@ def _check_forces(elements: Sequence[Element], force: ca.SX, static: ca.SX, gain
     if coupling.nnz() and np.any(np.greater_equal(*np.array(coupling.sparsity().get_triplet())[::-1])):
         raise SceneError("The bound of an element may depend on forces of elements declared earlier only; here it closes a cycle.")
     for i, element in enumerate(elements):
-        if element.holds and not gain.has_nz(i, i):
+        if element.holds and not gain.has_nz(i, i) and i not in passing:
+            remedy = (
+                "; one that acts through lags and may switch ever faster is declared with `higher_degree=True`"
+                if element.law is None and element.slides
+                else ""
+            )
             raise SceneError(
-                f"Element {element.title} cannot hold its slip: its force must act on the rate of its slip (relative degree one)."
+                f"Element {element.title} cannot hold its slip: its force must act on the rate of its slip (relative degree one){remedy}."
             )
 
 
@@ -300,6 +325,7 @@ def _impact(
     mode: ca.SX,
     elements: Sequence[Element],
     floor: ca.SX,
+    shared: Sharing,
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """State, impulses, slips before and after, and bounds of impulses at an impact in which the elements marked as sticking take part."""
     sticking, elastic = ca.SX.sym("sticking", len(elements)), ca.SX.sym("elastic")
@@ -307,9 +333,10 @@ def _impact(
     rubbing = [i for i, element in enumerate(elements) if element.slides]
     # an impact may turn a slip, and then the mode is no longer the way it went before: a law knows no speed below zero
     coupling = ca.substitute(coupling, mode[rubbing], ca.sign(slip[rubbing])) if rubbing else coupling
-    matrix = ca.sparsify(ca.diag(sticking) @ gain + ca.diag(1 - sticking) + ca.diag((1 - sticking) * mode) @ coupling)
-    matrix = ca.sparsify(matrix + ca.diag(sticking * floor))
-    impulses = masked_solve(matrix, -sticking * (1 + elastic * restitution) * slip)
+    rows = sticking * shared.weights
+    matrix = ca.sparsify(ca.diag(rows) @ gain + ca.diag(1 - sticking) + ca.diag((1 - sticking) * mode) @ coupling)
+    matrix = ca.sparsify(matrix + ca.diag(sticking * (floor + shared.softness)))
+    impulses = shared.held(masked_solve, matrix, -rows * (1 + elastic * restitution) * slip, sticking)
     results = (x + gain_of_force @ impulses, impulses, slip, slip + gain @ impulses, strength @ impulses)
     return sticking, elastic, ca.vertcat(*map(ca.densify, results))
 
@@ -351,11 +378,11 @@ def _single(slip_of_state: ca.SX, x: ca.SX) -> list[tuple[int, int]]:
     return [place for k, place in enumerate(single) if k not in changed]
 
 
-def _project(x: ca.SX, slip: ca.SX, slip_of_state: ca.SX, gain_of_force: ca.SX, matrix: ca.SX, sticks: ca.SX) -> ca.SX:
+def _project(x: ca.SX, slip: ca.SX, slip_of_state: ca.SX, gain_of_force: ca.SX, matrix: ca.SX, sticks: ca.SX, shared: Sharing) -> ca.SX:
     """Set the slip of sticking elements to zero by an impulse, then remove round-off exactly where a state enters a slip with factor +-1."""
     if not slip.numel():
         return x
-    impulse = masked_solve(matrix, -sticks * slip)
+    impulse = shared.held(masked_solve, matrix, -sticks * shared.weights * slip, sticks)
     projected = x + gain_of_force @ impulse
     alone = dict(_single(slip_of_state, x))
     states = x[list(set(alone.values()))]

@@ -175,3 +175,10 @@ class Cones:
                     f"The load of `{name}`, which slips in two directions, must not come from the rigid contact `{rigid}`: give `{rigid}` a `stiffness` in "
                     "place of a restitution."
                 )
+
+
+def check_one_direction(elements: Sequence[Element], what: str, remedy: str) -> None:
+    """Raise SceneError where one of the elements is a friction with two slip directions, which `what` does not know."""
+    for element in elements:
+        if element.directions > 1:
+            raise SceneError(f"{what} knows friction with one slip direction, but `{element.name}` has two: {remedy}.")

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.modelling.elements import Element
 from toolbox.modelling.elimination import dependent_rows, must_be_independent
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.rings import motions_of, rings_of
+from toolbox.modelling.shared_holds import check_loads, dependent_holds
 
 
 def check_push(system: HybridSystem) -> None:
@@ -40,6 +44,10 @@ def check_push(system: HybridSystem) -> None:
             )
 
 
+YIELDS = 1e-3
+"""What is added to the gain of a contact that may hold what others hold, where the rest is asked for dependence."""
+
+
 def check_gain(system: HybridSystem) -> None:
     """Every force must pull its own slip towards zero, and no slip may be a combination of others (where the numbers alone decide that)."""
     gain = system.switching.gain
@@ -49,7 +57,7 @@ def check_gain(system: HybridSystem) -> None:
     symbols = [system.t, system.x, system.u, system.p, system.m]
     found = system.once("gain", lambda: ca.Function("gain", symbols, [gain]))  # with its zeros it would grow as the square of a chain
     matrix = found(0.0, 0.0, 0.0, system.values, 0.0)
-    held = [i for i, element in enumerate(system.elements) if element.holds]
+    held = [i for i, element in enumerate(system.elements) if element.holds and i not in system.switching.passing]
     holding = [system.elements[i] for i in held]
     for element, entry in zip(holding, np.array(ca.diag(matrix)).ravel()[held], strict=True):
         if not entry > 0:
@@ -67,13 +75,78 @@ def check_gain(system: HybridSystem) -> None:
     ]
     kept = [i for i in range(len(holding)) if i not in opposed]
     matrix, holding = matrix[np.ix_(kept, kept)], [holding[i] for i in kept]
+    for i in (*system.switching.shared.members, *system.switching.shared.rigid):
+        k = next((k for k, element in enumerate(holding) if element is system.elements[i]), None)
+        if k is not None:
+            matrix[k, k] += YIELDS
     dependent = dependent_rows(matrix)
     if dependent:
         raise SceneError(
-            f"{must_be_independent([holding[i].title for i in dependent])} Two frictions on one body against surfaces of one speed are one friction under both "
-            "loads; against surfaces of different speeds one of them may be a bristle (`Dahl`, `LuGre`); where they are the hole and the rock at the last "
-            "inertia of a string made from tables, `on_bottom = true` leaves that inertia to the rock."
+            f"{must_be_independent([holding[i].title for i in dependent])} Their slips depend on each other for these values of the parameters only, such as "
+            "for one gear ratio: change a value, or make one of the frictions a bristle (`Dahl`, `LuGre`)."
         )
+
+
+def check_rings(system: HybridSystem) -> None:
+    """Frictions must not hold each other's slips in a ring that no stop explains, as two on the ground and one between their bodies do.
+
+    With static friction above kinetic the motion is not unique there. Where both are equal it is, and the ring may stay if its slips keep their ratios.
+    """
+    form = system.switching
+    for ring in rings_of(system.elements, form.gain) if form.shared.members else []:
+        if not _can_rest(system, ring):
+            continue
+        words = f"The frictions {', '.join(f'`{system.elements[i].name}`' for i in ring)} hold each other in a ring"
+        remedy = "make one of them a bristle (`Dahl`, `LuGre`), or carry it by a spring."
+        weaker = [system.elements[i].name for i in ring if _weakens(system, system.elements[i])]
+        if weaker:
+            raise SceneError(
+                f"{words}, and the static friction of `{weaker[0]}` is above its kinetic friction: nothing decides how they share a force at rest, and which "
+                f"of them gives way first, so that the motion is not unique. Let static and kinetic friction of each be equal, {remedy}"
+            )
+        if not motions_of(form.gain, ring, ca.vertcat(system.t, system.x)):
+            raise SceneError(
+                f"{words} whose slips have too many motions, or change their ratios with the states: the toolbox does not follow such a ring. Instead, {remedy}"
+            )
+
+
+def _weakens(system: HybridSystem, friction: Element) -> bool:
+    """Whether the static friction of a law is not its kinetic friction where slip begins, either way."""
+    law = friction.law
+    if law is None:
+        return False
+    laws = {id(each): each for each in (law, law.reverse())}.values()
+    falls = [each.breakaway() - each.sliding(ca.SX(0), *[ca.SX(0)] * len(each.breaks())) for each in laws]
+    size = [each.breakaway() for each in laws]
+    found, bounds = ca.Function("falls", [system.p], [ca.vertcat(*falls), ca.vertcat(*size)])(system.values)
+    return bool((np.abs(np.array(found)) > 1e-9 * np.abs(np.array(bounds))).any())
+
+
+def _can_rest(system: HybridSystem, ring: Sequence[int]) -> bool:
+    """Whether slips that depend on each other can all be zero at once: those of one body against surfaces of different speeds never are."""
+    read = ca.vertcat(*[system.elements[i].slip for i in ring])
+    symbols = [system.t, system.x, system.u, system.p, system.m]
+    slips = ca.Function("slips", symbols, [ca.densify(read), ca.densify(system.switching.gain[list(ring), list(ring)])])
+    x = np.cos(np.arange(1, system.x.numel() + 1))
+    found, gain = (np.array(value) for value in slips(0.3, x, system.input_defaults(system.values), system.values, 0.0))
+    size = np.sqrt(np.diag(gain))
+    _, values, vectors = np.linalg.svd(gain / np.outer(size, size))
+    apart = vectors[values < 1e-9] @ (found.ravel() / size)
+    return bool((np.abs(apart) <= 1e-9 * np.abs(found.ravel() / size).max()).any())
+
+
+def check_wedges(system: HybridSystem) -> None:
+    """No load may read the force of a stop of a body without play: both stops may press on it, and nothing decides how strongly."""
+    rigid = [e for e in system.elements if e.rigid and not e.one_way]
+    if len(rigid) < 2 or not any(ca.depends_on(e.static, ca.vertcat(*[r.multiplier for r in rigid])) for e in system.elements):
+        return
+    rows = system.once("wedges", lambda: dependent_holds(system.elements, system.switching.gain))
+    for together in rows:
+        read = ca.vertcat(*[system.elements[i].closure for i in together])
+        closures = ca.Function("closures", [system.t, system.x, system.u, system.p, system.held], [read])
+        found = np.array(closures(0.0, 0.0, system.input_defaults(system.values), system.values, 0.0)).ravel()
+        if all(system.elements[i].rigid for i in together) and not found.any():
+            check_loads(system.elements, together, together[0])
 
 
 def _check_cones(system: HybridSystem) -> None:

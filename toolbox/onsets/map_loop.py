@@ -15,10 +15,10 @@ from toolbox.files.units import NumberOrText
 from toolbox.measuring import judge
 from toolbox.measuring.judge import BUDGET
 from toolbox.modelling.closed_loop import ClosedLoop
-from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.numbers import Number
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
+from toolbox.modelling.two_directions import check_one_direction
 from toolbox.onsets.carried import JudgedRuns
 from toolbox.onsets.growth import SmoothBranch, check_autonomous
 from toolbox.scenes.judged import judged_contact, judged_speed

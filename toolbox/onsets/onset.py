@@ -29,8 +29,8 @@ from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import BUDGET, NOT_DECIDED, STANDS, STICKS
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
-from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.numbers import Number
+from toolbox.modelling.two_directions import check_one_direction
 from toolbox.onsets.coexisting import coexisting
 from toolbox.onsets.cycles import exact
 from toolbox.onsets.growth import SmoothBranch, check_autonomous

@@ -17,6 +17,7 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from toolbox.arguments import number
@@ -108,7 +109,8 @@ def limit_cycle(
                 "locked to the clock."
             )
         if given is None:
-            raise SceneError("Argument `period` must be given for a driven machine whose inputs are not sines of one frequency.")
+            why = "that depends on time by itself" if _depends_on_time(orbit.run) else "whose inputs are not sines of one frequency"
+            raise SceneError(f"Argument `period` must be given for a driven machine {why}.")
         given = orbit.whole(given)
         rounds = np.floor(run.end / given * (1 + 1e-12)) if settle is not None or run is loop else 0.0
         if orbit.clocked and rounds * given > run.end * (1 - 1e-9):
@@ -130,11 +132,19 @@ def limit_cycle(
 
 
 def forcing_period(run: Run) -> float | None:
-    """The period of the sines among the inputs, where they have one frequency and nothing else varies; else None."""
+    """The period of the sines among the inputs if they have one frequency and nothing else varies, as the plant by itself may; else None."""
+    if _depends_on_time(run):
+        return None
     shapes = [value for value in run.inputs.values() if isinstance(value, Shape)]
     if not shapes or any(s.kind != "sine" for s in shapes) or len({s.coefficients[2] for s in shapes}) > 1 or not shapes[0].coefficients[2]:
         return None
     return 1.0 / abs(shapes[0].coefficients[2])
+
+
+def _depends_on_time(run: Run) -> bool:
+    """Whether time enters the equations of the plant, its loads and its contacts, and not by its inputs alone."""
+    form = run.system.switching
+    return bool(ca.depends_on(ca.vertcat(form.field, form.guards), run.system.t))
 
 
 def anchored(run: Trajectory, begin: float, end: float, orbit: Orbit) -> float:

@@ -23,8 +23,8 @@ from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.emitter import compiled, function_text
 from toolbox.compilation.program import Program
 from toolbox.errors import GrazingError
-from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.elimination import called_with, calls
+from toolbox.modelling.two_directions import check_one_direction
 from toolbox.orbits.sampled_memory import SampledLaws, SampledTangent, default_slopes
 from toolbox.orbits.transport import Tableau, Transport
 from toolbox.simulation.samples import Samples

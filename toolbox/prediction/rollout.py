@@ -26,10 +26,11 @@ import numpy as np
 
 from toolbox.compilation.emitter import Body, compiled, function_text, inline
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import Element, check_one_direction
+from toolbox.modelling.elements import Element
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.regularisation import Regularisation
 from toolbox.modelling.switching import switching
+from toolbox.modelling.two_directions import check_one_direction
 from toolbox.prediction.rollout_loop import Motion, advance_rollout
 
 

@@ -158,6 +158,41 @@ def _state_error(words: str, name: str, program: Program, so_far: Trajectory) ->
     return SimulationError(words, so_far)
 
 
+def _no_modes(program: Program, point: Any, work: Any, t: float, so_far: Trajectory) -> SimulationError:
+    """The error of a run at whose instant no modes agree with the forces."""
+    names = [element.name for element in program.system.elements]
+    inside = (
+        [
+            e
+            for e in program.system.elements
+            if e.rigid and float(np.ravel(point[f"{e.name}.{'slip' if e.one_way else 'closure'}"])[0]) > 0.0
+        ]
+        if not work.ints[work_layout.STARTED]
+        else []
+    )
+    if inside and inside[0].one_way:
+        return SimulationError(
+            f"The slip of the one-way clutch `{inside[0].name}` must be <= 0 {inside[0].slip_unit} at the start, but it is "
+            f"{float(np.ravel(point[inside[0].name + '.slip'])[0]):g}: its driving side must not be faster than the side that it drives.",
+            so_far,
+        )
+    if inside:
+        return SimulationError(f"The closure of the rigid contact `{inside[0].name}` must be <= 0 at the start, but it is inside.", so_far)
+    still = [i for i in program.form.passing if work.m[i] == 0.0]
+    if still:
+        return SimulationError(
+            f"The slip of `{names[still[0]]}` is prescribed and stands still from t = {t:.9g} s on: nothing decides the force of a friction at rest "
+            "between motions that are given. Let the motion pass through zero, or move it by a force.",
+            so_far,
+        )
+    if (wrong := _rising_friction(program, range(len(names)), point, work, so_far)) is not None:
+        return wrong
+    words = f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s" + _paradox(
+        program, point, work, t
+    )
+    return NoModes(words + _sharing(program, point, work, t), so_far)
+
+
 def failure(status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> SimulationError:
     """The error of a run that the loop gave up, in words of the plant."""
     so_far = trajectory_so_far(run, program, work, began, answers)
@@ -189,19 +224,7 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
             f"Element `{names[i]}` switches without end at t = {t:.9g} s{_resolution(t)}" + _paradox(program, point, work, t), so_far
         )
     if status == work_layout.INCONSISTENT:
-        inside = (
-            [e.name for e in program.system.elements if e.rigid and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
-            if not work.ints[work_layout.STARTED]
-            else []
-        )
-        if inside:
-            return SimulationError(f"The closure of the rigid contact `{inside[0]}` must be <= 0 at the start, but it is inside.", so_far)
-        if (wrong := _rising_friction(program, range(len(names)), point, work, so_far)) is not None:
-            return wrong
-        words = f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s" + _paradox(
-            program, point, work, t
-        )
-        return NoModes(words + _sharing(program, point, work, t), so_far)
+        return _no_modes(program, point, work, t, so_far)
     labels = _labels(program)
     if status == work_layout.STATE_NOT_FINITE:
         name = labels[int(np.argmin(np.isfinite(work.x[: len(labels)])))]

@@ -13,9 +13,9 @@ import numpy as np
 from toolbox.arguments import finite_array, number
 from toolbox.errors import SceneError
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, value_at
-from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.regularisation import SmoothSystem, checked_widths
+from toolbox.modelling.two_directions import check_one_direction
 from toolbox.simulation.budget import UNHURRIED
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.methods import Method, Smoothing, TimeStepping, method_of

@@ -127,9 +127,10 @@ class Samples(Generic[Read]):
     def modes(self) -> dict[str, np.ndarray]:
         """Mode of each element at `time`, as strings: "stick", "slip+", "slip-"; raises SceneError for an unknown element."""
         words = {}
-        for i, element in enumerate(self.program.system.elements):
+        for name in self._elements:
+            i, legend = self.program.system.switch(name)
             numbers, place = np.unique(self.mode[:, i], return_inverse=True)
-            words[element.name] = np.array([element.legend[int(number)] for number in numbers], dtype=np.str_)[place]
+            words[name] = np.array([legend[int(number)] for number in numbers], dtype=np.str_)[place]
         modes = Modes(words)
         modes.unknown = self.program.system.no_element
         return modes

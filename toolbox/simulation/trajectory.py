@@ -215,11 +215,22 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @cached_property
     def events(self) -> list[Event]:  # type: ignore[override]
-        """Every switch of every element, in order of time; not how the second direction of a friction finds its own."""
-        return [event for event, _ in self._switches()]
+        """Every switch of every element, in order of time; not how the second direction of a friction finds its own.
+
+        Frictions on one slip switch together: each has its own event.
+        """
+        found = [event for event, _ in self._switches()]
+        if self.program.system.leaders:
+            found = sorted(found + [event for name in self.program.system.leaders for event in self._events_of(name)], key=lambda e: e.time)
+        return found
 
     def _events_of(self, element: str) -> list[Event]:
-        return [event for event, _ in self._switches(self._elements.index(element))]
+        place, legend = self.program.system.switch(element)
+        if place == self._elements.index(element):
+            return [event for event, _ in self._switches(place)]
+        own = self._event_arrays[1] == place
+        times, modes = self._event_arrays[0][own], self._event_arrays[2][own]
+        return [Event(float(t), element, legend[int(b)], legend[int(a)]) for t, (b, a, _) in zip(times, modes, strict=True)]
 
     def _switches(self, place: int | None = None) -> list[tuple[Event, bool]]:
         """Every switch, or those of the element at a place, and whether other modes were consistent with the forces, too."""
@@ -286,7 +297,8 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return self.program.system.no_element(name)
 
     def _at_last(self, element: str) -> str:
-        return self._legends[element][int(self._last_mode[self._elements.index(element)])]
+        place, legend = self.program.system.switch(element)
+        return legend[int(self._last_mode[place])]
 
     def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> Samples[Any]:
         """Signals at times within the recorded steps that begin at the nodes `row`; at the end of a step what it came to, before any switch there."""

@@ -102,7 +102,8 @@ def _same_gaps(program: Program, state: RunState, p: np.ndarray, x: np.ndarray) 
 
 def closures(program: Program, t: float, x: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Return the closures of the gaps of the rigid contacts of a program at a point, in order."""
-    names = tuple(f"{element.name}.closure" for element in program.system.elements if element.rigid)
+    elements = [element for element in program.system.elements if element.rigid]
+    names = tuple(f"{element.name}.{'slip' if element.one_way else 'closure'}" for element in elements)
     found, m = np.empty(len(names)), np.ones(program.kind.size)
     signal_reader(program, names)(t, 0.0, *(array.ctypes.data for array in (x, x, p, m, found)))
     return found

@@ -13,9 +13,9 @@ from toolbox.errors import SceneError
 from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
-from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.laws import names
 from toolbox.modelling.steady_point import Equilibrium, closed_signal, function_of
+from toolbox.modelling.two_directions import check_one_direction
 from toolbox.steady_states.equilibria import state_values
 from toolbox.steady_states.linear import input_values, steady_state
 

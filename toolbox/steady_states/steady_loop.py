@@ -23,11 +23,11 @@ from toolbox.arguments import count_of, mapping
 from toolbox.errors import SceneError, SimulationError
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Equations, Signal
-from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_starts
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
+from toolbox.modelling.two_directions import check_one_direction
 from toolbox.simulation.budget import Budget
 from toolbox.simulation.methods import EventExact
 from toolbox.simulation.samples import Samples

@@ -33,9 +33,11 @@ def after_event(w, t, again):
         w.ints[layout.CLOSE] += 1
         if w.ints[layout.CLOSE] > 2 * many_at_once(w):
             return layout.ENDLESS
-    else:
+    elif t - w.reals[layout.LAST_EVENT] > 1e-11 * abs(t):  # between both is the row of events as it was
         w.ints[layout.CLOSE] = 0
     w.reals[layout.LAST_EVENT] = t
+    if w.ints[layout.CLOSE] == many_at_once(w) + 1:
+        _end_together(w, t)
     if _bound_falls(w):
         return layout.NEGATIVE_BOUND
     if not fire(w, t, again):
@@ -48,6 +50,21 @@ def after_event(w, t, again):
     else:
         first_step(w)
     return layout.DONE
+
+
+TOGETHER = 1e-7
+"""Part of its size below which the slip of a friction is zero where frictions switch without end."""
+
+
+def _end_together(w, t):
+    """Put at zero together the slips that switch without end, as two relays do that take each other back and forth ever faster; forces then decide."""
+    for i in range(w.ints[layout.NE]):
+        slides = w.kind[i] == layout.FRICTION and w.m[i] != 0.0 and not flies(w, i) and not two_directions(w, i)
+        if slides and abs(w.g[2 * i]) <= TOGETHER * guard_size(w, 2 * i):
+            w.fired[2 * i], w.m[i] = True, 0.0
+    project(w, t)
+    for i in range(w.ints[layout.NE]):
+        w.m[i] = w.before[i]
 
 
 def _bound_falls(w):

@@ -18,9 +18,14 @@ def close_to_zero(w, j):
     return min(max(1e-5 * w.reals[layout.RTOL], 1e-13), 1e-9) * guard_size(w, j)
 
 
+def rests(w, j, begin, end):
+    """Whether guard j is that of an open gap which others hold at zero: its rates at both ends of a step are exactly zero, and what it is is round-off."""
+    return j < 2 * w.ints[layout.NE] and begin == 0.0 and end == 0.0 and w.kind[j // 2] == layout.RIGID and w.m[j // 2] == 1.0
+
+
 def flies(w, i):
-    """Whether element i is a friction without load because its contact is open: it has no force, and its slip passes through zero unhindered."""
-    return w.loader[i] >= 0 and w.m[w.loader[i]] == 1.0
+    """Whether the slip of element i passes through zero unhindered: of a friction whose contact is open, or whose motion is prescribed."""
+    return w.loader[i] == layout.PASSES or (w.loader[i] >= 0 and w.m[w.loader[i]] == 1.0)
 
 
 def without_lever(w, i):
@@ -69,14 +74,15 @@ def refresh(w):
 def leaves_zero(w, j):
     """Whether guard j belongs to an open rigid contact, a switch or a kink: it may stand at zero and fall, which no force decides."""
     if j < 2 * w.ints[layout.NE]:
-        kind = w.kind[j // 2]
-        return j % 2 == 0 and (kind == layout.SWITCH or (kind == layout.RIGID and w.m[j // 2] == 1.0))
+        kind, driven = w.kind[j // 2], w.loader[j // 2] == layout.ONE_WAY  # of a one-way clutch force decides
+        return j % 2 == 0 and (kind == layout.SWITCH or (kind == layout.RIGID and w.m[j // 2] == 1.0 and not driven))
     return j < w.ints[layout.NG] - w.ints[layout.BOUNDS]
 
 
 def _falling_from_zero(w, j):
-    """Whether guard j stands at zero, unarmed, and its slope is negative."""
-    return leaves_zero(w, j) and not w.armed[j] and w.side[j] * w.g[w.ints[layout.NG] + j] < 0.0
+    """Whether guard j stands at zero, unarmed, and its slope is negative, but of a contact that has just been let go: the closing speed of that is an error."""
+    let_go = j < 2 * w.ints[layout.NE] and w.kind[j // 2] == layout.RIGID and w.before[j // 2] == 0.0 and w.ints[layout.STARTED] == 1
+    return leaves_zero(w, j) and not w.armed[j] and not let_go and w.side[j] * w.g[w.ints[layout.NG] + j] < 0.0
 
 
 def _arm_falling_from_zero(w):

@@ -11,6 +11,9 @@ from toolbox.translation.words import call
 MOST_TRIED = 8192
 """Ways of an impact that are tried one by one: all of four contacts with friction are 1296, of thirteen without 8192."""
 
+STILL = 1e-11
+"""Part of the speed of an impact below which a friction that stuck before it still does: contacts that hold each other yield by so little."""
+
 ROUND_OFF = 1e-9
 """Part of the largest impulse or speed of an impact below which one of the wrong sign is none."""
 
@@ -50,8 +53,8 @@ def _energy(w):
 
 
 def _strikes(w, i):
-    """Whether a rigid contact takes part in the impact: it is closed, or has just closed."""
-    return w.kind[i] == layout.RIGID and (w.before[i] == 0.0 or w.fired[2 * i])
+    """Whether a rigid contact takes part in the impact: it is closed, or has just closed, or is a one-way clutch, which an impact can lock."""
+    return w.kind[i] == layout.RIGID and (w.before[i] == 0.0 or w.fired[2 * i] or w.loader[i] == layout.ONE_WAY)
 
 
 def _rubs(w, i):
@@ -226,12 +229,18 @@ def impact(w, t):
         _hold_all(w)
         if balanced(w, t) == 0.0:
             break
+    fast = 0.0
     for i in range(n):
         w.x[i] = w.y[i]
     for i in range(ne):
+        fast = max(fast, abs(w.y[n + ne + i])) if _strikes(w, i) else fast
+    for i in range(ne):
         after = w.y[n + 2 * ne + i]
         if w.kind[i] == layout.RIGID:
-            if w.before[i] == 0.0:
+            if w.loader[i] == layout.ONE_WAY:  # forces decide what it does where its sides come to one speed
+                w.zero[i] = w.m_other[i] == 1.0 or abs(after) <= 1e-9 * w.guard_scale[2 * i]
+                w.m[i] = 0.0 if w.zero[i] else 1.0
+            elif w.before[i] == 0.0:
                 w.m[i] = 1.0 - w.m_other[i]
                 w.zero[i] = w.m_other[i] == 1.0
             elif w.fired[2 * i]:
@@ -241,7 +250,8 @@ def impact(w, t):
         elif w.kind[i] == layout.FRICTION:
             if two_directions(w, i):
                 after = math.sqrt(after * after + w.y[n + 2 * ne + i + 1] ** 2)
-            w.zero[i] = w.m_other[i] == 1.0 or abs(after) <= 1e-9 * w.guard_scale[2 * i]
+            still = max(1e-9 * w.guard_scale[2 * i], STILL * fast if w.before[i] == 0.0 else 0.0)
+            w.zero[i] = w.m_other[i] == 1.0 or abs(after) <= still
             w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, after)
             if two_directions(w, i) and w.before[i] == 0.0:
                 w.m[i + 1] = abs(w.m[i])

@@ -14,6 +14,9 @@ from toolbox.translation.words import call
 ROUND_OFF = 4.0 * layout.EPS * 1e7
 """What the round-off of a number is in parts of what `nudge` changes it by."""
 
+ZERO_RATE = 1e-12
+"""Part of the forces at an open contact from which on the rate that they leave closes it: those that hold each other cancel to no better."""
+
 SEEN = 2e-9
 """How far a guard must have passed zero, in parts of its size, to have been passed: more than events are located to."""
 
@@ -33,7 +36,7 @@ def modes_consistent(w, t, change, one):
             if (
                 force <= (w.m_other[ne] if hands_over else 0.0)
                 if w.m[i] == 0.0
-                else rate <= 1e-9 * abs(pace) * w.guard_scale[2 * i + w.ints[layout.NG]]
+                else rate <= abs(pace) * max(1e-9 * w.guard_scale[2 * i + w.ints[layout.NG]], ZERO_RATE * abs(static))
             ):
                 continue  # released where its force is zero, it may seem to close by the round-off of that zero
             right = 1.0 - w.m[i]
@@ -77,13 +80,57 @@ def decide(w, t):
     if settled and w.ints[layout.COUPLED] == 1:
         for i in range(ne):
             if w.zero[i] and not w.forced[i] and w.m[i] != 0.0 and w.kind[i] == layout.FRICTION:
-                mode = w.m[i]
-                w.m[i] = 0.0
-                if not modes_consistent(w, t, False, -1):
-                    w.m[i] = mode
+                _stick_if_it_can(w, t, i)
+    if settled and w.ints[layout.COUPLED] == 1:
+        _caught(w, t)
     if settled and w.ints[layout.LEVERS] > 0:
         _let_pass(w, t)
-    return settled
+    return settled and _passes(w, t)
+
+
+def _stick_if_it_can(w, t, i):
+    """Let friction i stick where that agrees with the other modes, or with closed contacts beside it that then let go and frictions that then stick, too."""
+    ne, opens = w.ints[layout.NE], False
+    for j in range(ne):
+        w.m_other[ne + 1 + j] = w.m[j]
+        opens = opens or (w.kind[j] == layout.RIGID and w.zero[j] and w.m[j] == 0.0)
+    w.m[i] = 0.0
+    agrees = modes_consistent(w, t, False, -1)
+    if not agrees and opens:
+        w.zero[i] = False
+        for _ in range(20 + 4 * ne):
+            if modes_consistent(w, t, True, -1):
+                break
+        w.zero[i] = True
+        agrees = modes_consistent(w, t, False, -1)
+        for j in range(ne):
+            agrees = agrees and (w.kind[j] != layout.FRICTION or w.m[j] == 0.0 or w.m_other[ne + 1 + j] == w.m[j])
+    for j in range(0 if agrees else ne):
+        w.m[j] = w.m_other[ne + 1 + j]
+
+
+def _caught(w, t):
+    """Keep a friction at rest that reached its limit where a contact which it thereby closes holds it within that: it has not slipped."""
+    ne, closed = w.ints[layout.NE], False
+    for i in range(ne):
+        closed = closed or (w.kind[i] == layout.RIGID and w.zero[i] and w.m[i] == 0.0 and w.before[i] == 1.0)
+    if closed:  # those that it sets in motion may hold, too
+        held = True
+        for i in range(ne):
+            w.m_other[ne + 1 + i] = w.m[i]
+            if w.kind[i] == layout.FRICTION and w.zero[i] and w.before[i] == 0.0:
+                w.m[i] = 0.0
+        held = modes_consistent(w, t, False, -1)
+        for i in range(ne):
+            held = held and not (w.forced[i] and w.m[i] == 0.0 and abs(w.z[2 * ne + i]) > (1.0 - 1e-9) * w.z[3 * ne + i])
+        for i in range(0 if held else ne):
+            w.m[i] = w.m_other[ne + 1 + i]
+    for i in range(ne if closed else 0):
+        if w.kind[i] == layout.FRICTION and w.zero[i] and w.forced[i] and w.before[i] == 0.0 and w.m[i] != 0.0:
+            mode = w.m[i]
+            w.m[i] = 0.0
+            if not modes_consistent(w, t, False, -1) or abs(w.z[2 * ne + i]) > (1.0 - 1e-9) * w.z[3 * ne + i]:
+                w.m[i] = mode
 
 
 STUCK, ARRIVES, LET_GO = 1.0, 2.0, 3.0
@@ -159,25 +206,39 @@ def _let_pass(w, t):
 
     They slide the way that a few short steps show. Where those show none, all is at rest.
     """
-    n, ne = w.ints[layout.N], w.ints[layout.NE]
-    for i in range(ne):
-        if not w.zero[i] or not without_lever(w, i):
-            continue
-        w.m[i] = 1.0
-        slip, h = 0.0, 1e-10 * w.reals[layout.HORIZON]
-        for _ in range(LOOKS):
+    for i in range(w.ints[layout.NE]):
+        if w.zero[i] and without_lever(w, i):
+            w.m[i] = 1.0
+            w.m[i] = _way(w, t, i)
+
+
+def _passes(w, t):
+    """Let slips that are prescribed, or those of relays of higher degree, go on the way that a few short steps show; False where one stands still."""
+    for i in range(w.ints[layout.NE]):
+        if w.loader[i] == layout.PASSES and (w.m[i] == 0.0 or w.zero[i]):
+            w.m[i] = _way(w, t, i)
+            if w.m[i] == 0.0:
+                return False
+    return True
+
+
+def _way(w, t, i):
+    """The sign of slip i after the shortest of a few short steps after which it is not zero; 0 where it stays zero."""
+    n = w.ints[layout.N]
+    slip, h = 0.0, 1e-10 * w.reals[layout.HORIZON]
+    for _ in range(LOOKS):
+        for j in range(n):
+            w.x_other[j] = w.x[j]
+        for step in range(4):  # a force that begins at zero moves the lever in the third
+            call(w.ints[layout.FIELD], t + step * h, 0.0, w.x_other, w.k, w.p, w.m, w.y)
             for j in range(n):
-                w.x_other[j] = w.x[j]
-            for step in range(4):  # a force that begins at zero moves the lever in the third
-                call(w.ints[layout.FIELD], t + step * h, 0.0, w.x_other, w.k, w.p, w.m, w.y)
-                for j in range(n):
-                    w.x_other[j] += h * w.y[n + j]
-            call(w.ints[layout.PROBE], t + 4.0 * h, 0.0, w.x_other, w.k, w.p, w.m, w.y)
-            slip = w.y[i]
-            if slip != 0.0:
-                break
-            h *= 10.0
-        w.m[i] = 0.0 if slip == 0.0 or not math.isfinite(slip) else math.copysign(1.0, slip)
+                w.x_other[j] += h * w.y[n + j]
+        call(w.ints[layout.PROBE], t + 4.0 * h, 0.0, w.x_other, w.k, w.p, w.m, w.y)
+        slip = w.y[i]
+        if slip != 0.0:
+            break
+        h *= 10.0
+    return 0.0 if slip == 0.0 or not math.isfinite(slip) else math.copysign(1.0, slip)
 
 
 def turn_switches(w):
@@ -299,6 +360,9 @@ def _come_to_rest(w, t, again):
     ended = False
     for i in range(w.ints[layout.NE]):
         if w.kind[i] == layout.FRICTION and w.before[i] != 0.0 and w.fired[2 * i]:
+            if w.loader[i] == layout.PASSES:
+                w.zero[i] = True
+                continue
             if flies(w, i) or (again and w.lever[i] == 1 and _cannot_hold(w, t, i)):
                 w.m[i] = -w.m[i]
                 continue
@@ -361,7 +425,7 @@ def _take_in_what_touches(w, t):
             and abs(w.z[i]) <= ROUND_OFF * abs(w.y[i] - w.z[i])
         ):
             w.zero[i] = True
-            if released and abs(w.z[ne + i]) <= least * abs(w.z[4 * ne + i]):
+            if released and w.lever[i] == layout.OPPOSED and abs(w.z[ne + i]) <= least * abs(w.z[4 * ne + i]):
                 w.m[i], w.forced[i] = 0.0, True
     w.m_other[ne] = least
 

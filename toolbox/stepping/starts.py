@@ -56,9 +56,14 @@ def _turn_switches(w, t):
 
 
 def _arm_what_falls(w):
-    """Arm the guards about to fall through zero where a run goes on, as it may be cut at a release or a rest, but not those that stay at zero."""
+    """Arm the guards about to fall through zero where a run goes on, as it may be cut at a release or a rest, but not those that stay at zero.
+
+    So is a gap that is closed at the start and closes on: it strikes at once, also where it opens again within a step.
+    """
     for j in range(2 * w.ints[layout.NE]):
         i, rate = j // 2, w.side[j] * w.g[j + w.ints[layout.NG]]
+        if j % 2 == 0 and w.kind[i] == layout.RIGID and w.m[i] == 1.0 and w.m_other[i] == 1.0 and not w.zero[i]:
+            w.armed[j] = w.armed[j] or rate < 0.0
         if w.initial[i] != layout.UNDECIDED and w.kind[i] != layout.SWITCH:
             falls = rate < 0.0 and not w.zero[i] and j % 2 == 0
             w.armed[j] = w.armed[j] or falls or (w.m[i] == 0.0 and (rate < 0.0 or w.side[j] * w.g[j] > 0.0))

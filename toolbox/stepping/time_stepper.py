@@ -38,6 +38,12 @@ def _agrees(w, i):
     n, ne = w.ints[layout.N], w.ints[layout.NE]
     after, force, bound, slip = w.y[n + i], w.y[n + ne + i], w.y[n + 2 * ne + i], w.y[n + 3 * ne + i]
     tiny = 1e-12 * w.guard_scale[2 * i]
+    if w.loader[i] == layout.PASSES:
+        way = slip if slip != 0.0 else after
+        right = 0.0 if way == 0.0 else math.copysign(1.0, way)
+        agrees = w.m[i] == right
+        w.m[i] = right
+        return agrees
     if w.kind[i] == layout.RIGID:
         if w.m[i] == 0.0:
             if force <= 0.0:
@@ -45,7 +51,7 @@ def _agrees(w, i):
             w.m[i] = 1.0
             return False
         closure, restitution = w.y[n + 4 * ne + i], w.y[n + 5 * ne + i]
-        if w.before[i] != 0.0 and closure < 0.0:
+        if w.before[i] != 0.0 and closure < 0.0 and w.loader[i] != layout.ONE_WAY:
             return True  # the gap stays open over this step
         if after + max(0.0, restitution * slip) <= tiny:
             return True
@@ -90,6 +96,9 @@ def _step(w, t, h):
                     break
             if settled:
                 break
+        for i in range(ne):
+            if w.loader[i] == layout.PASSES and w.m[i] == 0.0:
+                return False  # a slip that is prescribed stands still
         if not settled and w.m_other[ne] == 0.0:
             return False
         if not settled:

@@ -1,0 +1,76 @@
+"""Levers that vanish: a crank and slider, and a scotch yoke, whose guide rubs.
+
+    (J + m p^2) w' + m p p' w^2 = T - d w + p F          x = x(a), p = dx/da, slip of the guide p w
+
+At a dead centre p = 0: the guide stands still however fast the crank turns, its slip passes through zero, and no friction of it holds the crank. Elsewhere it
+holds the crank while |T| <= p times its bound. The friction of the guide is the force F alone: a connecting rod that presses on it is left out.
+Source: textbook kinematics, as in J. J. Uicker, G. R. Pennock, J. E. Shigley, Theory of Machines and Mechanisms, Oxford.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from models.friction import Coulomb
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
+
+
+def _turned(signal, inertia, mass, damping, friction, place, angle, speed):
+    """The equations of a shaft that moves a body along a guide, whose place is an expression of the angle."""
+    torque = signal("crank.torque", "N m", default=0.0)
+    lever = ca.jacobian(place, angle)
+    guide = DryFriction("guide", lever * speed, friction)
+    whole = inertia + mass * lever**2
+    pull = torque - damping * speed - mass * lever * ca.jacobian(lever, angle) * speed**2 + lever * guide.force
+    return Equations(
+        flow={angle: speed, speed: pull / whole},
+        gives={"slider.position": (place, "m"), "slider.speed": (lever * speed, "m/s")},
+        elements=[guide],
+        stored=whole * speed**2 / 2,
+        losses={"guide": -guide.force * lever * speed, "drag": damping * speed**2},
+        supplies={"torque": torque * speed},
+    )
+
+
+@dataclass(frozen=True)
+class CrankSlider(Component):
+    """A crank that moves a slider by a connecting rod, with dry friction at the guide: x = r cos a + sqrt(l^2 - (r sin a)^2).
+
+    Its input is the torque `crank.torque`. Range: rod longer than the crank. Numbers are chosen. Equations and source: `models.cranks`.
+    """
+
+    inertia: Quantity = quantity(0.01, "kg m2", "inertia of the crank", above=0)
+    mass: Quantity = quantity(1.0, "kg", "mass of the slider", at_least=0)
+    crank: Quantity = quantity(0.05, "m", "length of the crank", above=0)
+    rod: Quantity = quantity(0.15, "m", "length of the connecting rod", above=0)
+    damping: Quantity = quantity(0.0, "N m s/rad", "drag of the shaft", at_least=0)
+    friction: FrictionLaw = Coulomb(30.0, 20.0)
+
+    def check(self):
+        if self.rod <= self.crank:
+            raise SceneError(f"Argument `rod` must be longer than the crank of {self.crank:g} m, but it is {self.rod!r}.")
+
+    def equations(self, signal):
+        angle, speed = state("crank.angle", "rad"), state("crank.speed", "rad/s")
+        place = self.crank * ca.cos(angle) + ca.sqrt(self.rod**2 - (self.crank * ca.sin(angle)) ** 2)
+        return _turned(signal, self.inertia, self.mass, self.damping, self.friction, place, angle, speed)
+
+
+@dataclass(frozen=True)
+class ScotchYoke(Component):
+    """A pin on a crank that moves a slotted yoke to and fro, with dry friction at its guide: x = r sin a.
+
+    Its input is the torque `crank.torque`. Numbers are chosen. Equations and source: `models.cranks`.
+    """
+
+    inertia: Quantity = quantity(1.0, "kg m2", "inertia of the crank", above=0)
+    mass: Quantity = quantity(0.0, "kg", "mass of the yoke", at_least=0)
+    crank: Quantity = quantity(1.0, "m", "length of the crank", above=0)
+    damping: Quantity = quantity(0.0, "N m s/rad", "drag of the shaft", at_least=0)
+    friction: FrictionLaw = Coulomb(0.1, 0.1)
+
+    def equations(self, signal):
+        angle, speed = state("crank.angle", "rad"), state("crank.speed", "rad/s")
+        return _turned(signal, self.inertia, self.mass, self.damping, self.friction, self.crank * ca.sin(angle), angle, speed)

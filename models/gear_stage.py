@@ -1,0 +1,55 @@
+"""A gear stage whose loss at the teeth follows the torque that they transmit, by a table over speed, with a bearing.
+
+    J1 w1' = T1 - tau + M_teeth + M_bearing,   J2 w2' = i tau + T2          tau = k (a1 - i a2) + c (w1 - i w2)
+    |M_teeth| <= mu(|w1|) |tau|,   M_bearing by its own law
+
+The teeth and the bearing rub at the speed of the driving shaft: at rest they are one friction. tau must not depend on their force, so the teeth are elastic.
+The bearing keeps a bound where the teeth are unloaded. Source: as the lossy gear of the Modelica Standard Library (C. Pelchen, C. Schweiger, M. Otter, Modeling
+and simulating the efficiency of gearboxes and of planetary gearboxes, 2nd Modelica Conference, 2002), with the loss at one side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from models.friction import Coulomb, Tabulated
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
+
+
+@dataclass(frozen=True)
+class GearStage(Component):
+    """A pair of gears between a driving and a driven shaft, with a loss table and a bearing; its inputs are `input.torque` and `output.torque`.
+
+    Numbers are chosen. Equations and source: `models.gear_stage`.
+    """
+
+    ratio: Quantity = quantity(2.0, "1", "speed of the driving shaft in parts of that of the driven one", above=0)
+    driving_inertia: Quantity = quantity(1.0, "kg m2", "inertia of the driving shaft", above=0)
+    driven_inertia: Quantity = quantity(1.5, "kg m2", "inertia of the driven shaft", above=0)
+    stiffness: Quantity = quantity(1e4, "N m/rad", "stiffness of the teeth at the driving shaft", above=0)
+    damping: Quantity = quantity(20.0, "N m s/rad", "damping of the teeth at the driving shaft", at_least=0)
+    losses: FrictionLaw = Tabulated(speeds=(0.0, 10.0, 100.0), coefficients=(0.08, 0.05, 0.04), static=0.1)
+    bearing: FrictionLaw = Coulomb(0.5, 0.4)
+
+    def equations(self, signal):
+        torque, load = signal("input.torque", "N m", default=0.0), signal("output.torque", "N m", default=0.0)
+        twist = state("teeth.twist", "rad")
+        driving, driven = state("input.speed", "rad/s"), state("output.speed", "rad/s")
+        rate = driving - self.ratio * driven
+        tau = self.stiffness * twist + self.damping * rate
+        units = {"slip_unit": "rad/s", "force_unit": "N m"}
+        bearing = DryFriction("bearing", driving, self.bearing, **units)
+        teeth = DryFriction("teeth", driving, self.losses, ca.fabs(tau), **units)
+        return Equations(
+            flow={
+                twist: rate,
+                driving: (torque - tau + teeth.force + bearing.force) / self.driving_inertia,
+                driven: (self.ratio * tau + load) / self.driven_inertia,
+            },
+            elements=[bearing, teeth],
+            stored=(self.driving_inertia * driving**2 + self.driven_inertia * driven**2 + self.stiffness * twist**2) / 2,
+            losses={"teeth": -teeth.force * driving, "bearing": -bearing.force * driving, "damping": self.damping * rate**2},
+            supplies={"input": torque * driving, "output": load * driven},
+        )

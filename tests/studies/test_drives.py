@@ -256,7 +256,7 @@ def test_a_search_keeps_its_points_begins_where_it_is_told_and_goes_on_from_its_
 def test_every_family_makes_a_law_that_is_designed_on_the_rig():
     for label, family in gains.FAMILIES.items():
         law = designed(family.trial(gains.begun(label)).of(5.0), PLANT)
-        assert callable(law) or "top.torque" in law.drives, label
+        assert callable(law) or "top.torque" in law.actuated_signals, label
         assert family.lifts == label.endswith("lifting") and family.runs[1] > 0
 
 

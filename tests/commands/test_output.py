@@ -264,7 +264,7 @@ EVERY = {
     "posterior": ["RIG", "--controller", "PI", "--prior", "bit.weight=50kN:110kN", "--measured", "severity=1.9 +- 0.1", "--draws", "32"],
     "fit": ["RIG", "LOG", "--range", "bit.friction.kinetic=0.3:0.7"],
     "estimate": ["RIG", "LOG", "--controller", "PI"],
-    "setpoints": ["RIG", "--initial-controller", "PI", "--group", "declared", "--range", "top.reference=120 rpm:140 rpm", "--step", "10 rpm"],
+    "setpoints": ["RIG", "--initial-controller", "PI", "--group", "nominal", "--range", "top.reference=120 rpm:140 rpm", "--step", "10 rpm"],
     "tradeoff": ["RIG", "--duration", "2"],
     "schedule": ["WELL", "--controller", "stiff PI", "--depths", "2000", "2500", "--duration", "5 s"],
     "windows": [

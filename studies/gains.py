@@ -74,10 +74,10 @@ SMALL = 0.02
 """What the disk margin counts: a few runs."""
 POPULATION = 16
 TUNING = Group("tuning", SINGLES + CORNERS, (1,), phases=(1 / 16, 9 / 16))
-NEARLY = Group("nearly declared", (Machine("declared"), *GROUPS["real"].machines), (1,), phases=TUNING.phases)
-WEIGHTS = Group("weights", GROUPS["weight"].machines[1:], (1,), phases=TUNING.phases, judged=200.0)
-BRIEF = Group("corners", CORNERS, (1,), phases=(1 / 16,), judged=60.0)
-BRIEF_WEIGHTS = Group("weights", GROUPS["weight"].machines[2:3], (1,), phases=(1 / 16,), judged=100.0)
+NEARLY = Group("nearly declared", (Machine("nominal"), *GROUPS["noisy"].machines), (1,), phases=TUNING.phases)
+WEIGHTS = Group("weights", GROUPS["varying_weight"].machines[1:], (1,), phases=TUNING.phases, judged=200.0)
+BRIEF = Group("combined", CORNERS, (1,), phases=(1 / 16,), judged=60.0)
+BRIEF_WEIGHTS = Group("weights", GROUPS["varying_weight"].machines[2:3], (1,), phases=(1 / 16,), judged=100.0)
 LATE = round(DELAY / 0.01)
 
 
@@ -354,7 +354,7 @@ def margin(family: Family, numbers: Mapping[str, float]) -> float:
     return 0.0 if np.isnan(worst) else min(worst, 1.0)
 
 
-AIMS = {"declared": 3.2, "real": 3.5, "robust": 3.8, "corners": 4.0, "rocks": 5.4}
+AIMS = {"nominal": 3.2, "noisy": 3.5, "one_at_a_time": 3.8, "combined": 4.0, "other_rocks": 5.4}
 """Set-points [rad/s] of groups at which one law should be left with a margin."""
 
 

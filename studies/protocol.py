@@ -1,9 +1,10 @@
 """The protocol by which laws of a drill string are judged (`toolbox.robustness.set_points`) on one rig: plant, machines beside it, and the drive before.
 
 Plant: the two inertias of Jansen and van den Steen with the bit of Navarro-Lopez and Cortes at 97 347 N. A law is designed on it for a set-point, measures
-the top speed alone, commands 0 to 20 kN m and knows that its commands come 30 ms late. A stiff PI drive has the rig in stick-slip at the same set-point; the
-law takes over at one of 8 phases of that cycle, directly or while the set-point is raised. Groups of machines: declared, real, robust, corners, rocks and
-weight as `machine_groups` has them, and among the rocks one with a Gaussian law, with the same static torque and the same excess over all speeds.
+the top speed alone, commands 0 to 20 kN m and knows that its commands come 30 ms late. A stiff PI drive has the rig in stick-slip at the same set-point;
+the law takes over at one of 8 phases of that cycle, directly or while the set-point is raised. Groups of machines: `nominal`, `noisy`, `one_at_a_time`,
+`combined`, `other_rocks` and `varying_weight` as `machine_groups` has them, and among the rocks one with a Gaussian law, with the same static torque and
+the same excess over all speeds.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ ROCKS: dict[str, BitRock] = {
     "half the decay": BitRock(weight=WEIGHT, friction=Exponential(decay=0.45)),
 }
 GROUPS = machine_groups(PLANT, NOISE, DELAY)
-GROUPS["rocks"] = replace(
-    GROUPS["rocks"], machines=(Machine("Gaussian", plant=compose(wells.JANSEN_2, ROCKS["Gaussian"])), *GROUPS["rocks"].machines)
+GROUPS["other_rocks"] = replace(
+    GROUPS["other_rocks"], machines=(Machine("Gaussian", plant=compose(wells.JANSEN_2, ROCKS["Gaussian"])), *GROUPS["other_rocks"].machines)
 )
-SINGLES, CORNERS = GROUPS["robust"].machines, GROUPS["corners"].machines
+SINGLES, CORNERS = GROUPS["one_at_a_time"].machines, GROUPS["combined"].machines
 
 
 STIFF = StiffPI(**LIMITS)

@@ -7,10 +7,10 @@ the name of a class or a command. Files keep their meaning: result files and sce
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, suggest
 
 
 class Entry(NamedTuple):
@@ -103,6 +103,16 @@ ENTRIES = (
     Entry("quantity", "usual", "typical_range", "range of plausible values"),
     Entry("Absorber", "bearable", "max_negative_damping", "largest negative damping that an absorber makes up for"),
     Entry("from_recording", "hole", "max_gap", "largest gap, in samples"),
+    # groups of plants and protocols of the lowest set-point
+    Entry("group", "declared", "nominal", "plant with its nominal values"),
+    Entry("group", "real", "noisy", "noise, and 10 % more weight"),
+    Entry("group", "robust", "one_at_a_time", "one deviation on each plant"),
+    Entry("group", "corners", "combined", "three deviations at once"),
+    Entry("group", "rocks", "other_rocks", "other friction laws of the rock"),
+    Entry("group", "weight", "varying_weight", "weight on bit that varies in time"),
+    Entry("protocol", "direct", "takeover", "the controller takes over, and the set-point stays"),
+    Entry("protocol", "raised", "ramp", "the set-point is raised, and ramps down after the takeover"),
+    Entry("SetPointLimit", "margin_declared", "margin_nominal", "disk margin of the nominal plant"),
     Entry("verdict", "free at last", "recovered", "verdict on a run that is free after several sticks"),
     Entry("verdict", "sticks once", "recovered after 1 stick", "verdict on a run that is free after one stick"),
     # commands
@@ -140,6 +150,12 @@ def refuse_former_names(place: str, words: Any) -> None:
     for word in words:
         if (place, word) in NOW:
             raise SceneError(f"Argument `{word}` of `{place}` is now `{NOW[place, word]}`.")
+
+
+def now_or_near(place: str, word: str, known: Iterable[str]) -> str:
+    """Return the end of an error message about an unknown name: the name now of a former one, or the nearest known names."""
+    names = list(known)
+    return f"it is now `{NOW[place, word]}`." if NOW.get((place, word)) in names else suggest(word, names)
 
 
 def new_names_only(function: Callable[Arguments, Found]) -> Callable[Arguments, Found]:

@@ -31,7 +31,7 @@ from toolbox.robustness.groups import Machine, machine_groups
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97e3))
 PERIOD = 0.01
-ROBUST = machine_groups(RIG)["robust"].machines
+ROBUST = machine_groups(RIG)["one_at_a_time"].machines
 REGIMES: dict[str, tuple[Any, float]] = {"stick-slip": (StiffPI, 8.0), "smooth": (SoftTorque, 11.0)}
 FIRST = 100
 """Seeds from here on were not used to choose anything."""

@@ -22,16 +22,16 @@ from studies.questions.drives import laws
 from toolbox import plot
 from toolbox.robustness.groups import Machine
 from toolbox.robustness.lowest_set_point import lowest
-from toolbox.robustness.set_points import WAYS
+from toolbox.robustness.set_points import PROTOCOLS
 
 shown = ("stiff PI", "soft torque", "impedance, tuned", "LQG", "LQG, tuned")
 every = laws()
-groups = {name: replace(GROUPS[name], phases=(0.0, 0.5), seeds=GROUPS[name].seeds[:1]) for name in ("declared", "robust")}
+groups = {name: replace(GROUPS[name], phases=(0.0, 0.5), seeds=GROUPS[name].seeds[:1]) for name in ("nominal", "one_at_a_time")}
 found = {
     label: {
         f"{name}, {way}": lowest(every[label], group, way, step=1.0, lower=2.0, lasts=False).speed
         for name, group in groups.items()
-        for way in WAYS
+        for way in PROTOCOLS
     }
     for label in shown
 }

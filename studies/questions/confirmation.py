@@ -37,7 +37,7 @@ from studies.protocol import DELAY, GROUPS, HIGHEST, LIMITS, PLANT, ROCK, ROCKS,
 from studies.questions import drives
 from toolbox import closed_loop, export_c
 from toolbox.robustness.groups import Group, Machine, Varying
-from toolbox.robustness.set_points import SETTLING, WAYS, Trial, at_set_point, set_point, verdict
+from toolbox.robustness.set_points import PROTOCOLS, SETTLING, Trial, at_set_point, set_point, verdict
 
 NUMBERS = ("chain.inertia.0", "chain.inertia.1", "chain.stiffness.0", "bit.weight", "bit.friction.decay")
 DECLARED = closed_loop(PLANT)
@@ -218,7 +218,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print a line per label, group and way."""
     cells = confirmed()
     parser = parser_of(__doc__)
-    for option, names in (("--only", list(cells)), ("--groups", list(GROUPS)), ("--ways", list(WAYS))):
+    for option, names in (("--only", list(cells)), ("--groups", list(GROUPS)), ("--ways", list(PROTOCOLS))):
         parser.add_argument(option, nargs="+", choices=names, default=names, metavar="NAME", help=f"some of: {', '.join(names)}")
     parser.add_argument(
         "--hoist", nargs=2, type=float, default=FREE, metavar=("LATE", "RATE"), help="delay [s] and rate [1/s] of a weight that a law moves"

@@ -8,10 +8,10 @@ of the nonlinear one takes a second, hundreds of times that of others, so that i
 Laws with "tuned" in their label have the gains of `studies/data/gains.json`, each with its budget; those of the others are as they are delivered.
 Laws with "lifting" in it lift their own set-point where an observer shows that the bit sticks and slips (`controllers.Lifting`).
 
-Columns: lowest set-points [rad/s] on the groups of rigs, direct / raised, each kept for half an hour on machines whose smooth running is stable
+Columns: lowest set-points [rad/s] on the groups of rigs, takeover / ramp, each kept for half an hour on machines whose smooth running is stable
 (nonlinear predictive law: for 80 s);  settling (into 5 %, for good) and overshoot of the bit speed from the takeover at 8 rad/s on the declared rig,
-and there the standard deviation of the torque over its mean under noise;  disk margin of the declared rig and of the worst of the robust rigs, each at the
-set-point of its group ('-' for laws without a slope);  what a direct takeover costs at the set-point of the declared rig: seconds more than 10 % above it,
+and there the standard deviation of the torque over its mean under noise;  disk margin of the declared rig and of the worst rig of `one_at_a_time`, each at the
+set-point of its group ('-' for laws without a slope);  what a takeover costs at the set-point of the declared rig: seconds more than 10 % above it,
 and the highest speed of the bit over it;  99th percentile of the processor time of a sample.
 
     python -m studies drives [--out FOLDER] [--only LABEL ...] [--groups NAME ...] [--margin M] [--jobs N]
@@ -62,7 +62,7 @@ from toolbox.figures.style import name_axis
 from toolbox.modelling.laws import designed
 from toolbox.robustness.groups import Group, Machine
 from toolbox.robustness.lowest_set_point import Cells, SetPointLimit, borders
-from toolbox.robustness.set_points import WAYS, Trial
+from toolbox.robustness.set_points import PROTOCOLS, Trial
 from toolbox.sweeps.executors import Workers
 
 __all__ = ["DELAY", "LIMITS", "NOISE", "PLANT", "WEIGHT", "Row", "laws", "row", "step_time", "table"]
@@ -149,8 +149,8 @@ def groups_of(law: Trial) -> dict[str, Group]:
 class Row:
     """A line of the table: set-points [rad/s] by group and way (nan for none), settling [s] (inf for never), overshoot and ripple as parts, step [s].
 
-    margins: disk margins of the declared machine and of the worst of the robust ones, each at the set-point of its group (nan for none).
-    recovery, fastest: what the direct takeover costs on the declared machine at its set-point: seconds above it, and highest bit speed over it.
+    margins: disk margins of the declared machine and of the worst of `one_at_a_time`, each at the set-point of its group (nan for none).
+    recovery, fastest: what the takeover costs on the declared machine at its set-point: seconds above it, and highest bit speed over it.
     """
 
     label: str
@@ -169,15 +169,15 @@ def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = 
     brief = briefly(law.label)
     groups = [replace(groups_of(law)[name], margin=margin) for name in names]
     found = borders(law, groups, cells=cells, lower=LOWEST, higher=HIGHEST, step=0.5 if brief else 0.1, lasts=not brief)
-    quiet = law.run(Machine("declared"), COMMON, noise=0.0)
+    quiet = law.run(Machine("nominal"), COMMON, noise=0.0)
     speed = quiet.at(np.arange(law.takeover(COMMON), quiet.end, 0.02))["bit.speed"]
     outside = np.flatnonzero(np.abs(speed / COMMON - 1.0) > 0.05)
     settling = 0.0 if not outside.size else np.inf if outside[-1] == speed.size - 1 else 0.02 * float(outside[-1] + 1)
-    noisy = law.run(Machine("declared"), COMMON)
+    noisy = law.run(Machine("nominal"), COMMON)
     torque = noisy.at(np.arange(noisy.end - 60.0, noisy.end, law.period) + law.period / 2)["top.torque"]
     ripple = float(torque.std() / torque.mean())
-    declared, robust = (found.get((name, "direct"), SetPointLimit(np.nan, "")) for name in ("declared", "robust"))
-    speeds = {name: (found[name, "direct"].speed, found[name, "raised"].speed) for name in names}
+    declared, robust = (found.get((name, "takeover"), SetPointLimit(np.nan, "")) for name in ("nominal", "one_at_a_time"))
+    speeds = {name: (found[name, "takeover"].speed, found[name, "ramp"].speed) for name in names}
     overshoot = float(speed.max() / COMMON - 1.0)
     held, price = (declared.margin, robust.margin), (declared.recovery, declared.fastest / declared.speed)
     return Row(law.label, speeds, settling, overshoot, ripple, step_time(law, COMMON), held, *price)
@@ -238,16 +238,16 @@ def update_times(run: Trajectory) -> list[float]:
 def table(rows: Sequence[Row]) -> str:
     """The rows as text."""
     names = list(rows[0].lowest)
-    head = f"{'controller':<26}" + "".join(f"{name:>14}" for name in names) + f"{'settling':>11}{'overshoot':>11}{'ripple':>9}"
+    head = f"{'controller':<26}" + "".join(f"{name:>16}" for name in names) + f"{'settling':>11}{'overshoot':>11}{'ripple':>9}"
     head += f"{'disk margin':>18}{'recovery':>11}{'fastest':>9}{'step p99':>11}"
-    under = f"{'':<26}" + f"{'direct/raised':>14}" * len(names) + f"{'at 8 rad/s':>31}{'declared / robust':>18}{'at the lowest':>20}"
+    under = f"{'':<26}" + f"{'takeover/ramp':>16}" * len(names) + f"{'at 8 rad/s':>31}{'nominal / one':>18}{'at the lowest':>20}"
     lines = [head, under, "-" * len(head)]
     for each in rows:
         speeds = [" / ".join(f"{value:.1f}" if value == value else "none" for value in each.lowest[name]) for name in names]
         margins = " / ".join("-" if np.isnan(value) else f"{value:.2f}" for value in each.margins)
         settling = f"{each.settling:.1f} s" if np.isfinite(each.settling) else "never"
         lines.append(
-            f"{each.label:<26}" + "".join(f"{text:>14}" for text in speeds)
+            f"{each.label:<26}" + "".join(f"{text:>16}" for text in speeds)
             + f"{settling:>11}{100 * each.overshoot:>9.0f} %{100 * each.ripple:>7.1f} %{margins:>18}{each.recovery:>9.0f} s{each.fastest:>7.1f} x"
             + f"{1e6 * each.step:>8.1f} us"
         )  # fmt: skip
@@ -267,16 +267,16 @@ def published() -> dict[str, dict[tuple[str, str], float]]:
     with TABLE.open(encoding="utf-8", newline="") as file:
         rows = {row["label"]: row for row in csv.DictReader(file)}
     return {
-        label: {(name, way): float(text) for name in GROUPS for way in WAYS if (text := row[f"{name} {way}"])}
+        label: {(name, way): float(text) for name in GROUPS for way in PROTOCOLS if (text := row[f"{name} {way}"])}
         for label, row in rows.items()
     }
 
 
 def best(rows: Mapping[str, Mapping[str, float]]) -> dict[str, Mapping[str, float]]:
-    """Of {label: {group: set-point}} the row of each kind of law, with a lift and without, that is lowest on the robust rigs, then on the declared one."""
+    """Of {label: {group: set-point}} the row of each kind of law, with a lift and without, that is lowest on `one_at_a_time`, then on the nominal rig."""
     kinds: dict[tuple[str, bool], tuple[tuple[float, ...], str]] = {}
     for label, lowest in rows.items():
-        rank = tuple(math.inf if math.isnan(value := lowest.get(name, math.nan)) else value for name in ("robust", "declared"))
+        rank = tuple(math.inf if math.isnan(value := lowest.get(name, math.nan)) else value for name in ("one_at_a_time", "nominal"))
         kind = label.partition(",")[0], "lifting" in label
         kinds[kind] = min(kinds.get(kind, (rank, label)), (rank, label))
     chosen = {label for _, label in kinds.values()}
@@ -284,7 +284,7 @@ def best(rows: Mapping[str, Mapping[str, float]]) -> dict[str, Mapping[str, floa
 
 
 def picture(rows: Mapping[str, Mapping[str, float]], path: Path, shown: Sequence[str] = SHOWN) -> None:
-    """Lowest set-points of a direct takeover, {label: {group: [rad/s]}}, as marks, and the bit under some of the laws on the heavy, stiff corner of the rigs at
+    """Lowest set-points of a takeover, {label: {group: [rad/s]}}, as marks, and the bit under some of the laws on the heavy, stiff corner of the rigs at
     4.2 rad/s."""
     import matplotlib
 
@@ -292,9 +292,9 @@ def picture(rows: Mapping[str, Mapping[str, float]], path: Path, shown: Sequence
     from matplotlib import pyplot
 
     marks = {
-        "declared": {"marker": "o", "markersize": 5.0, "markerfacecolor": "white", "markeredgecolor": "black"},
-        "robust": {"marker": "o", "markersize": 4.0, "color": "black"},
-        "corners": {"marker": "s", "markersize": 7.5, "markerfacecolor": "none", "markeredgewidth": 1.4, "markeredgecolor": plot.LINES[1]["color"]},
+        "nominal": {"marker": "o", "markersize": 5.0, "markerfacecolor": "white", "markeredgecolor": "black"},
+        "one_at_a_time": {"marker": "o", "markersize": 4.0, "color": "black"},
+        "combined": {"marker": "s", "markersize": 7.5, "markerfacecolor": "none", "markeredgewidth": 1.4, "markeredgecolor": plot.LINES[1]["color"]},
     }  # fmt: skip
     with pyplot.rc_context(plot.PAPER):
         figure, (left, right) = pyplot.subplots(
@@ -316,7 +316,7 @@ def picture(rows: Mapping[str, Mapping[str, float]], path: Path, shown: Sequence
         left.set(
             xlim=(LOWEST, HIGHEST + 3.1 if some else 12.5),
             ylim=(len(rows) - 0.3, -1.0),
-            xlabel="lowest set-point of a direct takeover [rpm]",
+            xlabel="lowest set-point of a takeover [rpm]",
         )  # what drillers read
         left.set_xticks([rpm * math.pi / 30 for rpm in range(20, 121, 20)], range(20, 121, 20))
         left.set_yticks(range(len(rows)), list(rows))
@@ -356,9 +356,9 @@ def points(label: str) -> int:
 
 def flat(each: Row) -> dict[str, Any]:
     """A row as one level of names, with what it was judged and tuned by."""
-    speeds = {f"{name} {way}": value for name, pair in each.lowest.items() for way, value in zip(WAYS, pair, strict=True)}
+    speeds = {f"{name} {way}": value for name, pair in each.lowest.items() for way, value in zip(PROTOCOLS, pair, strict=True)}
     return {"label": each.label, **speeds, "settling": each.settling, "overshoot": each.overshoot, "ripple": each.ripple, "step": each.step,
-            "disk margin": each.margins[0], "disk margin, robust": each.margins[1], "recovery": each.recovery, "fastest": each.fastest,
+            "disk margin": each.margins[0], "disk margin, one_at_a_time": each.margins[1], "recovery": each.recovery, "fastest": each.fastest,
             "points tuned": points(each.label), "judged": BRIEF if briefly(each.label) else FULL}  # fmt: skip
 
 
@@ -389,7 +389,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             gains.store(label, found, gains.STORE if given.keep else given.out / "gains.json")
         print(f"{label}: {found.numbers}, {found.score}, {len(found.points)} points in {found.seconds:.0f} s of the processor")
     if given.draw:
-        kept = {label: {name: value for (name, way), value in cells.items() if way == "direct"} for label, cells in published().items()}
+        kept = {label: {name: value for (name, way), value in cells.items() if way == "takeover"} for label, cells in published().items()}
         picture(best(kept), (given.out or Path()) / "drives.png")
     if given.tune or given.draw:
         return

@@ -134,7 +134,7 @@ def stepped(law: Trial, reference: float) -> tuple[float, float]:
 
 def recovered(law: Trial, reference: float, phase: float) -> tuple[float, float, float, float]:
     """(highest top speed over what is asked, time until the last stick, time until the top is no longer 10 % too fast, weight given up) of a takeover."""
-    run, at = law.run(Machine("declared"), reference, seed=7, phase=phase), law.takeover(reference, phase)
+    run, at = law.run(Machine("nominal"), reference, seed=7, phase=phase), law.takeover(reference, phase)
     fast = run.time[(run.time > at) & (run["top.speed"] > ABOVE * reference)]
     off = measure.extent(run, "lifting.relief", at).mean if getattr(law.clock.law, "relief", None) else 0.0
     return highest(run, at) / reference, last_stick(run, at), float(fast[-1]) - at if fast.size else 0.0, off
@@ -143,7 +143,7 @@ def recovered(law: Trial, reference: float, phase: float) -> tuple[float, float,
 def given_up(law: Trial, reference: float) -> tuple[float, float]:
     """(time of the first flag, share of half an hour that is lifted) from inside stick-slip; the first is nan where smooth running is held at the end."""
     at = law.takeover(reference)
-    run = law.run(Machine("declared"), reference, seed=7, duration=at + 1800.0)
+    run = law.run(Machine("nominal"), reference, seed=7, duration=at + 1800.0)
     flags = run.time[run["lifting.gave_up"] > 0.0]
     fast, late = run["lifting.reference"] > ABOVE * reference, run.time > run.end - 300.0
     high = np.trapezoid(fast.astype(float), run.time) / 1800.0
@@ -243,7 +243,7 @@ def picture(path: Path, shown: Sequence[str] = SHOWN) -> None:
         for label, style in zip(shown, plot.LINES, strict=False):
             law = lifted(label)
             for ax, run, begin in (
-                (axes[0], law.run(Machine("declared"), asked, seed=7), law.takeover(asked)),
+                (axes[0], law.run(Machine("nominal"), asked, seed=7), law.takeover(asked)),
                 (axes[1], stalled(law, asked)[0], AT),
             ):
                 times = np.linspace(begin, min(begin + 160.0, run.end), 3000)

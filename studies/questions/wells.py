@@ -13,9 +13,10 @@ Gains are those of the drive table on `JANSEN_2`, counted in parts of the string
 Why two go with J: the integral of an impedance cancels the inertia of its drive at om; the filter follows the measured speed at
 drive_walk / (J noise sqrt(period)) [1/s], which a sample of 10 ms bounds.
 
-Every law takes over from a stiff drive and is judged by `toolbox.robustness.set_points` on the declared well and on the group robust (inertias, stiffness and
-weight 10 and 20 % off, commands 30 ms later still). Laws see the top speed alone, are sampled every 10 ms, and their commands come 30 ms late. By default
-from two phases with one seed for 80 s, which takes a minute or two for a well and a law; with --full from all phases with all seeds, and for half an hour.
+Every law takes over from a stiff drive and is judged by `toolbox.robustness.set_points` on the declared well and on the group `one_at_a_time` (inertias,
+stiffness and weight 10 and 20 % off, commands 30 ms later still). Laws see the top speed alone, are sampled every 10 ms, and their commands come 30 ms
+late. By default from two phases with one seed for 80 s, which takes a minute or two for a well and a law; with --full from all phases with all seeds, and
+for half an hour.
 
     python -m studies wells [--out FOLDER] [--only LABEL ...] [--laws LABEL ...] [--full]
         (the table and wells.csv; goes on where it was stopped)
@@ -47,7 +48,7 @@ from toolbox.files.printing import columns
 from toolbox.robustness.groups import Group, Machine, machine_groups
 from toolbox.robustness.lowest_set_point import Cells, SetPointLimit, borders
 from toolbox.robustness.margins import disk_margin
-from toolbox.robustness.set_points import WAYS, Trial
+from toolbox.robustness.set_points import PROTOCOLS, Trial
 
 LIMITS: dict[str, Any] = {"lowest_torque": 0.0, "highest_torque": 40_000.0}
 """Those of a drive that turns the deepest well with friction: 20 kN m are asked for there in steady drilling."""
@@ -56,7 +57,7 @@ LOWEST, HIGHEST = 2.0, 8.0
 """Set-points [rad/s] that are searched."""
 MARGIN = 0.05
 """Disk margin that a set-point has to leave on every machine."""
-GROUPS = ("declared", "robust")
+GROUPS = ("nominal", "one_at_a_time")
 JOINT = ToolJoint("6.625 in", "3.25 in", "21 in", every="31.7 ft")
 TORQUE_SIZE = 3000.0
 """That of LQG as delivered [N m], with which its gains were tuned."""
@@ -131,7 +132,7 @@ class WithMargins(Trial):
     """A trial that keeps the disk margins it has found, and stops at the first machine that leaves less than `MARGIN`, the heaviest bit first."""
 
     def disk_margins(self, machines: Sequence[Machine], reference: float) -> tuple[float, float, str]:
-        declared, found = _disk_margin(self, Machine("declared"), reference), []
+        declared, found = _disk_margin(self, Machine("nominal"), reference), []
         for machine in sorted(machines, key=lambda each: "weight" not in each.name):
             found.append((_disk_margin(self, machine, reference), machine.name))
             if not found[-1][0] >= MARGIN:
@@ -174,18 +175,18 @@ class Row:
 
     def flat(self) -> dict[str, Any]:
         """The row as one level of names."""
-        declared, robust = (self.found[name, "direct"] for name in GROUPS)
-        speeds = {f"{name} {way}": self.found[name, way].speed for name in GROUPS for way in WAYS if (name, way) in self.found}
+        declared, robust = (self.found[name, "takeover"] for name in GROUPS)
+        speeds = {f"{name} {way}": self.found[name, way].speed for name in GROUPS for way in PROTOCOLS if (name, way) in self.found}
         return {
             "well": self.well, "label": self.label, **speeds,
-            "disk margin": declared.margin, "disk margin, robust": robust.margin, "weakest": robust.weakest,
-            "recovery": declared.recovery, "recovery, robust": robust.recovery, "fastest, robust": robust.fastest / robust.speed,
-            "below, declared": declared.why, "below, robust": robust.why,
+            "disk margin": declared.margin, "disk margin, one_at_a_time": robust.margin, "weakest": robust.weakest,
+            "recovery": declared.recovery, "recovery, one_at_a_time": robust.recovery, "fastest, one_at_a_time": robust.fastest / robust.speed,
+            "below, nominal": declared.why, "below, one_at_a_time": robust.why,
             "gains": ", ".join(f"{name} {value:g}" for name, value in self.numbers.items()), "judged": self.judged,
         }  # fmt: skip
 
 
-def row(name: str, label: str, full: bool = False, cells: Cells | None = None, ways: Sequence[str] = WAYS) -> Row:
+def row(name: str, label: str, full: bool = False, cells: Cells | None = None, ways: Sequence[str] = PROTOCOLS) -> Row:
     """The row of a law on a well."""
     chain = wells()[name]
     tried = trial(chain, label)
@@ -202,13 +203,21 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     def said(value: Any, form: str) -> str:
         return f"{value:{form}}" if value == value else "none"
 
-    lines = [("well", "law", *GROUPS, "disk margin", "recovery", "bit", "what fails below on the robust wells")]
+    lines = [("well", "law", *GROUPS, "disk margin", "recovery", "bit", "what fails below on one_at_a_time")]
     for each in rows:
-        pairs = [" / ".join(said(each[f"{name} {way}"], ".1f") for way in WAYS if f"{name} {way}" in each) for name in GROUPS]
-        margins = f"{said(each['disk margin'], '.2f')} / {said(each['disk margin, robust'], '.2f')}"
-        price = f"{said(each['recovery'], '.0f')} / {said(each['recovery, robust'], '.0f')} s"
+        pairs = [" / ".join(said(each[f"{name} {way}"], ".1f") for way in PROTOCOLS if f"{name} {way}" in each) for name in GROUPS]
+        margins = f"{said(each['disk margin'], '.2f')} / {said(each['disk margin, one_at_a_time'], '.2f')}"
+        price = f"{said(each['recovery'], '.0f')} / {said(each['recovery, one_at_a_time'], '.0f')} s"
         lines.append(
-            (each["well"], each["label"], *pairs, margins, price, f"{said(each['fastest, robust'], '.1f')} x", each["below, robust"])
+            (
+                each["well"],
+                each["label"],
+                *pairs,
+                margins,
+                price,
+                f"{said(each['fastest, one_at_a_time'], '.1f')} x",
+                each["below, one_at_a_time"],
+            )
         )
     return "\n".join(columns(lines, left=(0, 1, 7)))
 
@@ -217,7 +226,7 @@ def known(path: Path) -> dict[tuple[str, str], dict[str, Any]]:
     """{(well, label): row} of a table that was written before; none where there is none."""
     if not path.exists():
         return {}
-    texts = ("well", "label", "weakest", "below, declared", "below, robust", "gains", "judged")
+    texts = ("well", "label", "weakest", "below, nominal", "below, one_at_a_time", "gains", "judged")
     with path.open(encoding="utf-8", newline="") as file:
         rows = [{name: text if name in texts else float(text) for name, text in row.items()} for row in csv.DictReader(file)]
     return {(str(each["well"]), str(each["label"])): each for each in rows}

@@ -179,7 +179,7 @@ def test_the_drive_table_takes_machines_that_are_drawn(rig, capsys):
         "--controller",
         "soft torque",
         "--protocol",
-        "direct",
+        "takeover",
         "--from",
         "80 rpm",
         "--to",

@@ -265,7 +265,7 @@ EVERY = {
     "fit": ["RIG", "LOG", "--range", "bit.friction.kinetic=0.3:0.7"],
     "estimate": ["RIG", "LOG", "--controller", "PI"],
     "answer": ["RIG", "--controller", "PI", "--phases", "1", "--duration", "60 s"],
-    "setpoints": ["RIG", "--initial-controller", "PI", "--group", "declared", "--range", "top.reference=120 rpm:140 rpm", "--step", "10 rpm"],
+    "setpoints": ["RIG", "--initial-controller", "PI", "--group", "nominal", "--range", "top.reference=120 rpm:140 rpm", "--step", "10 rpm"],
     "tradeoff": ["RIG", "--duration", "2"],
     "schedule": ["WELL", "--controller", "stiff PI", "--depths", "2000", "2500", "--duration", "5 s"],
     "windows": [

@@ -187,7 +187,7 @@ def test_an_origin_names_a_posterior_and_a_log_and_no_journal(well):
         [*posterior, "--draws", "32", "--out", "known"],
         ["chance", "rig.toml", "--range", "top.reference=80rpm:130rpm:2", "--posterior", "known/posterior.npz", "--draws", "8", "--out", "chances"],
         [
-            "setpoints", "sampled.toml", "--group", "declared", "--posterior", "known/posterior.npz", "--draws", "2", "--protocol", "direct",
+            "setpoints", "sampled.toml", "--group", "nominal", "--posterior", "known/posterior.npz", "--draws", "2", "--protocol", "takeover",
             "--range", "top.reference=120 rpm:140 rpm", "--step", "10 rpm", "--out", "lowest",
         ],
         *[["tune", "rig.toml", *EVERY["tune"][1:], "--checkpoint", "journal", "--out", out] for out in ("tuned", "again")],

@@ -95,8 +95,8 @@ def of_worst_case():
 
 def of_lowest_set_point():
     loop = closed_loop(RIG, Sampled(SoftTorque(), 0.01, 0.03))
-    quiet = Group("declared", (Machine("declared"),), noise=0.0, phases=(0.0,))
-    return lowest_set_point(loop, StiffPI(), [quiet], protocols=["direct"], bounds=("80 rpm", "110 rpm"), step="10 rpm", long_run=False)
+    quiet = Group("nominal", (Machine("nominal"),), noise=0.0, phases=(0.0,))
+    return lowest_set_point(loop, StiffPI(), [quiet], protocols=["takeover"], bounds=("80 rpm", "110 rpm"), step="10 rpm", long_run=False)
 
 
 def of_smallest_error():

@@ -21,7 +21,7 @@ COMMANDS = {
     "study": [],
     "onset": ["--range", "top.reference=80 rpm:150 rpm", "--values", "3"],
     "map": ["--controller", "stiff PI", "--range", "top.reference=60rpm:130rpm", "--range", "bit.weight=60kN:110kN", "--shape", "3x3"],
-    "setpoints": ["--group", "declared", "--range", "top.reference=60 rpm:140 rpm", "--step", "10 rpm"],
+    "setpoints": ["--group", "nominal", "--range", "top.reference=60 rpm:140 rpm", "--step", "10 rpm"],
     "fit": ["LOG", "--range", "bit.friction.kinetic=0.3:0.7", "--range", "bit.friction.static=0.6:1"],
     "posterior": [
         "--controller", "stiff PI", "--prior", "bit.weight=50kN:110kN", "--measured", "severity=1.9 +- 0.1", "--draws", "32",
@@ -242,7 +242,7 @@ def of_drives(results):
     for row in rows_of(folder / "drives.csv"):
         value = {key: float(text) for key, text in row.items() if text and key not in ("law", "group", "way", "why", "weakest")}
         rpm = 30.0 / math.pi
-        cells = [rpm * value["speed"], value["margin"], value["margin_declared"], value["above"], value["recovery"], rpm * value["fastest"]]
+        cells = [rpm * value["speed"], value["margin"], value["margin_nominal"], value["above"], value["recovery"], rpm * value["fastest"]]
         last = [-1.0 / value["growth"], *(float(text) * factor for text, factor in split(row["why"]))]
         begin = f"{row['law']}  {row['group']}  {row['way']} "
         rules += [

@@ -29,8 +29,8 @@ def of(reference):
 @pytest.mark.parametrize(("reference", "stuck"), [(13.0, False), (3.0, True)])
 def test_numbers_of_a_run_are_those_of_the_event_loop_and_do_not_depend_on_the_step(tmp_path, reference, stuck):
     made = study.machine(trial("PI", of(8.0)), reference, tmp_path)
-    found = made.numbers(Machine("declared"), "direct", 0.0, QUIET)
-    finer = made.numbers(Machine("declared"), "direct", 0.0, QUIET, step=5e-4)
+    found = made.numbers(Machine("nominal"), "takeover", 0.0, QUIET)
+    finer = made.numbers(Machine("nominal"), "takeover", 0.0, QUIET, step=5e-4)
     begin = study.BEGUN + 2.0 * made.law.cycle(reference).period + 1.0 + SETTLING
     both = Takeover(StiffPI(reference=reference, **LIMITS), of(reference), at=study.BEGUN)
     run = simulate(PLANT, begin + 80.0, controller=Sampled(both, 0.01, delay=DELAY))
@@ -44,19 +44,19 @@ def test_numbers_of_a_run_are_those_of_the_event_loop_and_do_not_depend_on_the_s
 
 def test_a_machine_below_its_set_point_fails_and_says_which_run(tmp_path):
     made = study.machine(trial("PI", of(8.0)), 3.0, tmp_path)
-    assert "stuck" in next(why for why, _ in study.runs(made, GROUPS["declared"], "direct") if why)
+    assert "stuck" in next(why for why, _ in study.runs(made, GROUPS["nominal"], "takeover") if why)
 
 
 def test_the_gaussian_rock_is_that_of_the_event_loop(tmp_path):
-    gaussian = next(rig for rig in GROUPS["rocks"].machines if rig.plant is not None)
+    gaussian = next(rig for rig in GROUPS["other_rocks"].machines if rig.plant is not None)
     made = study.machine(trial("PI", of(8.0)), 3.0, tmp_path)
-    found = made.numbers(gaussian, "direct", 0.0, QUIET)
+    found = made.numbers(gaussian, "takeover", 0.0, QUIET)
     begin = study.BEGUN + 2.0 * made.law.cycle(3.0).period + 1.0 + SETTLING
     both = Takeover(StiffPI(reference=3.0, **LIMITS), of(3.0), at=study.BEGUN)
     run = simulate(gaussian.plant, begin + 80.0, controller=Sampled(both, 0.01, delay=DELAY))
     stuck = run.time_in("bit", "stick", after=begin)
     assert stuck > 1.0 and found["stuck"] == pytest.approx(stuck, abs=0.05)
-    assert abs(found["stuck"] - made.numbers(Machine("declared"), "direct", 0.0, QUIET)["stuck"]) > 0.5
+    assert abs(found["stuck"] - made.numbers(Machine("nominal"), "takeover", 0.0, QUIET)["stuck"]) > 0.5
 
 
 def test_a_weight_that_varies_has_its_mean_its_size_and_its_corner_and_another_seed_another_course():
@@ -73,27 +73,29 @@ def test_a_weight_that_varies_has_its_mean_its_size_and_its_corner_and_another_s
 
 def test_a_weight_that_a_law_moves_calms_the_bit_where_the_hoist_follows_and_not_where_it_is_too_slow(tmp_path):
     made = study.machine(drives.laws()[DITHERED], 2.4, tmp_path)
-    free = made.numbers(Machine("declared"), "direct", 0.0, QUIET)
+    free = made.numbers(Machine("nominal"), "takeover", 0.0, QUIET)
     assert free["stuck"] == 0.0 and free["swing"] < 0.001 < 0.2 < free["rate"]
-    slow = made.numbers(Machine("declared"), "direct", 0.0, QUIET, hoist=(0.0, 0.01))
+    slow = made.numbers(Machine("nominal"), "takeover", 0.0, QUIET, hoist=(0.0, 0.01))
     assert slow["rate"] == pytest.approx(0.01) and slow["stuck"] > 0.0
-    late = made.numbers(Machine("declared"), "direct", 0.0, QUIET, hoist=(3.0, np.inf))
+    late = made.numbers(Machine("nominal"), "takeover", 0.0, QUIET, hoist=(3.0, np.inf))
     assert late["stuck"] > 0.0
 
 
 def test_the_cells_that_are_confirmed_are_those_of_the_table_that_hold_a_set_point():
     cells = study.confirmed()
-    assert cells[DITHERED]["declared", "direct"] < cells["soft torque"]["declared", "direct"]
+    assert cells[DITHERED]["nominal", "takeover"] < cells["soft torque"]["nominal", "takeover"]
     assert not {"linear MPC", "nonlinear MPC", "LQG, between, lifting, margin 0.05"} & cells.keys()
-    assert ("robust", "direct") not in cells["sliding mode"] and all(speed > 0.0 for each in cells.values() for speed in each.values())
+    assert ("one_at_a_time", "takeover") not in cells["sliding mode"] and all(
+        speed > 0.0 for each in cells.values() for speed in each.values()
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("label", REPEATED)
 def test_the_table_stands(label):
-    for group in ("declared", "robust"):
-        found = study.row(label, group, "raised")
-        speed = study.confirmed()[label][group, "raised"]
+    for group in ("nominal", "one_at_a_time"):
+        found = study.row(label, group, "ramp")
+        speed = study.confirmed()[label][group, "ramp"]
         assert speed <= found.border <= speed + 0.1001
         assert len(found.failed) <= 0.02 * GROUPS[group].runs
         assert found.below <= 0.2 and found.why

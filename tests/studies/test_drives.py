@@ -27,12 +27,12 @@ BRIEF = {name: replace(group, phases=(0.0, 0.5), seeds=group.seeds[:1]) for name
 @pytest.mark.slow
 def test_the_tuned_lqg_ends_stick_slip_on_every_rig_where_the_stiff_drive_and_soft_torque_do_not():
     tuned = EVERY["LQG, tuned"]
-    for group, direct, raised in (("declared", 3.2, 3.2), ("robust", 7.2, 3.8), ("corners", 9.0, 4.2)):
+    for group, direct, raised in (("nominal", 3.2, 3.2), ("one_at_a_time", 7.2, 3.8), ("combined", 9.0, 4.2)):
         assert tuned.outcome(BRIEF[group], direct).passed
-        assert tuned.outcome(BRIEF[group], raised, "raised").passed
+        assert tuned.outcome(BRIEF[group], raised, "ramp").passed
     for label in ("stiff PI", "soft torque"):
-        assert not EVERY[label].outcome(BRIEF["robust"], 7.2).passed
-        assert not EVERY[label].outcome(BRIEF["robust"], 3.8, "raised").passed
+        assert not EVERY[label].outcome(BRIEF["one_at_a_time"], 7.2).passed
+        assert not EVERY[label].outcome(BRIEF["one_at_a_time"], 3.8, "ramp").passed
 
 
 @pytest.mark.parametrize(
@@ -41,12 +41,12 @@ def test_the_tuned_lqg_ends_stick_slip_on_every_rig_where_the_stiff_drive_and_so
 )
 def test_a_tuned_law_that_lifts_ends_stick_slip_on_every_rig_and_keeps_a_margin(family):
     law = EVERY[gains.label_of(family)]
-    for group in ("declared", "robust", "corners"):
-        for way in ("direct", "raised"):
+    for group in ("nominal", "one_at_a_time", "combined"):
+        for way in ("takeover", "ramp"):
             assert law.outcome(BRIEF[group], 4.2, way).passed
-    assert not EVERY[gains.label_of(family.partition(",")[0])].outcome(BRIEF["corners"], 4.2).passed  # the same law without the lift
+    assert not EVERY[gains.label_of(family.partition(",")[0])].outcome(BRIEF["combined"], 4.2).passed  # the same law without the lift
     # at 8.5 rad/s the top swings least while the bit sticks
-    assert law.outcome(BRIEF["corners"], 8.5).passed
+    assert law.outcome(BRIEF["combined"], 8.5).passed
     assert gains.margin(gains.FAMILIES[family], gains.stored(family)) > 0.35
 
 
@@ -59,7 +59,12 @@ def test_the_filter_of_the_delivered_lqg_trusts_its_drive_and_leaves_a_light_one
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("label", "group", "speed"),
-    [("linear MPC", "robust", 8.0), ("linear MPC", "corners", 8.5), ("nonlinear MPC", "robust", 8.0), ("nonlinear MPC", "corners", 8.0)],
+    [
+        ("linear MPC", "one_at_a_time", 8.0),
+        ("linear MPC", "combined", 8.5),
+        ("nonlinear MPC", "one_at_a_time", 8.0),
+        ("nonlinear MPC", "combined", 8.0),
+    ],
 )
 def test_predictive_laws_end_stick_slip_on_every_rig(label, group, speed):
     found = EVERY[label].outcome(replace(GROUPS[group], phases=(0.0, 0.5), seeds=(101,)), speed)
@@ -79,13 +84,13 @@ def test_a_run_that_sticks_is_off_swings_or_is_at_its_limits_is_no_success():
 
 def test_the_groups_are_those_of_the_protocol():
     runs = {name: group.runs for name, group in GROUPS.items()}
-    assert runs == {"declared": 8, "real": 160, "robust": 264, "corners": 72, "rocks": 48, "weight": 80}
+    assert runs == {"nominal": 8, "noisy": 160, "one_at_a_time": 264, "combined": 72, "other_rocks": 48, "varying_weight": 80}
     assert all(len(each.factors) + (each.delay > 0.0) == 1 for each in SINGLES)
     assert {tuple(factor for _, factor in each.factors) for each in CORNERS} == {(0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8)}
     # what laws are tuned on is not what they are judged on
     judged = {seed for group in GROUPS.values() for seed in group.seeds if group.noise}
     for group in (gains.TUNING, gains.NEARLY, gains.WEIGHTS, gains.BRIEF, gains.BRIEF_WEIGHTS):
-        assert not set(group.seeds) & judged and not set(group.phases) & set(GROUPS["robust"].phases)
+        assert not set(group.seeds) & judged and not set(group.phases) & set(GROUPS["one_at_a_time"].phases)
 
 
 def test_rocks_agree_at_rest_and_differ_at_the_set_point():
@@ -100,15 +105,15 @@ def test_every_run_starts_in_the_cycle_of_the_stiff_drive():
     assert 5.0 < period < 15.0
     twist, (top, bit) = start["chain.twist"][0], start["chain.speed"]
     assert bit == 0.0 and 473.0 * twist + 23.2 * top == pytest.approx(97_347.0 * 0.155575 * 0.8, rel=1e-6)
-    run = EVERY["LQG, tuned"].run(Machine("declared"), 4.0, noise=0.0)
+    run = EVERY["LQG, tuned"].run(Machine("nominal"), 4.0, noise=0.0)
     assert run.time_in("bit", "stick", until=period) > 1.0
     assert run.time_in("bit", "stick", after=100.0) == 0.0
 
 
 def test_a_raised_set_point_is_lifted_and_lowered_again():
-    (times, values), end = set_point(4.0, "raised", 20.0)
+    (times, values), end = set_point(4.0, "ramp", 20.0)
     assert times == (0.0, 20.0, 25.0, 65.0, 125.0) and values == (4.0, 4.0, 12.0, 12.0, 4.0) and end == 125.0
-    assert set_point(4.0, "direct", 20.0) == (4.0, 20.0)
+    assert set_point(4.0, "takeover", 20.0) == (4.0, 20.0)
 
 
 class Known(Cells):
@@ -124,13 +129,13 @@ class Known(Cells):
 
 
 def test_the_search_bisects_confirms_three_set_points_above_and_goes_on_above_a_hole():
-    law, group = EVERY["LQG"], GROUPS["declared"]
+    law, group = EVERY["LQG"], GROUPS["nominal"]
     cells = Known(5.3)
-    found = lowest(law, group, "direct", cells)
+    found = lowest(law, group, "takeover", cells)
     assert found.speed == 5.3 and found.why == "made to fail"
     assert len(cells.display_units) < 16 and {5.6, 6.1, 7.3} <= set(cells.display_units)
-    assert lowest(law, group, "direct", Known(5.3, holes=(6.1,))).speed == 6.2
-    assert np.isnan(lowest(law, group, "direct", Known(15.0)).speed)
+    assert lowest(law, group, "takeover", Known(5.3, holes=(6.1,))).speed == 6.2
+    assert np.isnan(lowest(law, group, "takeover", Known(15.0)).speed)
 
 
 def test_what_is_known_of_a_law_is_kept_in_a_file_and_a_law_with_other_numbers_is_judged_anew(tmp_path, monkeypatch):
@@ -139,19 +144,19 @@ def test_what_is_known_of_a_law_is_kept_in_a_file_and_a_law_with_other_numbers_i
     path = tmp_path / "cells.jsonl"
     law = trial("PI", PI(**LIMITS))
     first = Cells(path)
-    first.outcome(law, GROUPS["declared"], 5.0, "direct")
-    first.outcome(law, GROUPS["declared"], 5.0, "direct")
+    first.outcome(law, GROUPS["nominal"], 5.0, "takeover")
+    first.outcome(law, GROUPS["nominal"], 5.0, "takeover")
     with path.open("a") as file:
         file.write('\n{"key": "cut')  # a write that was interrupted
     again = Cells(path)
-    assert again.outcome(law, GROUPS["declared"], 5.0, "direct").passed and len(calls) == 1
-    again.outcome(trial("PI", PI(proportional=900.0, **LIMITS)), GROUPS["declared"], 5.0, "direct")
+    assert again.outcome(law, GROUPS["nominal"], 5.0, "takeover").passed and len(calls) == 1
+    again.outcome(trial("PI", PI(proportional=900.0, **LIMITS)), GROUPS["nominal"], 5.0, "takeover")
     assert len(calls) == 2
     assert len(Cells(path).known) == 2  # what was written after the cut is read
 
 
 def test_a_group_stops_at_its_first_failure():
-    found = EVERY["stiff PI"].outcome(GROUPS["real"], 5.0)
+    found = EVERY["stiff PI"].outcome(GROUPS["noisy"], 5.0)
     # with those that step beside it: two seeds from eight phases
     assert not found.passed and found.runs == 16 and found.why.startswith("weight +10 %, seed 101, phase 0")
 
@@ -165,7 +170,7 @@ def test_a_row_and_the_time_of_a_python_law():
 
 
 def test_the_picture_shows_every_law_and_where_none_of_its_set_points_holds(tmp_path):
-    pairs = {"declared": (3.0, 2.8), "robust": (5.0, 4.0), "corners": (float("nan"), 5.0)}
+    pairs = {"nominal": (3.0, 2.8), "one_at_a_time": (5.0, 4.0), "combined": (float("nan"), 5.0)}
     rows = [
         Row("LQG, tuned", pairs, 10.0, 1.0, 0.01, 1e-6, (0.2, 0.1)),
         Row("PI", dict.fromkeys(pairs, (float("nan"),) * 2), 1.0, 1.0, 0.1, 1e-6, (0.0, 0.0)),
@@ -180,26 +185,29 @@ def test_the_picture_shows_every_law_and_where_none_of_its_set_points_holds(tmp_
 def test_the_picture_has_the_best_row_of_each_kind_of_law_with_a_lift_and_without():
     none = float("nan")
     rows = {
-        "PI": {"declared": 9.6, "robust": 11.0}, "LQG": {"declared": 2.0, "robust": none}, "LQG, tuned": {"declared": 3.0, "robust": 7.0},
-        "LQG, tuned, lifting": {"declared": 3.1, "robust": 3.6}, "LQG, between, lifting": {"declared": 2.9, "robust": 3.6}, "linear MPC": {"declared": 2.5},
+        "PI": {"nominal": 9.6, "one_at_a_time": 11.0},
+        "LQG": {"nominal": 2.0, "one_at_a_time": none},
+        "LQG, tuned": {"nominal": 3.0, "one_at_a_time": 7.0},
+        "LQG, tuned, lifting": {"nominal": 3.1, "one_at_a_time": 3.6},
+        "LQG, between, lifting": {"nominal": 2.9, "one_at_a_time": 3.6}, "linear MPC": {"nominal": 2.5},
     }  # fmt: skip
     assert list(best(rows)) == ["PI", "LQG, tuned", "LQG, between, lifting", "linear MPC"]
 
 
 def test_the_cells_of_the_docs_are_read_with_none_for_what_was_not_found_and_without_what_was_not_judged(tmp_path, monkeypatch):
     cells = published()
-    assert np.isnan(cells["sliding mode"]["robust", "direct"]) and cells["soft torque"]["declared", "direct"] > 7.0
+    assert np.isnan(cells["sliding mode"]["one_at_a_time", "takeover"]) and cells["soft torque"]["nominal", "takeover"] > 7.0
     with drives.TABLE.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     with (tmp_path / "drives.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
-        writer.writerows({**row, "weight direct": ""} for row in rows)
+        writer.writerows({**row, "varying_weight takeover": ""} for row in rows)
     monkeypatch.setattr(drives, "TABLE", tmp_path / "drives.csv")
     left = published()
-    assert ("weight", "direct") not in left["soft torque"] and {
+    assert ("varying_weight", "takeover") not in left["soft torque"] and {
         **left["soft torque"],
-        ("weight", "direct"): cells["soft torque"]["weight", "direct"],
+        ("varying_weight", "takeover"): cells["soft torque"]["varying_weight", "takeover"],
     } == cells["soft torque"]
 
 
@@ -265,7 +273,7 @@ def test_a_dither_of_the_weight_presses_harder_while_the_bit_turns_faster_and_en
     stuck = {}
     for depth in (1e-6, 0.2):
         tried = trial("dithered", gains.FAMILIES["impedance and dither of the weight"].of({**numbers, "depth": depth}))
-        run = tried.run(Machine("declared"), 6.0, noise=0.0, duration=70.0)
+        run = tried.run(Machine("nominal"), 6.0, noise=0.0, duration=70.0)
         begin = tried.takeover(6.0) + 1.0
         at = run.at(np.arange(begin, run.end, 0.05))
         faster, weight = at["bit.speed"] - 6.0, at["bit.weight"] / 97_347.0 - 1.0
@@ -281,6 +289,6 @@ def test_one_law_that_lifts_holds_what_it_should_with_a_margin_on_every_machine(
     assert min(gains.margins_at(gains.FAMILIES["LQG, lifting"], numbers).values()) > 0.08
     for part in (0.0, 0.5):  # those beside it leave less
         assert min(gains.margins_at(gains.FAMILIES["LQG, lifting"], gains.between("LQG", "LQG, lifting", part)).values()) < 0.05
-    for group in ("declared", "real", "corners", "rocks"):
+    for group in ("nominal", "noisy", "combined", "other_rocks"):
         found = EVERY["LQG, between, lifting"].outcome(BRIEF[group], gains.AIMS[group])
         assert found.passed, found.why

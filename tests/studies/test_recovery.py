@@ -17,7 +17,7 @@ from toolbox.robustness.lowest_set_point import SetPointLimit
 def test_a_recovery_is_told_as_its_run_shows_it_and_a_law_that_never_recovers_is_told_so():
     law = recovery.lifted("soft torque")
     top, calm, back, off = recovery.recovered(law, 4.0, 0.25)
-    run, at = law.run(Machine("declared"), 4.0, seed=7, phase=0.25), law.takeover(4.0, 0.25)
+    run, at = law.run(Machine("nominal"), 4.0, seed=7, phase=0.25), law.takeover(4.0, 0.25)
     assert run.time_in("bit", "stick", until=at) > 1.0  # there is something to be ended
     assert run.time_in("bit", "stick", after=at + calm) == 0.0 < run.time_in("bit", "stick", after=at + calm - 0.1)
     after = run.at(np.arange(at + back + 0.01, run.end, 0.01))["top.speed"]
@@ -48,7 +48,7 @@ def test_next_to_its_border_too_the_one_law_gives_up_and_its_top_stays_below_twi
 
 def test_the_share_of_the_time_that_is_lifted_is_that_of_the_run():
     law = recovery.lifted("soft torque")
-    run = law.run(Machine("declared"), 2.0, seed=7, duration=law.takeover(2.0) + 300.0)  # given up by then
+    run = law.run(Machine("nominal"), 2.0, seed=7, duration=law.takeover(2.0) + 300.0)  # given up by then
     times = np.arange(0.005, run.end, 0.01)
     assert np.sum(run.at(times)["lifting.reference"] > 2.2) * 0.01 / 1800.0 == pytest.approx(recovery.given_up(law, 2.0)[1], rel=0.02)
 
@@ -58,13 +58,13 @@ def test_a_lifting_law_is_held_against_the_law_inside_of_it(monkeypatch):
 
     def borders(law, groups, cells, **between):
         asked.append((type(law.clock.law), law.label, [group.name for group in groups]))
-        return {("robust", "direct"): SetPointLimit(9.6 if len(asked) == 1 else 4.1, "")}
+        return {("one_at_a_time", "takeover"): SetPointLimit(9.6 if len(asked) == 1 else 4.1, "")}
 
     monkeypatch.setattr(recovery, "borders", borders)
-    assert recovery.beside("soft torque", ["robust"]) == [recovery.Beside("soft torque", "robust", "direct", 9.6, 4.1)]
+    assert recovery.beside("soft torque", ["one_at_a_time"]) == [recovery.Beside("soft torque", "one_at_a_time", "takeover", 9.6, 4.1)]
     assert asked == [
-        (SoftTorque, "soft torque", ["robust"]),
-        (Lifting, "soft torque, lifting", ["robust"]),
+        (SoftTorque, "soft torque", ["one_at_a_time"]),
+        (Lifting, "soft torque, lifting", ["one_at_a_time"]),
     ]  # labels of the drive table, whose cells are taken
 
 

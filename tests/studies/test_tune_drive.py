@@ -51,7 +51,7 @@ def test_one_run_tells_the_settling_time_and_the_lowest_set_point_that_is_kept()
 def test_a_law_that_takes_over_inside_stick_slip_at_a_constant_set_point_keeps_what_the_steps_tell():
     kept = lowest_set_point(run_of(drill_strings()["97 kN"], measured(SoftTorque(reference=SET_POINT, **LIMITS))))
     law = trial("soft torque", SoftTorque(**LIMITS))
-    late = {speed: law.run(Machine("declared"), speed, seed=1).time_in("bit", "stick", after=120.0) for speed in (kept, kept - 1.5)}
+    late = {speed: law.run(Machine("nominal"), speed, seed=1).time_in("bit", "stick", after=120.0) for speed in (kept, kept - 1.5)}
     assert late[kept] == 0.0
     assert late[kept - 1.5] > 5.0
 

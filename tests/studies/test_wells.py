@@ -12,7 +12,7 @@ import pytest
 from controllers import LQG
 from models.wells import JANSEN_2, NAVARRO_LOPEZ_4
 from studies.questions import wells as study
-from toolbox.robustness.set_points import WAYS
+from toolbox.robustness.set_points import PROTOCOLS
 
 TABLE = Path(__file__).parents[2] / "docs" / "wells.csv"
 
@@ -48,7 +48,7 @@ def test_friction_along_the_deepest_well_asks_for_the_torque_that_is_told():
 def test_a_border_of_the_table_is_one():
     name, label = "1500 m", "impedance, tuned, lifting"
     with TABLE.open(encoding="utf-8", newline="") as file:
-        border = next(float(row["declared direct"]) for row in csv.DictReader(file) if (row["well"], row["label"]) == (name, label))
+        border = next(float(row["nominal takeover"]) for row in csv.DictReader(file) if (row["well"], row["label"]) == (name, label))
     tried = study.trial(study.wells()[name], label)
     declared = study.groups(tried)[0]
 
@@ -60,7 +60,7 @@ def test_a_border_of_the_table_is_one():
 
 @pytest.mark.slow
 def test_a_row_has_what_the_table_shows():
-    found = study.row("3000 m", "impedance, tuned, lifting", ways=WAYS[:1]).flat()
-    assert found["robust direct"] <= 4.5 and found["judged"] == study.BRIEF and found["disk margin, robust"] > 0.0
+    found = study.row("3000 m", "impedance, tuned, lifting", ways=PROTOCOLS[:1]).flat()
+    assert found["one_at_a_time takeover"] <= 4.5 and found["judged"] == study.BRIEF and found["disk margin, one_at_a_time"] > 0.0
     text = study.table([found])
-    assert "3000 m" in text and f"{found['robust direct']:.1f}" in text
+    assert "3000 m" in text and f"{found['one_at_a_time takeover']:.1f}" in text

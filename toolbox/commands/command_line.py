@@ -22,6 +22,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import nullcontext, redirect_stdout
 from importlib import import_module
+from itertools import pairwise
 from typing import Any, NoReturn
 
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
@@ -126,9 +127,16 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
 def _refuse_former(words: Sequence[str], parser: argparse.ArgumentParser) -> None:
     """End with an error for the former name of a command or of one of its options."""
     typed = next((word for word in words if not word.startswith("-")), "")
-    for place, word in (("stickslip", typed), *((f"stickslip-{typed}", word.partition("=")[0]) for word in words)):
+    parts = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
+    options = [(f"stickslip-{typed}", part) for part in parts]
+    options += [(option.removeprefix("--"), value) for option, value in pairwise(parts) if option in VALUES]
+    for place, word in (("stickslip", typed), *options):
         if (place, word) in NOW:
             parser.error(f"`{word}`{f' of `stickslip {typed}`' if word != typed else ''} is now `{NOW[place, word]}`")
+
+
+VALUES = ("--group", "--protocol")
+"""Options whose values have former names."""
 
 
 def _by_option(text: str, given: argparse.Namespace) -> str:

@@ -32,18 +32,19 @@ GOES_ON = "interrupted; the same call goes on from here."
 def add(commands: Any) -> None:
     """Declare the arguments of `stickslip setpoints`."""
     from toolbox.robustness.groups import NAMES
-    from toolbox.robustness.set_points import WAYS
+    from toolbox.robustness.set_points import PROTOCOLS
 
     table = commands.add_parser(
         "setpoints",
         parents=[common("folder for table, figure and what is known of single set-points; that of an interrupted search is continued")],
         description="One controller of a scene has the string in stick-slip; every other one takes over from it, on the declared machine, with noise, with "
         "errors of the model, with other rocks and under a weight that varies. Printed is the lowest set-point at which it ends the stick-slip and keeps it "
-        "ended for half an hour, with the disk margin there, what the recovery costs, and what fails below. A law, a group and a way take from seconds to "
-        "minutes, which grow with the machine: a long search wants --out, with which the same call goes on where it was stopped. Where numbers are known as "
-        "distributions only (--uncertainty, --posterior), a group of machines is drawn: a set-point that frees all 72 is free with 95 %.",
-        epilog="example: stickslip setpoints studies/scenes/jansen_2.toml --initial-controller 'stiff PI' --controller 'soft torque' --group declared "
-        "--group robust --range top.reference='15 rpm:120 rpm' --step '1 rpm' --out drives",
+        "ended for half an hour, with the disk margin there, what the recovery costs, and what fails below. A controller, a group and a protocol "
+        "take from seconds to minutes, which grow with the machine: a long search wants --out, with which the same call goes on where it was stopped. "
+        "Where numbers are known as distributions only (--uncertainty, --posterior), a group of machines is drawn: a set-point that frees all 72 is "
+        "free with 95 %.",
+        epilog="example: stickslip setpoints studies/scenes/jansen_2.toml --initial-controller 'stiff PI' --controller 'soft torque' --group nominal "
+        "--group one_at_a_time --range top.reference='15 rpm:120 rpm' --step '1 rpm' --out drives",
     )
     table.add_argument(
         "--initial-controller", metavar="LABEL", help="the controller whose stick-slip is taken over; the first law of the scene without"
@@ -60,7 +61,7 @@ def add(commands: Any) -> None:
         help="machines of the group `drawn`, where numbers are uncertain (72: all free show 95 %%)",
     )
     table.add_argument(
-        "--protocol", action="append", choices=WAYS, metavar="NAME", help=f"only this one of: {', '.join(WAYS)}; may be repeated"
+        "--protocol", action="append", choices=PROTOCOLS, metavar="NAME", help=f"only this one of: {', '.join(PROTOCOLS)}; may be repeated"
     )
     table.add_argument(
         "--range",
@@ -72,7 +73,7 @@ def add(commands: Any) -> None:
         "--step",
         default="0.1",
         metavar="X",
-        help="distance of the set-points; about ten are tried for a law, a group and a way (0.1)",
+        help="distance of the set-points; about ten are tried for a controller, a group and a protocol (0.1)",
     )
     table.add_argument(
         "--margin", default="0", metavar="M", help="disk margin that a border has to leave on every machine of its group, such as 0.05 (0)"
@@ -166,12 +167,12 @@ def _searched(
 ) -> Any:
     """The lowest set-points of all laws, or None where each fails; why they do is told among the failures."""
     from toolbox.robustness.lowest_set_point import LowestSetPoints
-    from toolbox.robustness.set_points import WAYS
+    from toolbox.robustness.set_points import PROTOCOLS
     from toolbox.sweeps.executors import travelling
 
     found: LowestSetPoints | None = None
     places = [f"law {k} of {len(loops)}, " if len(loops) > 1 else "" for k in range(1, len(loops) + 1)]
-    asked = {"protocols": given.protocol or WAYS, "bounds": _bounds(given.range), "step": plain(given.step)}
+    asked = {"protocols": given.protocol or PROTOCOLS, "bounds": _bounds(given.range), "step": plain(given.step)}
     search = partial(_of_one, before=before, groups=groups, margin=margin, out=given.out, quiet=given.quiet, **asked)
     with side_by_side(min(given.processes, len(loops))) as pool, travelling(search, loops) if pool is not None else nullcontext():
         for label, one in zip(loops, (map if pool is None else pool.map)(search, places, loops.values()), strict=True):

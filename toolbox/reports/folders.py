@@ -188,7 +188,7 @@ def _drives(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
     return table(lines[0], head, cells), tuple(" ".join(row) for row in rows if len(row) < count - 1)
 
 
-DRIVES = ("law", "group", "way", "lowest", "disk margin", "recovery", "disturbance", "what fails below")
+DRIVES = ("controller", "group", "protocol", "lowest", "disk margin", "recovery", "disturbance", "what fails below")
 """Columns of the lowest set-points that answer."""
 
 ALL: Sequence[Kind] = (

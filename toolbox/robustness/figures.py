@@ -166,9 +166,9 @@ def set_point_diagram(rows: Sequence[tuple[str, str, str, float, float]], highes
             k = groups.index(group)
             place = laws.index(law) + 0.7 * ((k + 0.5) / len(groups) - 0.5)
             color = LINES[k % len(LINES)]["color"]
-            filled: Any = {"markerfacecolor": color if way == "direct" else "white", "markeredgecolor": color}
+            filled: Any = {"markerfacecolor": color if way == "takeover" else "white", "markeredgecolor": color}
             if math.isnan(speed):
-                speed = (1.05 if way == "direct" else 1.08) * highest
+                speed = (1.05 if way == "takeover" else 1.08) * highest
             elif not math.isnan(until):
                 ax.plot([speed, until], [place, place], marker="|", markevery=[1], color=color, linewidth=0.8)
             ax.plot(speed, place, marker=MARKS[k % len(MARKS)], markersize=5.0, linestyle="none", clip_on=False, **filled)

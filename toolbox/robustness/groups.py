@@ -12,7 +12,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.vocabulary import Renamed, new_names_only
 
-NAMES = ("declared", "real", "robust", "corners", "rocks", "weight")
+NAMES = ("nominal", "noisy", "one_at_a_time", "combined", "other_rocks", "varying_weight")
 """Names of the groups of a drill string."""
 LASTING, FEW, SEEN = 1800.0, 2, 3
 """Judged window [s] of the runs that confirm a set-point, and the most phases and seeds of them."""
@@ -48,7 +48,7 @@ class Varying:
 class Machine(Renamed):
     """A machine beside the declared one.
 
-    factors: ((number of the loop, factor of its declared value), ...).  late: by how much commands come later than declared [s].
+    factors: ((number of the loop, factor of its declared value), ...).  delay: by how much commands come later than declared [s].
     plant: another plant, with the same names, in place of the declared one.  weight: how the weight varies.
     """
 
@@ -100,14 +100,14 @@ WEIGHTS = (
 def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, delay: float = 0.03) -> dict[str, Group]:
     """Groups of machines for a drill string with a chain of inertias and a rock, by name.
 
-        declared   as declared, no noise
-        real       weight + 10 %, noise, 20 seeds
-        robust     one error at a time: inertia of the drive +-10 and +-20 %, inertia below it, stiffness and weight +-20 %, commands later; 3 seeds
-        corners    (drive, below, stiffness) = (.8, 1.2, .8), (1.2, .8, 1.2), (.8, .8, .8); 3 seeds
-        rocks      half the decay of the friction with speed; 3 seeds; only for a rock with an exponential law
-        weight     a weight that varies in time: `WEIGHTS`, 10 seeds, 2 phases, judged for 600 s
+        nominal          as declared, no noise
+        noisy            weight + 10 %, noise, 20 seeds
+        one_at_a_time    one deviation: inertia of the drive +-10 and +-20 %, inertia below it, stiffness and weight +-20 %, commands later; 3 seeds
+        combined         (drive, below, stiffness) = (.8, 1.2, .8), (1.2, .8, 1.2), (.8, .8, .8); 3 seeds
+        other_rocks      half the decay of the friction with speed; 3 seeds; only for a rock with an exponential law
+        varying_weight   a weight that varies in time: `WEIGHTS`, 10 seeds, 2 phases, judged for 600 s
 
-    noise: of the measured top speed [rad/s].  late: by how much commands come later than declared [s] on one of the robust machines.
+    noise: of the measured top speed [rad/s].  delay: by how much commands come later than declared [s] on one machine of `one_at_a_time`.
     """
     names = list((machine if isinstance(machine, ClosedLoop) else closed_loop(machine)).bare.numbers())
 
@@ -134,15 +134,15 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, dela
         for a, b, c in ((0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8))
     ]
     groups = [
-        Group("declared", (Machine("declared"),), noise=0.0),
-        Group("real", (other("weight +10 %", weight=1.1),), SEEDS, noise),
-        Group("robust", (*singles, other(f"commands {1e3 * delay:.0f} ms later", delay)), SEEDS[:3], noise),
-        Group("corners", tuple(corners), SEEDS[:3], noise),
+        Group("nominal", (Machine("nominal"),), noise=0.0),
+        Group("noisy", (other("weight +10 %", weight=1.1),), SEEDS, noise),
+        Group("one_at_a_time", (*singles, other(f"commands {1e3 * delay:.0f} ms later", delay)), SEEDS[:3], noise),
+        Group("combined", tuple(corners), SEEDS[:3], noise),
     ]
     if "bit.friction.decay" in names:
-        groups.append(Group("rocks", (Machine("half the decay", (("bit.friction.decay", 0.5),)),), SEEDS[:3], noise))
+        groups.append(Group("other_rocks", (Machine("half the decay", (("bit.friction.decay", 0.5),)),), SEEDS[:3], noise))
     varying = tuple(
         Machine(f"weight {'noise' if each.noise else 'sine'} {100 * each.size:g} %, {each.frequency:g} Hz", weight=each) for each in WEIGHTS
     )
-    groups.append(Group("weight", varying, SEEDS[:COURSES], noise, (0.0, 0.5), 600.0))
+    groups.append(Group("varying_weight", varying, SEEDS[:COURSES], noise, (0.0, 0.5), 600.0))
     return {group.name: group for group in groups}

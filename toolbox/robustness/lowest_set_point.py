@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import checked_range, number, numbers
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError
 from toolbox.files.printing import columns, shown
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.unit_systems import asked_units, reading
@@ -25,10 +25,10 @@ from toolbox.measuring.judge import told_growth
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Controller
 from toolbox.robustness.groups import LASTING, NAMES, Group, machine_groups
-from toolbox.robustness.set_points import SETTLING, WAYS, Outcome, Trial
+from toolbox.robustness.set_points import PROTOCOLS, SETTLING, Outcome, Trial
 from toolbox.scenes.situation import Situation
 from toolbox.sweeps.executors import check_executor
-from toolbox.vocabulary import Renamed
+from toolbox.vocabulary import Renamed, now_or_near
 
 ABOVE = (0.3, 0.8, 2.0)
 """How far above a border [rad/s] it is confirmed."""
@@ -110,7 +110,7 @@ class SetPointLimit(Renamed):
         Largest mean share of the weight that is taken off, for a law that does so [1].
     growth
         Largest rate at which a small disturbance of smooth running grows on a machine [1/s]; below 0 it dies.
-    margin, margin_declared
+    margin, margin_nominal
         Smallest disk margin over the machines of the group, and that of the declared one, at that set-point [1]; nan for a law without a slope.
     weakest
         The machine with the smallest.
@@ -128,7 +128,7 @@ class SetPointLimit(Renamed):
     relief: float = math.nan
     growth: float = math.nan
     margin: float = math.nan
-    margin_declared: float = math.nan
+    margin_nominal: float = math.nan
     weakest: str = ""
 
     @property
@@ -140,7 +140,7 @@ class SetPointLimit(Renamed):
 def lowest(
     trial: Trial,
     group: Group,
-    way: str = "direct",
+    way: str = "takeover",
     cells: Cells | None = None,
     lower: float = 1.5,
     higher: float = 14.0,
@@ -189,8 +189,8 @@ def lowest(
                 found = dataclasses.asdict(cells.outcome(trial, group.lasting if lasts else group, speed, way))
                 for name in ("passed", "why", "runs"):
                     del found[name]
-                return SetPointLimit(speed, below, until, **found, margin=margin, margin_declared=declared, weakest=weakest)
-            short = f"{weakest if margin <= declared else 'declared'}: disk margin {min(declared, margin):.3f}"
+                return SetPointLimit(speed, below, until, **found, margin=margin, margin_nominal=declared, weakest=weakest)
+            short = f"{weakest if margin <= declared else 'nominal'}: disk margin {min(declared, margin):.3f}"
         low, below = high, short
         if high == top:
             return SetPointLimit(math.nan, below)
@@ -212,14 +212,14 @@ def _halved(fails: Callable[[int], str], low: int, high: int, below: str) -> tup
 
 
 def borders(
-    trial: Trial, groups: Sequence[Group], ways: Sequence[str] = WAYS, cells: Cells | None = None, lower: float = 1.5, **searched: Any
+    trial: Trial, groups: Sequence[Group], ways: Sequence[str] = PROTOCOLS, cells: Cells | None = None, lower: float = 1.5, **searched: Any
 ) -> dict[tuple[str, str], SetPointLimit]:
     """{(group, way): the lowest set-point}; noise and errors are not expected to help by more than `HELP`. searched: further arguments of `lowest`."""
     found: dict[tuple[str, str], SetPointLimit] = {}
     cells = cells or Cells()
     for k, (group, way) in enumerate(itertools.product(groups, ways), 1):
         cells.place = f"cell {k} of {len(groups) * len(ways)}: "
-        known = found["declared", way].speed if ("declared", way) in found else math.nan
+        known = found["nominal", way].speed if ("nominal", way) in found else math.nan
         low = lower if math.isnan(known) else max(known - HELP, lower)
         found[group.name, way] = lowest(trial, group, way, cells, low, **searched)
     return found
@@ -227,14 +227,14 @@ def borders(
 
 @dataclass(frozen=True)
 class LowestSetPoints(Result):
-    """Lowest set-points of laws on groups of machines: `print(found)` shows the table, `found["soft torque", "robust"].speed` is one of it.
+    """Lowest set-points of laws on groups of machines: `print(found)` shows the table, `found["soft torque", "one_at_a_time"].speed` is one of it.
 
     Attributes
     ----------
     initial_controller
         The drive that the laws take over from.
     entries
-        {(label of the law, name of the group, way): `SetPointLimit`}.
+        {(label of the controller, name of the group, protocol): `SetPointLimit`}.
     bounds, step
         Set-points that were searched [rad/s].
     display_units
@@ -251,25 +251,35 @@ class LowestSetPoints(Result):
     situation: str = ""
 
     def __getitem__(self, key: tuple[str, ...]) -> SetPointLimit:
-        """The entry of (label, group) or (label, group, way); the way is direct where none is given."""
-        key = key if len(key) == 3 else (*key, WAYS[0])
-        for word, each, place in zip(("law", "group", "way"), key, range(3), strict=True):
+        """The entry of (label, group) or (label, group, protocol); the protocol is `takeover` if none is given."""
+        key = key if len(key) == 3 else (*key, PROTOCOLS[0])
+        for word, each, place in zip(("controller", "group", "protocol"), key, range(3), strict=True):
             known = list(dict.fromkeys(name[place] for name in self.entries))
             if each not in known:
-                raise SceneError(f"There is no {word} `{each}` in this result: {suggest(each, known)}")
+                raise SceneError(f"There is no {word} `{each}` in this result: {now_or_near(word, each, known)}")
         return self.entries[key]
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text."""
         speed, torque = reading("rad/s", self.display_units), reading("N m", self.display_units)
-        heads = ("law", "group", "way", f"lowest [{speed.unit}]", "disk margin", "of declared", "above", "recovery", f"bit [{speed.unit}]")
+        heads = (
+            "controller",
+            "group",
+            "protocol",
+            f"lowest [{speed.unit}]",
+            "disk margin",
+            "of nominal",
+            "above",
+            "recovery",
+            f"bit [{speed.unit}]",
+        )
         price = (f"torque [{torque.unit}]", "lifts", "lifts / h", "weight off", "disturbance", "what fails below")
         lines: list[tuple[str, ...]] = [(*heads, *price)]
         for key, each in self.entries.items():
             said = [
                 "none" if math.isnan(each.speed) else " to ".join(f"{value * speed.factor:.3g}" for value in each.range),
-                shown(each.margin, ".2f"), shown(each.margin_declared, ".2f"),
+                shown(each.margin, ".2f"), shown(each.margin_nominal, ".2f"),
                 shown(100.0 * each.time_above_setpoint, ".1f", " %"), shown(each.recovery, ".0f", " s"), shown(each.fastest * speed.factor, ".3g"),
                 shown(each.torque * torque.factor, ".3g"), shown(each.lifts, ".0f"), shown(each.relapses_per_hour, ".0f"),
                 shown(100.0 * each.relief, ".1f", " %"), told_growth(each.growth),
@@ -292,12 +302,12 @@ class LowestSetPoints(Result):
         )
 
     def _table(self) -> HeadedRows:
-        """One row per law, group and way."""
+        """One row for every controller, group and protocol."""
         names = [each.name for each in dataclasses.fields(SetPointLimit)]
-        return ["law", "group", "way", *names], [[*key, *map(vars(each).get, names)] for key, each in self.entries.items()]
+        return ["controller", "group", "protocol", *names], [[*key, *map(vars(each).get, names)] for key, each in self.entries.items()]
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the lowest set-points of every law on every group, direct takeovers filled and raised ones open; returns the axes.
+        """Draw the lowest set-points of every law on every group, those of the protocol `takeover` filled and those of `ramp` open; returns the axes.
 
         Parameters
         ----------
@@ -324,7 +334,7 @@ def chosen_groups(trial: Trial, groups: Sequence[str | Group], margin: float | N
     chosen = []
     for each in groups:
         if isinstance(each, str) and each not in NAMES:
-            raise SceneError(f"There is no group `{each}`: {suggest(each, NAMES)}")
+            raise SceneError(f"There is no group `{each}`: {now_or_near('group', each, NAMES)}")
         chosen += [each] if isinstance(each, Group) else [every[each]] if each in every else []
     return chosen if margin is None else [dataclasses.replace(each, margin=margin) for each in chosen]
 
@@ -335,7 +345,7 @@ def lowest_set_point(
     initial_controller: Controller,
     groups: Sequence[str | Group] = NAMES,
     *,
-    protocols: Sequence[str] = WAYS,
+    protocols: Sequence[str] = PROTOCOLS,
     bounds: tuple[NumberOrText, NumberOrText] = (1.5, 14.0),
     step: NumberOrText = 0.1,
     long_run: bool = True,
@@ -345,8 +355,8 @@ def lowest_set_point(
 ) -> LowestSetPoints:
     """Find the lowest set-point at which a law ends a stick-slip that exists, and keeps it ended, on the declared drill string and on others.
 
-    A drive before it has the string in stick-slip at the set-point; the law takes over at 8 phases of that cycle, with the set-point as it is (direct) or
-    while it is lifted to 12 rad/s and lowered again (raised). It succeeds where, 80 s later, the bit does not stick, turns as fast as asked within 2 %,
+    A drive before it has the string in stick-slip at the set-point; the law takes over at 8 phases of that cycle, with the set-point as it is (`takeover`) or
+    while it is raised to 12 rad/s and lowered again (`ramp`). It succeeds where, 80 s later, the bit does not stick, turns as fast as asked within 2 %,
     and the torque neither swings nor stays at a limit. The border is found by bisection, confirmed at three set-points above it, and at it for half an
     hour, where smooth running moreover must be stable on every machine of the group.
 
@@ -357,13 +367,13 @@ def lowest_set_point(
     initial_controller
         The law whose stick-slip is taken over, such as `StiffPI()`; its `reference` follows the set-point.
     groups
-        Names of groups, or groups of your own: `declared` (without noise), `real` (weight + 10 %, 20 seeds of noise), `robust` (one error of 10 and 20 % at a
-        time, and late commands), `corners` (three errors at once), `rocks` (half the decay of the friction with speed), `weight` (noise of 2 and 5 %, a sine of
-        5 % at 0.17 Hz, a heave of 10 % at 0.1 Hz, ten courses of each). The noise is that of the loop on `top.speed`, or 0.01 rad/s.
-        `rocks` is left out for another friction law. Commands come 30 ms later on one of the robust machines; `machine_groups(loop, delay=...)` of
-        `toolbox.robustness` gives the groups with another delay.
+        Names of groups, or groups of your own: `nominal` (without noise), `noisy` (weight + 10 %, 20 seeds of noise), `one_at_a_time` (one deviation of 10
+        or 20 % on each machine, and delayed commands), `combined` (three deviations at once), `other_rocks` (half the decay of the friction with speed),
+        `varying_weight` (noise of 2 and 5 %, a sine of 5 % at 0.17 Hz, a heave of 10 % at 0.1 Hz, ten time series of each). The noise is that of the loop
+        on `top.speed`, or 0.01 rad/s. `other_rocks` is left out for another friction law. Commands come 30 ms later on one machine of `one_at_a_time`;
+        `machine_groups(loop, delay=...)` of `toolbox.robustness` gives the groups with another delay.
     protocols
-        `direct`, `raised` or both.
+        `takeover`, `ramp` or both.
     bounds, step
         Range of set-points that is searched [rad/s], and the distance of its grid. Where the highest does not hold, lower ones are tried in steps of 1 rad/s,
         so that a window of set-points that hold is found where it is wider than that.
@@ -380,12 +390,12 @@ def lowest_set_point(
     Returns
     -------
     LowestSetPoints
-        The border of each group and way, what fails below it, the disk margins at it and what the recovery costs.
+        The border of each group and protocol, what fails below it, the disk margins at it and what the recovery costs.
 
     Raises
     ------
     SceneError
-        If the loop is no drill string with one sampled law, a group or a way is unknown, a number is none, or a law cannot travel to an executor.
+        If the loop is no drill string with one sampled law, a group or a protocol is unknown, a number is none, or a law cannot travel to an executor.
 
     Notes
     -----
@@ -399,8 +409,8 @@ def lowest_set_point(
     grid = number("step", step, "rad/s", above=0)
     chosen = chosen_groups(trial, groups)
     for way in protocols:
-        if way not in WAYS:
-            raise SceneError(f"There is no protocol `{way}` of taking over: {suggest(way, WAYS)}")
+        if way not in PROTOCOLS:
+            raise SceneError(f"There is no protocol `{way}`: {now_or_near('protocol', way, PROTOCOLS)}")
     cells = Cells(None if checkpoint is None else Path(checkpoint), callback, asked)
     found = borders(trial, chosen, protocols, cells, low, higher=high, step=grid, lasts=long_run)
     entries: dict[tuple[str, ...], SetPointLimit] = {(trial.label, *key): each for key, each in found.items()}

@@ -1,9 +1,9 @@
 """How a law of a drill string is tried at a set-point: another drive has the string in stick-slip, and the law takes over at some phases of that cycle.
 
-Two ways of starting:
+Two protocols:
 
-    direct   the set-point stays
-    raised   the set-point is lifted to 12 rad/s, held for 40 s and lowered again within 60 s, as drillers do
+    takeover   the set-point stays
+    ramp       the set-point is raised to 12 rad/s, held for 40 s and lowered again within 60 s, as drillers do
 
 Success: from 80 s after the last change of the set-point on the bit does not stick; over the window that follows its mean speed is within 2 % of the
 set-point; the standard deviation of the torque is at most 2 % of its mean without noise, 5 % with noise, and free where the weight varies; the torque is at a
@@ -49,7 +49,7 @@ LANES = 16
 """Runs that fill the lanes of any processor."""
 SEARCHED = 12
 """Set-points at which a group is tried in a search, about."""
-WAYS = ("direct", "raised")
+PROTOCOLS = ("takeover", "ramp")
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,7 @@ class Trial:
         if asleep:
             return self.on(alike, both, group.noise or None, seed, watched, inputs=inputs), last
         inputs["top.reference"] = (
-            given if way == "raised" else ((0.0,), (given,))
+            given if way == "ramp" else ((0.0,), (given,))
         )  # so that runs of both ways, with and without noise, are one program
         return self.on(alike, both, group.noise, seed, watched, inputs=inputs, start=cycle.start), last
 
@@ -270,10 +270,10 @@ class Trial:
         """
         from toolbox.simulation.simulate import simulate
 
-        loop, _ = self.takes_over(machine, Group("", (machine,), noise=noise), reference, "direct", seed, self.takeover(reference, phase))
+        loop, _ = self.takes_over(machine, Group("", (machine,), noise=noise), reference, "takeover", seed, self.takeover(reference, phase))
         return simulate(self.off(loop, machine), duration + (self.cycle(reference).release if self.in_python(reference) else 0.0))
 
-    def outcome(self, group: Group, reference: float, way: str = "direct") -> Outcome:
+    def outcome(self, group: Group, reference: float, way: str = "takeover") -> Outcome:
         """What comes of the law on a group of machines; stops at the first sweep that holds a failure."""
         growth = math.nan
         if group.judged >= LASTING:
@@ -290,7 +290,7 @@ class Trial:
         most["torque"] = most.pop("torque_high")
         return Outcome(True, "", runs, growth=growth, **most)
 
-    def attempts(self, group: Group, reference: float, way: str = "direct") -> Iterator[tuple[list[str], dict[str, np.ndarray]]]:
+    def attempts(self, group: Group, reference: float, way: str = "takeover") -> Iterator[tuple[list[str], dict[str, np.ndarray]]]:
         """(which runs failed and why, what was measured of each) of one batch of runs after the other.
 
         As many seeds as fill the lanes come before all others, because most failures show with them.
@@ -457,7 +457,7 @@ def verdict(numbers: Mapping[str, float], reference: float, noise: float, varyin
 
 def set_point(reference: float, way: str, begin: float) -> tuple[Any, float]:
     """(input, end) of the set-point [rad/s] over time where every law has taken over by `begin` [s]; `end` [s] is its last change."""
-    if way == "direct":
+    if way == "takeover":
         return reference, begin
     top = max(LIFTED, reference)
     times = np.cumsum([0.0, begin, LIFT, HELD, LOWERED])

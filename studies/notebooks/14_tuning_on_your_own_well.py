@@ -119,9 +119,10 @@ print(f"{lines} lines of C")
 
 # %% [markdown]
 # **Answer.** Thirty points, sixty runs, are enough: the published gains leave the bit in stick-slip under both weights, the tuned ones in
-# neither, and the finer string agrees under a weight in between. They also end a stick-slip that exists, from every phase that was tried, with the
-# drive or the weight a fifth off or with twice the delay. With a drive a fifth lighter, a fifth more weight and twice the delay at once, two of four takeovers fail. The proportional gain falls by a factor of 10 to 40, to a few times the
-# impedance of the pipe: the drive gives way to the string. How slow it can turn the bit, and what margin is left, is the question of notebook 7.
+# neither, and the finer string agrees under a weight in between. They also end a stick-slip that exists, from every phase that was tried,
+# with the drive or the weight a fifth off or with twice the delay. With a drive a fifth lighter, a fifth more weight and twice the delay at
+# once, two of four takeovers fail. The proportional gain falls by a factor of 10 to 40, to a few times the impedance of the pipe: the drive
+# gives way to the string. How slow it can turn the bit, and what margin is left, is the question of notebook 7.
 
 # %%
 answer = {

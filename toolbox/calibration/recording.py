@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import mapping, number
-from toolbox.calibration.channels import chosen, numbers_of, scalar_unit, source_of, times_of
+from toolbox.calibration.channels import chosen, numbers_of, scalar_unit, size_of, source_of, times_of
 from toolbox.errors import SceneError, suggest
 from toolbox.files.printing import columns as lines_of
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.units import NumberOrText
-from toolbox.logs.cells import factor
-from toolbox.logs.flaws import KINDS, Flaw, increasing, is_null, marked, spacing, without_strays
+from toolbox.logs.flaws import KINDS, Flaw, below_zero, increasing, is_null, marked, spacing, without_strays
 from toolbox.logs.grids import Source
 from toolbox.modelling.hybrid_system import HybridSystem
 
@@ -326,18 +325,23 @@ def _recording(
     source, where, name = data
     kinds = () if source.what == "run" else tuple(k for k in KINDS if k not in keep)
     columns_of = chosen(source, where, plant, columns)
-    size = int(np.size(columns_of["time"][0].cells))
-    time, notes = times_of(source, *columns_of.pop("time"), where)
+    time_column, time_unit = columns_of.pop("time")
+    size = int(np.size(time_column.cells))
+    time, notes = times_of(source, time_column, time_unit, where)
     if not columns_of:
         raise SceneError(f"The data of {name} must hold a signal beside the time, but there is none.")
     if size < 3:
         raise SceneError(f"The data of {name} must hold at least three samples, but they hold {size}.")
     nulls = (*nulls, *source.nulls)
+    turned = _newest_first(time)
+    if turned:
+        time = time[::-1]
+        notes.append("the newest row stands first: turned")
     order = increasing(time)
     if order.size < 3 or order.size < 0.5 * np.isfinite(time).sum():
         raise SceneError(
             f"The times of {name} must increase, but only {order.size} of {time.size} do: where several samples have one time, write times with more digits; "
-            "where the table is upside down, turn it."
+            "where dates and times of day stand in two columns, say which column is `time` by the one of times of day."
         )
     increases, order = order, without_strays(time, order)
     flaws = _time_flaws(time, order, np.setdiff1d(increases, order))
@@ -353,20 +357,32 @@ def _recording(
         raw, said = numbers_of(column.cells, source.mark, here)
         if said:
             notes.append(f"`{column.name}`: {said}")
-        none = is_null(raw, nulls)
+        raw = raw[::-1] if turned else raw
+        none = is_null(raw, (*nulls, *column.nulls))
         if unit is None and not source.bare and wanted != "1":
             raise SceneError(
                 f"{here} must name its unit, such as `{column.name} [{wanted}]`: write so there, or where you say which column is `{signal}`."
             )
-        scale = 1.0 if unit is None or (unit == "1" and wanted == "1") else factor(unit, wanted, column.name)
+        scale = 1.0 if unit is None or (unit == "1" and wanted == "1") else size_of(unit, wanted, column.name, signal, here)
         values = (np.where(none, np.nan, raw) * scale)[order]
         if np.isfinite(values).sum() < 3:
             raise SceneError(f"{here} must hold at least three values, but {int(none.sum())} of {size} samples are none.")
         flaws += _flaws_of(signal, own, values, np.where(none, raw, np.nan)[order], none[order], kinds)
+        entry = plant.parameters.get(signal)
+        if signal in plant.inputs and entry is not None and entry.bounds.get("at_least") == 0 and source.what != "run":
+            low, words = below_zero(values, signal, own, wanted)
+            flaws += low
+            notes += words
         signals[signal], units[signal] = values, wanted
     if source.what == "run":
         flaws = [flaw for flaw in flaws if flaw.kind != "gap"]
     return Recording(own, signals, name, units, tuple(flaws), tuple(source.notes + notes))
+
+
+def _newest_first(time: np.ndarray) -> bool:
+    """Whether nearly all times go down from row to row."""
+    steps = np.diff(time[np.isfinite(time)])
+    return steps.size > 1 and np.count_nonzero(steps < 0) > 0.9 * np.count_nonzero(steps) > 1.8
 
 
 def _time_flaws(time: np.ndarray, order: np.ndarray, stray: np.ndarray) -> list[Flaw]:

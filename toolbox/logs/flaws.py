@@ -8,6 +8,7 @@
     drop-out    exactly zero between values that are far from it
     reversed    a value whose opposite fits between its neighbours, and which does not itself
     outlier     a few values far from both sides
+    below zero  a value below zero of what cannot be, such as the weight of a bit that is off bottom: noise around zero counts as 0, others are left out
 
 Why no filter by size alone: speed in stick-slip leaves the mean by many of its deviations, and friction jumps. A jump keeps one side and a slip takes many
 samples, which a median over neighbours tells from what stands alone.
@@ -20,7 +21,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-NULLS = (-999.25, -999.0, -9999.0, -9999.25, -99999.0, -32768.0)
+from toolbox.errors import SceneError
+
+NULLS = (-999.25, -999.0, -9999.0, -9999.25, -99999.0, -32768.0, 32767.0)
 """Numbers by which logs say that there is no value (the NULL of LAS files, and its relatives)."""
 
 HUGE = 1e29
@@ -37,6 +40,9 @@ FAR = 1e6
 
 ALONE = 5
 """Samples in a row, at most, that may be outliers or reversed."""
+
+NEAR_ZERO = 0.1
+"""Part of the size of a channel that cannot be below zero to which a value there is taken as noise around zero."""
 
 KINDS = ("null", "clipped", "drop-out", "reversed", "outlier")
 """Kinds of values that are marked."""
@@ -134,6 +140,42 @@ def marked(values: np.ndarray, kinds: tuple[str, ...] = KINDS) -> dict[str, np.n
             found[kind] = there
             values[there] = np.nan
     return found
+
+
+def below_zero(values: np.ndarray, name: str, time: np.ndarray, unit: str) -> tuple[list[Flaw], list[str]]:
+    """Mark values below zero in a channel that cannot be there; those as small as noise become 0, others nan.
+
+    Parameters
+    ----------
+    values
+        Values of the channel, shape (n,), which are changed.
+    name, time, unit
+        Name of the channel, times [s] of its samples, shape (n,), and its unit.
+
+    Returns
+    -------
+    flaws
+        The flaw, or none.
+    notes
+        What was done, and what the user can do.
+    """
+    low = values < 0.0
+    if not low.any():
+        return [], []
+    found = Flaw(name, "below zero", time[low], values[low].copy())
+    high = float(np.nanquantile(np.abs(values), 0.98))
+    far = values < -NEAR_ZERO * high
+    if np.count_nonzero(far) > 0.5 * np.count_nonzero(np.isfinite(values)):
+        raise SceneError(
+            f"Channel `{name}` must be >= 0 {unit}, but it is below in {found.count} of {values.size} samples, down to {found.values.min():.5g} {unit}, first at "
+            f"{found.times[0]:.4g} s: turn its sign in the log, or subtract the reading of a sensor that was not set to zero."
+        )
+    values[low] = np.where(far[low], np.nan, 0.0)
+    lost = f", {np.count_nonzero(far)} farther below left out" if far.any() else ""
+    return [found], [
+        f"`{name}`: {found.count} samples below zero, down to {found.values.min():.5g} {unit}, first at {found.times[0]:.4g} s: {found.count - np.count_nonzero(far)} "
+        f"taken as noise around 0{lost}; set the sensor to zero off bottom, or take a window (--window, in Python `between`) after the bit is on bottom"
+    ]
 
 
 def _groups(mask: np.ndarray) -> list[tuple[int, int]]:

@@ -164,7 +164,7 @@ def _with_dates(source: Source, time: Column, unit: str | None, taken: set[str])
         both = [f"{_day(a)} {b}" for a, b in zip(days.cells, clocks.cells, strict=True)]
         clock = seconds_of(list(clocks.cells), "")[0]
         still = len({_day(cell) for cell in days.cells}) == 1
-        if still and np.nanmax(clock) - np.nanmin(clock) > DAY / 2 and np.nanmax(clock) >= DAY:
+        if still and (np.nanmax(clock) >= DAY or np.nanmin(clock) < 0.0):
             source.notes.append(f"`{days.name}` stands still past midnight, and is left out of the time")
             return (clocks, clocks.unit) if is_clock else (time, unit)
         return Column(f"{days.name} + {clocks.name}", None, both), unit if is_format(unit) and "y" in str(unit).lower() else days.unit

@@ -45,7 +45,7 @@ _WEEKDAY = r"(?:(?:mon|tue|wed|thu|fri|sat|sun)[a-z]*\.?,?\s+)?"
 _MOMENTS = [
     re.compile(form, re.IGNORECASE)
     for date in _DATES
-    for form in (rf"{_WEEKDAY}{date}(?:[ T_,-]+{_CLOCK}{_ZONE})?", rf"{_CLOCK}[ ,]+{_WEEKDAY}{date}")
+    for form in (rf"{_WEEKDAY}{date}(?:(?:[ T_,-]+|:){_CLOCK}{_ZONE})?", rf"{_CLOCK}[ ,]+{_WEEKDAY}{date}")
 ] + [re.compile(rf"{_WEEKDAY}{_MONTH}\s+(?P<d>\d{{1,2}})\s+{_CLOCK}{_ZONE}\s+(?P<y>\d{{4}})", re.IGNORECASE)]
 _TIME_OF_DAY = re.compile(_CLOCK, re.IGNORECASE)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d{1,3})?")

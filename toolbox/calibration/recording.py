@@ -16,7 +16,7 @@ from toolbox.files.printing import columns as lines_of
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.units import NumberOrText
-from toolbox.logs.flaws import KINDS, Flaw, below_zero, increasing, is_null, marked, spacing, without_strays
+from toolbox.logs.flaws import KINDS, Flaw, below_zero, increasing, is_null, local_spacing, marked, spacing, without_strays
 from toolbox.logs.grids import Source
 from toolbox.modelling.hybrid_system import HybridSystem
 
@@ -140,10 +140,11 @@ class Recording(Result):
         hole
             Samples that may be missing in a row.
         """
-        usual, _ = spacing(self.time)
+        usual, longest = local_spacing(self.time)
         good = np.all([np.isfinite(self.signals[self._known(name)]) for name in (self.signals if names is None else names)], axis=0)
         places = np.flatnonzero(good)
-        apart = np.flatnonzero(np.diff(self.time[places]) > max((hole + 1.5) * usual, self.gap))
+        at = places[:-1]
+        apart = np.flatnonzero(np.diff(self.time[places]) > np.maximum((hole + 1.5) * usual[at], longest[at]))
         edges = [0, *(apart + 1).tolist(), places.size]
         return [(float(self.time[places[a]]), float(self.time[places[b - 1]])) for a, b in itertools.pairwise(edges) if b - a >= 3]
 
@@ -190,8 +191,13 @@ class Recording(Result):
 
     @property
     def gap(self) -> float:
-        """Time between neighbours [s] from which on they are no neighbours."""
+        """Time between neighbours [s] from which on they are no neighbours, by the spacing of the whole recording."""
         return spacing(self.time)[1]
+
+    @property
+    def gaps(self) -> np.ndarray:
+        """Whether there is a gap between each sample and the next, by the rate around it, shape (nt - 1,)."""
+        return np.diff(self.time) > local_spacing(self.time)[1]
 
     def resampled(self, interval: NumberOrText) -> Recording:
         """The recording at even times: means of the samples around each where they are denser, else on the line between neighbours, and nan inside of gaps.
@@ -214,7 +220,7 @@ class Recording(Result):
                 total = np.bincount(place[inside], values[good][inside], minlength=times.size)
                 signals[name] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
             else:
-                signals[name] = _at(times, self.time, values, self.gap)
+                signals[name] = _at(times, self.time, values)
         return Recording(times, signals, self.source, self.units, self.flaws, (*self.notes, f"resampled every {interval:g} s"), self.begin)
 
     def shift(self, name: str, against: str, most: NumberOrText = 5.0) -> float:
@@ -237,7 +243,7 @@ class Recording(Result):
         most = number("most", most, "s", above=0)
         step = self.interval
         times = np.arange(0.0, self.time[-1], step)
-        one, two = (_at(times, self.time, self.signals[self._known(each)], self.gap) for each in (name, against))
+        one, two = (_at(times, self.time, self.signals[self._known(each)]) for each in (name, against))
         one, two = np.diff(one), np.diff(two)
         lags = np.arange(-int(most / step), int(most / step) + 1)
         found = []
@@ -262,7 +268,7 @@ class Recording(Result):
         signals = dict(self.signals)
         for name, value in shifts.items():
             seconds = number(f"shifts.{name}", value, "s")
-            signals[self._known(name)] = _at(self.time, self.time - seconds, self.signals[name], self.gap)
+            signals[self._known(name)] = _at(self.time, self.time - seconds, self.signals[name])
         words = ", ".join(f"{name} by {number(name, value, 's'):g} s" for name, value in shifts.items())
         return Recording(self.time, signals, self.source, self.units, self.flaws, (*self.notes, f"moved earlier: {words}"), self.begin)
 
@@ -307,7 +313,7 @@ class Recording(Result):
         return recorded(self)
 
 
-def _at(times: np.ndarray, own: np.ndarray, values: np.ndarray, gap: float) -> np.ndarray:
+def _at(times: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values on the line between neighbours, nan where they are farther apart than a gap, and outside."""
     good = np.isfinite(values)
     if good.sum() < 2:
@@ -316,7 +322,8 @@ def _at(times: np.ndarray, own: np.ndarray, values: np.ndarray, gap: float) -> n
     found = np.interp(times, t, v, left=np.nan, right=np.nan)
     after = np.clip(np.searchsorted(t, times), 1, t.size - 1)
     exact = np.isclose(t[after], times, rtol=0, atol=1e-9) | np.isclose(t[after - 1], times, rtol=0, atol=1e-9)
-    return np.where((t[after] - t[after - 1] <= gap) | exact, found, np.nan)
+    longest = local_spacing(own)[1][np.flatnonzero(good)[after - 1]]
+    return np.where((t[after] - t[after - 1] <= longest) | exact, found, np.nan)
 
 
 def _recording(
@@ -401,7 +408,7 @@ def _time_flaws(time: np.ndarray, order: np.ndarray, stray: np.ndarray) -> list[
         beside = kept[np.clip(np.searchsorted(order, none), 0, order.size - 1)]
         flaws.append(Flaw("time", "null", beside - begin, np.full(none.size, np.nan)))
     steps = np.diff(kept)
-    apart = np.flatnonzero(steps > spacing(kept)[1])
+    apart = np.flatnonzero(steps > local_spacing(kept)[1])
     if apart.size:
         flaws.append(Flaw("time", "gap", kept[apart] - begin, steps[apart]))
     return flaws

@@ -44,6 +44,9 @@ ALONE = 5
 NEAR_ZERO = 0.1
 """Part of the size of a channel that cannot be below zero to which a value there is taken as noise around zero."""
 
+NEARBY = 20
+"""Steps on either side of a step whose rate counts for it."""
+
 KINDS = ("null", "clipped", "drop-out", "reversed", "outlier")
 """Kinds of values that are marked."""
 
@@ -126,6 +129,31 @@ def spacing(times: np.ndarray) -> tuple[float, float]:
     if np.mean(np.abs(steps - usual) < 0.3 * usual) > 0.7:
         return usual, 1.75 * usual
     return usual, 10.0 * float(np.quantile(steps, 0.95))
+
+
+def local_spacing(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the usual interval [s] around each step, and the longest step [s] there without a gap; both have shape (n - 1,).
+
+    A log may change its rate: what counts is the rate before a step or after it, whichever is slower. Where the samples are not even nearby, the spacing of
+    the whole log counts.
+    """
+    steps = np.diff(times)
+    usual, longest = spacing(times)
+    if steps.size < 2 * NEARBY:
+        return np.full(steps.size, usual), np.full(steps.size, longest)
+    rows = np.lib.stride_tricks.sliding_window_view(steps, NEARBY)
+    middle = np.median(rows, axis=1)
+    even = np.mean(np.abs(rows - middle[:, None]) < 0.3 * middle[:, None], axis=1) > 0.7
+    rate = np.where(even, middle, 0.0)
+    first = np.full(steps.size, np.nan)
+    first[NEARBY - 1 :] = rate  # of the steps up to each
+    after = np.full(steps.size, np.nan)
+    after[: rate.size] = rate  # of the steps from each on
+    near = np.fmax(first, after)
+    if np.mean(near > 0.0) < 0.95:
+        return np.full(steps.size, usual), np.full(steps.size, longest)
+    known = near > 0.0
+    return np.where(known, near, usual), np.where(known, 1.75 * near, longest)
 
 
 def marked(values: np.ndarray, kinds: tuple[str, ...] = KINDS) -> dict[str, np.ndarray]:

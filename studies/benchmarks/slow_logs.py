@@ -113,7 +113,7 @@ def outcome(model: str, interval: float, members: int = 64) -> Outcome:
     begin, end = sticks_between(run)
     period = string_period(string)
     inside = (found.time > begin + 4.0 * period) & (found.time < end)  # three periods are needed to tell a swing
-    outside = ((found.time > 60.0) & (found.time < begin - period)) | (found.time > end + 4.0 * period)
+    outside = ((found.time > 60.0) & (found.time < begin - period)) | (found.time > end + 6.0 * period)  # it rings on
     shares = [float(found.alarm[part].mean()) for part in (inside, outside)]
     return Outcome(model, interval, period / interval, *shares, float(found.slow.mean()), found.notes)
 
@@ -174,7 +174,9 @@ def main() -> int:
         began = [begin for begin, _ in found.spells if begin > 60.0]
         alarms += len(began)
         print(f"smooth {seed}: {len(began)} alarms, largest index {np.nanmax(found.torque_swing[found.time > 60.0]):.3f}", flush=True)
-    print(f"{len(MODELS) * len(intervals) - bad} of {len(MODELS) * len(intervals)} logs are right; {alarms} false alarms in {hours:.2f} h of smooth logs")
+    print(
+        f"{len(MODELS) * len(intervals) - bad} of {len(MODELS) * len(intervals)} logs are right; {alarms} false alarms in {hours:.2f} h of smooth logs"
+    )
     return bad
 
 

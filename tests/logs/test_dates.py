@@ -49,7 +49,9 @@ def test_dates_without_a_time_of_day_are_midnights(form):
     assert np.diff(seconds_of([each.strftime(form) for each in days], "The log")[0]).tolist() == [86_400.0] * 9
 
 
-@pytest.mark.parametrize(("name", "month"), [("Mai", 5), ("Okt", 10), ("Dez", 12), ("mars", 3), ("août", 8), ("juil.", 7), ("JUNE", 6), ("Sept", 9)])
+@pytest.mark.parametrize(
+    ("name", "month"), [("Mai", 5), ("Okt", 10), ("Dez", 12), ("mars", 3), ("août", 8), ("juil.", 7), ("JUNE", 6), ("Sept", 9)]
+)
 def test_a_month_is_known_by_how_its_name_begins(name, month):
     found, _ = seconds_of([f"02-{name}-2020 00:00:00", f"03-{name}-2020 00:00:00"], "The log")
     assert found[0] == datetime.datetime(2020, month, 2, tzinfo=datetime.UTC).timestamp()
@@ -59,7 +61,9 @@ def test_a_month_is_known_by_how_its_name_begins(name, month):
 def test_a_day_that_may_be_a_month_is_asked_back_and_a_declared_order_answers(tmp_path, mark):
     # two readings that both go on, by 31 and by 30 days: nothing in the column settles it
     cells = [f"{d:02d}{mark}04{mark}2024 10:00:0{k}" for k, d in enumerate((3, 5, 7))]
-    with pytest.raises(SceneError, match=r"day and month can be told apart, but `03.04.2024 10:00:00` may be either.*\[DD/MM/YYYY\].*--column"):
+    with pytest.raises(
+        SceneError, match=r"day and month can be told apart, but `03.04.2024 10:00:00` may be either.*\[DD/MM/YYYY\].*--column"
+    ):
         Recording.of(log(tmp_path / "log.csv", cells), RIG, COLUMNS)
     for order, days in (("DD/MM/YYYY", 2), ("MM/DD/YYYY", 61)):  # 3 to 5 April are 2 days; 4 March to 4 May are 61
         found = Recording.of(tmp_path / "log.csv", RIG, {**COLUMNS, "time": f"Time [{order}]"})
@@ -73,7 +77,9 @@ def test_two_numbers_of_a_year_that_may_stand_first_are_asked_back():
     with pytest.raises(SceneError, match=r"`25/08/17 10:00:00` may be either"):
         seconds_of(["25/08/17 10:00:00", "28/08/17 10:00:00"], "The log")
     assert np.diff(seconds_of(["25/08/17 10:00:00", "28/08/17 10:00:00"], "The log", "DD/MM/YY")[0]).tolist() == [3 * 86_400.0]
-    assert np.diff(seconds_of(["17/08/25 23:59:59", "17/08/26 00:00:01"], "The log")[0]).tolist() == [2.0]  # the year first: no step of a year
+    assert np.diff(seconds_of(["17/08/25 23:59:59", "17/08/26 00:00:01"], "The log")[0]).tolist() == [
+        2.0
+    ]  # the year first: no step of a year
 
 
 def test_dates_of_two_orders_in_one_column_are_refused():
@@ -106,7 +112,10 @@ def test_digits_under_seconds_are_seconds(tmp_path):
 
 @pytest.mark.parametrize("meant", ["DAY", "CLOCK"])
 def test_a_date_and_a_time_of_day_in_two_columns_are_one_time_whichever_is_named(tmp_path, meant):
-    times = [*moments(), *moments(begin=BEGIN + datetime.timedelta(days=2))]  # a break of two days, which the time of day alone does not show
+    times = [
+        *moments(),
+        *moments(begin=BEGIN + datetime.timedelta(days=2)),
+    ]  # a break of two days, which the time of day alone does not show
     rows = [f"{each:%Y/%m/%d},{each:%H:%M:%S},{100 + k % 7},{10 + k % 5}" for k, each in enumerate(times)]
     (tmp_path / "log.csv").write_text("DAY,CLOCK,RPM (rpm),TQ (kN m)\n" + "\n".join(rows))
     found = Recording.of(tmp_path / "log.csv", RIG, {**COLUMNS, "time": meant})

@@ -43,8 +43,9 @@ def test_a_row_of_units_below_names_that_are_not_asked_for_is_known_by_most_of_i
 
 @pytest.mark.parametrize(
     ("unit", "size"),
-    [("rpm", TURN / 60), ("c/s", TURN), ("c/min", TURN / 60), ("rev/s", TURN), ("rev/min", TURN / 60), ("1/min", TURN / 60), ("rps", TURN), ("tr/min", TURN / 60),
-     ("U/min", TURN / 60), ("r/min", TURN / 60), ("dega/s", TURN / 360), ("deg/s", TURN / 360), ("rad/s", 1.0), ("RPM", TURN / 60), ("dega/min", TURN / 21_600)],
+    [("rpm", TURN / 60), ("c/s", TURN), ("c/min", TURN / 60), ("rev/s", TURN), ("rev/min", TURN / 60), ("1/min", TURN / 60), ("rps", TURN),
+     ("tr/min", TURN / 60), ("U/min", TURN / 60), ("r/min", TURN / 60), ("dega/s", TURN / 360), ("deg/s", TURN / 360), ("rad/s", 1.0), ("RPM", TURN / 60),
+     ("dega/min", TURN / 21_600)],
 )  # fmt: skip
 def test_a_speed_of_rotation_is_read_in_every_spelling(tmp_path, unit, size):
     assert read(tmp_path / "log.csv", f"s,{unit},N.m,m,N").signals["top.speed"][0] == pytest.approx(1.9 * size, rel=1e-9)
@@ -52,9 +53,21 @@ def test_a_speed_of_rotation_is_read_in_every_spelling(tmp_path, unit, size):
 
 @pytest.mark.parametrize(
     ("unit", "size"),
-    [(each, 1000 * POUND * FOOT) for each in ("kft-lb", "k.ft-lb", "kft*lb", "KFT-LBS", "klb-ft", "1000 ft.lbf", "kft.lbs", "kLbf.ft", "kft_lb", "klbf.ft")]
+    [
+        (each, 1000 * POUND * FOOT)
+        for each in ("kft-lb", "k.ft-lb", "kft*lb", "KFT-LBS", "klb-ft", "1000 ft.lbf", "kft.lbs", "kLbf.ft", "kft_lb", "klbf.ft")
+    ]
     + [(each, POUND * FOOT) for each in ("ft.lbs", "ft-lbf", "ft_lb", "lb.ft", "FT-LBF", "ft.lbf", "lbf-ft")]
-    + [("kNm", 1000.0), ("kN-m", 1000.0), ("kN.m", 1000.0), ("daN.m", 10.0), ("Nm", 1.0), ("kgf.m", KILOGRAM), ("kg-m", KILOGRAM), ("tf.m", 1000 * KILOGRAM)],
+    + [
+        ("kNm", 1000.0),
+        ("kN-m", 1000.0),
+        ("kN.m", 1000.0),
+        ("daN.m", 10.0),
+        ("Nm", 1.0),
+        ("kgf.m", KILOGRAM),
+        ("kg-m", KILOGRAM),
+        ("tf.m", 1000 * KILOGRAM),
+    ],
 )
 def test_a_torque_is_read_in_every_spelling(tmp_path, unit, size):
     assert read(tmp_path / "log.csv", f"s,rpm,{unit},m,N").signals["top.torque"][0] == pytest.approx(2000 * size, rel=1e-9)
@@ -64,7 +77,15 @@ def test_a_torque_is_read_in_every_spelling(tmp_path, unit, size):
     ("unit", "size"),
     [(each, 1000 * KILOGRAM) for each in ("kkgf", "tonne", "t", "MT", "tf", "metric ton", "tonnes", "1000 kgf")]
     + [(each, 1000 * POUND) for each in ("klbf", "klb", "Klbs", "kip", "kips", "1000 lbf", "1000 lbs", "k-lbs")]
-    + [("kdaN", 10_000.0), ("kN", 1000.0), ("kgf", KILOGRAM), ("short ton", 2000 * POUND), ("long ton", 2240 * POUND), ("lbf", POUND), ("daN", 10.0)],
+    + [
+        ("kdaN", 10_000.0),
+        ("kN", 1000.0),
+        ("kgf", KILOGRAM),
+        ("short ton", 2000 * POUND),
+        ("long ton", 2240 * POUND),
+        ("lbf", POUND),
+        ("daN", 10.0),
+    ],
 )
 def test_a_force_is_read_in_every_spelling(tmp_path, unit, size):
     assert read(tmp_path / "log.csv", f"s,rpm,N.m,m,{unit}").signals["bit.weight"][0] == pytest.approx(27 * size, rel=1e-9)
@@ -73,7 +94,9 @@ def test_a_force_is_read_in_every_spelling(tmp_path, unit, size):
 @pytest.mark.parametrize("unit", ["ton", "tons", "TON", "Ton"])
 @pytest.mark.parametrize("meant", ["t", "short ton", "long ton"])
 def test_a_ton_is_asked_back_and_the_unit_that_is_given_answers(tmp_path, unit, meant):
-    with pytest.raises(SceneError, match=r"column `WOB`.*three sizes.*Say which unit it is where you say which column is `bit.weight`.*--column"):
+    with pytest.raises(
+        SceneError, match=r"column `WOB`.*three sizes.*Say which unit it is where you say which column is `bit.weight`.*--column"
+    ):
         read(tmp_path / "log.csv", f"s,rpm,N.m,m,{unit}")
     size = {"t": 1000 * KILOGRAM, "short ton": 2000 * POUND, "long ton": 2240 * POUND}[meant]
     found = read(tmp_path / "log.csv", f"s,rpm,N.m,m,{unit}", {**NAMES, "bit.weight": f"WOB [{meant}]"})
@@ -122,7 +145,9 @@ def test_a_weight_that_is_far_below_zero_for_long_is_left_out_or_refused_with_wh
     noise = 500.0 * np.random.default_rng(1).standard_normal(600)
     found = Recording.of(weighed(tmp_path / "some.csv", np.where(np.arange(600) < 100, -40e3, 90e3) + noise), RIG)
     assert np.isnan(found.signals["bit.weight"][:100]).all() and "100 farther below left out" in str(found)
-    with pytest.raises(SceneError, match=r"`bit.weight` must be >= 0 N, but it is below in 600 of 600 samples, down to -\d+ N, first at 0 s: turn its sign"):
+    with pytest.raises(
+        SceneError, match=r"`bit.weight` must be >= 0 N, but it is below in 600 of 600 samples, down to -\d+ N, first at 0 s: turn its sign"
+    ):
         Recording.of(weighed(tmp_path / "all.csv", -90e3 + noise), RIG)
 
 

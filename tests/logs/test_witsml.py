@@ -27,7 +27,9 @@ def rows(count=30, step=2, first=0):
     return cells
 
 
-def document(data, *, index="date time", head="", version="1.4.1.1", lists=True, curves=HEADS, units=UNITS, before="", logs=1, prefix="", curve=""):
+def document(
+    data, *, index="date time", head="", version="1.4.1.1", lists=True, curves=HEADS, units=UNITS, before="", logs=1, prefix="", curve=""
+):
     """A WITSML document; lists: names and units stand in `mnemonicList` and `unitList`, as from 1.4.1 on."""
     p = prefix
     infos = "".join(
@@ -42,8 +44,8 @@ def document(data, *, index="date time", head="", version="1.4.1.1", lists=True,
     named = f"<{p}mnemonicList>{','.join(curves)}</{p}mnemonicList><{p}unitList>{','.join(units)}</{p}unitList>" if lists else ""
     table = "".join(f"<{p}data>{row}</{p}data>" for row in data)
     one = (
-        f"<{p}log uid='a'><{p}nameWell>A &amp; B</{p}nameWell><{p}name>rig</{p}name><{p}indexType>{index}</{p}indexType><{p}indexCurve>{curves[0]}</{p}indexCurve>"
-        f"{head}{infos}<{p}logData>{named}{table}</{p}logData></{p}log>"
+        f"<{p}log uid='a'><{p}nameWell>A &amp; B</{p}nameWell><{p}name>rig</{p}name><{p}indexType>{index}</{p}indexType>"
+        f"<{p}indexCurve>{curves[0]}</{p}indexCurve>{head}{infos}<{p}logData>{named}{table}</{p}logData></{p}log>"
     )
     space = f"xmlns{':' + p[:-1] if p else ''}='http://www.witsml.org/schemas/1series'"
     return f"<?xml version='1.0' encoding='UTF-8'?>\n{before}<{p}logs {space} version='{version}'>{one * logs}</{p}logs>"
@@ -132,7 +134,10 @@ def test_rows_of_another_length_are_left_out_and_told(tmp_path):
     [
         (document(rows(), index="measured depth"), "must be a log over time, but it is one over depth"),
         (document([]), "must hold rows in `data`"),
-        ("<?xml version='1.0'?><logs/>", "must be a log in WITSML 1.4.1, whose first element is `logs`, but it is XML whose first element is `logs`"),
+        (
+            "<?xml version='1.0'?><logs/>",
+            "must be a log in WITSML 1.4.1, whose first element is `logs`, but it is XML whose first element is `logs`",
+        ),
         ("<?xml version='1.0'?><trajectorys><trajectory/></trajectorys>", "but it is XML whose first element is `trajectorys`"),
         ("<html><body>no log</body></html>", "but it is XML whose first element is `html`"),
         (document(rows())[:-9], "must be whole XML, but it cannot be read"),
@@ -147,7 +152,11 @@ def test_what_is_no_log_over_time_is_one_line(tmp_path, text, said):
     assert "\n" not in str(refusal.value) and "log.xml" in str(refusal.value)
 
 
-LAUGHS = "<!DOCTYPE l [<!ENTITY a 'ha'>" + "".join(f"<!ENTITY {b} '{f'&{a};' * 10}'>" for a, b in zip("abcdefgh", "bcdefghi", strict=True)) + "]>"
+LAUGHS = (
+    "<!DOCTYPE l [<!ENTITY a 'ha'>"
+    + "".join(f"<!ENTITY {b} '{f'&{a};' * 10}'>" for a, b in zip("abcdefgh", "bcdefghi", strict=True))
+    + "]>"
+)
 
 
 @pytest.mark.parametrize(

@@ -122,7 +122,9 @@ def chosen(source: Source, where: str, plant: HybridSystem, columns: Mapping[str
         found["time"] = (known[heading], known[heading].unit)
     else:
         found["time"] = _looked_up(known, time, where, "s")
-    others = {name: _looked_up(known, heading, where, plant.signal_unit(name)) for name, heading in (columns or {}).items() if name != "time"}
+    others = {
+        name: _looked_up(known, heading, where, plant.signal_unit(name)) for name, heading in (columns or {}).items() if name != "time"
+    }
     found["time"] = _with_dates(source, *found["time"], {column.name for column, _ in others.values()})
     if columns is not None:
         return found | others

@@ -389,7 +389,7 @@ def _recording(
 def _newest_first(time: np.ndarray) -> bool:
     """Whether nearly all times go down from row to row."""
     steps = np.diff(time[np.isfinite(time)])
-    return steps.size > 1 and np.count_nonzero(steps < 0) > 0.9 * np.count_nonzero(steps) > 1.8
+    return bool(np.count_nonzero(steps < 0) > 0.9 * np.count_nonzero(steps) > 1.8)
 
 
 def _time_flaws(time: np.ndarray, order: np.ndarray, stray: np.ndarray) -> list[Flaw]:

@@ -33,7 +33,24 @@ KINDS = ("1", "s", "rad", "rad/s", "m", "m/s", "N", "N m", "Pa", "kg", "K", "W",
 EPOCHS = ((1e8, 5e9, 1.0), (1e11, 5e12, 1e-3), (1e14, 5e15, 1e-6), (1e17, 5e18, 1e-9))
 """(from, to, seconds) of numbers that count seconds, milliseconds, microseconds or nanoseconds since 1970."""
 
-UNITLESS = ("unitless", "euc", "none", "n/a", "na", "nil", "dimensionless", "count", "counts", "spm", "stk/min", "strokes/min", "gapi", "api", "us/ft", "ohm.m")
+UNITLESS = (
+    "unitless",
+    "euc",
+    "none",
+    "n/a",
+    "na",
+    "nil",
+    "dimensionless",
+    "count",
+    "counts",
+    "spm",
+    "stk/min",
+    "strokes/min",
+    "gapi",
+    "api",
+    "us/ft",
+    "ohm.m",
+)
 """Words in small letters that stand in a row of units for columns without one, or for channels that no plant has."""
 
 _SIZED = re.compile(r"\s*(\d+)\s*([^\d\s/^*-].*)")
@@ -53,7 +70,8 @@ def factor(unit: str, wanted: str, name: str) -> float:
     try:
         return parse(unit if _SIZED.match(unit) else f"1 {unit}", wanted, name)
     except SceneError:
-        size, bare = _SIZED.fullmatch(unit.strip()).groups() if _SIZED.match(unit.strip()) else ("1", unit)
+        sized = _SIZED.fullmatch(unit)
+        size, bare = ("1", unit) if sized is None else (sized[1], sized[2])
         usual = SPELLINGS.get(re.sub(r"[\s._*·-]", "", bare).lower())
         with contextlib.suppress(SceneError):
             if usual is not None:

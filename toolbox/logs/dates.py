@@ -122,9 +122,12 @@ def seconds_of(cells: Sequence[Any], where: str, declared: str | None = None) ->
         If neither the declared format nor the column settles the order of day, month and year, or some times have a zone and others have none.
     """
     shown = [(cell if isinstance(cell, str) else _text(cell)).strip() for cell in cells]
-    if (digits := digits_of(declared)) is not None and (numbers := [text for text in shown if text]):
-        if all(_NUMBER.fullmatch(text) for text in numbers):
-            return _past_midnight(*_of_digits(shown, digits, where), "y" in digits)
+    if (
+        (digits := digits_of(declared)) is not None
+        and (numbers := [text for text in shown if text])
+        and all(_NUMBER.fullmatch(text) for text in numbers)
+    ):
+        return _past_midnight(*_of_digits(shown, digits, where), "y" in digits)
     found = [_moment(text) for text in shown]
     moments = [moment for moment in found if moment is not None]
     zones = {moment.zone is not None for moment in moments if moment.clock is not None and moment.date is not None}
@@ -197,9 +200,9 @@ def _order_of(
 ) -> tuple[str, str]:
     """(order of the numbers of dates such as 03/04/2024, words about it). Raises SceneError where nothing settles it."""
     short = any(date[2] < 100 for date in dates)
-    orders = ORDERS if short else ORDERS[:2]
+    orders = list(ORDERS if short else ORDERS[:2])
     if (said := _declared_order(declared)) is not None:
-        orders = (said,)
+        orders = [said]
     example = next(text for text, moment in zip(shown, found, strict=True) if moment is not None and moment.date in dates)
     days = {order: {date: _day(_Moment(date, False, "", None, None), order) for date in dates} for order in orders}
     valid = [order for order in orders if not np.isnan(list(days[order].values())).any()]

@@ -193,16 +193,17 @@ def below_zero(values: np.ndarray, name: str, time: np.ndarray, unit: str) -> tu
     found = Flaw(name, "below zero", time[low], values[low].copy())
     high = float(np.nanquantile(np.abs(values), 0.98))
     far = values < -NEAR_ZERO * high
-    if np.count_nonzero(far) > 0.5 * np.count_nonzero(np.isfinite(values)):
+    lost, down = int(np.count_nonzero(far)), f"down to {found.values.min():.5g} {unit}, first at {found.times[0]:.4g} s"
+    if lost > 0.5 * np.count_nonzero(np.isfinite(values)):
         raise SceneError(
-            f"Channel `{name}` must be >= 0 {unit}, but it is below in {found.count} of {values.size} samples, down to {found.values.min():.5g} {unit}, first at "
-            f"{found.times[0]:.4g} s: turn its sign in the log, or subtract the reading of a sensor that was not set to zero."
+            f"Channel `{name}` must be >= 0 {unit}, but it is below in {found.count} of {values.size} samples, {down}: turn its sign in the log, or "
+            "subtract the reading of a sensor that was not set to zero."
         )
     values[low] = np.where(far[low], np.nan, 0.0)
-    lost = f", {np.count_nonzero(far)} farther below left out" if far.any() else ""
     return [found], [
-        f"`{name}`: {found.count} samples below zero, down to {found.values.min():.5g} {unit}, first at {found.times[0]:.4g} s: {found.count - np.count_nonzero(far)} "
-        f"taken as noise around 0{lost}; set the sensor to zero off bottom, or take a window (--window, in Python `between`) after the bit is on bottom"
+        f"`{name}`: {found.count} samples below zero, {down}: {found.count - lost} taken as noise around 0"
+        + (f", {lost} farther below left out" if lost else "")
+        + "; set the sensor to zero off bottom, or take a window (--window, in Python `between`) after the bit is on bottom"
     ]
 
 

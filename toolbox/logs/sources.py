@@ -27,9 +27,10 @@ LONGEST = 10_000
 """Characters of the longest line in the head of a LAS file: the time to take one apart grows with the square of its length."""
 
 
-
 def from_file(path: Path, decimal: str | None = None, names: Sequence[str] = ()) -> Source:
-    """The columns of a file; names: headings that are asked for. Raises SceneError where it cannot be read, and ImportError that names the extra where its library is not there."""
+    """The columns of a file.
+
+    names: headings that are asked for. Raises SceneError where it cannot be read, and ImportError that names the extra where its library is not there."""
     kind, where = path.suffix.lower(), f"File `{path}`"
     if kind == ".mat":
         return _of_mat(path)

@@ -163,7 +163,9 @@ def _logs(text: str, where: str) -> tuple[list[_Log], str]:
 def _tables(log: _Log, where: str) -> list[_Table]:
     """The rows of a log, each with as many cells as there are mnemonics."""
     mark = log.words.get("dataDelimiter") or ","
-    curves = sorted((curve for curve in log.curves if curve.get("mnemonic")), key=lambda curve: int(_numbers(curve.get("columnIndex", "") or "0")[0]))
+    curves = sorted(
+        (curve for curve in log.curves if curve.get("mnemonic")), key=lambda curve: int(_numbers(curve.get("columnIndex", "") or "0")[0])
+    )
     own = {curve["mnemonic"]: curve.get("unit", "") for curve in curves}
     found = []
     for table in log.tables:

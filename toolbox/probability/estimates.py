@@ -40,6 +40,19 @@ LASTING = 5.0
 """Periods of the string for which two opinions on stick-slip must differ to be told."""
 
 
+CALM_BIT = (
+    "and the bit of the ensemble does not stick. Believe the torque: it is measured, and swings so for three periods only with a bit that sticks, or nearly. "
+    "The machine of the scene is not that of the log (`fit` finds its numbers): do not use its bit speed there"
+)
+"""What is said where the torque swings and the ensemble does not stick."""
+
+CALM_STRING = (
+    "and the bit of the ensemble sticks. Believe the torque: it is measured, and a bit that sticks winds up the string, which swings it. "
+    "The rock or the string of the scene is not that of the log (`fit` finds their numbers): do not use its bit speed there"
+)
+"""What is said where the ensemble sticks and the torque does not swing."""
+
+
 class Detector:
     """Whether the bit sticks and slips, from estimates one after the other.
 
@@ -154,7 +167,9 @@ class Estimates(Told, Result):
             headings += ["torque swing", "too slow"]
             values += [self.torque_swing, self.slow.astype(float)]
         ends = len(headings) - 1 - 2 * bool(self.slow.size)
-        return headings, [[int(each) if k == ends or k == ends + 2 else each for k, each in enumerate(row)] for row in np.stack(values, 1).tolist()]
+        return headings, [
+            [int(each) if k == ends or k == ends + 2 else each for k, each in enumerate(row)] for row in np.stack(values, 1).tolist()
+        ]
 
     plot = picture("estimate_diagram", "Draw the estimates that are known with their bands of 95 %, and when there was stick-slip")
 
@@ -237,7 +252,9 @@ def estimate(
     notes += _slow_words(time, slow, made.period)
     notes += _disagreements(time, sticks, alarm, swing, made.period)
     notes += _too_wound(recording, np.where(slow, np.nan, mean["bit_speed"]), made.stiffness)
-    return Estimates(loop.title, time, mean, deviation, alarm, recording.source, members, measured, dict(loop.asked), tuple(notes), swing, slow)
+    return Estimates(
+        loop.title, time, mean, deviation, alarm, recording.source, members, measured, dict(loop.asked), tuple(notes), swing, slow
+    )
 
 
 def _judged(
@@ -266,21 +283,17 @@ def _slow_words(time: np.ndarray, slow: np.ndarray, period: float) -> list[str]:
     if not slow.any():
         return []
     interval = float(np.median(np.diff(time)[slow[1:]])) if slow[1:].any() else float(np.median(np.diff(time)))
+    part = "" if slow.all() else " in part"
+    rate = f"it has a sample every {interval:.3g} s, {period / interval:.2g} in a period of the string of {period:.3g} s, and {ENOUGH:g} are needed"
     return [
-        f"The log is too slow to see stick-slip{'' if slow.all() else ' in part'}: it has a sample every {interval:.3g} s, {period / interval:.2g} in a period of "
-        f"the string of {period:.3g} s, and {ENOUGH:g} are needed: log every {period / ENOUGH:.2g} s or faster. Nothing is estimated there."
+        f"The log is too slow to see stick-slip{part}: {rate}: log every {period / ENOUGH:.2g} s or faster. Nothing is estimated there."
     ]
 
 
 def _disagreements(time: np.ndarray, sticks: np.ndarray, alarm: np.ndarray, swing: np.ndarray, period: float) -> list[str]:
     """A sentence for each way in which ensemble and torque disagree for long, with which to believe and why."""
     words = []
-    for on, who in (
-        (alarm & ~sticks, "and the bit of the ensemble does not stick. Believe the torque: it is measured, and swings so for three periods only with a bit that sticks, "
-         "or nearly. The machine of the scene is not that of the log (`fit` finds its numbers); do not use its bit speed there"),
-        (sticks & ~alarm, "and the bit of the ensemble sticks. Believe the torque: it is measured, and a bit that sticks winds up the string, which swings it. The rock or "
-         "the string of the scene is not that of the log (`fit` finds their numbers); do not use its bit speed there"),
-    ):  # fmt: skip
+    for on, who in ((alarm & ~sticks, CALM_BIT), (sticks & ~alarm, CALM_STRING)):
         long = [(a, b) for a, b in _stretches(time, on) if b - a > LASTING * period]
         if not long:
             continue

@@ -13,6 +13,8 @@ Why three periods in a row: a string that was hit rings for one or two.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from toolbox.logs.flaws import local_spacing
@@ -23,7 +25,7 @@ ENOUGH = 5.0
 DOUBT = 0.88
 """Period of the string of the scene over that of the log, at worst: inertia or stiffness may be 20 % off."""
 
-SWINGS, RESTS, CALM = 0.2, 0.1, 0.06
+SWINGS, RESTS, CALM = 0.2, 0.15, 0.06
 """Swing from which on, over three periods, the torque swings as with a bit that sticks; index below which that is over; and below which no bit sticks."""
 
 IN_A_ROW = 3
@@ -75,7 +77,7 @@ def torque_swing(time: np.ndarray, torque: np.ndarray, period: float, cut: np.nd
     """
     index, least = np.full(time.size, np.nan), np.full(time.size, np.nan)
     edges = [0, *np.flatnonzero(cut).tolist(), time.size]
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in itertools.pairwise(edges):
         good = begin + np.flatnonzero(np.isfinite(torque[begin:end]))
         if good.size < 4 or time[good[-1]] - time[good[0]] < period:
             continue
@@ -110,6 +112,6 @@ def swinging(index: np.ndarray, least: np.ndarray) -> np.ndarray:
     """Return where the torque swings as with a bit that sticks: from three periods of a high swing on, until the index is low; shape (n,)."""
     found, on = np.zeros(index.size, bool), False
     for k, (now, long) in enumerate(zip(index.tolist(), least.tolist(), strict=True)):
-        on = now >= RESTS if on else min(now, long) >= SWINGS  # a nan ends it
+        on = now >= RESTS if on else now >= SWINGS and long >= SWINGS  # a nan ends it
         found[k] = on
     return found

@@ -74,8 +74,8 @@ class Recording(Result):
         """Read a recording from a file, a table of pandas, a mapping {name: values} or a run.
 
         Text (parted by commas, semicolons, tabulators or spaces) is read as it comes: decimal commas, thousands, lines above the headings, units in brackets
-        or in a line of their own, dates and epochs. WITSML logs, TOML tables and MAT files are read, too, and with the extra `data` sheets (xlsx), parquet, LAS and MAT 7.3.
-        Times are shifted to begin at 0. Samples that are no data are marked, told, and never bridged.
+        or in a line of their own, dates and epochs. WITSML logs, TOML tables and MAT files are read, too, and with the extra `data` sheets (xlsx), parquet, LAS
+        and MAT 7.3. Times are shifted to begin at 0. Samples that are no data are marked, told, and never bridged.
 
         Parameters
         ----------
@@ -85,8 +85,8 @@ class Recording(Result):
             The plant whose signals are meant.
         columns
             {signal of the plant, or "time": what it is called in the data}; without it the data use the names of the plant. A unit that the data do not name
-            is given there: {"bit.speed": "rpm_bit [rpm]"}, and so is a format of dates: {"time": "Time [DD/MM/YYYY]"}, {"time": "Time [HHMMSS]"}. In a MAT file, a mapping, a table of pandas or a run numbers without a unit are SI. Columns that it
-            does not name are not read.
+            is given there: {"bit.speed": "rpm_bit [rpm]"}, and so is a format of dates: {"time": "Time [DD/MM/YYYY]"}, {"time": "Time [HHMMSS]"}. In a MAT
+            file, a mapping, a table of pandas or a run numbers without a unit are SI. Columns that it does not name are not read.
         nulls
             Further numbers that mean that there is no value, in the unit of the log.
         keep

@@ -162,3 +162,15 @@ def test_32767_means_no_value(tmp_path):
     weight = np.full(60, 90e3) + np.arange(60)
     weight[20] = 32767.0
     assert Recording.of(weighed(tmp_path / "log.csv", weight), RIG).found("bit.weight") == {"null": 1}
+
+
+def test_the_columns_of_a_matrix_in_a_mat_file_are_asked_for_by_their_numbers(tmp_path):
+    from scipy.io import savemat
+
+    k = np.arange(60.0)
+    savemat(tmp_path / "log.mat", {"log": np.column_stack([k, 9e3 + k % 7, 9.0 + 0.1 * (k % 5)])})
+    found = Recording.of(tmp_path / "log.mat", RIG, {"time": "log.0 [min]", "top.torque": "log.1", "top.speed": "log.2 [rpm]"})
+    assert found.time == pytest.approx(60.0 * k) and found.signals["top.torque"] == pytest.approx(9e3 + k % 7)
+    assert found.signals["top.speed"] == pytest.approx((9.0 + 0.1 * (k % 5)) * TURN / 60)
+    with pytest.raises(SceneError, match=r"must have `log`, but it is not there: .*`log.0`"):
+        Recording.of(tmp_path / "log.mat", RIG, {"time": "log.0", "top.torque": "log"})

@@ -6,8 +6,8 @@ import contextlib
 import datetime
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,8 +53,7 @@ _DECLARED = re.compile(r"(?:y{4}|yy|y{1}|m{1,3}|d{1,2}|h{1,2}|s{1,2}|[-/.: _t,]|
 _WORDS = ("datetime", "date", "time", "date time", "date/time", "date-time", "iso", "iso8601", "iso 8601", "timestamp", "utc", "date&time")
 
 
-@dataclass(frozen=True)
-class _Moment:
+class _Moment(NamedTuple):
     """One cell: the numbers of its date (None for a time of day), whose order is known or open, its seconds of the day, and seconds of its zone."""
 
     date: tuple[int, ...] | None
@@ -255,9 +254,9 @@ def _text(cell: Any) -> str:
 
 def _moment(text: str) -> _Moment | None:
     """The time in a text, or None."""
-    if _TIME_OF_DAY.fullmatch(text):
-        return _Moment(None, True, "", _clock(_TIME_OF_DAY.fullmatch(text)), None)
-    if not text or _NUMBER.fullmatch(text) or not any(letter.isdigit() for letter in text):
+    if ":" in text[1:3] and (match := _TIME_OF_DAY.fullmatch(text)) is not None:
+        return _Moment(None, True, "", _clock(match), None)
+    if not text or (":" not in text and _NUMBER.fullmatch(text)):
         return None
     for form in _MOMENTS:
         if (match := form.fullmatch(text)) is not None:
@@ -302,10 +301,10 @@ def _zone(text: str) -> float:
 
 
 def _clock(match: Any) -> float:
-    half = (match["half"] or "").lower()[:1]
-    hour = int(match["hour"]) % 12 + 12 * (half == "p") if half else int(match["hour"])
-    second = (match["second"] or "0").replace(",", ".")
-    return 3600.0 * hour + 60.0 * int(match["minute"]) + float(second.replace(":", "."))
+    hour, minute, second, half = match.group("hour", "minute", "second", "half")
+    if half:
+        hour = int(hour) % 12 + 12 * (half[0] in "pP")
+    return 3600.0 * int(hour) + 60.0 * int(minute) + float((second or "0").replace(",", ".").replace(":", "."))
 
 
 def _day(moment: _Moment | None, order: str) -> float:
@@ -318,6 +317,7 @@ def _day(moment: _Moment | None, order: str) -> float:
     return _ordinal(numbers["year"] + (2000 if numbers["year"] < 100 else 0), numbers["month"], numbers["day"])
 
 
+@lru_cache(maxsize=1000)
 def _ordinal(year: int, month: int, day: int) -> float:
     """Days from 1970 to a date; nan for none that exists."""
     try:

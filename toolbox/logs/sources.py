@@ -73,11 +73,12 @@ def decoded(held: bytes) -> str:
 
 
 def from_mapping(given: Mapping[str, Any]) -> Source:
-    """Columns of a mapping of names to values, whose numbers are SI where their name has no unit."""
+    """Columns of a mapping of names to values, whose numbers are SI where their name has no unit; those of a matrix `log` are `log.0`, `log.1` and so on."""
     columns = []
     for heading, cells in given.items():
         name, unit = named(heading) if "[" in heading else (heading, None)
-        columns.append(Column(name, unit, cells))
+        matrix = isinstance(cells, np.ndarray) and cells.ndim == 2 and cells.dtype.kind in "iuf" and 1 < cells.shape[1] < cells.shape[0]
+        columns += [Column(f"{name}.{i}", unit, cells[:, i]) for i in range(cells.shape[1])] if matrix else [Column(name, unit, cells)]
     return Source(columns, "given data", bare=True)
 
 

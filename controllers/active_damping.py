@@ -22,7 +22,7 @@ class ActiveDamping(TorqueLimits):
     law. Source: J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668.
     """
 
-    reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", usual=(0.05, 40.0))
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", typical_range=(0.05, 40.0))
 
     @staticmethod
     def gains(stiffness: float, below: float, drive: float) -> tuple[float, float]:

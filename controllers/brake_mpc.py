@@ -30,7 +30,7 @@ class BrakeMPC(BrakeLaw):
     fallbacks. Sampled only, at `period`.
     """
 
-    measures: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
+    measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
 
     margin: OptionalQuantity = quantity(0.8, "1", "part of the border force that the law allows itself", above=0)
     period: Quantity = quantity(
@@ -67,8 +67,8 @@ UNIT = 1000.0
 class PlannedStop(Remembering):
     """A designed `BrakeMPC`: a callable (t, y) -> force with a memory. The unknowns are the forces, then the excess over the border, in kN."""
 
-    measures = BrakeMPC.measures
-    drives = BrakeMPC.drives
+    measured_signals = BrakeMPC.measured_signals
+    actuated_signals = BrakeMPC.actuated_signals
     remembers: ClassVar[tuple[str, ...]] = (
         "samples", "last", "normal", "excess", "begin", "friction", "plan", "planned", "speeds",
     )  # fmt: skip

@@ -17,7 +17,7 @@ class BrakePI(BrakeLaw):
     torque answers within the sample: with e of one sample acting on the next, `proportional` must stay below 1 for the loop to converge.
     """
 
-    measures: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
+    measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
 
     proportional: Quantity = quantity(0.5, "1", "gain on the deceleration", at_least=0)
     integral: Quantity = quantity(4.0, "1/s", "gain on its integral, the speed", at_least=0)

@@ -29,7 +29,7 @@ class BrakeSlidingMode(BrakeLaw):
     Discretised implicitly, sgn(s_(k+1)) = sat(s_k / (eta period)): the layer is never thinner than eta times the period, and nothing chatters.
     """
 
-    measures: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
+    measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
 
     surface: Quantity = quantity(2.0, "1/s", "weight lam of the integral in the surface", at_least=0)
     reaching: Quantity = quantity(1.0, "rad/s2", "reaching rate eta", above=0)

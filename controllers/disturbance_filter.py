@@ -27,8 +27,8 @@ class FilterModel:
     period: float
     delay: float
     noise: Sequence[float]
-    torque_walk: float
-    drive_walk: float
+    torque_process_noise: float
+    drive_process_noise: float
 
 
 class DisturbanceFilter(Remembering):
@@ -37,8 +37,8 @@ class DisturbanceFilter(Remembering):
         z_k = z_k- + L (y_k - C z_k-),   z_(k+1)- = the motion from z_k under the commands that act until then
 
     A command takes effect `delay` after its sample; `waiting` holds those that have not yet taken effect for good, the oldest, which acts now, first. L
-    is the stationary gain for measurement noise of the given standard deviations, a torque T that wanders by `torque_walk` in a second, and a drive with
-    white noise of `drive_walk`. The error of z_k has the `covariance`, that of z_k- the `spread`; the motion of a period adds `walk`. Source: B. D. O.
+    is the stationary gain for measurement noise of the given standard deviations, a torque T that wanders by `torque_process_noise` in a second, and a drive with
+    white noise of `drive_process_noise`. The error of z_k has the `covariance`, that of z_k- the `spread`; the motion of a period adds `walk`. Source: B. D. O.
     Anderson, J. B. Moore, Optimal Filtering, Prentice-Hall 1979.
     """
 
@@ -48,7 +48,7 @@ class DisturbanceFilter(Remembering):
         from scipy.linalg import expm, solve_discrete_are
 
         A, B, E, C, period, noise = model.A, model.B, model.E, model.C, model.period, model.noise
-        torque_walk, drive_walk, n = model.torque_walk, model.drive_walk, A.shape[0]
+        torque_walk, drive_walk, n = model.torque_process_noise, model.drive_process_noise, A.shape[0]
         unit = np.append(np.ones(n), torque_walk)  # the torque in steps of a second, for a well-scaled equation
         F = np.block([[A, -E[:, None]], [np.zeros((1, n + 1))]]) * unit / unit[:, None]
         G = np.append(B, 0.0)[:, None]

@@ -50,7 +50,7 @@ class LoadDither(Controller):
     depth: Quantity = quantity(0.5, "1", "amplitude in parts of the mean", at_least=0, at_most=1)
 
     @property
-    def drives(self) -> tuple[str, ...]:  # type: ignore[override]
+    def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
         """The load."""
         return (self.load,)
 
@@ -124,7 +124,7 @@ class PhasedDither(LoadDither):
     size: Quantity = quantity(1.0, "rad/s", "deviation of the signal at which the depth is reached, in its unit")
 
     @property
-    def measures(self) -> tuple[str, ...]:  # type: ignore[override]
+    def measured_signals(self) -> tuple[str, ...]:  # type: ignore[override]
         """The speed, and the force that the dither rides on."""
         return (self.speed,) if self.over is None else (self.speed, self.over)
 

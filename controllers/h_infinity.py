@@ -34,7 +34,7 @@ class HInfinity(TorqueLimits):
     operating point.
     """
 
-    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))
     bit_size: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
     angle_size: Quantity = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
     torque_size: Quantity = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)

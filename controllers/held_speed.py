@@ -24,8 +24,8 @@ class HeldSpeed(Controller):
     Source: textbook (pole placement).
     """
 
-    measures: ClassVar[tuple[str, ...]] = ("disc.speed",)
-    drives: ClassVar[tuple[str, ...]] = ("disc.torque",)
+    measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed",)
+    actuated_signals: ClassVar[tuple[str, ...]] = ("disc.torque",)
 
     reference: Quantity = quantity(1.0, "rad/s", "speed that is held", above=0)
     frequency: Quantity = quantity(0.5, "Hz", "natural frequency of the drive", above=0)

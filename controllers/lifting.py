@@ -37,10 +37,10 @@ class Lifting(Controller):
         a dip:  bit speed < 0.35 L  and  sqrt(2 var(torque of the string)) > 0.8 L zeta,   after a bit speed > 0.5 L;   L = lifted set-point
 
     A Kalman filter on the declared string gives bit speed and torque from the top speed and the torque command; the variance is one over a period of
-    the string. Two dips within 20 periods are the evidence, or one that lasts a period, which only a bit that sticks makes. L then rises to `first` times what
-    is asked; more of it adds `further` each time. Once the amplitude stays below half of L for half a period, L comes down. Evidence on the way down, or
+    the string. Two dips within 20 periods are the evidence, or one that lasts a period, which only a bit that sticks makes. L then rises to `first_factor` times what
+    is asked; more of it adds `factor_step` each time. Once the amplitude stays below half of L for half a period, L comes down. Evidence on the way down, or
     within 54 periods after it, is a relapse: L rises to what calmed the bit before, and after n relapses it comes down 1 + n^2 / 2 times more slowly. At the
-    next relapse after `tries`, at the last of these where the set-point had been reached again, where `highest` does not help, or where for 36
+    next relapse after `max_attempts`, at the last of these where the set-point had been reached again, where `max_factor` does not help, or where for 36
     periods more than not the set-point has been lifted or bit or top have stood, the law gives up: it comes down, and lifts no more until what is asked changes
     by 5 %. A weight that varies is no evidence: it makes no dips with so large a swing.
     Another set-point is followed at the same rates, so that a step of it is none either. To the left it does the same; a string that is to stop dips by right.
@@ -49,13 +49,13 @@ class Lifting(Controller):
     lifted the top turns at twice what is asked and more, for half a minute to a minute (`python -m studies recovery`). It helps where the law inside holds
     smooth running at what is asked and damps the string, and gives up where it does not: a stiff drive leaves the string swinging for minutes.
 
-    With `limit` the torque of the law inside is lowered, down to none, while the top turns faster than `limit` times what is asked and faster than L, as drives
-    limit their speed: a law that follows a bit which is let go throws the top to more than twice what is asked. `first` must be below `limit` for that, and a
+    With `speed_limit_factor` the torque of the law inside is lowered, down to none, while the top turns faster than `speed_limit_factor` times what is asked and faster than L, as drives
+    limit their speed: a law that follows a bit which is let go throws the top to more than twice what is asked. `first_factor` must be below `speed_limit_factor` for that, and a
     slower `rise` helps. The price: the string swings for longer, and weak laws are lifted higher in the end. Smooth running knows nothing of it. A bit that is
-    let go turns as fast at a low set-point as at a high one, and a top that may not follow does not calm it: `least_limit` is a speed that is always allowed.
+    let go turns as fast at a low set-point as at a high one, and a top that may not follow does not calm it: `min_speed_limit` is a speed that is always allowed.
 
     With `relief` the law takes weight off as well, as an auto-driller can: while the set-point is lifted the weight goes down by that share at the rate
-    `off`, and then comes back at `back`. A smaller, slower lift is then enough, such as `first=1.3, further=0.25, rise=0.2, relief=0.4`; the price is less
+    `unload_rate`, and then comes back at `reload_rate`. A smaller, slower lift is then enough, such as `first_factor=1.3, further=0.25, rise=0.2, relief=0.4`; the price is less
     weight for two minutes. The law then drives `bit.weight`, and reads the weight that is asked from `weight.reference`, of which `weight` is the default.
 
     `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. Recorded
@@ -66,26 +66,26 @@ class Lifting(Controller):
     """
 
     law: Controller = field(default_factory=Controller)
-    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
-    first: Quantity = quantity(2.0, "1", "first lifted set-point in parts of what is asked", above=1)
-    further: Quantity = quantity(0.5, "1", "what is added to a lift that does not help, in parts of what is asked", above=0)
-    highest: Quantity = quantity(4.0, "1", "highest one", above=1)
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))
+    first_factor: Quantity = quantity(2.0, "1", "first lifted set-point in parts of what is asked", above=1)
+    factor_step: Quantity = quantity(0.5, "1", "what is added to a lift that does not help, in parts of what is asked", above=0)
+    max_factor: Quantity = quantity(4.0, "1", "highest one", above=1)
     rise: Quantity = quantity(0.5, "rad/s2", "rate at which the set-point is lifted", above=0)
     fall: Quantity = quantity(0.3, "rad/s2", "rate at which it is lowered", above=0)
-    tries: Quantity = quantity(2.0, "1", "relapses until it gives up", at_least=0)
-    limit: OptionalQuantity = quantity(
+    max_attempts: Quantity = quantity(2.0, "1", "relapses until it gives up", at_least=0)
+    speed_limit_factor: OptionalQuantity = quantity(
         None, "1", "top speed from which on the torque is lowered, in parts of what is asked; none unless given", above=1
     )
-    least_limit: Quantity = quantity(0.0, "rad/s", "top speed up to which no limit lowers it, whatever is asked", at_least=0)
+    min_speed_limit: Quantity = quantity(0.0, "rad/s", "top speed up to which no limit lowers it, whatever is asked", at_least=0)
     relief: OptionalQuantity = quantity(None, "1", "share of the weight that is taken off; none unless given", above=0, at_most=1)
-    off: Quantity = quantity(0.05, "1/s", "rate at which weight is taken off, in parts of it", above=0)
-    back: Quantity = quantity(0.01, "1/s", "rate at which it comes back", above=0)
+    unload_rate: Quantity = quantity(0.05, "1/s", "rate at which weight is taken off, in parts of it", above=0)
+    reload_rate: Quantity = quantity(0.01, "1/s", "rate at which it comes back", above=0)
     weight: OptionalQuantity = quantity(None, "N", "weight that is asked, default of `weight.reference`; filled in by design", at_least=0)
     string_period: OptionalQuantity = quantity(
         None, "s", "period of the string below a drive that does not swing; filled in by design", above=0
     )
     string_impedance: OptionalQuantity = quantity(None, "N m s/rad", "sqrt(stiffness inertia) of the string; filled in by design", above=0)
-    observer: StringObserver = field(default_factory=lambda: Kalman(torque_walk=2000.0))
+    observer: StringObserver = field(default_factory=lambda: Kalman(torque_process_noise=2000.0))
 
     def check(self):
         for name, kind in (("law", Controller), ("observer", StringObserver)):
@@ -93,9 +93,9 @@ class Lifting(Controller):
                 raise SceneError(f"Argument `{name}` must be a {kind.__name__}, but it is {getattr(self, name)!r}.")
 
     @property
-    def drives(self) -> tuple[str, ...]:  # type: ignore[override]
+    def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
         """What the inner law drives, and the weight where some is taken off."""
-        return self.law.drives if self.relief is None else (*self.law.drives, "bit.weight")
+        return self.law.actuated_signals if self.relief is None else (*self.law.actuated_signals, "bit.weight")
 
     def design(self, plant: HybridSystem) -> Controller:
         """The law with inner law and observer designed on the plant, and with the period and impedance of its string where they are not given."""
@@ -138,16 +138,17 @@ class Lifting(Controller):
         quiet = (gave_up > nothing) * (ca.fabs(size - gave_up) <= CHANGED * gave_up)
         watches = (watch > period) * ((gave_up <= nothing) + quiet)
         evidence = (dip + stop > 0.5) * (left > 0.0) * (1.0 - quiet)
-        up, most = level > nothing, (self.highest - 1.0) * size
+        up, most = level > nothing, (self.max_factor - 1.0) * size
         taken = 0.0 if self.relief is None else state("lifting.relief", "1")
         there = ca.fabs(wanted - asked) <= CHANGED * ca.fabs(wanted)  # what happens on the way to another set-point says nothing of it
         relapse = evidence * (1.0 - up) * watches * there
         back = (extra <= nothing) * (taken <= 0.0)  # all is as it is asked: no slower way there would have helped
         ends = (
-            evidence * ca.if_else(up, level >= most, relapse * (relapses + back >= self.tries)) + (vain > VAIN * self.string_period) > 0.5
+            evidence * ca.if_else(up, level >= most, relapse * (relapses + back >= self.max_attempts)) + (vain > VAIN * self.string_period)
+            > 0.5
         )
         lifts_now = evidence * (1.0 - ends)
-        higher_by = ca.if_else(up, level + self.further * size, ca.if_else(relapse, held, (self.first - 1.0) * size))
+        higher_by = ca.if_else(up, level + self.factor_step * size, ca.if_else(relapse, held, (self.first_factor - 1.0) * size))
         calms = up * (calm <= 0.0) * (1.0 - evidence)
         aim = ca.if_else(lifts_now, ca.fmin(higher_by, most), ca.if_else(ends + calms, 0.0, ca.if_else(up, level, 0.0)))
         rises = aim > extra
@@ -175,16 +176,16 @@ class Lifting(Controller):
             lifts: ca.if_else(lifts > 0.5, lifts, 0.0) + lifts_now * (1.0 - up),
         }
         outputs = {**inside.outputs, "lifting.reference": (turn * lifted, "rad/s")}
-        if self.limit is not None:
+        if self.speed_limit_factor is not None:
             drive, unit = inside.outputs["top.torque"]
-            bar = ca.fmax(ca.fmax(self.limit * size, self.least_limit), lifted)
+            bar = ca.fmax(ca.fmax(self.speed_limit_factor * size, self.min_speed_limit), lifted)
             over = ca.fmax(turn * speed - bar, 0.0)
             kept = ca.fmax(turn * drive - BRAKE * self.string_impedance * over, ca.fmin(turn * drive, 0.0))
             outputs["top.torque"] = (turn * kept, unit)
         if self.relief is not None:
             full = signal("weight.reference", "N", default=self.weight)
             memory[taken] = ca.if_else(
-                aim > nothing, ca.fmin(taken + self.off * period, self.relief), ca.fmax(taken - self.back * period, 0.0)
+                aim > nothing, ca.fmin(taken + self.unload_rate * period, self.relief), ca.fmax(taken - self.reload_rate * period, 0.0)
             )
             outputs["bit.weight"] = (full * (1.0 - taken), "N")
         update = Update({**inside.memory, **memory}, outputs)

@@ -24,12 +24,14 @@ class LinearMPC(Predictive):
 
     e = x - x_s, and (x_s, u_s) the steady state that turns at `reference` under the estimated T: hence no offset under a constant
     torque. Without active limits it is the regulator of the Riccati equation. States are eliminated: the program has `horizon` unknowns and keeps its
-    matrices. The slope of the rock is in A, so that T wanders little (`torque_walk`): a faster filter passes noise that a bit at low speed cannot bear, a
+    matrices. The slope of the rock is in A, so that T wanders little (`torque_process_noise`): a faster filter passes noise that a bit at low speed cannot bear, a
     slower one is late for the release. A stuck bit cannot trap it: the estimate of T follows the torque of the string, and the plan goes beyond. Source:
     J. B. Rawlings, D. Q. Mayne, M. M. Diehl, Model Predictive Control, 2nd ed., Nob Hill 2017, chapters 1 and 5.
     """
 
-    torque_walk: Quantity = quantity(400.0, "N m s^-1/2", "wandering in a second of the bit torque beyond the slope of the rock", above=0)
+    torque_process_noise: Quantity = quantity(
+        400.0, "N m s^-1/2", "wandering in a second of the bit torque beyond the slope of the rock", above=0
+    )
 
     def design(self, plant: HybridSystem) -> PlannedLinear:
         """The callable law for the plant."""

@@ -20,15 +20,15 @@ class LQG(LQR):
     """
 
     @property
-    def measures(self) -> tuple[str, ...]:  # type: ignore[override]
+    def measured_signals(self) -> tuple[str, ...]:  # type: ignore[override]
         """The top speed."""
         return ("top.speed",)
 
-    late: int = 0
+    delay_samples: int = 0
     speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
     period: Quantity = quantity(0.01, "s", "sample time of that noise", above=0)
-    torque_walk: Quantity = quantity(2000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
-    drive_walk: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
+    torque_process_noise: Quantity = quantity(2000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
+    drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
 
     def design(self, plant):
         """The regulator and the filter for the plant."""
@@ -36,5 +36,10 @@ class LQG(LQR):
             reference=self.reference, top_size=self.top_size, bit_size=self.bit_size, angle_size=self.angle_size, torque_size=self.torque_size,
             tracking=self.tracking, states=self.states, units=self.units, gain=self.gain, point=self.point, slope=self.slope, name=self.name, **self.limits,
         )  # fmt: skip
-        observer = Kalman(speed_noise=self.speed_noise, period=self.period, torque_walk=self.torque_walk, drive_walk=self.drive_walk)
-        return OnEstimates(regulator, observer, late=self.late).design(plant)
+        observer = Kalman(
+            speed_noise=self.speed_noise,
+            period=self.period,
+            torque_process_noise=self.torque_process_noise,
+            drive_process_noise=self.drive_process_noise,
+        )
+        return OnEstimates(regulator, observer, delay_samples=self.delay_samples).design(plant)

@@ -32,11 +32,11 @@ class LQR(TorqueLimits):
     """
 
     @property
-    def measures(self) -> tuple[str, ...]:  # type: ignore[override]
+    def measured_signals(self) -> tuple[str, ...]:  # type: ignore[override]
         """The top speed and all states of the string, once it is designed on one."""
         return ("top.speed", *(self.states or ("bit.speed",)))
 
-    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))
     top_size: Quantity = quantity(2.0, "rad/s", "deviation of the top speed that counts", above=0)
     bit_size: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
     angle_size: Quantity = quantity(8.0, "rad", "deviation of the integral that counts", above=0)

@@ -40,14 +40,14 @@ class NonlinearMPC(Predictive):
     turning bit is kept above `slowest` times the set-point, and a prediction in which it sticks again costs `priority` for each sample.
 
     `adapt` tells whether the strength of the rock, a factor on its torque between 0.5 and 2, is estimated. Once the bit has turned for three samples,
-    `RockFilter` estimates it with the states (it may wander by `strength_walk` in a second); before that it follows from the torque that the linear filter
+    `RockFilter` estimates it with the states (it may wander by `strength_process_noise` in a second); before that it follows from the torque that the linear filter
     sees, in the time `strength_time`; at rest from the torque that the rock has held, `margin` more than that.
 
     Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks. Source of the iteration: M. Diehl, H. G. Bock, J. P.
     Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
     """
 
-    drive_walk: Quantity = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
+    drive_process_noise: Quantity = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
     drive_error: Quantity = quantity(0.2, "1", "error of the drive's inertia or torque, as a part of it", at_least=0)
     width: OptionalQuantity = quantity(None, "rad/s", "width of regularised friction", above=0)
     matched: bool = True
@@ -56,7 +56,7 @@ class NonlinearMPC(Predictive):
     steps: int = 4
     rest_speed: Quantity = quantity(0.4, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
     strength_time: Quantity = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
-    strength_walk: Quantity = quantity(0.005, "s^-1/2", "wandering of the strength of the rock in a second", above=0)
+    strength_process_noise: Quantity = quantity(0.005, "s^-1/2", "wandering of the strength of the rock in a second", above=0)
     slowest: Quantity = quantity(0.4, "1", "part of the set-point that a turning bit should stay above", at_least=0)
     margin: Quantity = quantity(0.02, "1", "how much more than it has held the rock is believed to hold", above=0)
 
@@ -108,8 +108,8 @@ class PlannedNonlinear(PredictiveLaw):
         if law.adapt:
             sensors = sensor_rows(plant, law.sensors)
             self.filter = RockFilter(
-                FilterModel(string_model(plant).A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk),
-                drive_error=law.drive_error, strength_walk=law.strength_walk, rollout=self.rollout, contact=self.contact, bit=model.bit, rock=self._rock_at,
+                FilterModel(string_model(plant).A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_process_noise, law.drive_process_noise),
+                drive_error=law.drive_error, strength_process_noise=law.strength_process_noise, rollout=self.rollout, contact=self.contact, bit=model.bit, rock=self._rock_at,
                 turning=2.0 * law.rest_speed, lasting=3,
             )  # fmt: skip
         limits = [(model.bit / law.bit_size, law.slowest * law.reference / law.bit_size, np.inf)]

@@ -27,7 +27,7 @@ class OnEstimates(Observed):
     def sampled(self, signal, period):
         if not isinstance(self.observer, StringObserver):
             return super().sampled(signal, period)
-        update = Observed(self.law, Ahead(self.observer, self.late)).sampled(signal, period)
+        update = Observed(self.law, Ahead(self.observer, self.delay_samples)).sampled(signal, period)
         if self.observer.begins is None:
             return update
         torque = acting(signal)
@@ -41,14 +41,14 @@ class Ahead(Observer):
     """A string observer whose estimates are those of `late` samples later, under the commands that are on their way; sampled only."""
 
     observer: Observer = field(default_factory=StringObserver)
-    late: int = 0
+    delay_samples: int = 0
 
-    measures: ClassVar[tuple[str, ...]] = ("top.speed",)
+    measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)
 
     def sampled(self, signal, period):
         if not isinstance(self.observer, StringObserver):
             raise SceneError(f"Argument `observer` must be an observer of a string, but it is {type(self.observer).__name__}.")
-        line = [state(f"waiting{k}.top.torque", "N m") for k in range(self.late)]
+        line = [state(f"waiting{k}.top.torque", "N m") for k in range(self.delay_samples)]
 
         def arriving(name, unit, default=None):
             return line[0] if line and name == "top.torque" else signal(name, unit, default)

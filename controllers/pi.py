@@ -23,7 +23,7 @@ class PI(TorqueLimits):
 
     proportional: Quantity = quantity(4000.0, "N m s/rad", "proportional gain", at_least=0)
     integral: Quantity = quantity(1500.0, "N m/rad", "integral gain", at_least=0)
-    reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", usual=(0.05, 40.0))
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", typical_range=(0.05, 40.0))
 
     @classmethod
     def placed(cls, inertia: float, frequency: float, damping: float = 0.7, **others: Any) -> PI:

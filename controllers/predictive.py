@@ -47,30 +47,30 @@ class Predictive(TorqueLimits):
 
     sensors: tuple[str, ...] = ("top.speed",)
     noise: Quantities = quantity((0.01,), "1", "standard deviations of what the sensors measure, in their units", above=0)
-    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
-    period: Quantity = quantity(0.1, "s", "sample time", above=0, usual=(1e-4, 5.0))
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, typical_range=(0.05, 40.0))
+    period: Quantity = quantity(0.1, "s", "sample time", above=0, typical_range=(1e-4, 5.0))
     delay: Quantity = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
     horizon: int = 40
     top_size: Quantity = quantity(8.0, "rad/s", "deviation of the top speed that counts", above=0)
     bit_size: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
     torque_size: Quantity = quantity(20_000.0, "N m", "deviation of the torque that counts", above=0)
     move_size: Quantity = quantity(20_000.0, "N m", "change of the torque within a period that counts", above=0)
-    highest_speed: OptionalQuantity = quantity(None, "rad/s", "highest top speed", above=0, usual=(0.05, 40.0))
+    highest_speed: OptionalQuantity = quantity(None, "rad/s", "highest top speed", above=0, typical_range=(0.05, 40.0))
     highest_twist: OptionalQuantity = quantity(None, "rad", "highest twist of the string, either way", above=0)
     soft: bool = True
     priority: Quantity = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)
-    torque_walk: Quantity = quantity(2000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
-    drive_walk: Quantity = quantity(
+    torque_process_noise: Quantity = quantity(2000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
+    drive_process_noise: Quantity = quantity(
         400.0, "N m s^1/2", "white noise that stands for the error of the drive's torque and inertia", at_least=0
     )
     patience: Quantity = quantity(5.0, "s", "how long the string may stand, or the motor swing, before the soft drive takes over", above=0)
     solver: str = "daqp"
     warm: bool = True
 
-    drives: ClassVar[tuple[str, ...]] = ("top.torque",)
+    actuated_signals: ClassVar[tuple[str, ...]] = ("top.torque",)
 
     @property
-    def measures(self) -> tuple[str, ...]:  # type: ignore[override]
+    def measured_signals(self) -> tuple[str, ...]:  # type: ignore[override]
         """What the law measures: its sensors."""
         return self.sensors
 
@@ -161,17 +161,17 @@ class PredictiveLaw(Remembering):
     the first sample under a torque the estimate begins at the string that turns steadily at its measured top speed under that torque.
     """
 
-    measures: tuple[str, ...]
-    drives = ("top.torque",)
+    measured_signals: tuple[str, ...]
+    actuated_signals = ("top.torque",)
     remembers: ClassVar[tuple[str, ...]] = ("filter", "drive", "watchdog", "reference", "started")
 
     def __init__(self, law: Predictive, plant: HybridSystem, model: StringModel, A: np.ndarray):
         check_fields(law)
-        self.law, self.measures, self.dt = law, law.sensors, law.period
+        self.law, self.measured_signals, self.dt = law, law.sensors, law.period
         self.model = model
         sensors = sensor_rows(plant, law.sensors)
         self.filter = DisturbanceFilter(
-            FilterModel(A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk)
+            FilterModel(A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_process_noise, law.drive_process_noise)
         )
         self.drive = SoftDrive(law, plant)
         self.watchdog = Watchdog(law.period, law.patience, law.lowest_torque, law.highest_torque)
@@ -212,11 +212,11 @@ class PredictiveLaw(Remembering):
     def __call__(self, t: float, y: Any) -> float:
         began = time.perf_counter()
         y = np.asarray(y, float)
-        if y.size > len(self.measures):
+        if y.size > len(self.measured_signals):
             self.reference = float(y[-1])
-        if not self.started and y.size > len(self.measures) + 1 and y[-2] != 0.0:
-            self.begin(y[: len(self.measures)], float(y[-2]))
-        estimate = self.filter.correct(y[: len(self.measures)])
+        if not self.started and y.size > len(self.measured_signals) + 1 and y[-2] != 0.0:
+            self.begin(y[: len(self.measured_signals)], float(y[-2]))
+        estimate = self.filter.correct(y[: len(self.measured_signals)])
         wanted, reason = self.plan(self.filter.arrival())
         reason = self.watchdog(float(self.top @ estimate[:-1]), float(self.model.load @ estimate[:-1]), self.last, self.reference) or reason
         if reason or wanted is None:

@@ -20,7 +20,7 @@ SETTLED = 5.0
 class RockFilter(DisturbanceFilter):
     """`DisturbanceFilter`, and while the bit turns an extended Kalman filter of (x, s), whose rock has the torque s times that of its law.
 
-        x' = A x + B u - E s T(w_bit),   s' = 0 but for wandering by `strength_walk` in a second
+        x' = A x + B u - E s T(w_bit),   s' = 0 but for wandering by `strength_process_noise` in a second
 
     A wandering torque is all that is known of a rock that may hold the bit, but it is too little for a turning bit near the speed at which the string loses its
     stability: a filter fast enough for the release passes so much noise that the drive swings. So the linear filter always runs, and says when
@@ -44,13 +44,13 @@ class RockFilter(DisturbanceFilter):
     )  # fmt: skip
 
     def __init__(
-        self, model: FilterModel, *, drive_error: float, strength_walk: float, rollout: Any, contact: int,
+        self, model: FilterModel, *, drive_error: float, strength_process_noise: float, rollout: Any, contact: int,
         bit: np.ndarray, rock: Callable[[float], tuple[float, float]], turning: float, lasting: int,
     ):  # fmt: skip
         super().__init__(model)
-        A, B, E, C, period, drive_walk = model.A, model.B, model.E, model.C, model.period, model.drive_walk
+        A, B, E, C, period, drive_walk = model.A, model.B, model.E, model.C, model.period, model.drive_process_noise
         n = A.shape[0]
-        self.drive_walk, self.drive_error, self.mean = drive_walk, drive_error, 0.0
+        self.drive_process_noise, self.drive_error, self.mean = drive_walk, drive_error, 0.0
         # what the drive's noise of intensity 1 adds in a period to the linear filter, beside the rest of `walk`
         self.pushed = self._pushed(A, B, E, period)
         self.still = self.walk - drive_walk**2 * self.pushed
@@ -61,7 +61,7 @@ class RockFilter(DisturbanceFilter):
         self.wander = np.zeros((n + 1, n + 1))
         self.shaken = np.zeros((n + 1, n + 1))
         self.shaken[:n, :n] = np.outer(B, B) * period
-        self.wander[n, n] = strength_walk**2 * period
+        self.wander[n, n] = strength_process_noise**2 * period
         self.turned, self.surprise, self.sliding = 0, 0.0, False
         self.xi, self.doubt = np.zeros(n + 1), np.zeros((n + 1, n + 1))
         self.below = np.tril_indices(n + 1)
@@ -167,7 +167,7 @@ class RockFilter(DisturbanceFilter):
         commands = self.waiting[0], (np.append(self.waiting[1:], command))[0]
         super().predict(command)
         self.mean += (command - self.mean) * min(1.0, self.period / SETTLED)
-        unknown = self.drive_walk**2 + (self.drive_error * (command - self.mean)) ** 2 * MEMORY
+        unknown = self.drive_process_noise**2 + (self.drive_error * (command - self.mean)) ** 2 * MEMORY
         spread = self.whole @ self.covariance @ self.whole.T + self.still + unknown * self.pushed
         self.spread = 0.5 * (spread + spread.T)
         if not self.sliding:

@@ -44,18 +44,18 @@ class SlidingSurface(TorqueLimits):
     ahead by themselves, it stays 0.
     """
 
-    measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load")
+    measured_signals: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load")
 
-    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", usual=(0.05, 40.0))
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", typical_range=(0.05, 40.0))
     surface: Quantity = quantity(0.2, "1/s", "weight lam of the integrals in the surface", at_least=0)
     reaching: Quantity = quantity(2.0, "rad/s2", "reaching rate eta", above=0)
-    inertia: OptionalQuantity = quantity(None, "kg m2", "inertia J_r of the top drive", above=0, usual=(1e-3, math.inf))
+    inertia: OptionalQuantity = quantity(None, "kg m2", "inertia J_r of the top drive", above=0, typical_range=(1e-3, math.inf))
     drag: OptionalQuantity = quantity(None, "N m s/rad", "viscous drag c_r on the top drive", at_least=0)
-    late: int = 0
+    delay_samples: int = 0
 
     def check(self):
         super().check()
-        whole("late", self.late, 0, MOST_LATE)
+        whole("delay_samples", self.delay_samples, 0, MOST_LATE)
         if self.limits_known:
             number("surface", self.surface, "1/s", above=0)
 
@@ -81,7 +81,7 @@ class SlidingSurface(TorqueLimits):
 
         unknown: acceleration of the top [rad/s2] that the model lacks.
         """
-        line = [state(f"slidingmode.waiting{k}", "N m") for k in range(self.late)]
+        line = [state(f"slidingmode.waiting{k}", "N m") for k in range(self.delay_samples)]
         drag, load = self.drag, signal("top.load", "N m")
         speed = signal("top.speed", "rad/s")
         for torque in line:

@@ -22,7 +22,7 @@ class SoftTorque(TorqueLimits):
     R. J. Shor, J. Sound Vib. 424 (2018), for lumped strings.
     """
 
-    reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", usual=(0.05, 40.0))
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", typical_range=(0.05, 40.0))
     detuning: Quantity = quantity(1.0, "1", "factor by which the gains are lowered", above=0)
 
     @staticmethod

@@ -57,7 +57,7 @@ class ImpedanceSuperTwisting(SuperTwisting):
     sqrt(k J_b) of the chain unless given, `surface` the rate at which the set-point is won back. Measures no bit speed.
     """
 
-    measures: ClassVar[tuple[str, ...]] = ("top.speed", "top.load")
+    measured_signals: ClassVar[tuple[str, ...]] = ("top.speed", "top.load")
 
     impedance: OptionalQuantity = quantity(None, "N m s/rad", "impedance Z", above=0)
 

@@ -25,11 +25,11 @@ class TorqueLimits(Controller):
     1 - T / max(T_t, T) from sample to sample, which is between 0 and 1. With 1 - T / T_t it would grow without bound where T > 2 T_t.
     """
 
-    measures: ClassVar[tuple[str, ...]] = ("top.speed",)
-    drives: ClassVar[tuple[str, ...]] = ("top.torque",)
+    measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)
+    actuated_signals: ClassVar[tuple[str, ...]] = ("top.torque",)
 
-    lowest_torque: OptionalQuantity = quantity(None, "N m", "lowest torque of the drive", usual=(100.0, 1e6))
-    highest_torque: OptionalQuantity = quantity(None, "N m", "highest torque of the drive", usual=(100.0, 1e6))
+    lowest_torque: OptionalQuantity = quantity(None, "N m", "lowest torque of the drive", typical_range=(100.0, 1e6))
+    highest_torque: OptionalQuantity = quantity(None, "N m", "highest torque of the drive", typical_range=(100.0, 1e6))
     torque_rate: OptionalQuantity = quantity(None, "N m/s", "highest rate of the torque of the drive", above=0)
 
     def check(self):

@@ -183,7 +183,7 @@ class Absorber(Component):
         return Absorber(mass=mass, stiffness=mass * w**2, damping=2 * ratio * mass * w)
 
     @staticmethod
-    def bearable(mass_ratio: float) -> float:
+    def max_negative_damping(mass_ratio: float) -> float:
         """Negative damping ratio of a block up to which `Absorber.tuned(block, e)` keeps it still: sqrt(e) / 2.
 
         On a belt: sliding is stable while -N mu'(v_belt) - c < 2 m w_n times this. Raises SceneError unless e > 0.

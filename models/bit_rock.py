@@ -20,8 +20,12 @@ class BitRock(Component):
     that decay = gamma / v_f = 0.9 s/rad). The viscous drag of the bit belongs to the chain.
     """
 
-    weight: Quantity = quantity(97_347.0, "N", "weight on bit", at_least=0, usual=(500.0, 5e6), source="Navarro-Lopez and Cortes (2007)")
-    radius: Quantity = quantity(0.155575, "m", "radius of the bit", above=0, usual=(0.01, 1.0), source="Navarro-Lopez and Cortes (2007)")
+    weight: Quantity = quantity(
+        97_347.0, "N", "weight on bit", at_least=0, typical_range=(500.0, 5e6), source="Navarro-Lopez and Cortes (2007)"
+    )
+    radius: Quantity = quantity(
+        0.155575, "m", "radius of the bit", above=0, typical_range=(0.01, 1.0), source="Navarro-Lopez and Cortes (2007)"
+    )
     friction: FrictionLaw = Exponential(static=0.8, kinetic=0.5, decay=0.9)
 
     def equations(self, signal):

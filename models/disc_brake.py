@@ -30,12 +30,14 @@ class DiscBrake(Component):
     only this much is known here: a reconstruction.
     """
 
-    inertia: Quantity = quantity(36.0, "kg m2", "inertia I of disc, wheel and a quarter of the car", above=0, usual=(1e-3, math.inf))
-    radius: Quantity = quantity(0.12, "m", "effective radius r of the pads", above=0, usual=(0.01, 1.0))
+    inertia: Quantity = quantity(
+        36.0, "kg m2", "inertia I of disc, wheel and a quarter of the car", above=0, typical_range=(1e-3, math.inf)
+    )
+    radius: Quantity = quantity(0.12, "m", "effective radius r of the pads", above=0, typical_range=(0.01, 1.0))
     pad_mass: Quantity = quantity(10.0, "kg", "mass m of pads, caliper and what swings with them", above=0)
     stiffness: Quantity = quantity(1e6, "N/m", "tangential stiffness k that holds the caliper", at_least=0)
     damping: Quantity = quantity(200.0, "N s/m", "tangential damping c", at_least=0)
-    force: Quantity = quantity(1000.0, "N", "normal force of one pad", at_least=0, usual=(1.0, 1e6))
+    force: Quantity = quantity(1000.0, "N", "normal force of one pad", at_least=0, typical_range=(1.0, 1e6))
     lag: OptionalQuantity = quantity(None, "s", "time constant of the actuator", above=0)
     friction: FrictionLaw = Exponential(static=0.45, kinetic=0.35, decay=5.0)
 

@@ -54,7 +54,7 @@ class DiskStack(Component):
     back_stiffness: Quantity = quantity(1e7, "N/m", "axial stiffness behind the last stator", above=0)
     axial_damping: Quantity = quantity(100.0, "N s/m", "damping of the axial motion of a disk in its keys", at_least=0)
     actuator_force: Quantity = quantity(1000.0, "N", "force of the actuator", at_least=0)
-    radius: Quantity = quantity(0.1, "m", "effective radius of the contacts", above=0, usual=(1e-3, 5.0))
+    radius: Quantity = quantity(0.1, "m", "effective radius of the contacts", above=0, typical_range=(1e-3, 5.0))
     friction: FrictionLaw = Exponential(static=0.4, kinetic=0.3, decay=2.0)
 
     def check(self):

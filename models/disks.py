@@ -54,7 +54,7 @@ class TwoDisks(Component):
     stiffness: Quantity = quantity(2000.0, "N m/rad", "stiffness of the stator mount", at_least=0)
     damping: Quantity = quantity(0.5, "N m s/rad", "damping of the stator mount", at_least=0)
     normal_force: Quantity = quantity(1000.0, "N", "normal force", at_least=0)
-    radius: Quantity = quantity(0.1, "m", "effective radius of the contact", above=0, usual=(1e-3, 5.0))
+    radius: Quantity = quantity(0.1, "m", "effective radius of the contact", above=0, typical_range=(1e-3, 5.0))
     friction: FrictionLaw = Exponential(static=0.4, kinetic=0.3, decay=2.0)
 
     def equations(self, signal):
@@ -101,7 +101,7 @@ class PressedDisks(Component):
     stator_inertia: Quantity = quantity(0.02, "kg m2", "inertia of the stator", above=0)
     stiffness: Quantity = quantity(2000.0, "N m/rad", "torsional stiffness of the stator mount", at_least=0)
     damping: Quantity = quantity(0.5, "N m s/rad", "torsional damping of the stator mount", at_least=0)
-    radius: Quantity = quantity(0.15, "m", "effective radius of the contact", above=0, usual=(1e-3, 5.0))
+    radius: Quantity = quantity(0.15, "m", "effective radius of the contact", above=0, typical_range=(1e-3, 5.0))
     rotor_mass: Quantity = quantity(2.0, "kg", "axial mass of the rotor", above=0)
     stator_mass: Quantity = quantity(2.0, "kg", "axial mass of the stator", above=0)
     axial_stiffness: Quantity = quantity(1e7, "N/m", "axial stiffness of the stator mount (assumed)", at_least=0)

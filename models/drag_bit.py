@@ -66,13 +66,13 @@ class DragBit(Component):
     not a forecast. A bit at rest needs some torque in the string: without any, while the flats carry nothing, it lies on the edge of what it can hold.
     """
 
-    radius: Quantity = quantity(0.108, "m", "radius a of the bit", above=0, usual=(0.01, 1.0))
-    specific_energy: Quantity = quantity(60e6, "Pa", "energy eps per volume of rock cut", at_least=0, usual=(1e5, 1e10))
+    radius: Quantity = quantity(0.108, "m", "radius a of the bit", above=0, typical_range=(0.01, 1.0))
+    specific_energy: Quantity = quantity(60e6, "Pa", "energy eps per volume of rock cut", at_least=0, typical_range=(1e5, 1e10))
     inclination: Quantity = quantity(0.6, "1", "ratio zeta of axial to tangential cutting force", at_least=0)
     friction: Quantity = quantity(0.6, "1", "coefficient mu of friction at the wear flats", at_least=0)
     geometry: Quantity = quantity(1.0, "1", "bit geometry number gamma", at_least=0)
-    flat_length: Quantity = quantity(1.2e-3, "m", "length l of the wear flats of all blades", at_least=0, usual=(1e-5, 0.1))
-    flat_stress: Quantity = quantity(60e6, "Pa", "contact stress sigma under the wear flats", at_least=0, usual=(1e5, 1e10))
+    flat_length: Quantity = quantity(1.2e-3, "m", "length l of the wear flats of all blades", at_least=0, typical_range=(1e-5, 0.1))
+    flat_stress: Quantity = quantity(60e6, "Pa", "contact stress sigma under the wear flats", at_least=0, typical_range=(1e5, 1e10))
     engagement: Quantity = quantity(1e-5, "m", "depth of cut from which the wear flats carry in full (assumed)", above=0)
     blades: int = 4
     nodes: int = 16

@@ -32,7 +32,7 @@ class TorsionalChain(Component):
     """
 
     inertia: Quantities = quantity((2122.0, 374.0), "kg m2", "inertias, top first", above=0)
-    stiffness: Quantities = quantity((473.0,), "N m/rad", "stiffness between neighbours", at_least=0, usual=(1.0, math.inf))
+    stiffness: Quantities = quantity((473.0,), "N m/rad", "stiffness between neighbours", at_least=0, typical_range=(1.0, math.inf))
     damping: Quantities = quantity((23.2,), "N m s/rad", "damping between neighbours", at_least=0)
     top_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the top inertia", at_least=0)
     bit_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the last inertia", at_least=0)

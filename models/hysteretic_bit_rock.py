@@ -65,8 +65,12 @@ class HystereticBitRock(Component):
     assumed. Range: beta0 <= 1, else the lower branch would drive the bit.
     """
 
-    weight: Quantity = quantity(97_347.0, "N", "weight on bit", at_least=0, usual=(500.0, 5e6), source="Navarro-Lopez and Cortes (2007)")
-    radius: Quantity = quantity(0.155575, "m", "radius of the bit", above=0, usual=(0.01, 1.0), source="Navarro-Lopez and Cortes (2007)")
+    weight: Quantity = quantity(
+        97_347.0, "N", "weight on bit", at_least=0, typical_range=(500.0, 5e6), source="Navarro-Lopez and Cortes (2007)"
+    )
+    radius: Quantity = quantity(
+        0.155575, "m", "radius of the bit", above=0, typical_range=(0.01, 1.0), source="Navarro-Lopez and Cortes (2007)"
+    )
     beta0: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
     beta1: OptionalQuantity = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
     friction: FrictionLaw = Exponential(static=0.8, kinetic=0.5, decay=0.9)

@@ -45,21 +45,21 @@ class WhirlingCollar(Component):
     with equations and numbers published at UFRJ, Rio de Janeiro (wall 1e9 to 1e10 N/m and 0 to 1000 N s/m; restitution is an alternative).
     """
 
-    span: Quantity = quantity(8.55, "m", "length L between stabilisers", above=0, usual=(0.5, 500.0))
-    outer_diameter: Quantity = quantity(0.171, "m", "outer diameter of the collar, 2 R_co", above=0, usual=(0.02, 2.0))
-    inner_diameter: Quantity = quantity(0.071, "m", "inner diameter of the collar", at_least=0, usual=(0.005, 2.0))
-    hole_diameter: Quantity = quantity(0.216, "m", "diameter of the borehole", above=0, usual=(0.02, 2.0))
-    eccentricity: Quantity = quantity(0.014, "m", "distance e from geometric to mass centre", at_least=0, usual=(1e-5, 0.3))
-    young: Quantity = quantity(220e9, "Pa", "Young's modulus E of the collar", above=0, usual=(1e8, 1e13))
-    density: Quantity = quantity(7800.0, "kg/m3", "density of the collar", above=0, usual=(300.0, 30_000.0))
-    mud_density: Quantity = quantity(1500.0, "kg/m3", "density of the mud", at_least=0, usual=(300.0, 5000.0))
+    span: Quantity = quantity(8.55, "m", "length L between stabilisers", above=0, typical_range=(0.5, 500.0))
+    outer_diameter: Quantity = quantity(0.171, "m", "outer diameter of the collar, 2 R_co", above=0, typical_range=(0.02, 2.0))
+    inner_diameter: Quantity = quantity(0.071, "m", "inner diameter of the collar", at_least=0, typical_range=(0.005, 2.0))
+    hole_diameter: Quantity = quantity(0.216, "m", "diameter of the borehole", above=0, typical_range=(0.02, 2.0))
+    eccentricity: Quantity = quantity(0.014, "m", "distance e from geometric to mass centre", at_least=0, typical_range=(1e-5, 0.3))
+    young: Quantity = quantity(220e9, "Pa", "Young's modulus E of the collar", above=0, typical_range=(1e8, 1e13))
+    density: Quantity = quantity(7800.0, "kg/m3", "density of the collar", above=0, typical_range=(300.0, 30_000.0))
+    mud_density: Quantity = quantity(1500.0, "kg/m3", "density of the mud", at_least=0, typical_range=(300.0, 5000.0))
     added_mass: Quantity = quantity(1.7, "1", "added mass coefficient C_A", at_least=0)
     drag_coefficient: Quantity = quantity(1.0, "1", "drag coefficient C_D", at_least=0)
     wall_stiffness: Quantity = quantity(1e9, "N/m", "stiffness k_s of an elastic wall", above=0)
     wall_damping: Quantity = quantity(1000.0, "N s/m", "damping c_s of an elastic wall", at_least=0)
     restitution: OptionalQuantity = quantity(None, "1", "restitution of a rigid wall", at_least=0, at_most=1)
     friction: FrictionLaw = Coulomb(static=0.35, kinetic=0.35)
-    weight: OptionalQuantity = quantity(None, "N", "weight on bit where no rock says it", at_least=0, usual=(500.0, 5e6))
+    weight: OptionalQuantity = quantity(None, "N", "weight on bit where no rock says it", at_least=0, typical_range=(500.0, 5e6))
 
     def check(self):
         if not self.inner_diameter < self.outer_diameter < self.hole_diameter:

@@ -21,7 +21,7 @@ class SmoothBitRock(Component):
     identified on field data.
     """
 
-    weight: Quantity = quantity(97_347.0, "N", "weight on bit", at_least=0, usual=(500.0, 5e6))
+    weight: Quantity = quantity(97_347.0, "N", "weight on bit", at_least=0, typical_range=(500.0, 5e6))
     b0: Quantity = quantity(0.0239, "m", "torque per weight at high speed", at_least=0, source="Real et al. (2018)")
     b1: Quantity = quantity(1.910, "s/rad", "steepness at zero speed", at_least=0, source="Real et al. (2018)")
     b2: Quantity = quantity(8.500, "s/rad", "height of the peak", at_least=0, source="Real et al. (2018)")

@@ -37,13 +37,15 @@ class TopDrive(Component):
 
     drive_lag: OptionalQuantity = quantity(0.005, "s", "time constant from command to motor torque", above=0)
     encoder_lag: OptionalQuantity = quantity(0.002, "s", "time constant of the measured speed", above=0)
-    torque_limit: OptionalQuantity = quantity(None, "N m", "largest torque of the motor T_max", above=0, usual=(100.0, 1e6))
+    torque_limit: OptionalQuantity = quantity(None, "N m", "largest torque of the motor T_max", above=0, typical_range=(100.0, 1e6))
     rate_limit: OptionalQuantity = quantity(None, "N m/s", "largest rate of the motor torque R", above=0)
     ratio: Quantity = quantity(1.0, "1", "gear ratio n, motor speed by top speed", above=0)
     efficiency: OptionalQuantity = quantity(None, "1", "efficiency eta of the gearbox", above=0, at_most=1)
     idle_torque: OptionalQuantity = quantity(None, "N m", "friction of the gearbox without load, at the top", above=0)
-    motor_inertia: OptionalQuantity = quantity(None, "kg m2", "inertia J_m of the motor", above=0, usual=(1e-3, math.inf))
-    stiffness: OptionalQuantity = quantity(None, "N m/rad", "stiffness k between gearbox and string", above=0, usual=(1.0, math.inf))
+    motor_inertia: OptionalQuantity = quantity(None, "kg m2", "inertia J_m of the motor", above=0, typical_range=(1e-3, math.inf))
+    stiffness: OptionalQuantity = quantity(
+        None, "N m/rad", "stiffness k between gearbox and string", above=0, typical_range=(1.0, math.inf)
+    )
     damping: OptionalQuantity = quantity(None, "N m s/rad", "damping c between gearbox and string", at_least=0)
 
     def check(self):

@@ -21,11 +21,11 @@ class TorsionalPendulum(Component):
     The string of T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007); the defaults have the size of its 1000 m string and are chosen.
     """
 
-    inertia: Quantity = quantity(116.0, "kg m2", "inertia of the bit and of what moves with it", above=0, usual=(1e-3, math.inf))
-    stiffness: Quantity = quantity(938.0, "N m/rad", "torsional stiffness of the string", at_least=0, usual=(1.0, math.inf))
+    inertia: Quantity = quantity(116.0, "kg m2", "inertia of the bit and of what moves with it", above=0, typical_range=(1e-3, math.inf))
+    stiffness: Quantity = quantity(938.0, "N m/rad", "torsional stiffness of the string", at_least=0, typical_range=(1.0, math.inf))
     damping: Quantity = quantity(0.0, "N m s/rad", "damping of the string", at_least=0)
     bit_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the bit", at_least=0)
-    top_speed: Quantity = quantity(12.566370614359172, "rad/s", "speed of the table", usual=(0.05, 40.0))
+    top_speed: Quantity = quantity(12.566370614359172, "rad/s", "speed of the table", typical_range=(0.05, 40.0))
 
     def equations(self, signal):
         twist, speed = state("pendulum.twist", "rad"), state("pendulum.speed", "rad/s")

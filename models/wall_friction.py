@@ -35,8 +35,8 @@ class WallContact(Component):
     Textbook (torque and drag); the defaults have the size of 200 m of collars on the low side of a horizontal hole and are chosen.
     """
 
-    load: Quantity = quantity(150_000.0, "N", "side force on the wall", at_least=0, usual=(10.0, 1e7))
-    radius: Quantity = quantity(0.085, "m", "radius of the surface that touches the wall", above=0, usual=(0.01, 1.0))
+    load: Quantity = quantity(150_000.0, "N", "side force on the wall", at_least=0, typical_range=(10.0, 1e7))
+    radius: Quantity = quantity(0.085, "m", "radius of the surface that touches the wall", above=0, typical_range=(0.01, 1.0))
     friction: FrictionLaw = Coulomb(static=0.35, kinetic=0.25)
 
     def equations(self, signal):

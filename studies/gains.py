@@ -97,14 +97,14 @@ class Dithered(Controller):
     weight: OptionalQuantity = quantity(None, "N", "weight that is asked, default of `weight.reference`; filled in by design", at_least=0)
 
     @property
-    def measures(self) -> tuple[str, ...]:  # type: ignore[override]
+    def measured_signals(self) -> tuple[str, ...]:  # type: ignore[override]
         """What the law measures, and the bit speed."""
-        return tuple(dict.fromkeys((*self.law.measures, "bit.speed")))
+        return tuple(dict.fromkeys((*self.law.measured_signals, "bit.speed")))
 
     @property
-    def drives(self) -> tuple[str, ...]:  # type: ignore[override]
+    def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
         """What the law drives, and the weight."""
-        return (*self.law.drives, "bit.weight")
+        return (*self.law.actuated_signals, "bit.weight")
 
     def design(self, plant):
         """The law inside designed, with the weight of the plant."""
@@ -156,7 +156,7 @@ class Family:
         return trial("tuned", self.of(numbers), 0.1 if self.planned else 0.01)
 
 
-WALKS = {"torque_walk": (100.0, 20_000.0), "drive_walk": (20.0, 1000.0)}
+WALKS = {"torque_process_noise": (100.0, 20_000.0), "drive_process_noise": (20.0, 1000.0)}
 """Bounds of what the Kalman filter of a law holds for possible."""
 
 
@@ -165,7 +165,7 @@ def _on_estimates(kind: Callable[..., Controller], bounds: Mapping[str, tuple[fl
 
     def law(q: Mapping[str, float]) -> OnEstimates:
         filtered = Kalman(speed_noise=NOISE, **{name: q[name] for name in WALKS})
-        return OnEstimates(kind(**{name: q[name] for name in bounds}), filtered, late=LATE)
+        return OnEstimates(kind(**{name: q[name] for name in bounds}), filtered, delay_samples=LATE)
 
     return Family(law, {**bounds, **WALKS})
 
@@ -193,13 +193,13 @@ FAMILIES: dict[str, Family] = {
         },
     ),
     "LQG": Family(
-        lambda q: LQG(late=LATE, **q, **LIMITS),
+        lambda q: LQG(delay_samples=LATE, **q, **LIMITS),
         {
             "top_size": (0.3, 30.0),
             "bit_size": (0.1, 10.0),
             "angle_size": (1.0, 100.0),
-            "torque_walk": (200.0, 20_000.0),
-            "drive_walk": (20.0, 1000.0),
+            "torque_process_noise": (200.0, 20_000.0),
+            "drive_process_noise": (20.0, 1000.0),
         },
     ),
     "sliding mode": _on_estimates(
@@ -229,14 +229,14 @@ FAMILIES |= {
             "top_size": (1.0, 40.0),
             "bit_size": (0.3, 20.0),
             "move_size": (1000.0, 40_000.0),
-            "torque_walk": (100.0, 4000.0),
-            "drive_walk": (10.0, 1000.0),
+            "torque_process_noise": (100.0, 4000.0),
+            "drive_process_noise": (10.0, 1000.0),
         },
         planned=True,
     ),
     "nonlinear MPC": Family(
         lambda q: NonlinearMPC(delay=DELAY, **q, **LIMITS),
-        {"top_size": (1.0, 40.0), "bit_size": (0.3, 20.0), "drive_error": (0.02, 0.5), "strength_walk": (0.001, 0.05)},
+        {"top_size": (1.0, 40.0), "bit_size": (0.3, 20.0), "drive_error": (0.02, 0.5), "strength_process_noise": (0.001, 0.05)},
         planned=True,
     ),
 }

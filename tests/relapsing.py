@@ -15,7 +15,7 @@ class Relapsing(Controller):
     """PI whose set-point rises at 1 rad/s2 to 12 rad/s while the top is 10 % slower, and for 15 s after, and else falls at 0.2 rad/s2."""
 
     law: PI = PI()
-    drives = ("top.torque",)
+    actuated_signals = ("top.torque",)
 
     def sampled(self, signal, period):
         extra, left = state("relapsing.speed", "rad/s"), state("relapsing.time", "s")

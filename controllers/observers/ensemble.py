@@ -23,10 +23,10 @@ class Ensemble(Observer):
     The command is taken to act without delay.
     """
 
-    measures: ClassVar[tuple[str, ...]] = ("top.speed",)
+    measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)
     estimates: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "bit.torque", "bit.friction_scale")
 
-    period: Quantity = quantity(0.01, "s", "sample time", above=0, usual=(1e-4, 5.0))
+    period: Quantity = quantity(0.01, "s", "sample time", above=0, typical_range=(1e-4, 5.0))
     members: int = 64
     seed: int = 0
     knowledge: Knowledge = field(default_factory=Knowledge)

@@ -34,7 +34,7 @@ class StringObserver(Observer):
     refused, which a Kalman filter bounds by about 2.8 J speed_noise sqrt(period) / drive_walk, J the inertia of the drive.
     """
 
-    measures: ClassVar[tuple[str, ...]] = ("top.speed",)
+    measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)
     estimates: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load", "bit.torque", "bit.friction_scale")
 
     states: tuple[str, ...] = ()
@@ -201,25 +201,25 @@ def steady_string(A: np.ndarray, B: np.ndarray, row: np.ndarray) -> np.ndarray:
 class Kalman(StringObserver):
     """Steady Kalman filter: the gain that is best for white noises of the given sizes.
 
-    The measurement has noise of standard deviation `speed_noise` at samples every `period`; the bit torque wanders by `torque_walk` in a second (the
-    square root of its variance), the drive's torque has an error of that kind of `drive_walk`. `design` solves the Riccati equation (scipy).
+    The measurement has noise of standard deviation `speed_noise` at samples every `period`; the bit torque wanders by `torque_process_noise` in a second (the
+    square root of its variance), the drive's torque has an error of that kind of `drive_process_noise`. `design` solves the Riccati equation (scipy).
     Source: R. E. Kalman, R. S. Bucy, J. Basic Eng. 83 (1961) 95-108.
     """
 
     speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
     period: Quantity = quantity(0.01, "s", "sample time of that noise", above=0)
-    torque_walk: Quantity = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
-    drive_walk: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
+    torque_process_noise: Quantity = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
+    drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
 
     def gains(self, A, B, row):
         """L = P C' / R of the Riccati equation A P + P A' - P C' C P / R + Q = 0."""
         from scipy.linalg import solve_continuous_are
 
-        Q = self.drive_walk**2 * np.outer(B, B)
-        Q[-1, -1] += self.torque_walk**2
+        Q = self.drive_process_noise**2 * np.outer(B, B)
+        Q[-1, -1] += self.torque_process_noise**2
         R = self.speed_noise**2 * self.period
         # scaled so that entries of speeds and torques are alike
-        size = np.where(np.arange(A.shape[0]) == A.shape[0] - 1, self.torque_walk, 1.0)
+        size = np.where(np.arange(A.shape[0]) == A.shape[0] - 1, self.torque_process_noise, 1.0)
         scaled = A * size[None, :] / size[:, None]
         P = solve_continuous_are(scaled.T, (row * size)[:, None], Q / np.outer(size, size), np.array([[R]]))
         return size * (P @ (row * size)) / R

@@ -33,15 +33,15 @@ class MovingHorizon(Observer):
     (2003) 246-258.
     """
 
-    measures: ClassVar[tuple[str, ...]] = ("top.speed",)
+    measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)
     estimates: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load", "bit.torque", "bit.friction_scale")
 
     window: int = 20
-    period: Quantity = quantity(0.05, "s", "sample time", above=0, usual=(1e-4, 5.0))
+    period: Quantity = quantity(0.05, "s", "sample time", above=0, typical_range=(1e-4, 5.0))
     delay: Quantity = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
     speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
-    torque_walk: Quantity = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
-    drive_walk: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
+    torque_process_noise: Quantity = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
+    drive_process_noise: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
     lowest_speed: OptionalQuantity = quantity(0.0, "rad/s", "lowest bit speed")
     lowest_torque: OptionalQuantity = quantity(0.0, "N m", "lowest torque of the rock; 0 keeps the friction scale from being negative")
     solver: str = "daqp"
@@ -67,7 +67,7 @@ class HorizonFilter(DisturbanceFilter):
         model, N = self.model, observer.window
         super().__init__(FilterModel(
             model.A, model.B, model.E, model.top[None, :], observer.period, observer.delay, (observer.speed_noise,),
-            observer.torque_walk, observer.drive_walk,
+            observer.torque_process_noise, observer.drive_process_noise,
         ))  # fmt: skip
         self.period = observer.period
         self.table = rock_table(plant)

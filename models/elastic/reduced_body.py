@@ -34,7 +34,7 @@ class ReducedBody:
         What the modes were chosen for [Hz]; 0 for statics alone.
     frequencies
         (f,): natural frequencies [Hz] of the whole body in that band, without rigid-body motions.
-    errors
+    standard_errors
         (f,): relative errors of the reduced body's, >= 0.
     rigid
         Number of rigid-body motions of the body.

@@ -129,9 +129,9 @@ def lanes(draw: np.random.Generator) -> str:
     name = next(name for name in ("block.mass", "chain.inertia.0") if plant.has_parameter(name))
     values = loop.number(name).value * draw.uniform(0.8, 1.2, 4)
     values = np.sort(values)
-    found = sweep(loop, {name: values}, duration=duration, measures="severity")
+    found = sweep(loop, {name: values}, duration=duration, metrics="severity")
     runs = [simulate(loop.at(name, value), duration) for value in values]
-    alone = [sweep(loop, {name: [value]}, duration=duration, measures="severity") for value in values]
+    alone = [sweep(loop, {name: [value]}, duration=duration, metrics="severity") for value in values]
     return within(
         np.ravel(found["severity"]), np.concatenate([np.ravel(each["severity"]) for each in alone]), max(run.error for run in runs) + 1e-6
     )

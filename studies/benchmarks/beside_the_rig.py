@@ -47,7 +47,7 @@ def surface(
     machine = ROBUST[seed % len(ROBUST)] if machine is None else machine
     loop = closed_loop(
         RIG,
-        Sampled(law(reference=reference), PERIOD, machine.late, noise={"top.speed": 0.01}, seed=seed),
+        Sampled(law(reference=reference), PERIOD, machine.delay, noise={"top.speed": 0.01}, seed=seed),
         inputs={"top.reference": reference},
     )
     for name, factor in machine.factors:
@@ -110,7 +110,9 @@ def by_observer(observer: Any, told: Mapping[str, np.ndarray]) -> np.ndarray:
 
 def scores(seeds: Sequence[int], duration: float) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """{regime: (RMS errors of the ensemble, cover of its bands, RMS errors by observer setting)}."""
-    settings = [Kalman(torque_walk=walk) for walk in (500, 1000, 2000, 4000, 8000)] + [DisturbanceObserver(bandwidth=b) for b in (3, 4, 6)]
+    settings = [Kalman(torque_process_noise=walk) for walk in (500, 1000, 2000, 4000, 8000)] + [
+        DisturbanceObserver(bandwidth=b) for b in (3, 4, 6)
+    ]
     made, found = EnsembleFilter(RIG), {}
     for regime in REGIMES:
         errors, cover, others = [], [], []

@@ -43,7 +43,7 @@ from toolbox import (
     simulate,
 )
 from toolbox.lanes.lanes import Lanes
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.modelling.components import fields_of
 from toolbox.modelling.number_kinds import PARAMETER
 from toolbox.simulation.methods import EventExact
@@ -116,7 +116,7 @@ def trial(seed: int, index: int) -> tuple[str, Any, Any, float | None, float]:
         name = str(random.choice([each for each in names if each not in SLOW]))
     law = plain(name)
     if name in ("LQR", "SlidingMode", "SuperTwisting") and random.random() < 0.3:
-        law = controllers.OnEstimates(law, observers.Kalman(), late=int(random.integers(3)))
+        law = controllers.OnEstimates(law, observers.Kalman(), delay_samples=int(random.integers(3)))
     continuous = type(law).continuous is not Controller.continuous and random.random() < 0.25
     period = None if continuous else float(random.choice([0.001, 0.01, 0.1, 1.0]))
     if name in SLOW:
@@ -203,7 +203,7 @@ def in_lanes(loop: ClosedLoop, duration: float, rows: list[dict[str, float]], ra
         return
     try:
         run = shared_run(loop, listed(table), duration, method="explicit")
-        made = Lanes(run, [measures.maximum(name) for update in system.updates for name in update.names])
+        made = Lanes(run, [metrics.maximum(name) for update in system.updates for name in update.names])
         numbers, broken = varied_numbers(run, listed(table))
     except SceneError as error:
         yield "left out", str(error)

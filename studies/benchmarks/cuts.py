@@ -161,12 +161,12 @@ class Trial:
 class Stairs(Controller):
     """A force that goes up and down from sample to sample, u_k = size sin(0.7 k)."""
 
-    measures = ()
+    measured_signals = ()
     signal_driven: str = "block.force"
     size: Quantity = quantity(1.0, "N", "largest force")
 
     @property
-    def drives(self) -> tuple[str, ...]:
+    def actuated_signals(self) -> tuple[str, ...]:
         return (self.signal_driven,)
 
     def sampled(self, signal, period):

@@ -108,7 +108,7 @@ def sweep_file(folder: Path) -> Path:
 
 def store_file(folder: Path) -> Path:
     """A sweep in a store of zarr."""
-    sweep(BELT, {"block.mass": [0.5, 1.0, 2.0], "belt.friction.decay": [2.0, 3.0]}, duration=20.0, out=folder / "sweep.zarr")
+    sweep(BELT, {"block.mass": [0.5, 1.0, 2.0], "belt.friction.decay": [2.0, 3.0]}, duration=20.0, checkpoint=folder / "sweep.zarr")
     return folder / "sweep.zarr"
 
 
@@ -116,9 +116,9 @@ def sweep_read(path: Path) -> Any:
     """All that a sweep says."""
     found = Sweep.load(path)
     assert str(found)
-    values = {name: each.tobytes() for name, each in found.measures.items()}
+    values = {name: each.tobytes() for name, each in found.measured_signals.items()}
     axes = tuple(axis.tobytes() for axis in found.axes)
-    words = found.errors, found.names, found.units, found.measure_units, found.duration, found.accuracy, found.title
+    words = found.failures, found.names, found.units, found.metric_units, found.duration, found.accuracy, found.title
     return values, found.points.tobytes(), axes, *words
 
 
@@ -471,7 +471,7 @@ class Reader:
             self.child.communicate()
             self.child = None
 
-    def asked(self, kind: str, path: Path, whole: Path) -> tuple[str, str]:
+    def display_units(self, kind: str, path: Path, whole: Path) -> tuple[str, str]:
         """(what came of reading a file: same, other, refused or a fault; words)."""
         if self.child is None:
             root = Path(__file__).parents[2]
@@ -594,14 +594,14 @@ def tried(kind: str, folder: Path, mutations: int, seed: int, reader: Reader) ->
     intact = shutil.copytree(whole, kept / whole.name) if whole.is_dir() else Path(shutil.copy(whole, kept / whole.name))
     counts: Counter[str] = Counter()
     faults = []
-    came, words = reader.asked(kind, Path(intact), Path(intact))
+    came, words = reader.display_units(kind, Path(intact), Path(intact))
     if came != "same":
         faults.append(f"{kind}: the whole file is not read: {came} {words}")
     for number in range(mutations):
         draw = random.Random(f"{kind} {seed} {number}")
         copy = folder / f"{number}" / whole.name
         must_be_found = mutated(whole, copy, draw) and checked
-        came, words = reader.asked(kind, copy, Path(intact))
+        came, words = reader.display_units(kind, copy, Path(intact))
         if came == "other" and must_be_found:
             came, words = "fault", "other data are taken for the same"
         counts[came] += 1

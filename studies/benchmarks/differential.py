@@ -39,7 +39,7 @@ from studies.benchmarks.enumerated_modes import LeftOut, Reference
 from studies.benchmarks.rubbing_machines import KINDS, Trial, given, trial
 from toolbox import Budget, ClosedLoop, HybridSystem, Sampled, SceneError, SimulationError, closed_loop, compose, simulate, sweep
 from toolbox.errors import BudgetError
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.simulation.methods import METHODS
 
 BUDGET = Budget(steps=500_000, seconds=30.0)
@@ -124,13 +124,13 @@ def judged_in_lanes(plant: HybridSystem, one: Trial, right: np.ndarray, accuracy
     rows = [{"machine.damping.0": one.machine.damping[0] + 1e-3 * k} for k in range(LANES)]
     names = [f"machine.{kind}{i}" for kind in "xv" for i in range(len(one.machine.mass))]
     try:
-        found = sweep(loop_of(plant, one), rows, one.duration, accuracy=accuracy, measures={name: measures.final(name) for name in names})
+        found = sweep(loop_of(plant, one), rows, one.duration, accuracy=accuracy, metrics={name: metrics.final(name) for name in names})
     except (SceneError, SimulationError) as failed:
         return {"end": "refused", "words": f"{type(failed).__name__}: {failed}"}
     except Exception as failed:
         return {"end": "crash", "words": f"{type(failed).__name__}: {failed}"}
-    if found.errors:
-        return {"end": "refused", "words": str(next(iter(found.errors.values())))}
+    if found.failures:
+        return {"end": "refused", "words": str(next(iter(found.failures.values())))}
     last = np.array([found[name][0] for name in names])
     error = _apart(np.where(np.arange(len(right))[:, None] == len(right) - 1, last, right), right)
     return {"end": "right" if error <= max(10 * accuracy, 1e-7) else "wrong", "error": error}

@@ -248,7 +248,7 @@ def _scene(random: np.random.Generator, label: str) -> Structure:
     scene = Scene.load(path)
     case = scene.cases[random.integers(len(scene.cases))]
     loop = scene[case.label]
-    arguments = {"start": loop.start, "inputs": loop.inputs, "controller": loop.laws or None}
+    arguments = {"start": loop.start, "inputs": loop.inputs, "controller": loop.controllers or None}
     return Structure(f"{label} {path.stem}: {case.label}", loop.closed.plant, min(scene.duration, 20.0), arguments)
 
 

@@ -124,7 +124,7 @@ def results(command: str, folder: Path) -> Any:
 
 
 def _values(found: Sweep) -> tuple[bytes, ...]:
-    return found.points.tobytes(), *(values.tobytes() for values in found.measures.values())
+    return found.points.tobytes(), *(values.tobytes() for values in found.measured_signals.values())
 
 
 def _text(path: Path) -> bytes:

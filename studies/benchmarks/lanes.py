@@ -35,7 +35,7 @@ from toolbox.compilation import work_layout
 from toolbox.compilation.program import program_of
 from toolbox.lanes.lanes import Lanes, has_series
 from toolbox.lanes.loop import begin
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.simulation.carry_out import formulas_of
 from toolbox.simulation.methods import Explicit, TaylorSeries
 from toolbox.simulation.request import Request
@@ -161,7 +161,7 @@ def compared(run: Run, spread: dict[str, tuple[float, float]], count: int) -> Wa
     alone()
     state, (_, size, _) = next(iter(run.system.states.items()))
     signal = "bit.speed" if "bit.speed" in run.system.signals else state if size is None else f"{state}.0"
-    asked = (measures.minimum(signal), measures.maximum(signal), measures.mean(signal))
+    asked = (metrics.minimum(signal), metrics.maximum(signal), metrics.mean(signal))
     numbers = np.tile(numbers_of_run(run), (min(SWEPT, count), 1))
     numbers[:, : parameters.shape[1]] = parameters[: len(numbers)]
     task = Task(run, numbers, asked, starts[: len(numbers)])
@@ -202,7 +202,7 @@ def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int
     return (
         f"{title:<30}{1e6 * own['alone']:9.1f}{1e6 * own['lanes']:9.1f}{1e6 * own['series']:9.1f}{own['lanes'] / own['series']:8.2f}"
         f"{own['alone'] / plain:8.2f}{ways.switches.mean():9.1f}{ways.same.sum():7d} of {ways.same.size}{ways.late:11.1e}"
-        f"{ways.errors['lanes']:10.1e}{ways.errors['series']:9.1e}"
+        f"{ways.standard_errors['lanes']:10.1e}{ways.standard_errors['series']:9.1e}"
         f"{1e6 * own['swept']:10.1f}{1e6 * own['measured']:9.1f}{1e6 * own['measured_series']:9.1f}{own['swept'] / read:8.2f}"
     )
 

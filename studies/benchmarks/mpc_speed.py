@@ -57,7 +57,7 @@ def timed(law: Any, start: dict[str, Any]) -> tuple[list[float], int, float]:
         seconds.append(time.thread_time() - began)
         return u
 
-    watched.measures, watched.drives = designed.measures, designed.drives  # type: ignore[attr-defined]
+    watched.measured_signals, watched.actuated_signals = designed.measured_signals, designed.actuated_signals  # type: ignore[attr-defined]
     run = simulate(PLANT, 60.0, controller=watched, sample_time=0.1, start=start, inputs=HEAVIER)
     return seconds[1:], len(designed.record.fallbacks), run.time_in("bit", "stick", after=30.0)
 

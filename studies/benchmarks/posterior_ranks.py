@@ -23,14 +23,14 @@ from models import BitRock, wells
 from studies.command_line import parser_of
 from toolbox import closed_loop, compose, sweep
 from toolbox.files.journal import Journal
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.messages import progress_bar
 from toolbox.probability import Normal, Uniform, drawn, posterior
 
 LOOP = closed_loop(compose(wells.JANSEN_2, BitRock(weight=80e3)), StiffPI(reference=6.0))
 PRIORS = {"bit.friction.static": Uniform(0.65, 1.1), "bit.friction.kinetic": Uniform(0.3, 0.6), "bit.weight": Uniform("50 kN", "110 kN")}
 DURATION, NOISE, DRAWS = 10.0, 200.0, 256
-READ = {f"torque {k}": measures.mean("top.torque", float(k), k + 1.0) for k in range(int(DURATION))}
+READ = {f"torque {k}": metrics.mean("top.torque", float(k), k + 1.0) for k in range(int(DURATION))}
 
 BINS = 20
 """Places of a rank; the ranks are among one draw less, chosen out of all, because particles that came from one particle are alike."""
@@ -43,9 +43,9 @@ def ranked(k: int) -> tuple[list[int], int]:
     """(rank of the truth of each unknown among `BINS` - 1 draws of its posterior, number of runs) of repetition k."""
     truth = drawn(LOOP, PRIORS, 1, seed=10_000 + k)
     rng = np.random.default_rng([1, k])
-    told = sweep(LOOP, truth, DURATION, measures=READ)
+    told = sweep(LOOP, truth, DURATION, metrics=READ)
     data = {name: Normal(float(told[name][0]) + NOISE * rng.standard_normal(), NOISE) for name in READ}
-    found = posterior(LOOP, data, PRIORS, DURATION, measures=READ, draws=DRAWS, seed=k)
+    found = posterior(LOOP, data, PRIORS, DURATION, metrics=READ, draws=DRAWS, seed=k)
     some = found.points[rng.permutation(DRAWS)[: BINS - 1]]
     return (some < truth.points[0]).sum(axis=0).tolist(), found.runs
 

@@ -109,7 +109,10 @@ def swings(well: Well, speed: float) -> list[dict[str, Any]]:
 def rested(well: Well, speed: float) -> dict[str, Any]:
     """States of steady running: of the string, and of the law where it has a continuous form."""
     loop = well.loop.at("top.reference", speed)
-    laws = [StiffPI() if isinstance(law, Sampled) and isinstance(law.law, SuperTwisting) else getattr(law, "law", law) for law in loop.laws]
+    laws = [
+        StiffPI() if isinstance(law, Sampled) and isinstance(law.law, SuperTwisting) else getattr(law, "law", law)
+        for law in loop.controllers
+    ]
     rest = equilibrium(closed_loop(loop.plant, *laws, inputs=loop.inputs))
     remembered = [name for name, number in loop.numbers().items() if number.is_start and not loop.plant.has_signal(name)]
     return {name: rest[name] for name in (*loop.plant.states, *remembered) if name in rest}

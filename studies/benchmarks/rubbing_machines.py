@@ -113,7 +113,7 @@ class Servo(Controller):
     stiffness: Quantity = quantity(1.0, "N/m", "gain on the position")
     damping: Quantity = quantity(0.5, "N s/m", "gain on the speed")
     place: Quantity = quantity(0.0, "m", "set-point")
-    drives = ("machine.servo",)
+    actuated_signals = ("machine.servo",)
 
     def sampled(self, signal, period):
         command = self.stiffness * (self.place - signal("machine.x0", "m")) - self.damping * signal("machine.v0", "m/s")

@@ -27,7 +27,7 @@ from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, wells
 from studies.timing import timed
 from toolbox import Sampled, Scene, closed_loop, compose, sweep, tune
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.scenes.cases import Case
 from toolbox.sweeps import uniform
 
@@ -37,12 +37,12 @@ RUNS = 1_000_000
 def million(runs: int, out: str | None) -> dict[str, float]:
     """Seconds, peak of memory [MB], files and their size [MB] of so many runs, and how many of them were done by this call."""
     design = uniform({"block.mass": (0.7, 1.3), "block.belt_speed": (0.1, 0.3)}, runs)
-    asked = {"end": measures.final("block.position"), "stuck": measures.stuck_ratio("belt")}
-    found = sweep(closed_loop(compose(BlockOnBelt()), start={"block.position": 0.5}), design, duration=1.0, measures=asked, out=out)
+    asked = {"end": metrics.final("block.position"), "stuck": metrics.stuck_ratio("belt")}
+    found = sweep(closed_loop(compose(BlockOnBelt()), start={"block.position": 0.5}), design, duration=1.0, metrics=asked, checkpoint=out)
     files = [path for path in Path(out).rglob("*") if path.is_file()] if out else []
     return {
         "seconds": found.seconds, "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "files": len(files),
-        "size": sum(path.stat().st_size for path in files) / 1e6, "failed": len(found.errors),
+        "size": sum(path.stat().st_size for path in files) / 1e6, "failed": len(found.failures),
     }  # fmt: skip
 
 

@@ -133,7 +133,7 @@ def measured(name: str, case: Case) -> WorkPrecision:
         return worst
 
     independent = case.reference(case.duration, rtol=1e-12, output_times=grid)
-    disagreement = max(trade.disagreement, error(independent.states))
+    disagreement = max(trade.reference_error, error(independent.states))
     points = list(trade.points)
 
     def peer(method: str, varied: str, setting: float, made: Callable[[], tuple[np.ndarray, Callable[[], float]]], repeats: int) -> None:
@@ -161,7 +161,7 @@ def measured(name: str, case: Case) -> WorkPrecision:
             peer("heyoka", "tol", tolerance, lambda run=run: (
                 run(case.duration, grid).states, lambda: run(case.duration).wall_time), 20)  # fmt: skip
     return replace(
-        trade, title=case.title, points=tuple(points), disagreement=disagreement, truths=("explicit, stiff", "scipy, each at 1e-12,")
+        trade, title=case.title, points=tuple(points), reference_error=disagreement, references=("explicit, stiff", "scipy, each at 1e-12,")
     )
 
 

@@ -18,7 +18,7 @@ from models import BitRock, BlockOnBelt, Exponential, wells
 from studies.command_line import parser_of
 from studies.timing import timed
 from toolbox import closed_loop, compose, sweep
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.probability import Normal, Uniform, basin, chance, posterior
 from toolbox.probability.chances import quarters
 from toolbox.sweeps.designs import uniform
@@ -26,7 +26,7 @@ from toolbox.sweeps.designs import uniform
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-6)
 RIG = closed_loop(compose(wells.JANSEN_2, BitRock(weight=80e3)), StiffPI(reference=6.0))
 PRIORS = {"bit.friction.static": Uniform(0.65, 1.1), "bit.friction.kinetic": Uniform(0.3, 0.6), "bit.weight": Uniform("50 kN", "110 kN")}
-READ = {f"torque {k}": measures.mean("top.torque", float(k), k + 1.0) for k in range(40)}
+READ = {f"torque {k}": metrics.mean("top.torque", float(k), k + 1.0) for k in range(40)}
 NOISE = 200.0
 UNCERTAIN = {"bit.weight": "97 kN +- 8 kN", "bit.friction.static": Uniform(0.7, 0.9)}
 OVER = {"top.reference": np.linspace(4.0, 14.0, 11).tolist()}
@@ -36,13 +36,13 @@ BOX = {"block.position": (-2.0, 2.0), "block.speed": (0.0, 2.0)}
 
 def posteriors() -> None:
     """Print the posterior at each accuracy."""
-    truth = sweep(RIG, [{"bit.weight": 80e3}], 40.0, measures=READ, accuracy=1e-9)
+    truth = sweep(RIG, [{"bit.weight": 80e3}], 40.0, metrics=READ, accuracy=1e-9)
     noise = NOISE * np.random.default_rng(1).standard_normal(len(READ))
     data = {name: Normal(float(truth[name][0]) + each, NOISE) for (name, each) in zip(READ, noise, strict=True)}
     print("posterior    accuracy     runs      time   " + "".join(f"{name.rpartition('.')[2]:>22}" for name in PRIORS) + "   log evidence")
-    posterior(RIG, data, PRIORS, 40.0, measures=READ, draws=32)  # compiled once
+    posterior(RIG, data, PRIORS, 40.0, metrics=READ, draws=32)  # compiled once
     for accuracy in ACCURACIES:
-        found, seconds = timed(lambda a=accuracy: posterior(RIG, data, PRIORS, 40.0, measures=READ, accuracy=a))  # type: ignore[misc]
+        found, seconds = timed(lambda a=accuracy: posterior(RIG, data, PRIORS, 40.0, metrics=READ, accuracy=a))  # type: ignore[misc]
         told = "".join(f"{found[name].mean():>12.5g} +- {found[name].std():<6.2g}" for name in PRIORS)
         print(f"{'':12}{accuracy:9.0e}{found.runs:9d}{seconds:8.1f} s  {told}{found.evidence:10.2f} +- {found.error:.2f}", flush=True)
 
@@ -67,7 +67,7 @@ def basins(repeats: int, runs: int) -> None:
         read = quarters("belt", "belt.slip", 0.0, first.duration)
 
         def plain(loop: Any = loop, starts: Any = starts, duration: float = first.duration, read: Any = read) -> Any:
-            return sweep(loop, starts, duration, measures=read, accuracy=1e-4)
+            return sweep(loop, starts, duration, metrics=read, accuracy=1e-4)
 
         plain()
         ratios = []

@@ -26,7 +26,7 @@ laws = {
 }
 runs = {label: simulate(PLANT, 60.0, controller=law, sample_time=0.1, inputs=HEAVIER) for label, law in laws.items()}
 for label, run in runs.items():
-    record = run.laws[0].record
+    record = run.controllers[0].record
     print(
         f"{label:20} stuck {run.time_in('bit', 'stick'):5.1f} of 60 s, at the end {run.at(60.0)['bit.speed']:.3f} rad/s, {len(record.fallbacks)} fallbacks"
     )
@@ -61,7 +61,7 @@ answer = {
         "stuck": run.time_in("bit", "stick"),
         "late": run.time_in("bit", "stick", after=45.0),
         "speed": run.at(60.0)["bit.speed"],
-        "fallbacks": len(run.laws[0].record.fallbacks),
+        "fallbacks": len(run.controllers[0].record.fallbacks),
         "largest load": float(run["top.load"].max()),
     }
     for label, run in runs.items()

@@ -93,6 +93,6 @@ answer = {
     "by accuracy 1e-2": dict(zip(levels, by_accuracy[:, 0], strict=True)),
     "events": dict(zip(levels, events[:, -1], strict=True)),
     "why": chosen.why,
-    "disagreement": trade.disagreement,
+    "disagreement": trade.reference_error,
 }
 print("\n".join(f"{method:14} least error {error:.1e}" for method, error in best.items()))

@@ -102,7 +102,7 @@ middle = compose(coarse, BitRock(weight=65e3))
 stuck = simulate(closed_loop(middle, found.controller, element="bit"), 150.0)
 errors = {"chain.inertia.0": (0.8, 1.2), "bit.weight": (0.8, 1.2), "delay": 2.0}
 corners = [{"chain.inertia.0": drive, "bit.weight": 1.2, "delay": 2.0} for drive in (0.8, 1.2)]
-judged = worst_case(closed_loop(middle, found.law, element="bit"), 90.0, errors=errors, corners=corners, starts=cycle_phases(stuck, 4))
+judged = worst_case(closed_loop(middle, found.law, element="bit"), 90.0, uncertainty=errors, corners=corners, starts=cycle_phases(stuck, 4))
 print(judged)
 
 # %% [markdown]

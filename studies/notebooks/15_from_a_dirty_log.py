@@ -42,7 +42,7 @@ np.ravel(log.plot())[0].figure.set_dpi(80)
 # Only the top speed is compared. What was measured downhole has a clock of its own, which is checked below.
 
 # %%
-print(log.windows(["top.torque", "bit.weight"], hole=4))
+print(log.windows(["top.torque", "bit.weight"], max_gap=4))
 before = log.between(0.0, 19.96)
 laws = {
     "exponential": Exponential(),
@@ -52,7 +52,7 @@ laws = {
 models, data, read = {}, {}, {}
 for label, law in laws.items():
     models[label], data, read = from_recording(
-        compose(wells.JANSEN_2, BitRock(friction=law)), before, {"top.speed": "0.05 rad/s"}, "0.5 s", hole=4
+        compose(wells.JANSEN_2, BitRock(friction=law)), before, {"top.speed": "0.05 rad/s"}, "0.5 s", max_gap=4
     )
 left_out = {name: data.pop(name) for name in list(data)[2::4]}
 print(f"{len(data)} windows are used, {len(left_out)} are left out")
@@ -69,7 +69,7 @@ priors = {
     "Gaussian": {**shared, "bit.friction.speed": LogNormal(1.25, 0.5)},
     "constant": shared,
 }
-compared = compare_models(models, data, priors, 19.96, left_out=left_out, measures=read, draws=96)
+compared = compare_models(models, data, priors, 19.96, left_out=left_out, metrics=read, draws=96)
 print(compared)
 known = compared.posteriors["exponential"]
 print(known)

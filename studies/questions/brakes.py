@@ -153,7 +153,7 @@ def run_of(
     lag = lag if lag is not None else LAG if real else None
     controllers: list[Any] = [Sampled(law, contender.period)]
     if real:
-        noise = {name: value for name, value in NOISE.items() if name in law.measures}
+        noise = {name: value for name, value in NOISE.items() if name in law.measured_signals}
         controllers = [Sampled(law, contender.period, delay=DELAY, noise=noise, seed=seed)]
     if contender.dither is not None:
         controllers.append(replace(contender.dither, over="brake.normal_force" if lag else "brake.force"))
@@ -247,7 +247,9 @@ def verdict(contender: Contender) -> Verdict:
 def step_time(contender: Contender) -> float:
     """99th percentile [s] of the time of one sample."""
     runs = [run_of(contender, COMMON, True, seed) for seed in VERDICT_SEEDS]
-    return min(run.laws[0].record.p99 if run.laws else float(np.percentile(update_times(run), 99)) for run in runs)  # the least disturbed
+    return min(
+        run.controllers[0].record.p99 if run.controllers else float(np.percentile(update_times(run), 99)) for run in runs
+    )  # the least disturbed
 
 
 def _flat(row: Verdict) -> dict[str, Any]:

@@ -72,7 +72,9 @@ def late_torques() -> dict[str, np.ndarray]:
     """{law: rows for commands `LATE` samples of 10 ms late: change of the torque [N m/s] of a law that does not know it, and of one that does}."""
     found = {}
     for name, law in laws().items():
-        pairs = [[np.abs(np.diff(held(replace(law, late=known), 0.01, late)[2])).sum() / 5.0 for known in (0, late)] for late in LATE]
+        pairs = [
+            [np.abs(np.diff(held(replace(law, delay_samples=known), 0.01, late)[2])).sum() / 5.0 for known in (0, late)] for late in LATE
+        ]
         found[name] = np.array(pairs)
     return found
 

@@ -63,7 +63,7 @@ def confirmed() -> dict[str, dict[tuple[str, str], float]]:
     rows = drives.published()
     cells = {
         label: {cell: speed for cell, speed in rows[label].items() if not math.isnan(speed)}
-        for label in drives.laws()
+        for label in drives.controllers()
         if label in rows and not drives.predictive(label)
     }
     return {label: each for label, each in cells.items() if each}
@@ -130,7 +130,7 @@ class Compiled:
         ]  # fmt: skip
         p, x, noisy, weight, nodes, heights, moved, limits, out = (array.ctypes.data_as(ctypes.c_void_p) for array in arrays)
         taken = round((BEGUN + phase * period) / every)
-        late, parts = round((DELAY + rig.late) / every), round(every / step)
+        late, parts = round((DELAY + rig.delay) / every), round(every / step)
         failed = self.library.confirmed(
             p, x, noisy, weight, samples, nodes, heights, len(times), taken, late, moved, parts, limits, first, out
         )
@@ -187,7 +187,7 @@ class Confirmed:
 
 def row(label: str, group: str, way: str, step: float = STEP, hoist: tuple[float, float] = FREE) -> Confirmed:
     """What becomes of a set-point of the table."""
-    law, speed = drives.laws()[label], confirmed()[label][group, way]
+    law, speed = drives.controllers()[label], confirmed()[label][group, way]
     with tempfile.TemporaryDirectory() as folder:
 
         def fails(reference: float) -> Iterator[str]:

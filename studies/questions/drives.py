@@ -61,7 +61,7 @@ from toolbox import Controller, Sampled, Trajectory, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.modelling.laws import designed
 from toolbox.robustness.groups import Group, Machine
-from toolbox.robustness.lowest_set_point import Cells, Held, borders
+from toolbox.robustness.lowest_set_point import Cells, SetPointLimit, borders
 from toolbox.robustness.set_points import WAYS, Trial
 from toolbox.sweeps.executors import Workers
 
@@ -95,7 +95,7 @@ def laws() -> dict[str, Trial]:
     """All rows, in the order of the table, by label."""
 
     def on_estimates(kind: Callable[..., Any]) -> OnEstimates:
-        return OnEstimates(kind(**LIMITS), Kalman(speed_noise=NOISE), late=LATE)
+        return OnEstimates(kind(**LIMITS), Kalman(speed_noise=NOISE), delay_samples=LATE)
 
     rows = {
         "stiff PI": StiffPI(**LIMITS),
@@ -109,7 +109,7 @@ def laws() -> dict[str, Trial]:
         "impedance super-twisting": on_estimates(ImpedanceSuperTwisting),
         "LQR on a Kalman filter": on_estimates(LQR),
         "H-infinity": HInfinity(**LIMITS),
-        "LQG": LQG(late=LATE, speed_noise=NOISE, **LIMITS),
+        "LQG": LQG(delay_samples=LATE, speed_noise=NOISE, **LIMITS),
         "soft torque, lifting": Lifting(SoftTorque(**LIMITS)),
         "LQG, between, lifting": replace(gains.FAMILIES["LQG, lifting"].of(gains.between("LQG", "LQG, lifting", BETWEEN)), **GENTLE),
     }
@@ -176,7 +176,7 @@ def row(law: Trial, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = 
     noisy = law.run(Machine("declared"), COMMON)
     torque = noisy.at(np.arange(noisy.end - 60.0, noisy.end, law.period) + law.period / 2)["top.torque"]
     ripple = float(torque.std() / torque.mean())
-    declared, robust = (found.get((name, "direct"), Held(np.nan, "")) for name in ("declared", "robust"))
+    declared, robust = (found.get((name, "direct"), SetPointLimit(np.nan, "")) for name in ("declared", "robust"))
     speeds = {name: (found[name, "direct"].speed, found[name, "raised"].speed) for name in names}
     overshoot = float(speed.max() / COMMON - 1.0)
     held, price = (declared.margin, robust.margin), (declared.recovery, declared.fastest / declared.speed)
@@ -207,7 +207,7 @@ def step_time(law: Trial, reference: float) -> float:
     class Timed:
         """The law, timed where it is called."""
 
-        measures, drives, defaults = made.measures, made.drives, made.defaults
+        measures, drives, defaults = made.measured_signals, made.actuated_signals, made.defaults
 
         def __call__(self, t: float, y: Any) -> float:
             began = time.thread_time_ns()

@@ -38,7 +38,7 @@ from studies.command_line import figure_folder
 from studies.questions.disks import braking_decision, critical_drop
 from toolbox import Component, Equations, HybridSystem, Quantity, Sampled, closed_loop, compose, plot, quantity, sweep, time, units
 from toolbox.figures.style import name_axis
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.onsets.borders import border
 from toolbox.onsets.severity_map import SeverityMap, severity_map
 from toolbox.sweeps import Sweep, Variations
@@ -68,7 +68,7 @@ def caught(points: np.ndarray) -> np.ndarray:
         return {"disks.rotor_speed": 1.0, "disks.stator_speed": 1.0, "disks.stator_angle": angle}
 
     rows = Variations(("disks.damping", "disks.friction.static"), np.stack([damping, static], axis=1), (len(points),))
-    found = sweep(compose(disks), rows, duration=4 * math.pi / w_n, start=released, measures={"sticks": measures.stays("disks")})
+    found = sweep(compose(disks), rows, duration=4 * math.pi / w_n, start=released, metrics={"sticks": metrics.stays("disks")})
     return found["sticks"] > 1
 
 
@@ -102,8 +102,8 @@ def averaged_slope(velocity: float, belt_speed: float) -> float:
 def dithered(variations: Any) -> Sweep:
     """Sweep of the dithered block over `dither.frequency` [rad/s] and `dither.amplitude` [N]: its swing after 200 s [m]."""
     plant = compose(LEINE, Dither())
-    asked = {"low": measures.minimum("block.position", 200.0), "high": measures.maximum("block.position", 200.0)}
-    return sweep(plant, variations, duration=230.0, measures=asked, accuracy=1e-5)
+    asked = {"low": metrics.minimum("block.position", 200.0), "high": metrics.maximum("block.position", 200.0)}
+    return sweep(plant, variations, duration=230.0, metrics=asked, accuracy=1e-5)
 
 
 def slow_swing(found: Sweep) -> np.ndarray:
@@ -153,11 +153,11 @@ def touching(points: np.ndarray, start: Any) -> np.ndarray:
         rows,
         duration=TURNS,
         start=start,
-        measures={"wall": measures.time_in("wall", TURNS / 2, mode="closed"), "hits": measures.stays("wall", TURNS / 2, mode="closed")},
+        metrics={"wall": metrics.time_in("wall", TURNS / 2, mode="closed"), "hits": metrics.stays("wall", TURNS / 2, mode="closed")},
     )
     failed = np.isnan(found["wall"])
     if failed.any():
-        print(f"  {failed.sum()} runs of the collar failed: {next(iter(found.errors.values()))}")
+        print(f"  {failed.sum()} runs of the collar failed: {next(iter(found.failures.values()))}")
     return np.where(found["hits"] > 0, np.maximum(found["wall"] / (TURNS / 2), 1e-9), 0.0)
 
 

@@ -116,7 +116,7 @@ def checks() -> list[tuple[str, float, float]]:
     den_hartog = compose(BlockOnBelt(belt_speed=0.0, friction=Coulomb(static=share, kinetic=share)))
     run = simulate(den_hartog, 200 * 2 * math.pi / r, inputs={"block.force": sine(0.0, 1.0, r / (2 * math.pi))})
     rows.append(("Den Hartog, F/P = 0.5, r = 1.3 [m]", math.sqrt(v * v - share**2 * u * u), swing(run, "block.position", 0.9 * run.end)))
-    bearable = 2 * Absorber.bearable(RATIO)
+    bearable = 2 * Absorber.max_negative_damping(RATIO)
     tuned = Absorber.tuned(FALLING, RATIO)
     onset = math.log(1.5 / (0.05 + bearable)) / 3
     found = crossing(lambda v: largest_pole(compose(dataclasses.replace(FALLING, belt_speed=v), tuned), "belt"), 0.7 * onset, 1.3 * onset)
@@ -228,7 +228,7 @@ def draw_cures(plt: Any) -> Any:
         stuck = [on_belt(FALLING, speed, 800.0, {}, *parts)[1] for speed in speeds]
         fill = "full" if not parts else "none"
         left.plot(speeds, stuck, marker, color="black", markersize=4, fillstyle=fill, label=word)
-    for negative, word in ((0.0, "poles, alone"), (2 * Absorber.bearable(RATIO), "poles, absorber")):
+    for negative, word in ((0.0, "poles, alone"), (2 * Absorber.max_negative_damping(RATIO), "poles, absorber")):
         onset = math.log(1.5 / (0.05 + negative)) / 3
         left.axvline(onset, color="0.4", linewidth=0.8, linestyle=":")
         left.annotate(word, (onset, 0.97), xycoords=("data", "axes fraction"), xytext=(-2, 0), textcoords="offset points", rotation=90, va="top", ha="right",

@@ -104,10 +104,12 @@ class Recovery:
     relief: float
 
 
-def smooth(law: Trial, reference: float, duration: float, asked: Sequence[tuple[float, float]] = (), weight: Any = WEIGHT) -> Trajectory:
+def smooth(
+    law: Trial, reference: float, duration: float, display_units: Sequence[tuple[float, float]] = (), weight: Any = WEIGHT
+) -> Trajectory:
     """A run from rest over a high set-point into smooth running at one; asked: (time, set-point) of steps."""
     times, speeds = [0.0, 80.0, 110.0], [SMOOTH, SMOOTH, reference]
-    for time, speed in asked:
+    for time, speed in display_units:
         times, speeds = [*times, time, time], [*speeds, speeds[-1], speed]
     clock = Sampled(law.of(reference), law.period, law.clock.delay, noise={"top.speed": 0.01}, seed=7)
     return simulate(PLANT, duration, controller=clock, inputs={"top.reference": (times, speeds), law.place("bit.weight"): weight})

@@ -56,7 +56,7 @@ WORKING = 6.5
 
 def on_estimates(law: Callable[..., Any]) -> Any:
     """A law that asks for more than the top speed, on a Kalman filter."""
-    return Observed(law(), Kalman(speed_noise=0.01), late=LATE)
+    return Observed(law(), Kalman(speed_noise=0.01), delay_samples=LATE)
 
 
 LAWS: dict[str, Any] = {
@@ -66,7 +66,7 @@ LAWS: dict[str, Any] = {
     "soft torque": SoftTorque(),
     "Z-torque": ZTorque(filter_time=0.02),
     "H-infinity": HInfinity(),
-    "LQG": LQG(late=LATE, speed_noise=0.01),
+    "LQG": LQG(delay_samples=LATE, speed_noise=0.01),
     **{gains.label_of(family): gains.tuned(family) for family in TUNED},
     "sliding mode, filter": on_estimates(SlidingMode),
     "implicit sliding mode, filter": on_estimates(ImplicitSlidingMode),
@@ -95,9 +95,9 @@ def worst_table(speeds: Sequence[float] = SPEEDS) -> str:
     return "\n".join(lines)
 
 
-def limit_at(speed: float, measures: Any = "top.speed") -> float:
+def limit_at(speed: float, measured_signals: Any = "top.speed") -> float:
     """The largest disk margin that any linear law on these measurements can have."""
-    return performance_limit(PLANT, {"top.speed": speed}, measures=measures, period=PERIOD, delay=DELAY).disk_margin
+    return performance_limit(PLANT, {"top.speed": speed}, measured_signals=measured_signals, period=PERIOD, delay=DELAY).disk_margin
 
 
 def disk_table(speeds: Sequence[float] = SPEEDS) -> dict[str, list[float]]:

@@ -114,14 +114,14 @@ def tuned_pi(runs: int, journal: Path | None = None) -> Tuned:
     """Front of a PI drive that starts from the gains of soft torque."""
     given: PI = SoftTorque(reference=SET_POINT, **LIMITS).design(compose(wells.JANSEN_2, BitRock(weight=WEIGHT)))
     bounds = {"pi.proportional": (300.0, 5000.0), "pi.integral": (50.0, 3000.0)}
-    return tune(drill_strings(), measured(given), OBJECTIVES, bounds, runs=runs, journal=journal)
+    return tune(drill_strings(), measured(given), OBJECTIVES, bounds, runs=runs, checkpoint=journal)
 
 
 def tuned_lqg(runs: int, journal: Path | None = None) -> Tuned:
     """Front of the LQG drive over the sizes that count in its objective."""
-    given = LQG(reference=SET_POINT, late=round(DELAY / 0.01), speed_noise=NOISE, **LIMITS)
+    given = LQG(reference=SET_POINT, delay_samples=round(DELAY / 0.01), speed_noise=NOISE, **LIMITS)
     bounds = {"lqg.top_size": (0.3, 30.0), "lqg.bit_size": (0.3, 30.0), "lqg.angle_size": (1.0, 100.0)}
-    return tune(drill_strings(), measured(given), OBJECTIVES, bounds, runs=runs, journal=journal)
+    return tune(drill_strings(), measured(given), OBJECTIVES, bounds, runs=runs, checkpoint=journal)
 
 
 def tuned_sliding_mode(runs: int, journal: Path | None = None) -> Tuned:
@@ -129,7 +129,7 @@ def tuned_sliding_mode(runs: int, journal: Path | None = None) -> Tuned:
     given = SlidingMode(reference=whirl.REFERENCE, surface=0.6, reaching=1.0)
     objectives = {"lowest set-point [rad/s]": lowest_set_point, "impacts": impacts}
     return tune(
-        collar(), given, objectives, {"slidingmode.surface": (0.02, 1.6), "slidingmode.reaching": (0.1, 4.0)}, runs=runs, journal=journal
+        collar(), given, objectives, {"slidingmode.surface": (0.02, 1.6), "slidingmode.reaching": (0.1, 4.0)}, runs=runs, checkpoint=journal
     )
 
 

@@ -45,7 +45,7 @@ from studies.questions.drives import BETWEEN, LATE
 from toolbox import Sampled, closed_loop, compose
 from toolbox.files.printing import columns
 from toolbox.robustness.groups import Group, Machine, machine_groups
-from toolbox.robustness.lowest_set_point import Cells, Held, borders
+from toolbox.robustness.lowest_set_point import Cells, SetPointLimit, borders
 from toolbox.robustness.margins import disk_margin
 from toolbox.robustness.set_points import WAYS, Trial
 
@@ -65,8 +65,8 @@ POWERS = {
     "integral": (0.0, 2.0, 1.0),
     "torque_size": (1.0, 0.0, 0.0),
     "angle_size": (0.0, -1.0, 0.0),
-    "torque_walk": (1.0, 0.5, 0.0),
-    "drive_walk": (0.0, 0.0, 1.0),
+    "torque_process_noise": (1.0, 0.5, 0.0),
+    "drive_process_noise": (0.0, 0.0, 1.0),
 }
 """Powers of impedance and frequency of the string and of the drive's inertia that go with a number of a law; one that is not named stays."""
 FULL, BRIEF = "all phases and seeds, half an hour", "2 phases, 1 seed, 80 s"
@@ -149,7 +149,7 @@ def trial(chain: TorsionalChain, label: str) -> Trial:
     plant, name = compose(chain, BitRock(weight=WEIGHT)), label.removesuffix(AS_THEY_ARE)
     if name in numbers():
         q = numbers()[name] if label.endswith(AS_THEY_ARE) else scaled(numbers()[name], chain)
-        law: Any = LQG(late=LATE, speed_noise=NOISE, **q, **LIMITS) if name.startswith("LQG") else PI(**q, **LIMITS)
+        law: Any = LQG(delay_samples=LATE, speed_noise=NOISE, **q, **LIMITS) if name.startswith("LQG") else PI(**q, **LIMITS)
     else:
         law = SoftTorque(**LIMITS)
     return WithMargins(replace(closed_loop(plant, Sampled(Lifting(law), 0.01, DELAY)), label=label), STIFF)
@@ -169,7 +169,7 @@ class Row:
     well: str
     label: str
     numbers: Mapping[str, float]
-    found: Mapping[tuple[str, str], Held]
+    found: Mapping[tuple[str, str], SetPointLimit]
     judged: str
 
     def flat(self) -> dict[str, Any]:
@@ -233,13 +233,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     cells = Cells(given.out / "wells.jsonl" if given.out else None, lambda line: print(line, file=sys.stderr, flush=True))
     rows = known(given.out / "wells.csv") if given.out else {}
-    for label in given.laws:
+    for label in given.controllers:
         for name in given.only:
             if rows.get((name, label), {}).get("judged") != (FULL if given.full else BRIEF):
                 rows[name, label] = row(name, label, given.full, cells).flat()
             if given.out:
                 write_rows(list(rows.values()), given.out / "wells.csv")
-    print(table([rows[name, label] for label in given.laws for name in given.only]))
+    print(table([rows[name, label] for label in given.controllers for name in given.only]))
 
 
 if __name__ == "__main__":

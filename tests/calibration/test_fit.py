@@ -33,7 +33,7 @@ def inside(found, truth):
 def test_a_simulation_fitted_to_speeds_finds_the_bit_law_behind_them_within_its_intervals():
     found = fit(RIG, FOLDER / "rig.csv", FREE, columns=SPEEDS, starts=1)
     assert all(inside(found, TRUTH))
-    assert (found.errors < 0.01 * found.values).all()  # and the intervals are of use
+    assert (found.standard_errors < 0.01 * found.values).all()  # and the intervals are of use
     left = {residual.signal: residual.rms for residual in found.residuals}
     assert left == pytest.approx({name: NOISE[name] for name in left}, rel=0.1)
     assert found.white and not found.at_bounds
@@ -160,7 +160,7 @@ def test_weight_and_radius_enter_only_as_a_product_and_are_refused_together(cont
         fit(RIG, signals, ["bit.friction.decay", "bit.weight", "bit.radius"], contact=contact, starts=1)
     assert "decay" not in str(error.value)
     alone = fit(RIG, signals, ["bit.weight"], contact=contact, starts=1)
-    assert alone.errors[0] > 0
+    assert alone.standard_errors[0] > 0
 
 
 def test_a_number_that_the_data_do_not_depend_on_is_refused_by_name():

@@ -78,7 +78,7 @@ def test_a_law_with_memory_is_found_from_its_loop(name, measured):
     found = fit(block(guess), loop_of(true, measured=(measured,)), free, contact="belt", starts=1)
     truth = np.array([block(true).parameter(each) for each in free])
     assert np.abs(found.values / truth - 1).max() < 0.02, str(found)
-    assert (np.abs(found.values - truth) < 4.0 * found.errors).all(), str(found)
+    assert (np.abs(found.values - truth) < 4.0 * found.standard_errors).all(), str(found)
     assert found.plant.parameter(free[0]) == found[free[0]] and "with memory" in str(found)
 
 
@@ -100,7 +100,7 @@ def test_the_start_of_the_memory_and_a_late_force_are_unknowns():
     free = [f"belt.friction.{field}" for field in fields]
     data = loop_of(true, start={"belt.deflection": -0.01})
     found = fit(block(guess), data, [*free, "belt.deflection"], contact="belt", starts=1)
-    assert abs(found["belt.deflection"] + 0.01) < 4 * found.errors[2] < 0.001
+    assert abs(found["belt.deflection"] + 0.01) < 4 * found.standard_errors[2] < 0.001
     data["belt.force"] = np.interp(TIME - 0.05, TIME, data["belt.force"])
     late = fit(
         block(guess), data, [*free, "belt.deflection", "belt.force.shift"], {"belt.force.shift": (-0.5, 0.5)}, contact="belt", starts=1
@@ -136,6 +136,6 @@ def test_intervals_along_a_way_that_is_measured_seldom_hold_the_truth_with_what_
         noise = 0.002 * force.std() * np.random.default_rng(seed).standard_normal(force.size)
         data = {"time": time, "belt.force": force + noise, "block.position": run["block.position"]}
         found = fit(block(true), data, free, contact="belt", starts=1)
-        off.append(np.abs(found.values - truth) / (found.factor * found.errors + np.abs(found.sampling)))
+        off.append(np.abs(found.values - truth) / (found.factor * found.standard_errors + np.abs(found.sampling)))
     assert np.mean(np.array(off) <= 1.0) >= 0.95 and np.max(off) < 2.0
     assert np.abs(found.values[:2] / truth[:2] - 1.0).max() < 0.005  # of stiffness and damping

@@ -38,11 +38,11 @@ def recorded(step):
 
 def test_inputs_that_are_sampled_too_coarsely_for_the_intervals_are_told_with_what_they_cost():
     fine, coarse = (fit(SLIDER, recorded(step), "block.mass", starts=1) for step in (0.0025, 0.15))
-    assert abs(fine.sampling[0]) < fine.factor * fine.errors[0] and "less sure" not in str(fine)
-    assert abs(coarse.sampling[0]) > coarse.factor * coarse.errors[0]
+    assert abs(fine.sampling[0]) < fine.factor * fine.standard_errors[0] and "less sure" not in str(fine)
+    assert abs(coarse.sampling[0]) > coarse.factor * coarse.standard_errors[0]
     assert "`block.mass` is less sure than its interval says" in str(coarse)
     off = abs(coarse["block.mass"] - 1.0)
-    assert off > coarse.factor * coarse.errors[0]  # it is right to say so,
+    assert off > coarse.factor * coarse.standard_errors[0]  # it is right to say so,
     assert 0.3 * off < abs(coarse.sampling[0]) < 3.0 * off  # and by how much
 
 

@@ -106,7 +106,7 @@ def quick(monkeypatch):
     runs = {}
     verdict_row = study.verdict_row
 
-    def known(scene, label, stem="", measures=()):
+    def known(scene, label, stem="", metrics=()):
         if scene.title not in runs:
             runs[scene.title] = verdict_row(scene, label, stem)
         return runs[scene.title]
@@ -151,7 +151,7 @@ def test_a_study_with_a_failing_file_operation_leaves_the_old_or_the_new(tmp_pat
 def numbers(store):
     """What a finished sweep holds, without the time that it took."""
     found = Sweep.load(store)
-    return {name: values.tobytes() for name, values in found.measures.items()}, found.points.tobytes(), found.errors
+    return {name: values.tobytes() for name, values in found.metrics.items()}, found.points.tobytes(), found.errors
 
 
 def rows(path):

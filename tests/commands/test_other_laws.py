@@ -39,13 +39,13 @@ def test_what_is_asked_is_what_a_scene_with_the_law_and_the_input_says(tmp_path)
     text = Path(BRAKE).read_text().replace('standstill = "0.1 rad/s"\n', "")
     own.write_text(text + '[inputs]\n"brake.force" = "1.2 kN"\n[[controllers]]\nlabel = "HeldSpeed"\nlaw = "HeldSpeed"\n')
     found, written = asked("brake_stop", "HeldSpeed", ["brake.force=1.2 kN"]), Scene.load(own)
-    assert found == written and found.asked == written.asked  # in the unit that was typed
+    assert found == written and found.display_units == written.display_units  # in the unit that was typed
 
 
 def test_an_input_that_only_a_later_law_asks_for_may_be_held():
     assert asked("navarro_lopez_4").cases[0].law is None
     held = asked("navarro_lopez_4", hold=["top.reference=120 rpm"])
-    assert held.inputs["top.reference"] == pytest.approx(4 * math.pi) and held.asked["rad/s"] == "rpm"
+    assert held.inputs["top.reference"] == pytest.approx(4 * math.pi) and held.display_units["rad/s"] == "rpm"
 
 
 @pytest.mark.parametrize("law", ["BrakePI", "BrakeMPC"])

@@ -293,7 +293,7 @@ def test_units_of_inputs_and_outputs_are_those_that_the_problem_declares():
 
 def test_a_motion_of_the_surface_that_a_law_drives_is_held_over_whole_steps():
     """The speed of the plate is set from the position that is measured: a block that sticks follows what is held between samples exactly."""
-    law = Sampled(lambda t, y: 0.1 + y[0], "50 ms", measures="x.position", drives="surface.x")
+    law = Sampled(lambda t, y: 0.1 + y[0], "50 ms", measured_signals="x.position", actuated_signals="surface.x")
     run = step_contacts(block(load=[1e5]), 0.4, step=0.01, controller=law)
     assert (run.modes[1:] == 0).all()
     position, speeds = [0.0], []
@@ -314,7 +314,7 @@ def test_the_noise_of_every_seed_is_that_of_a_run_with_located_events():
             noise.append(float(np.ravel(y)[0]))
             return 0.0
 
-        run(Sampled(law, 0.1, noise={"block.speed": 1.0}, seed=seed, measures="block.speed", drives="block.force"))
+        run(Sampled(law, 0.1, noise={"block.speed": 1.0}, seed=seed, measured_signals="block.speed", actuated_signals="block.force"))
         return noise
 
     at_rest = block(forces={"block.force": [1.0]}, surface={}, outputs={"block": [1.0]})

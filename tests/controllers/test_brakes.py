@@ -132,7 +132,7 @@ def test_the_predictive_law_keeps_below_the_border_it_sees_ahead():
     border = 0.8 * 200.0 * np.exp(0.6 * at["disc.speed"])
     assert (at["brake.force"] - border)[turning].max() < 10.0  # a speed that wanders within a sample
     assert at["brake.force"].max() > 1.2 * 750.0  # and brakes harder than the plan before it has to ease
-    assert not run.laws[0].record.fallbacks
+    assert not run.controllers[0].record.fallbacks
 
 
 # --- groan

@@ -34,14 +34,15 @@ from toolbox.inputs import sine
 RIG = compose(wells.JANSEN_2, BitRock())
 NUMBERS = {"reference": 12.0, "lowest_torque": 0.0, "highest_torque": 20_000.0}
 SLIDING = (SlidingMode, ImplicitSlidingMode, SuperTwisting, ImpedanceSuperTwisting)
-LAWS = {kind.__name__: lambda late, kind=kind: kind(late=late, **NUMBERS) for kind in SLIDING}
+LAWS = {kind.__name__: lambda late, kind=kind: kind(delay_samples=late, **NUMBERS) for kind in SLIDING}
 LAWS |= {
-    f"{kind.__name__} on estimates": lambda late, kind=kind: OnEstimates(kind(**NUMBERS), Kalman(), late=late) for kind in (*SLIDING, LQR)
+    f"{kind.__name__} on estimates": lambda late, kind=kind: OnEstimates(kind(**NUMBERS), Kalman(), delay_samples=late)
+    for kind in (*SLIDING, LQR)
 }
 LAWS |= {
     kind.__name__: lambda late, kind=kind: kind(**NUMBERS) for kind in (StiffPI, PI, SoftTorque, ActiveDamping, ZTorque, HInfinity, LQR)
 }
-LAWS["LQG"] = lambda late: LQG(late=late, **NUMBERS)
+LAWS["LQG"] = lambda late: LQG(delay_samples=late, **NUMBERS)
 
 
 def variation(law, late, period=0.01):
@@ -84,7 +85,7 @@ def test_estimates_for_the_instant_of_arrival_are_those_of_the_string_then_and_n
     # no rock, no noise: the model is that of the string, but for a measurement that is held over a sample
     free, late, off = compose(wells.JANSEN_2, BitRock(weight=0.0)), 0.1, {}
     for h in (0.02, 0.01):
-        law = OnEstimates(PI(reference=4.0), Kalman(), late=round(late / h))
+        law = OnEstimates(PI(reference=4.0), Kalman(), delay_samples=round(late / h))
         run = simulate(free, 30.0, controller=Sampled(law, h, delay=late), inputs={"top.reference": sine(4.0, 1.0, 0.1)})
         times = np.arange(15.0, 29.0, 0.1)
         seen, then, now = run.at(times + late + h / 2)["estimate.top.speed"], run.at(times + late)["top.speed"], run.at(times)["top.speed"]
@@ -95,7 +96,7 @@ def test_estimates_for_the_instant_of_arrival_are_those_of_the_string_then_and_n
 
 
 def test_what_is_left_of_s_is_of_second_order_while_the_set_point_rises_and_of_first_where_nothing_is_learned():
-    law = chatter.laws()["implicit"]
+    law = chatter.controllers()["implicit"]
     blind = replace(law, learning=0.0)
     for each, order in ((law, 2), (blind, 1)):
         left = [np.abs(chatter.held(each, h, rising=0.1)[1]).max() for h in (0.02, 0.01, 0.005)]
@@ -114,5 +115,5 @@ def test_a_step_of_the_set_point_asks_for_no_more_than_the_reaching_rate():
 
 
 def test_samples_that_no_memory_holds_are_refused():
-    with pytest.raises(SceneError, match="`late` must be an integer >= 0 and <= 100"):
-        simulate(RIG, 1.0, controller=SlidingMode(late=-1), sample_time=0.01)
+    with pytest.raises(SceneError, match="`delay_samples` must be an integer >= 0 and <= 100"):
+        simulate(RIG, 1.0, controller=SlidingMode(delay_samples=-1), sample_time=0.01)

@@ -399,7 +399,7 @@ def _without_integral(law):
 
 def test_inside_its_boundary_layer_s_stays():
     for width in (0.2, 0.05):
-        _, surface, _ = chatter.held(replace(chatter.laws()["explicit"], width=width), 0.01)
+        _, surface, _ = chatter.held(replace(chatter.controllers()["explicit"], width=width), 0.01)
         assert np.abs(surface).max() < width
 
 
@@ -418,11 +418,11 @@ def test_the_explicit_sign_chatters_with_its_period_and_the_implicit_one_does_no
 
 def test_super_twisting_holds_the_surface_with_a_continuous_torque():
     # |s| is of second order in the period, where a first-order switch has the first
-    every = {name: [np.abs(chatter.held(law, period)[1]).max() for period in (0.02, 0.005)] for name, law in chatter.laws().items()}
+    every = {name: [np.abs(chatter.held(law, period)[1]).max() for period in (0.02, 0.005)] for name, law in chatter.controllers().items()}
     assert every["super-twisting"][0] / every["super-twisting"][1] > 8.0
     assert every["explicit"][0] / every["explicit"][1] < 6.0
     assert every["super-twisting"][1] < 0.05 * every["explicit"][1]
-    _, _, torque = chatter.held(chatter.laws()["super-twisting"], 0.005)
+    _, _, torque = chatter.held(chatter.controllers()["super-twisting"], 0.005)
     assert np.abs(np.diff(torque)).max() < 0.01 * 2 * 2122.0 * 2.0
 
 

@@ -92,7 +92,7 @@ def test_what_it_lifts_in_vain_and_a_string_that_stands_are_told_after_36_period
     run = simulate(RIG, 300.0, controller=sampled(Lifting(law=weak, reference=6.0)))
     told = run.time[run["lifting.gave_up"] == 6.0]
     assert run["lifting.lifts"].max() == 0.0 and 36.0 * period < told[0] < 40.0 * period and told[-1] == 300.0
-    off = Lifting(law=PI(reference=1.8, **LIMITS), reference=1.8, first=1.3, further=0.25, rise=0.2, relief=0.4)
+    off = Lifting(law=PI(reference=1.8, **LIMITS), reference=1.8, first_factor=1.3, factor_step=0.25, rise=0.2, relief=0.4)
     run = inside(off, reference=1.8, parameters=None, until=340.0)
     told, late = run.time[run["lifting.gave_up"] == 1.8], run.time > 300.0
     assert run["lifting.lifts"].max() > 0.0 and 36.0 * period < told[0] - 40.0 < 45.0 * period
@@ -100,7 +100,7 @@ def test_what_it_lifts_in_vain_and_a_string_that_stands_are_told_after_36_period
 
 
 @pytest.mark.parametrize(
-    ("asked", "weight"),
+    ("display_units", "weight"),
     [
         (SMOOTH, 97_347.0),
         (((*SMOOTH[0], 150.0, 150.01), (*SMOOTH[1], 6.0, 12.0)), 97_347.0),
@@ -110,13 +110,13 @@ def test_what_it_lifts_in_vain_and_a_string_that_stands_are_told_after_36_period
     ],
     ids=["smooth", "set-point doubled", "and halved", "weight at the frequency of the string", "heave"],
 )
-def test_what_does_not_stop_the_bit_does_not_lift(asked, weight):
+def test_what_does_not_stop_the_bit_does_not_lift(display_units, weight):
     law = Lifting(law=z_torque(6.0), reference=6.0)
-    run = simulate(RIG, 300.0, controller=sampled(law), inputs={"top.reference": asked, "bit.weight": weight})
+    run = simulate(RIG, 300.0, controller=sampled(law), inputs={"top.reference": display_units, "bit.weight": weight})
     late = run.time > 120.0
     assert run["lifting.lifts"][-1] == run["lifting.lifts"][late][0]
     assert run.time_in("bit", "stick", after=110.0) == 0.0
-    wanted = np.interp(run.time, *asked)
+    wanted = np.interp(run.time, *display_units)
     if not isinstance(weight, inputs.Shape):
         assert run["top.speed"][late].max() < 1.05 * wanted[late].max()
         np.testing.assert_allclose(run["lifting.reference"][-1], wanted[-1], rtol=1e-9)
@@ -181,7 +181,7 @@ def test_the_weight_that_is_asked_is_a_signal_and_without_relief_the_weight_is_n
     assert run["bit.weight"][-1] == pytest.approx(1.3 * 97_347.0, rel=1e-12)
     assert run["bit.weight"][(run.time > 160.0)].min() == pytest.approx(0.6 * 1.3 * 97_347.0, rel=1e-9)
     assert run.time_in("bit", "stick", after=300.0) == 0.0
-    assert Lifting(law=law.law).drives == ("top.torque",) and law.drives == ("top.torque", "bit.weight")
+    assert Lifting(law=law.law).actuated_signals == ("top.torque",) and law.actuated_signals == ("top.torque", "bit.weight")
     with pytest.raises(SceneError, match="relief"):
         simulate(RIG, 1.0, controller=Lifting(law=law.law, relief=1.5), sample_time=0.01)
 
@@ -226,18 +226,26 @@ def test_a_limit_of_the_speed_lowers_the_torque_above_it_and_nothing_else_knows_
     """The torque is that of the law inside below the limit, less above it, and never turned round."""
     tops, plain = {}, PI(reference=6.0, **LIMITS)
     for limit in (None, 1.5):
-        run = inside(Lifting(law=z_torque(), reference=SPEED, first=1.4, rise=0.3, limit=limit), parameters=None)
+        run = inside(Lifting(law=z_torque(), reference=SPEED, first_factor=1.4, rise=0.3, speed_limit_factor=limit), parameters=None)
         tops[limit] = run["top.speed"].max() / SPEED
         assert run["top.torque"].min() >= 0.0 and run.time_in("bit", "stick", after=120.0) == 0.0
     assert 1.5 < tops[1.5] < 1.75 < 1.9 < tops[None]
     doubled = ((*SMOOTH[0], 150.0, 150.01), (*SMOOTH[1], 6.0, 12.0))
     free, held = (
-        simulate(RIG, 250.0, controller=sampled(Lifting(law=z_torque(6.0), reference=6.0, limit=limit)), inputs={"top.reference": doubled})
+        simulate(
+            RIG,
+            250.0,
+            controller=sampled(Lifting(law=z_torque(6.0), reference=6.0, speed_limit_factor=limit)),
+            inputs={"top.reference": doubled},
+        )
         for limit in (None, 1.5)
     )
     times = np.arange(150.0, 250.0, 0.1)
     np.testing.assert_allclose(held.at(times)["top.speed"], free.at(times)["top.speed"], rtol=1e-6)  # the start from rest was braked
-    found = [margins(closed_loop(RIG, sampled(Lifting(law=plain, reference=6.0, limit=each))), measured=False) for each in (None, 1.5)]
+    found = [
+        margins(closed_loop(RIG, sampled(Lifting(law=plain, reference=6.0, speed_limit_factor=each))), measured=False)
+        for each in (None, 1.5)
+    ]
     assert found[0].disk_margin == pytest.approx(found[1].disk_margin, rel=1e-9)
 
 

@@ -42,9 +42,9 @@ def test_without_limits_it_is_the_stationary_kalman_filter_whatever_its_window(w
 def in_stick_slip(observer, seed=1):
     """Estimated and true bit speed and torque in the stick-slip of a stiff drive, seen through noise."""
     run = simulate(RIG, 60.0, controller=Sampled(Observed(StiffPI(), observer), 0.05, noise={"top.speed": 0.01}, seed=seed))
-    estimates = run.laws[0].estimates
+    estimates = run.controllers[0].estimates
     true = run.at(np.arange(len(estimates)) * 0.05)
-    assert run.laws[0].estimator.failures == 0
+    assert run.controllers[0].estimator.failures == 0
     return {
         name: (np.array([e[name] for e in estimates])[400:], true[name][400:])
         for name in ("bit.speed", "bit.torque", "bit.friction_scale")[:2]
@@ -84,7 +84,7 @@ def test_limits_that_are_not_reached_change_nothing_and_a_heavier_rock_is_found(
 def test_a_regulator_on_its_estimates_ends_the_stick_slip_that_a_stiff_drive_keeps():
     stuck = {}
     for law in (LQR(reference=6.0, **LIMITS), StiffPI(reference=6.0, **LIMITS)):
-        loop = Sampled(Observed(law, MovingHorizon(delay=0.03, torque_walk=2000.0)), 0.05, delay=0.03, noise={"top.speed": 0.01})
+        loop = Sampled(Observed(law, MovingHorizon(delay=0.03, torque_process_noise=2000.0)), 0.05, delay=0.03, noise={"top.speed": 0.01})
         run = simulate(RIG, 100.0, controller=loop)
         stuck[type(law).__name__] = run.time_in("bit", "stick", after=60.0)
     assert stuck["LQR"] == 0.0
@@ -123,8 +123,8 @@ def test_bad_arguments_are_named():
     ):
         with pytest.raises(SceneError, match=f"`{name}`.* must"):
             run(MovingHorizon(**wrong))
-    with pytest.raises(SceneError, match="`late` must be 0"):
-        run(MovingHorizon(), late=2)
+    with pytest.raises(SceneError, match="`delay_samples` must be 0"):
+        run(MovingHorizon(), delay_samples=2)
     with pytest.raises(SceneError, match=r"`sample_time` must be 0\.05 s"):
         simulate(RIG, 1.0, controller=Observed(StiffPI(), MovingHorizon()), sample_time=0.1)
     with pytest.raises(SceneError, match="drill string"):

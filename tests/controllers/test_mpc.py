@@ -142,7 +142,7 @@ def test_a_limit_of_the_top_speed_is_kept_by_the_prediction_and_passed_without_i
         law = LinearMPC(reference=8.0, highest_speed=limit, top_size=20.0, **LIMITS, **STATES)
         run = simulate(RIG, 30.0, start=start, controller=law, sample_time=0.1)
         speeds[limit] = run["top.speed"].max()
-        assert not run.laws[0].record.fallbacks
+        assert not run.controllers[0].record.fallbacks
     assert speeds[None] > 8.35
     assert speeds[8.2] < 8.25  # the slope of the rock changes on the way, which the linear law does not know
 
@@ -151,11 +151,13 @@ def test_a_hard_limit_that_cannot_be_kept_makes_the_soft_drive_act_and_is_record
     start, _ = drilling(8.0)
     runs = {}
     for soft in (True, False):
-        law = LinearMPC(reference=8.0, highest_twist=5.0, soft=soft, drive_walk=50.0, torque_walk=200.0, **LIMITS, **STATES)
+        law = LinearMPC(
+            reference=8.0, highest_twist=5.0, soft=soft, drive_process_noise=50.0, torque_process_noise=200.0, **LIMITS, **STATES
+        )
         runs[soft] = simulate(RIG, 5.0, start=start, controller=law, sample_time=0.1)
     assert start["chain.twist.0"] > 5.0
-    assert not runs[True].laws[0].record.fallbacks
-    record = runs[False].laws[0].record
+    assert not runs[True].controllers[0].record.fallbacks
+    record = runs[False].controllers[0].record
     assert [when for when, _ in record.fallbacks][:3] == pytest.approx([0.0, 0.1, 0.2])
     assert record.fallbacks[0][1] == "daqp stopped: nothing keeps all limits"
     assert "fallbacks, first at 0 s" in str(record)
@@ -204,7 +206,7 @@ def problems():
     law.program.solve = recording
     instants = run.at(np.arange(0.0, 30.0, 0.1))
     for k, t in enumerate(instants.time):
-        law(t, np.array([instants[name][k] for name in law.measures]))
+        law(t, np.array([instants[name][k] for name in law.measured_signals]))
     return law.program.H, law.program.A, law.back[0] * law.law.torque_size / LIMITS["highest_torque"], recorded
 
 
@@ -285,7 +287,7 @@ def test_a_solver_that_lies_is_replaced_by_the_soft_drive_and_the_run_says_when(
 
     monkeypatch.setattr(solver, "__call__", lying)
     run = simulate(RIG, 10.0, controller=law(reference=8.0, **LIMITS, **STATES), sample_time=0.1)
-    fallbacks = run.laws[0].record.fallbacks
+    fallbacks = run.controllers[0].record.fallbacks
     assert len(fallbacks) == 5
     assert fallbacks[0][0] > 1.0  # not before the lie, and not after it
     assert np.diff([when for when, _ in fallbacks]) == pytest.approx([0.1] * 4)
@@ -299,7 +301,7 @@ def test_a_warm_start_changes_nothing_but_time(solver):
         for warm in (True, False)
     ]
     answers = [np.array(run.answers[0]).ravel() for run in runs]
-    failed = [[t for t, _ in run.laws[0].record.fallbacks] for run in runs]
+    failed = [[t for t, _ in run.controllers[0].record.fallbacks] for run in runs]
     assert failed == [[], []]
     assert answers[0].max() > 19_999.0  # the limit is active
     assert np.abs(answers[0] - answers[1]).max() < 1.0  # N m
@@ -312,7 +314,7 @@ def test_the_linear_law_has_no_offset_under_a_torque_that_its_model_does_not_kno
     start, _ = drilling(8.0)
     ends = {}
     for walk in (2000.0, 1e-3):
-        law = LinearMPC(reference=8.0, torque_walk=walk, **LIMITS)
+        law = LinearMPC(reference=8.0, torque_process_noise=walk, **LIMITS)
         run = simulate(RIG, 80.0, start=start, inputs=HEAVIER, controller=law, sample_time=0.1)
         ends[walk] = run["top.speed"][-1]
     assert ends[2000.0] == pytest.approx(8.0, abs=1e-6)
@@ -328,7 +330,7 @@ def test_the_nonlinear_law_has_no_offset_either_and_learns_the_strength_of_the_r
         for adapt in (True, False)
     }
     assert runs[True]["top.speed"][-1] == pytest.approx(8.0, abs=1e-4)
-    assert runs[True].laws[0].strength == pytest.approx(1.1, abs=1e-3)
+    assert runs[True].controllers[0].strength == pytest.approx(1.1, abs=1e-3)
     assert abs(runs[False]["top.speed"][-1] - 8.0) > 0.05
 
 
@@ -343,7 +345,7 @@ def test_the_filter_knows_when_a_late_command_arrives():
             missed.append(np.abs(law.filter.rows @ law.filter.z - y).max())
             return law(t, y)
 
-        watched.measures, watched.drives = law.measures, law.drives
+        watched.measured_signals, watched.actuated_signals = law.measured_signals, law.actuated_signals
         simulate(free, 10.0, controller=Sampled(watched, 0.1, delay=0.03), accuracy=1e-10)
         errors[known] = max(missed)
     assert errors[0.03] < 1e-8
@@ -389,7 +391,7 @@ def test_a_delay_of_three_and_a_half_periods_leaves_a_law_that_knows_it_able_to_
 def test_a_lowered_peak_parks_the_string_for_ever_while_its_solver_reports_success(speed):
     naive = NonlinearMPC(reference=speed, width=0.5, matched=False, adapt=False, patience=1e6, **LIMITS, **STATES)
     run = simulate(RIG, 120.0, inputs=HEAVIER, controller=naive, sample_time=0.1)
-    record = run.laws[0].record
+    record = run.controllers[0].record
     assert run.time_in("bit", "stick") == 120.0
     assert not record.fallbacks and record.answer.sound  # every program was solved to its KKT conditions
     assert abs(run.at(120.0)["top.speed"]) < 0.05  # it stands
@@ -398,7 +400,7 @@ def test_a_lowered_peak_parks_the_string_for_ever_while_its_solver_reports_succe
     # the watchdog, which looks at the string and not at the solver, has the soft drive break the bit free
     watched = simulate(RIG, 120.0, inputs=HEAVIER, controller=dataclasses.replace(naive, patience=5.0), sample_time=0.1)
     assert watched.time_in("bit", "stick") < 110.0
-    assert watched.laws[0].record.fallbacks[0][1] == STANDS
+    assert watched.controllers[0].record.fallbacks[0][1] == STANDS
 
 
 @pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
@@ -408,7 +410,7 @@ def test_a_matched_peak_breaks_the_bit_free(speed):
     run = simulate(RIG, 90.0, inputs=HEAVIER, controller=law, sample_time=0.1)
     assert run.events and run.events[0].after == "slip+" and run.events[0].time < 20.0
     assert run["top.load"].max() > 0.8 * 1.1 * WEIGHT * 0.155575
-    assert not run.laws[0].record.fallbacks
+    assert not run.controllers[0].record.fallbacks
 
 
 @pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
@@ -416,7 +418,7 @@ def test_exact_modes_free_the_bit_and_hold_it(speed):
     run = simulate(RIG, 90.0, inputs=HEAVIER, controller=NonlinearMPC(reference=speed, **LIMITS, **STATES), sample_time=0.1)
     assert run.time_in("bit", "stick", after=45.0) == 0.0
     assert run.at(90.0)["bit.speed"] == pytest.approx(speed, abs=0.02)
-    assert not run.laws[0].record.fallbacks
+    assert not run.controllers[0].record.fallbacks
 
 
 @pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
@@ -441,7 +443,7 @@ OTHERS = {
     "heavy drive, light bit, stiff string": (1.2, 0.8, 1.2),
     "all light": (0.8, 0.8, 0.8),
 }
-TRUSTING = {LinearMPC: {"drive_walk": 50.0}, NonlinearMPC: {"drive_error": 0.0}}
+TRUSTING = {LinearMPC: {"drive_process_noise": 50.0}, NonlinearMPC: {"drive_error": 0.0}}
 
 
 def on_another_rig(law, drive, bit, stiffness):
@@ -458,7 +460,7 @@ def test_on_a_rig_that_is_not_the_declared_one_the_bit_turns_at_its_set_point_wi
     run = on_another_rig(law(reference=8.0, delay=0.03, **LIMITS), *rig)
     assert run.time_in("bit", "stick", after=60.0) == 0.0
     assert run["bit.speed"][1200:].mean() == pytest.approx(8.0, rel=0.05)
-    taken = [when for when, _ in run.laws[0].record.fallbacks if when >= 60.0]
+    taken = [when for when, _ in run.controllers[0].record.fallbacks if when >= 60.0]
     assert 0.1 * len(taken) <= 0.1 * 120.0
 
 
@@ -468,9 +470,9 @@ def test_a_filter_that_trusts_its_drive_parks_the_bit_and_the_watchdog_sees_the_
     trusting = NonlinearMPC(reference=8.0, delay=0.03, **TRUSTING[NonlinearMPC], **LIMITS)
     parked = on_another_rig(dataclasses.replace(trusting, patience=1e6), *rig)
     assert parked.time_in("bit", "stick", after=60.0) > 60.0
-    assert not parked.laws[0].record.fallbacks and parked.laws[0].record.answer.sound
+    assert not parked.controllers[0].record.fallbacks and parked.controllers[0].record.answer.sound
     watched = on_another_rig(trusting, *rig)
-    assert {why for _, why in watched.laws[0].record.fallbacks} <= {STANDS, SWINGS}
+    assert {why for _, why in watched.controllers[0].record.fallbacks} <= {STANDS, SWINGS}
     assert watched.time_in("bit", "stick", after=60.0) < 20.0
 
 
@@ -561,7 +563,7 @@ def test_a_python_law_is_given_the_inputs_that_it_asks_for_behind_what_it_measur
         seen.append(tuple(y))
         return 0.0
 
-    law.measures, law.drives = ("bit.speed",), ("top.torque",)
+    law.measured_signals, law.actuated_signals = ("bit.speed",), ("top.torque",)
     law.defaults = {"top.reference": (3.0, "rad/s")}
     simulate(RIG, 0.35, controller=law, sample_time=0.1)
     simulate(RIG, 0.35, controller=law, sample_time=0.1, inputs={"top.reference": ((0.0, 1.0), (1.0, 2.0))})
@@ -587,13 +589,13 @@ def test_a_run_starts_with_a_fresh_law_keeps_it_and_is_repeated_by_its_error():
     law = LinearMPC(reference=8.0, **LIMITS, **STATES)
     first, second = (simulate(RIG, 20.0, controller=law, sample_time=0.1) for _ in range(2))
     assert np.array_equal(first.states[-1], second.states[-1])
-    assert len(first.laws[0].record.seconds) == 200
+    assert len(first.controllers[0].record.seconds) == 200
     assert first.error < 1e-5
     designed = law.design(RIG)
     third = simulate(RIG, 20.0, controller=designed, sample_time=0.1)
     assert np.array_equal(first.states[-1], third.states[-1])
     assert not designed.started  # the run worked on a copy
-    assert first.laws[0].record.median > 0 and "200 samples" in str(first.laws[0].record)
+    assert first.controllers[0].record.median > 0 and "200 samples" in str(first.controllers[0].record)
     assert str(Record()) == "no samples"
 
 

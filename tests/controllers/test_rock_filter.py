@@ -19,7 +19,7 @@ LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
 def test_with_a_constant_rock_it_becomes_the_stationary_filter_of_states_and_strength():
     plant = compose(wells.JANSEN_2, BitRock(friction=Coulomb(static=0.5, kinetic=0.5)))
     _, x, u, _ = drilling_point(plant, 8.0)
-    seen = NonlinearMPC(reference=8.0, strength_walk=0.02).design(plant).filter
+    seen = NonlinearMPC(reference=8.0, strength_process_noise=0.02).design(plant).filter
     seen.z = np.append(x, seen.rock(8.0)[0])
     for _ in range(400):
         seen.correct(seen.rows[:, :-1] @ x)
@@ -29,7 +29,7 @@ def test_with_a_constant_rock_it_becomes_the_stationary_filter_of_states_and_str
     unit = np.append(np.ones(3), seen.rock(8.0)[0])
     F = seen.whole * unit / unit[:, None]
     H = seen.rows * np.append(np.ones(3), 0.0)
-    expected = solve_discrete_are(F.T, H.T, seen.wander + seen.drive_walk**2 * seen.shaken, seen.noise)
+    expected = solve_discrete_are(F.T, H.T, seen.wander + seen.drive_process_noise**2 * seen.shaken, seen.noise)
     assert seen.doubt == pytest.approx(expected, rel=1e-3, abs=1e-3 * np.abs(expected).max())
     assert seen.strength == pytest.approx(1.0, abs=1e-6)
 
@@ -48,7 +48,7 @@ def test_at_low_speed_it_finds_a_heavier_rock_and_halves_the_errors_of_the_filte
         seen.append((law.filter.sliding, law.filter.strength, float(bit @ law.filter.xi[:-1]), float(bit @ law.filter.z[:-1])))
         return command
 
-    watched.measures, watched.drives = law.measures, law.drives
+    watched.measured_signals, watched.actuated_signals = law.measured_signals, law.actuated_signals
     run = simulate(
         RIG,
         100.0,

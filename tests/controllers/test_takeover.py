@@ -44,7 +44,7 @@ LAWS |= {f"{kind.__name__} on estimates": OnEstimates(kind(**NUMBERS), Kalman())
 LAWS |= {
     "LQR on a disturbance observer": OnEstimates(LQR(**NUMBERS), DisturbanceObserver()),
     "LQR on a sliding observer": OnEstimates(LQR(**NUMBERS), SlidingObserver()),
-    "LQG, commands late": LQG(late=3, **NUMBERS),
+    "LQG, commands late": LQG(delay_samples=3, **NUMBERS),
     "PI with a rate limit": PI(torque_rate=20_000.0, **NUMBERS),
 }
 STRANGE = {"SlidingMode on estimates", "ImplicitSlidingMode on estimates"}
@@ -99,11 +99,11 @@ def test_predictive_laws_begin_with_the_torque_that_acts(law, rig):
 
 def test_a_predictive_law_is_not_asked_before_it_takes_over():
     run = smooth(Takeover(SoftTorque(**NUMBERS), LinearMPC(**NUMBERS), at=AT), RIGS["declared"], period=0.1)
-    (inside,) = run.laws[0].inside
+    (inside,) = run.controllers[0].inside
     assert len(inside.record.seconds) == round((80.0 - AT) / 0.1) and not inside.record.fallbacks
     back = smooth(Takeover(LinearMPC(**NUMBERS), SoftTorque(**NUMBERS), at=AT), RIGS["declared"], period=0.1)
     before, held = torques(back, 0.1)
-    assert len(back.laws[0].inside[0].record.seconds) == round(AT / 0.1)
+    assert len(back.controllers[0].inside[0].record.seconds) == round(AT / 0.1)
     assert abs(held[0] - before) <= 1e-6 * before
 
 

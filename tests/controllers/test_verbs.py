@@ -156,7 +156,7 @@ def test_simulate_answers(name):
     drives = [each for each in loop.plant.inputs if each not in loop.system.inputs]
     assert run.end == 2.0 and drives and all(np.isfinite(run[each]).all() for each in drives)
     title = str(run).partition("\n")[0]
-    assert all(described(law).partition(",")[0] in title for law in loop.laws) and "External" not in title
+    assert all(described(law).partition(",")[0] in title for law in loop.controllers) and "External" not in title
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -201,7 +201,7 @@ def test_limit_cycle_answers_where_a_continuous_law_sticks_and_slips(kind):
 )
 def test_worst_case_answers_from_smooth_running_in_which_the_declared_machine_stays(name):
     def question(loop):
-        return worst_case(loop, 6.0, errors={"disc.inertia" if LAWS[name].brake else "chain.inertia.1": 1.05})
+        return worst_case(loop, 6.0, uncertainty={"disc.inertia" if LAWS[name].brake else "chain.inertia.1": 1.05})
 
     if refused(name, "worst_case", question):
         return

@@ -45,7 +45,7 @@ compiled = pytest.mark.skipif(COMPILER is None or sys.platform != "linux", reaso
 class CompiledLaw:
     """An exported law, compiled to a shared library, as a callable (t, y) -> u with its own memory."""
 
-    def __init__(self, c, memory, drives, sources=(), flags=()):
+    def __init__(self, c, memory, actuated_signals, sources=(), flags=()):
         library = c.with_suffix(".so")
         warnings = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-std=c99", *flags]
         subprocess.run(
@@ -53,7 +53,7 @@ class CompiledLaw:
         )
         functions = ctypes.CDLL(str(library))
         self.step, start = getattr(functions, f"{c.stem}_step"), getattr(functions, f"{c.stem}_start")
-        self.memory, self.u = np.full(memory + 1, np.pi), np.zeros(drives)
+        self.memory, self.u = np.full(memory + 1, np.pi), np.zeros(actuated_signals)
         start(self.memory.ctypes.data_as(ctypes.c_void_p))
 
     def __call__(self, t, y):
@@ -88,11 +88,11 @@ LAWS = {
     "SuperTwisting": SuperTwisting(reference=8.0, **LIMITS),
     "ImpedanceSuperTwisting": ImpedanceSuperTwisting(reference=8.0),
     "LQR": LQR(reference=8.0),
-    "LQG": LQG(reference=8.0, late=2, **LIMITS),
+    "LQG": LQG(reference=8.0, delay_samples=2, **LIMITS),
     "HInfinity": HInfinity(reference=8.0),
     "Observed": Observed(SlidingMode(reference=8.0, **LIMITS), Kalman()),
     "Lifting": Lifting(PI(reference=8.0, **LIMITS)),
-    "Lifting with relief": Lifting(PI(reference=8.0, **LIMITS), relief=0.4, limit=1.2),
+    "Lifting with relief": Lifting(PI(reference=8.0, **LIMITS), relief=0.4, speed_limit_factor=1.2),
 }
 
 
@@ -106,7 +106,7 @@ def test_the_c_of_a_law_answers_a_closed_loop_run_like_the_law_in_the_loop(tmp_p
     run = simulate(
         PLANT, 30.0, controller=law, sample_time=PERIOD, output_times=grid, inputs={"top.reference": (times, (8.0, 8.0, 5.0, 5.0))}
     )
-    assert set(rows["u"]) >= set(law.drives) and set(rows["y"]) >= {"top.speed"}
+    assert set(rows["u"]) >= set(law.actuated_signals) and set(rows["y"]) >= {"top.speed"}
     exported = CompiledLaw(c, len(rows["memory"]), len(rows["u"]))
     y = np.column_stack([value_of(run, name) for name in rows["y"]])
     answers = np.array([exported(t, values) for t, values in zip(grid, y, strict=True)])[:-1]

@@ -31,7 +31,7 @@ from toolbox import (
 )
 from toolbox.inputs import step
 from toolbox.measure import severity
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 DRIVE = PI(reference=9.95, proportional=1500.0, integral=500.0)
@@ -65,7 +65,7 @@ def test_a_set_point_and_a_working_point_may_be_typed_with_units():
 
 def test_what_goes_out_comes_back_the_same_law():
     out = to_control(closed_loop(RIG, DRIVE))
-    back = from_control(out, measures=("top.speed", "top.reference"), drives="top.torque")
+    back = from_control(out, measured_signals=("top.speed", "top.reference"), actuated_signals="top.torque")
     inputs = {"top.reference": 9.95}
     runs = [simulate(RIG, 30.0, controller=law, inputs=inputs, accuracy=1e-9) for law in (DRIVE, back)]
     assert np.allclose(runs[0].at(30.0)["top.torque"], runs[1].at(30.0)["top.torque"], rtol=1e-7)
@@ -78,8 +78,8 @@ def test_what_goes_out_comes_back_the_same_law():
 class Leaning(Controller):
     """A law with constants everywhere: z' = y - 9, u = 8000 + 300 z - 1500 (y - r), z(k+1) = z + T (y - 9)."""
 
-    measures: ClassVar[tuple[str, ...]] = ("top.speed",)
-    drives: ClassVar[tuple[str, ...]] = ("top.torque",)
+    measured_signals: ClassVar[tuple[str, ...]] = ("top.speed",)
+    actuated_signals: ClassVar[tuple[str, ...]] = ("top.torque",)
 
     def continuous(self, signal):
         z, y = state("leaning.sum", "rad"), signal("top.speed", "rad/s")
@@ -148,8 +148,8 @@ def test_it_is_a_law_like_any_other(tmp_path):
     found = onset(closed_loop(RIG, law), "top.reference", (5.0, 14.0), values=4)
     assert found.end is not None
     assert found.end == pytest.approx(onset(closed_loop(RIG, DRIVE), "top.reference", (5.0, 14.0), values=4).end, rel=1e-3)
-    table = sweep(closed_loop(RIG, law), {"bit.weight": [80e3, 97e3]}, duration=60.0, measures={"stuck": measures.stuck_ratio("bit", 30.0)})
-    assert table.measures["stuck"].shape == (2,)
+    table = sweep(closed_loop(RIG, law), {"bit.weight": [80e3, 97e3]}, duration=60.0, metrics={"stuck": metrics.stuck_ratio("bit", 30.0)})
+    assert table.measured_signals["stuck"].shape == (2,)
     source, header = export_c(closed_loop(RIG, law, sample_time=0.01), tmp_path / "drive")
     assert "top.reference" in header.read_text() and source.exists()
     assert severity(simulate(RIG, 60.0, controller=law, sample_time=0.01), "bit.speed") >= 0
@@ -170,14 +170,14 @@ def test_it_is_mapped_as_the_law_itself():
     [
         (lambda: from_control(control.tf([1, 0, 0], [1, 1]), **SIGNALS), "must be proper"),
         (lambda: from_control(3.0, **SIGNALS), "must be a control.StateSpace or a control.TransferFunction, but it is 3.0"),
-        (lambda: from_control(pi(), measures=("top.speed", "bit.speed"), drives="top.torque"), "`measures` must name 1 signals, .* but it names 2"),
-        (lambda: from_control(pi(), measures="top.speed", drives=()), "`drives` must name 1 signals"),
-        (lambda: from_control(to_control(closed_loop(RIG, DRIVE)), measures=("a", "b"), drives="c", reference=1.0), "one measured signal, but there are 2"),
+        (lambda: from_control(pi(), measured_signals=("top.speed", "bit.speed"), actuated_signals="top.torque"), "`measures` must name 1 signals, .* but it names 2"),
+        (lambda: from_control(pi(), measured_signals="top.speed", actuated_signals=()), "`drives` must name 1 signals"),
+        (lambda: from_control(to_control(closed_loop(RIG, DRIVE)), measured_signals=("a", "b"), actuated_signals="c", reference=1.0), "one measured signal, but there are 2"),
         (lambda: from_control(pi(), reference=np.nan, **SIGNALS), "`reference` must be a finite number"),
         (lambda: from_control(pi(), at={"bit.speed": 1.0}, **SIGNALS), "`bit.speed` is none"),
         (lambda: from_control(control.ss([], [], [], [[np.nan]]), **SIGNALS), "finite"),
         (lambda: simulate(RIG, 1.0, controller=pi()), r"is a system of python-control: give `from_control\("),
-        (lambda: simulate(RIG, 1.0, controller=from_control(pi(), measures="top.sped", drives="top.torque")), "top.speed"),
+        (lambda: simulate(RIG, 1.0, controller=from_control(pi(), measured_signals="top.sped", actuated_signals="top.torque")), "top.speed"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused(make, words):

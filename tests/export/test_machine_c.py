@@ -178,7 +178,7 @@ def python_law(t, y):
     return 0.0
 
 
-python_law.measures, python_law.drives = "top.speed", "top.torque"
+python_law.measured_signals, python_law.actuated_signals = "top.speed", "top.torque"
 
 
 @pytest.mark.parametrize(
@@ -294,8 +294,8 @@ def test_only_the_steps_that_go_to_c_are_compiled():
 class Overflowing(Controller):
     """z_k = g^k; commands clip(z_k^2 - 3 z_k^2, -1, 1), which from the k on at which z_k^2 is beyond all numbers is a clip of inf - inf."""
 
-    measures = ("block.speed",)
-    drives = ("block.force",)
+    measured_signals = ("block.speed",)
+    actuated_signals = ("block.force",)
 
     growth: float = quantity(1.0, "1", "factor g of the memory", above=0)
 

@@ -36,7 +36,7 @@ from toolbox.commands.command_line import main
 from toolbox.files.unit_systems import asked_in, asked_units
 from toolbox.files.units import TypedNumber, parse
 from toolbox.inputs import ramp
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.onsets import SeverityMap
 from toolbox.robustness import absorber_limit, performance_limit
 from toolbox.sweeps import Sweep
@@ -58,17 +58,17 @@ def test_a_typed_number_is_the_float_it_is_and_remembers_its_unit():
     assert type(speed * 2) is float and type(-speed) is float and np.array([speed]).dtype == np.float64
     assert float(ca.DM(speed)) == speed
     for again in (pickle.loads(pickle.dumps(speed)), copy.deepcopy(speed)):
-        assert again == speed and (again.unit, again.asked) == ("rad/s", "rpm")
+        assert again == speed and (again.unit, again.display_units) == ("rad/s", "rpm")
 
 
 @pytest.mark.parametrize(
-    "text, unit, asked",
+    "text, unit, display_units",
     [("95 RPM", "rad/s", "rpm"), ("95 1/min", "rad/s", "rpm"), ("10kNm", "N m", "kN m"), ("10000 Nm", "N m", "N m"), ("20 klb", "N", "klbf"),
      ("8 t", "N", "t"), ("8 t", "kg", "t"),
      ("5 ft-lbf", "N m", "lbf ft"), ("9 rad/s", "rad/s", "rad/s"), ("2 kNm/rad", "N m/rad", "kN m/rad")],
 )  # fmt: skip
-def test_the_unit_is_remembered_in_its_usual_spelling(text, unit, asked):
-    assert parse(text, unit).asked == asked
+def test_the_unit_is_remembered_in_its_usual_spelling(text, unit, display_units):
+    assert parse(text, unit).display_units == display_units
 
 
 def test_ratios_and_degrees_of_temperature_are_plain_floats():
@@ -93,8 +93,8 @@ def test_a_run_is_reported_and_drawn_in_the_units_of_its_inputs_parameters_and_l
     panels = law.plot("top.speed", "bit.weight")
     assert [panel.get_ylabel() for panel in panels] == ["top speed [rpm]", "bit weight [kN]"]
     assert plot.phase_plane(law, "top.reference", "bit.speed").get_ylabel() == "bit speed [rpm]"
-    assert simulate(RIG, 5.0, inputs={"top.torque": ramp("1 kN m", "9 kN m", 0.0, "5 s")}).asked == {"N m": "kN m"}
-    assert simulate(RIG, 5.0, inputs={"top.torque": (["0 min", "1 s"], ["1 klbf ft", "2 klbf ft"])}).asked == {"N m": "klbf ft"}
+    assert simulate(RIG, 5.0, inputs={"top.torque": ramp("1 kN m", "9 kN m", 0.0, "5 s")}).display_units == {"N m": "kN m"}
+    assert simulate(RIG, 5.0, inputs={"top.torque": (["0 min", "1 s"], ["1 klbf ft", "2 klbf ft"])}).display_units == {"N m": "klbf ft"}
     saved = Trajectory.load(law.save(tmp_path / "run.npz"))
     assert line(str(saved), "top.reference") == line(str(law), "top.reference")
     found = compare(run, saved, signals=["bit.speed", "bit.torque"], labels=("constant", "law"))
@@ -138,7 +138,7 @@ def test_margins_and_limits_answer_in_the_units_of_their_working_point():
     with units("metric"):
         assert f"top.torque = {found.signals['top.torque'] / 1e3:.4g} kN m" in str(found)
     limit = performance_limit(closed_loop(RIG, parameters={"bit.weight": "90 kN"}), {"top.speed": "40 rpm"})
-    assert " at top.speed = 40 rpm, top.torque = " in str(limit) and limit.asked == {"rad/s": "rpm", "N": "kN"}
+    assert " at top.speed = 40 rpm, top.torque = " in str(limit) and limit.display_units == {"rad/s": "rpm", "N": "kN"}
     assert limit.signals["top.speed"] == pytest.approx(40 * RPM)
 
 
@@ -170,7 +170,7 @@ def test_a_sweep_and_its_files_answer_in_the_units_of_its_values_and_of_the_run(
         closed_loop(RIG, inputs={"top.torque": "10 kN m"}),
         {"bit.weight": ["50 kN", "60 kN"]},
         5.0,
-        measures={"peak": measures.maximum("top.torque")},
+        metrics={"peak": metrics.maximum("top.torque")},
     )
     assert re.search(r"50 +60 +kN$", line(str(found), "bit.weight")) and " kN m " in line(str(found), "peak")
     assert found["bit.weight"].tolist() == [50e3, 60e3] and found["peak"].tolist() == [1e4, 1e4]
@@ -201,9 +201,9 @@ def test_a_tuning_answers_in_the_units_of_its_bounds():
 
 def test_a_study_and_commands_answer_in_the_units_of_the_scene_and_of_their_options(capsys):
     scene = Scene.load(SCENE)
-    assert scene.asked["rad/s"] == "rpm" and isinstance(scene.reference, float)
+    assert scene.display_units["rad/s"] == "rpm" and isinstance(scene.reference, float)
     assert main(["simulate", SCENE, "--controller", scene.labels[0], "--duration", "5 s"]) == 0
-    assert scene.case("soft torque").law.reference.asked == "rpm"  # a law that has the set-point of the scene has its unit, too
+    assert scene.case("soft torque").law.reference.display_units == "rpm"  # a law that has the set-point of the scene has its unit, too
     said = capsys.readouterr().out
     assert "rpm" in said and "rad/s " not in said and "kN m" in said
     assert main(["sweep", SCENE, "--controller", scene.labels[0], "--vary", "bit.weight=50kN:60kN:2", "--out", "/dev/null"]) == 2

@@ -63,7 +63,7 @@ def test_a_reader_that_dies_or_grows_is_a_fault(tmp_path, monkeypatch):
         monkeypatch.setattr("studies.benchmarks.damaged_files.MODULE", "broken_reader")
         (tmp_path / "kept").write_text("")
         with Reader() as child:
-            came, told = child.asked("CSV", tmp_path / "rig.csv", tmp_path / "kept")
+            came, told = child.display_units("CSV", tmp_path / "rig.csv", tmp_path / "kept")
         assert came == "fault" and words in told
 
 
@@ -77,7 +77,7 @@ def test_a_store_without_a_chunk_of_its_axis_is_refused_and_not_filled_in(tmp_pa
 
 def test_a_measure_that_is_nan_everywhere_is_found_again(tmp_path):
     pytest.importorskip("zarr")
-    found = sweep(BELT, {"block.mass": [1.0, 2.0]}, duration=5.0, out=tmp_path / "out")
+    found = sweep(BELT, {"block.mass": [1.0, 2.0]}, duration=5.0, checkpoint=tmp_path / "out")
     assert np.isnan(found["severity"]).all() and np.isnan(Sweep.load(tmp_path / "out")["severity"]).all()
 
 
@@ -108,7 +108,7 @@ def test_stores_of_format_2_and_of_other_codecs_are_refused_before_their_code_ru
     with pytest.raises(SceneError, match="There is no sweep in"):
         Sweep.load(old)
     with pytest.raises(SceneError, match="must be an empty or new folder"):
-        sweep(BELT, {"block.mass": [1.0]}, duration=1.0, out=old)
+        sweep(BELT, {"block.mass": [1.0]}, duration=1.0, checkpoint=old)
     store = store_file(tmp_path)
     for change in ({"codecs": [{"name": "numcodecs.pickle"}]}, {"zarr_format": 2}, {"data_type": "fixed_length_utf32"}):
         text = json.loads((store / "status" / "zarr.json").read_text())

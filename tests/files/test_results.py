@@ -31,7 +31,7 @@ from toolbox.calibration.results import Fit
 from toolbox.calibration.validation import Validation, validate
 from toolbox.contacts import ContactProblem, ContactRun, step_contacts
 from toolbox.files.results import Result
-from toolbox.measuring.measures import mean
+from toolbox.measuring.metrics import mean
 from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.results import Onset
 from toolbox.onsets.severity_map import SeverityMap
@@ -77,7 +77,7 @@ def of_comparison():
 
 
 def of_sweep():
-    found = sweep(BELT, {"block.mass": [0.5, 1.0], "belt.friction.decay": [2.0, 3.0]}, 20.0, measures=("severity", "stuck"))
+    found = sweep(BELT, {"block.mass": [0.5, 1.0], "belt.friction.decay": [2.0, 3.0]}, 20.0, metrics=("severity", "stuck"))
     return dataclasses.replace(found, seconds=0.0)  # files do not hold it
 
 
@@ -90,13 +90,13 @@ def of_margins():
 
 
 def of_worst_case():
-    return worst_case(closed_loop(RIG, SoftTorque(reference=9.0)), 20.0, errors={"bit.weight": (0.9, 1.1)}, measures=("peak",))
+    return worst_case(closed_loop(RIG, SoftTorque(reference=9.0)), 20.0, uncertainty={"bit.weight": (0.9, 1.1)}, metrics=("peak",))
 
 
 def of_lowest_set_point():
     loop = closed_loop(RIG, Sampled(SoftTorque(), 0.01, 0.03))
     quiet = Group("declared", (Machine("declared"),), noise=0.0, phases=(0.0,))
-    return lowest_set_point(loop, StiffPI(), [quiet], ways=["direct"], between=("80 rpm", "110 rpm"), step="10 rpm", lasts=False)
+    return lowest_set_point(loop, StiffPI(), [quiet], protocols=["direct"], bounds=("80 rpm", "110 rpm"), step="10 rpm", long_run=False)
 
 
 def of_smallest_error():
@@ -138,7 +138,7 @@ def of_posterior():
     loop = closed_loop(RIG, StiffPI(reference=6.0))
     data, read = {"torque": Normal(7000.0, 500.0)}, {"torque": mean("top.torque", 20.0, 30.0)}
     return posterior(
-        loop, data, {"bit.weight": Uniform("50 kN", "110 kN"), "bit.radius": Uniform(0.14, 0.17)}, 30.0, measures=read, draws=32
+        loop, data, {"bit.weight": Uniform("50 kN", "110 kN"), "bit.radius": Uniform(0.14, 0.17)}, 30.0, metrics=read, draws=32
     )
 
 
@@ -156,7 +156,7 @@ def of_model_comparison():
     models = {"one": closed_loop(BELT), "other": closed_loop(BELT)}
     priors = {label: {"belt.friction.static": Uniform(0.5, 0.8)} for label in models}
     data, left = {"first": Normal(0.1, 0.1)}, {"second": Normal(0.2, 0.1)}
-    return compare_models(models, data, priors, 2.0, left_out=left, measures=read, draws=32)
+    return compare_models(models, data, priors, 2.0, left_out=left, metrics=read, draws=32)
 
 
 def of_uncertain_onset():

@@ -19,7 +19,7 @@ LOOP = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(
         lambda: LOOP,
         lambda: equilibrium(LOOP),
         lambda: measure.energy_audit(simulate(LOOP, 1.0)),
-        lambda: Scene.of(LOOP.plant, 10.0, {"a < b": LOOP.laws[0]}, title="<script>"),
+        lambda: Scene.of(LOOP.plant, 10.0, {"a < b": LOOP.controllers[0]}, title="<script>"),
     ],
     ids=["loop", "steady state", "audit", "scene"],
 )

@@ -258,7 +258,7 @@ def test_what_the_field_writes_for_something_else_is_not_called_unknown(text, gi
 
 
 def test_an_answer_to_a_spelling_of_habit_is_in_the_usual_one():
-    assert [parse(text, unit).asked for text, unit in (("7 lb-ft", "N m"), ("20 KLB", "N"), ("8 bpm", "m3/s"), ('5 7/8"', "m"))] == [
+    assert [parse(text, unit).display_units for text, unit in (("7 lb-ft", "N m"), ("20 KLB", "N"), ("8 bpm", "m3/s"), ('5 7/8"', "m"))] == [
         "lbf ft", "klbf", "bbl/min", "in",
     ]  # fmt: skip
 

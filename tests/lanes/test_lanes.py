@@ -31,7 +31,7 @@ from toolbox.compilation import taylor
 from toolbox.compilation.work_layout import INCONSISTENT, NO_SERIES, UNDERFLOW
 from toolbox.inputs import sine
 from toolbox.lanes.lanes import Lanes
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.measuring.measure import extent
 from toolbox.modelling import Hysteresis
 from toolbox.modelling.start import place_start
@@ -77,7 +77,7 @@ def spread(low, high, count):
     return RANDOM.uniform(low, high, count)
 
 
-def batch(plant, duration, parameters=None, count=1, start=None, *, measures=(), most_events=0, threads=1, width=None, **arguments):
+def batch(plant, duration, parameters=None, count=1, start=None, *, metrics=(), most_events=0, threads=1, width=None, **arguments):
     """Scenarios of a plant in lanes: `parameters` are {name: one number per scenario}."""
     loop, rest = together(plant, start=start, **arguments)
     run = Request(loop, duration, **rest).checked()
@@ -88,7 +88,7 @@ def batch(plant, duration, parameters=None, count=1, start=None, *, measures=(),
     for name, value in (start or {}).items():
         place_start(run.system, first, name, value)
     starts = np.tile(first, (count, 1))
-    return Lanes(run, measures, width).run(values, starts, most_events=most_events, threads=threads)
+    return Lanes(run, metrics, width).run(values, starts, most_events=most_events, threads=threads)
 
 
 CHAIN = TorsionalChain(
@@ -152,8 +152,8 @@ def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name, method
     count = 21  # not a multiple of any width
     parameters = {key: spread(*bounds, count) for key, bounds in ranges.items()}
     sticks = [element.name for element in plant.elements if element.legend.get(0) == "stick"]
-    asked = [measures.time_in(name) for name in sticks]
-    found = batch(plant, duration, parameters, count, measures=asked, most_events=2000, method=method, **arguments)
+    asked = [metrics.time_in(name) for name in sticks]
+    found = batch(plant, duration, parameters, count, metrics=asked, most_events=2000, method=method, **arguments)
     assert (found.statuses == 0).all()
     for s in (0, 7, 15, 16, 20):
         own = {key: column[s] for key, column in parameters.items()}
@@ -178,9 +178,9 @@ def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name, method
 def test_a_guard_that_only_comes_near_zero_needs_no_step_of_the_scalar_loop_where_signals_are_measured():
     plant, duration, ranges, arguments = PLANTS["disc brake"]
     forces = {name: np.linspace(*bounds, 20) for name, bounds in ranges.items()}
-    asked = (measures.minimum("pad.speed"), measures.maximum("pad.speed"))
+    asked = (metrics.minimum("pad.speed"), metrics.maximum("pad.speed"))
     usual = batch(plant, duration, forces, 20, most_events=500, **arguments)
-    found = batch(plant, duration, forces, 20, measures=asked, most_events=500, **arguments)
+    found = batch(plant, duration, forces, 20, metrics=asked, most_events=500, **arguments)
     assert usual.alone.mean() > 2.0
     assert found.alone.mean() < 0.1
     np.testing.assert_array_equal(found.event_elements, usual.event_elements)
@@ -267,15 +267,15 @@ def test_a_force_at_the_bound_exactly_where_its_table_turns_releases_in_lanes_on
 
 def test_stick_is_measured_in_the_window_asked():
     run = simulate(RIG, 60.0, controller=PI(), method="explicit")
-    asked = (measures.time_in("bit", 21.5), measures.last_stay("bit"))
-    found = batch(RIG, 60.0, count=1, controller=PI(), measures=asked)
+    asked = (metrics.time_in("bit", 21.5), metrics.last_stay("bit"))
+    found = batch(RIG, 60.0, count=1, controller=PI(), metrics=asked)
     assert found.values[0, 0] == pytest.approx(run.time_in("bit", "stick", after=21.5), abs=1e-5)
     assert found.values[0, 0] > 1.0
     last = [event.time for event in run.events if event.before == "stick"][-1]
     ends = run.modes["bit"][-1] == "stick"
     assert found.values[0, 1] == pytest.approx(60.0 if ends else last, abs=1e-5)
     turning = {"chain.speed": (8.0, 8.0), "chain.twist": 20.0}
-    assert np.isnan(batch(RIG, 1.0, count=1, start=turning, controller=PI(), measures=asked[1:]).values[0, 0])
+    assert np.isnan(batch(RIG, 1.0, count=1, start=turning, controller=PI(), metrics=asked[1:]).values[0, 0])
 
 
 MEASURED = {
@@ -293,9 +293,9 @@ def test_extrema_and_means_have_the_accuracy_of_a_run_and_not_of_its_nodes(name,
     plant, duration, ranges, arguments = PLANTS[name]
     parameters = {key: np.linspace(*bounds, 5) for key, bounds in ranges.items() if key != "pi.reference"}
     after = 0.37 * duration
-    words = (measures.minimum, measures.maximum, measures.mean)
+    words = (metrics.minimum, metrics.maximum, metrics.mean)
     asked = [word(signal, after) for signal in MEASURED[name] for word in words]
-    found = batch(plant, duration, parameters, 5, measures=asked, method=method, **arguments)
+    found = batch(plant, duration, parameters, 5, metrics=asked, method=method, **arguments)
     for s in range(5):
         run = simulate(plant, duration, parameters={key: column[s] for key, column in parameters.items()}, method="explicit", **arguments)
         for q, signal in enumerate(MEASURED[name]):
@@ -326,7 +326,7 @@ def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples
         {"mass.frequency": frequency},
         17,
         {"mass.position": 1.0},
-        measures=[word("mass.position", 1.0) for word in (measures.minimum, measures.maximum, measures.mean)],
+        metrics=[word("mass.position", 1.0) for word in (metrics.minimum, metrics.maximum, metrics.mean)],
         accuracy=1e-8,
         method=method,
     )
@@ -342,7 +342,7 @@ def test_what_lanes_do_not_carry_is_refused_by_name():
     with pytest.raises(SceneError, match="`starts`"):
         Lanes(run).run(run.system.values[None], np.zeros((2, 3)))
     with pytest.raises(SceneError, match="scalar"):
-        batch(RIG, 1.0, measures=[measures.mean("chain.speed")])
+        batch(RIG, 1.0, metrics=[metrics.mean("chain.speed")])
     with pytest.raises(SceneError, match="`parameters`"):
         Lanes(run).run(run.system.values[None, :-1], np.zeros((1, 3)))
 
@@ -421,7 +421,7 @@ def test_a_scenario_whose_series_ends_stops_there_and_a_sweep_runs_it_by_other_f
     stiffness, start = np.linspace(50.0, 80.0, 3), {"ball.depth": -0.5}
     assert (batch(compose(Hertz()), 5.0, {"ball.stiffness": stiffness}, 3, start, method="taylor").statuses == NO_SERIES).all()
     run = Request(closed_loop(compose(Hertz()), start=start), 5.0, method="taylor").checked()
-    asked = (measures.final("ball.depth"), measures.maximum("ball.speed"))
+    asked = (metrics.final("ball.depth"), metrics.maximum("ball.speed"))
     task = Task(run, np.column_stack([stiffness]), asked, lanes=True)
     together = finished(task)
     exact = simulate(compose(Hertz()), 5.0, start=start, method="explicit", accuracy=1e-9)

@@ -32,7 +32,7 @@ from toolbox import (
 )
 from toolbox.lanes.lanes import Lanes
 from toolbox.lanes.samples import noise_table
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.modelling import Observed  # fmt: skip
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.request import Request
@@ -57,8 +57,8 @@ class Tank(Component):
 class Proportional(Controller):
     """u = -gain level"""
 
-    measures = ("tank.level",)
-    drives = ("tank.inflow",)
+    measured_signals = ("tank.level",)
+    actuated_signals = ("tank.inflow",)
 
     gain: float = quantity(1.0, "1/s", "gain")
 
@@ -70,7 +70,7 @@ class Proportional(Controller):
 class Counter(Controller):
     """u_k = k: open loop, with a memory."""
 
-    drives = ("tank.inflow",)
+    actuated_signals = ("tank.inflow",)
 
     def sampled(self, signal, period):
         count = state("counter.count", "1")
@@ -93,7 +93,7 @@ class Sled(Component):
 class Stairs(Controller):
     """F_k = rise k: a pull in steps."""
 
-    drives = ("sled.force",)
+    actuated_signals = ("sled.force",)
 
     rise: float = quantity(0.3, "N", "rise of a step")
 
@@ -118,7 +118,7 @@ class Hammer(Component):
 class Throw(Controller):
     """A force of 23 N in every fourth period: under 25 N the ball comes down with no speed at the very instant of a sample, and round-off decides."""
 
-    drives = ("hammer.force",)
+    actuated_signals = ("hammer.force",)
 
     def sampled(self, signal, period):
         count = state("throw.count", "1")
@@ -156,8 +156,8 @@ class Flagged(Oscillator):
 class Idle(Controller):
     """u = 0"""
 
-    measures = ("mass.speed",)
-    drives = ("mass.push",)
+    measured_signals = ("mass.speed",)
+    actuated_signals = ("mass.push",)
 
     def sampled(self, signal, period):
         return Update(memory={}, outputs={"mass.push": (0.0 * signal("mass.speed", "m/s"), "m/s2")})
@@ -213,17 +213,17 @@ def task_of(name, runs, accuracy=1e-6, measured=True):
     after, until = 0.3141 * duration, 0.8765 * duration
     for signal in signals:
         for window in ((after, until), (0.0, duration / 8)):
-            asked += [measures.minimum(signal, *window), measures.maximum(signal, *window), measures.mean(signal, *window)]
-        asked += [measures.final(signal), measures.severity(signal, after, until=until)]
+            asked += [metrics.minimum(signal, *window), metrics.maximum(signal, *window), metrics.mean(signal, *window)]
+        asked += [metrics.final(signal), metrics.severity(signal, after, until=until)]
     if element:
         mode = run.system.elements[[e.name for e in run.system.elements].index(element)].legend[0]
-        asked += [measures.time_in(element, after, until, mode=mode), measures.stuck_ratio(element, after)] if mode == "stick" else []
-        asked += [measures.stays(element, after, until, mode=mode), measures.events(element)]
+        asked += [metrics.time_in(element, after, until, mode=mode), metrics.stuck_ratio(element, after)] if mode == "stick" else []
+        asked += [metrics.stays(element, after, until, mode=mode), metrics.events(element)]
     return Task(run, varied_numbers(run, variations)[0], tuple(asked) if measured else ())
 
 
 def lanes_of(task, width=None, **arguments):
-    made = Lanes(task.run, task.measures, width)
+    made = Lanes(task.run, task.measured_signals, width)
     return made.run(task.numbers, np.tile(made.work.x[: task.run.system.x.numel()], (len(task.numbers), 1)), **arguments)
 
 
@@ -258,9 +258,9 @@ def test_all_measures_are_those_of_runs_one_after_the_other(name):
     task = task_of(name, 24, accuracy)
     found = finished(dataclasses.replace(task, lanes=True))
     expected = finished(task_of(name, 24, accuracy / 100))
-    assert not found.errors and not expected.errors
-    values = dict(zip(task.measures, expected.values.T, strict=True))
-    for q, asked in enumerate(task.measures):
+    assert not found.failures and not expected.errors
+    values = dict(zip(task.measured_signals, expected.values.T, strict=True))
+    for q, asked in enumerate(task.measured_signals):
         if asked.name in ("sticks", "events"):
             np.testing.assert_array_equal(found.values[:, q], values[asked])
             continue
@@ -268,7 +268,7 @@ def test_all_measures_are_those_of_runs_one_after_the_other(name):
         if size is None:
             size = np.max([np.abs(column) for m, column in values.items() if m.of == asked.of and m.name in ("minimum", "maximum")], axis=0)
         if asked.name == "severity":  # swing over twice the mean: an error of the mean counts more the smaller it is
-            average = np.abs(values[measures.mean(asked.of, asked.after, asked.until)])
+            average = np.abs(values[metrics.mean(asked.of, asked.after, asked.until)])
             size = np.maximum(1.0, values[asked]) * size / average
         assert np.array_equal(np.isnan(found.values[:, q]), np.isnan(values[asked]))
         # the accuracy asked is kept within ten
@@ -288,7 +288,7 @@ def test_a_counter_in_lanes_of_any_width_counts_as_its_closed_form_does(width):
     # u_k = k, applied a delay of 2.5 periods later: x(n h) = rate h (0 + 1 + ... + n - 4 + (n - 3) / 2)
     variations = uniform({"tank.rate": (0.5, 2.0)}, 19)
     run = shared_run(closed_loop(compose(Tank()), Sampled(Counter(), 0.1, delay=0.25)), variations, 5.0, method="explicit")
-    task = Task(run, varied_numbers(run, variations)[0], (measures.final("tank.inflow"),))
+    task = Task(run, varied_numbers(run, variations)[0], (metrics.final("tank.inflow"),))
     found = lanes_of(task, width)
     n = 50
     expected = variations.points[:, 0] * 0.1 * ((n - 4) * (n - 3) / 2 + (n - 3) / 2)
@@ -320,7 +320,7 @@ def test_runs_with_seeds_of_their_own_have_the_noise_of_runs_alone_with_these():
     law = Sampled(Proportional(), 0.25, noise={"tank.level": 0.3}, seed=7)
     run = shared_run(closed_loop(compose(Tank()), law), variations, 100.0, method="explicit")
     seeds = np.array([[k % 5] for k in range(17)])
-    asked = (measures.final("tank.level"), measures.mean("tank.level", 20.0))
+    asked = (metrics.final("tank.level"), metrics.mean("tank.level", 20.0))
     task = Task(run, varied_numbers(run, variations)[0], asked, seeds=seeds)
     found, row = finished(dataclasses.replace(task, lanes=True)), finished(task)
     np.testing.assert_allclose(found.values, row.values, atol=1e-9)
@@ -336,7 +336,7 @@ def test_the_mean_of_a_flag_is_placed_as_closely_in_lanes_as_in_runs_alone():
     loop = closed_loop(compose(Flagged()), Idle(), sample_time=1.0, start={"mass.position": 1.0})
     variations = uniform({"mass.level": (-0.9, 0.9)}, 33)
     run = shared_run(loop, variations, 2 * math.pi * turns, method="explicit")
-    task = Task(run, varied_numbers(run, variations)[0], (measures.mean("mass.above"), measures.maximum("mass.above")))
+    task = Task(run, varied_numbers(run, variations)[0], (metrics.mean("mass.above"), metrics.maximum("mass.above")))
     found = lanes_of(task)
     assert not found.doubtful.any()
     np.testing.assert_allclose(found.values[:, 0], np.arccos(variations.points[:, 0]) / math.pi, atol=2e-6)
@@ -364,7 +364,7 @@ def test_laws_with_different_periods_and_delays_share_a_lane():
     class Setpoint(Controller):
         """A set-point in stairs of 1 rad/s up to 8."""
 
-        drives = ("top.reference",)
+        actuated_signals = ("top.reference",)
 
         def sampled(self, signal, period):
             count = state("setpoint.count", "rad/s")
@@ -373,7 +373,7 @@ def test_laws_with_different_periods_and_delays_share_a_lane():
     laws = [Sampled(Setpoint(), 1.0, delay=0.2), Sampled(PI(), 0.01, delay=0.004)]
     variations = uniform(WEIGHT, 20)
     run = shared_run(closed_loop(RIG, laws), variations, 30.0, method="explicit")
-    asked = (measures.maximum("bit.speed", 3.0), measures.mean("top.torque", 3.0), measures.final("top.reference"), measures.events("bit"))
+    asked = (metrics.maximum("bit.speed", 3.0), metrics.mean("top.torque", 3.0), metrics.final("top.reference"), metrics.events("bit"))
     task = Task(run, varied_numbers(run, variations)[0], asked)
     found, expected = finished(dataclasses.replace(task, lanes=True)), finished(task)
     np.testing.assert_allclose(found.values, expected.values, rtol=1e-6)
@@ -386,14 +386,14 @@ def test_a_signal_that_turns_faster_than_the_samples_is_measured_all_the_same():
     variations = uniform({"mass.waves": (20.0, 40.0)}, 33)
     loop = closed_loop(compose(Oscillator()), Idle(), sample_time=1.0, start={"mass.position": 1.0})
     run = shared_run(loop, variations, 2 * math.pi, method="explicit", accuracy=1e-7)
-    asked = (measures.mean("mass.wave"), measures.minimum("mass.wave"), measures.maximum("mass.wave"))
+    asked = (metrics.mean("mass.wave"), metrics.minimum("mass.wave"), metrics.maximum("mass.wave"))
     task = Task(run, varied_numbers(run, variations)[0], asked)
     found = lanes_of(task)
     assert not found.doubtful.any()
     np.testing.assert_allclose(found.values[:, 0], j0(variations.points[:, 0]), atol=1e-6)
     np.testing.assert_allclose(found.values[:, 1], -1.0, atol=1e-6)
     np.testing.assert_allclose(found.values[:, 2], 1.0, atol=1e-6)
-    plain = lanes_of(dataclasses.replace(task, measures=(measures.mean("mass.position"),)))
+    plain = lanes_of(dataclasses.replace(task, measured_signals=(metrics.mean("mass.position"),)))
     assert plain.steps.max() < found.steps.min()
 
 
@@ -403,8 +403,8 @@ def test_a_sample_nearer_to_the_edge_of_a_window_than_can_be_resolved_is_taken_t
     variations = uniform(WEIGHT, 17)
     run = shared_run(closed_loop(RIG, PI(), sample_time=0.1), variations, 20.0, method="explicit")
     asked = (
-        measures.minimum("bit.speed", 11.1), measures.maximum("top.torque", 11.1), measures.mean("top.torque", 0.0, 11.1),
-        measures.minimum("top.torque", 2.0, 11.1),
+        metrics.minimum("bit.speed", 11.1), metrics.maximum("top.torque", 11.1), metrics.mean("top.torque", 0.0, 11.1),
+        metrics.minimum("top.torque", 2.0, 11.1),
     )  # fmt: skip
     task = Task(run, varied_numbers(run, variations)[0], asked)
     found = lanes_of(task)
@@ -415,7 +415,7 @@ def test_a_sample_nearer_to_the_edge_of_a_window_than_can_be_resolved_is_taken_t
 def test_what_is_held_from_the_end_on_counts_as_the_last_value():
     # u_k = k arrives two periods late, at the end as well
     run = Request(closed_loop(compose(Tank()), Sampled(Counter(), 0.25, delay=0.5)), 10.0, method="explicit").checked()
-    asked = (measures.final("tank.inflow"), measures.maximum("tank.inflow", 5.0), measures.maximum("tank.inflow", 5.0, 9.0))
+    asked = (metrics.final("tank.inflow"), metrics.maximum("tank.inflow", 5.0), metrics.maximum("tank.inflow", 5.0, 9.0))
     task = Task(run, run.system.values[None], asked)
     np.testing.assert_array_equal(lanes_of(task).values, [[38.0, 38.0, 33.0]])
     np.testing.assert_array_equal(finished(task).values, [[38.0, 38.0, 33.0]])
@@ -440,7 +440,7 @@ def test_sweeps_of_sampled_laws_pay_in_lanes_unless_they_are_python():
 
     def pays(controller):
         run = shared_run(closed_loop(RIG, controller), uniform(WEIGHT, FEWEST_LANES), 10.0, method="explicit")
-        return pays_in_lanes(Task(run, np.zeros((FEWEST_LANES, 1)), (measures.mean("bit.speed"),)), 1_000_000), run
+        return pays_in_lanes(Task(run, np.zeros((FEWEST_LANES, 1)), (metrics.mean("bit.speed"),)), 1_000_000), run
 
     assert pays(Sampled(PI(), 0.01))[0]
     refused, run = pays(Sampled(law, 0.01))

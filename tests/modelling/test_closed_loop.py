@@ -102,7 +102,7 @@ def test_the_short_form_of_simulate_is_the_loop():
 def test_a_loop_of_a_loop_keeps_what_is_not_given_anew():
     first = closed_loop(RIG, PI(), inputs={"bit.weight": 9e4}, parameters={"bit.friction.static": 0.7}, start={"bit.speed": 2.0})
     second = closed_loop(first, StiffPI(), parameters={"bit.friction.kinetic": 0.4})
-    assert isinstance(second.laws[0], StiffPI) and second.inputs == first.inputs and second.start == first.start
+    assert isinstance(second.controllers[0], StiffPI) and second.inputs == first.inputs and second.start == first.start
     assert second.parameters == {"bit.friction.static": 0.7, "bit.friction.kinetic": 0.4}
     assert closed_loop(first, parameters={"bit.weight": 8e4}).number("bit.weight").value == 8e4
 
@@ -201,7 +201,7 @@ def test_numbers_out_of_bounds_and_unknown_names_are_refused():
 
 
 def test_a_loop_may_stand_for_its_limit_of_fast_sampling():
-    assert not LOOP.continuous.sampled and LOOP.sampled and LOOP.continuous.laws == (LOOP.laws[0].law,)
+    assert not LOOP.continuous.sampled and LOOP.sampled and LOOP.continuous.controllers == (LOOP.controllers[0].law,)
     rest = equilibrium(LOOP)
     assert rest["top.speed"] == pytest.approx(45 * math.pi / 30, rel=1e-9)
     with pytest.raises(SceneError, match="must hold laws in their continuous form"):

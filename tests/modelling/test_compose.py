@@ -560,7 +560,7 @@ def test_a_plant_of_other_numbers_keeps_them_under_a_controller():
 def test_a_law_is_checked_again_for_other_numbers_of_the_same_structure():
     @dataclass(frozen=True)
     class Limited(Controller):
-        drives = ("top.torque",)
+        actuated_signals = ("top.torque",)
         low: float = quantity(0.0, "N m", "lower limit")
         high: float = quantity(1.0, "N m", "upper limit")
 

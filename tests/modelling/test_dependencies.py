@@ -15,7 +15,7 @@ SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 
 def test_every_part_of_a_shipped_drill_string_is_needed():
     found = Scene.load(SCENES / "jansen_2.toml").needs()
-    assert all("severity" in need.measures for need in found.parts)
+    assert all("severity" in need.measured_signals for need in found.parts)
     assert found.warning == ""
     assert found.idle == 0.0
 
@@ -41,8 +41,8 @@ def test_what_a_measure_depends_on_is_followed_through_forces_modes_and_sampled_
     (first, rock, belt) = found.parts
     assert [line.split()[-1] for line in str(found).splitlines()] == ["top", "top", "belt"]
     assert str(dependencies_of(system, {"top": ("top.speed",)})).splitlines()[2].endswith("no measure depends on it")
-    assert first.measures == rock.measures == ("top",)
-    assert belt.measures == ("belt",)
+    assert first.measured_signals == rock.measured_signals == ("top",)
+    assert belt.measured_signals == ("belt",)
 
     @dataclasses.dataclass(frozen=True)
     class Echo(Controller):
@@ -52,10 +52,10 @@ def test_what_a_measure_depends_on_is_followed_through_forces_modes_and_sampled_
             last = state("echo.last", "m/s")
             return Update({last: signal("block.speed", "m/s")}, {"top.torque": (1000.0 * last, "N m")})
 
-    from toolbox.modelling.laws import Held
+    from toolbox.modelling.laws import ZeroOrderHold
 
-    looped = compose(chain, BitRock(), BlockOnBelt(), Held(Echo()))
-    assert "top" in dependencies_of(looped, {"top": ("top.speed",)}).parts[2].measures
+    looped = compose(chain, BitRock(), BlockOnBelt(), ZeroOrderHold(Echo()))
+    assert "top" in dependencies_of(looped, {"top": ("top.speed",)}).parts[2].measured_signals
 
 
 def test_unknown_names_are_errors():
@@ -63,7 +63,7 @@ def test_unknown_names_are_errors():
         Scene.load(SCENES / "jansen_2.toml").needs({"severity": ("bit.sped",)})
 
 
-@pytest.mark.parametrize("measures", [["bit.speed"], {"severity": "bit.speed"}])
-def test_measures_that_are_no_map_to_lists_of_names_are_refused(measures):
+@pytest.mark.parametrize("measured_signals", [["bit.speed"], {"severity": "bit.speed"}])
+def test_measures_that_are_no_map_to_lists_of_names_are_refused(measured_signals):
     with pytest.raises(SceneError, match="Argument `measures` must map"):
-        dependencies_of(compose(TorsionalChain(), BitRock(weight=5e4)), measures)
+        dependencies_of(compose(TorsionalChain(), BitRock(weight=5e4)), measured_signals)

@@ -118,7 +118,7 @@ def test_simulate_varies_it(number):
 @each_number
 def test_a_sweep_varies_it_as_simulate_does(number):
     measure = {"end": lambda run: float(run.at(2.0)["bit.speed"])}
-    found = answered(number, "sweep", lambda: sweep(number.loop, {number.name: number.values}, 2.0, measures=measure, accuracy=1e-9))
+    found = answered(number, "sweep", lambda: sweep(number.loop, {number.name: number.values}, 2.0, metrics=measure, accuracy=1e-9))
     if found is not None:
         np.testing.assert_allclose(found["end"], speeds(number.loop, number.name, number.values), rtol=1e-6)
 
@@ -148,7 +148,7 @@ def test_margins_are_those_of_the_loop_with_it(number):
 
 @each_number
 def test_worst_case_takes_it_as_an_error(number):
-    found = answered(number, "worst_case", lambda: worst_case(number.loop, 2.0, errors={number.name: 1.01}, starts=[TURNING]))
+    found = answered(number, "worst_case", lambda: worst_case(number.loop, 2.0, uncertainty={number.name: 1.01}, starts=[TURNING]))
     assert found is None or [*found.by_error] == ["declared", f"{number.name} +1 %"]
 
 
@@ -198,7 +198,7 @@ def test_what_a_law_drives_has_no_effect_and_is_said():
     assert loop.number("bit.weight").overridden == "bit.weight"
     for verb in (
         lambda: sweep(loop, {"bit.weight": [9e4, 8e4]}, 1.0),
-        lambda: worst_case(loop, 1.0, errors={"bit.weight": 1.1}, starts=[{}]),
+        lambda: worst_case(loop, 1.0, uncertainty={"bit.weight": 1.1}, starts=[{}]),
     ):
         with pytest.raises(SceneError, match="`bit.weight` must have an effect to be varied, but a law drives `bit.weight`"):
             verb()

@@ -34,7 +34,7 @@ class OnTheBit(Controller):
 class Honest(OnTheBit):
     """The same law, which says so."""
 
-    measures = ("top.speed", "bit.speed")
+    measured_signals = ("top.speed", "bit.speed")
 
 
 WORDS = r"OnTheBit must declare `bit\.speed` in `measures`, as `{}` reads it, but it declares `top\.speed`"
@@ -60,7 +60,7 @@ def test_a_sampled_law_is_asked_the_same_and_one_that_is_held_by_another_too():
 class Undeclared(OnTheBit):
     """The same law, which does not say what it measures."""
 
-    measures = ()
+    measured_signals = ()
 
 
 def test_a_law_that_declares_nothing_may_read_any_signal_alone_and_inside_of_another():

@@ -32,7 +32,7 @@ class Meter(Controller):
     """Holds what it measures; 0 where nothing gives it."""
 
     measured: str = "line.a"
-    drives = ("meter.value",)
+    actuated_signals = ("meter.value",)
 
     def sampled(self, signal, period):
         return Update(memory={}, outputs={"meter.value": (signal(self.measured, "m", default=0.0), "m")})
@@ -87,7 +87,7 @@ def test_a_python_function_sees_the_noise_that_a_compiled_law_sees():
         seen.append(y[0])
         return 0.0
 
-    law.measures, law.drives = ("line.a",), ("line.push",)
+    law.measured_signals, law.actuated_signals = ("line.a",), ("line.push",)
     simulate(LINE, 30.0, controller=Sampled(law, 1.0, noise={"line.a": 0.2}, resolution={"line.a": 0.01}, seed=3))
     np.testing.assert_allclose(seen, readings(30, noise={"line.a": 0.2}, resolution={"line.a": 0.01}, seed=3), rtol=1e-13)
 
@@ -248,7 +248,7 @@ class Count(Observer):
 
 @pytest.mark.parametrize("late", [0, 1, 3])
 def test_an_observer_knows_the_commands_that_have_reached_the_plant_and_no_others(late):
-    run = simulate(LINE, 10.0, controller=Sampled(Observed(Ramp(), Count(), late=late), 0.1, delay=0.1 * late))
+    run = simulate(LINE, 10.0, controller=Sampled(Observed(Ramp(), Count(), delay_samples=late), 0.1, delay=0.1 * late))
     k = np.arange(late, 99)
     level = run.at(k * 0.1)["line.a"]
     estimate = run.at((k + late + 0.5) * 0.1 if late == 0 else np.minimum((k + late) * 0.1 + 0.05, 10.0))["estimate.line.b"]

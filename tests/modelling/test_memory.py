@@ -51,7 +51,7 @@ from toolbox import (
     sweep,
 )
 from toolbox.contacts import ContactProblem
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 
 HEAVY = Block(mass=1e12, stiffness=0.0)
 BIT = LuGre(stiffness=200.0, damping=0.2, steady=Exponential(0.8, 0.5, 0.9))
@@ -108,7 +108,7 @@ def test_runs_side_by_side_begin_with_the_start_value_too():
     plant = compose(HEAVY, Guide(friction=Ageing()))
     found = sweep(
         plant, {"guide.friction.distance": [0.25, 0.5, 1.0]}, 2.0,
-        start=lambda point: {"block.speed": 0.5}, measures={"age": measures.final("guide.age")}, accuracy=1e-9,
+        start=lambda point: {"block.speed": 0.5}, metrics={"age": metrics.final("guide.age")}, accuracy=1e-9,
     )  # fmt: skip
     limits = [0.5, 1.0, 2.0]  # D / v, approached at the rate v / D
     expected = [limit + (2.0 - limit) * math.exp(-2.0 / limit) for limit in limits]
@@ -211,7 +211,7 @@ def running():
         lambda run: equilibrium(closed_loop(RIG, SoftTorque(reference=8.0)), mode={"bit": "slip+"}),
         lambda run: onset(closed_loop(RIG, SoftTorque(reference=8.0)), "top.reference", (1.0, 12.0)),
         lambda run: sweep(
-            closed_loop(RIG, SoftTorque(reference=2.0)), {"bit.weight": [5e4]}, 10.0, measures={"s": measures.stuck_ratio("bit")}
+            closed_loop(RIG, SoftTorque(reference=2.0)), {"bit.weight": [5e4]}, 10.0, metrics={"s": metrics.stuck_ratio("bit")}
         ),
     ],
 )
@@ -234,7 +234,7 @@ def test_the_severity_on_bristles_is_that_of_the_set_valued_contact(running, roo
     page = " ".join((root / "docs" / "friction.md").read_text().split())
     assert f"prints {found[0]:.2f} and {found[1]:.2f}, 3.6771 and 3.6770 rad/s" in page
     assert 50 < sum(running.steps) / sum(twin.steps) < 200 and "takes a hundred times the steps" in page
-    swept = sweep(closed_loop(RIG, SoftTorque(reference=2.0)), {"bit.weight": [97_347.0]}, 300.0, measures=["severity"])
+    swept = sweep(closed_loop(RIG, SoftTorque(reference=2.0)), {"bit.weight": [97_347.0]}, 300.0, metrics=["severity"])
     assert float(np.ravel(swept["severity"])[0]) == pytest.approx(measure.severity(running, "bit.speed", 150.0), rel=1e-6)
 
 

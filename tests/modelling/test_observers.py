@@ -52,8 +52,8 @@ def test_the_poles_of_the_filter_are_the_stable_half_of_its_hamiltonian():
     law = Kalman().design(RIG)
     A, L, C = matrices(law)
     B = stack(law)[len(law.gain)]
-    Q = law.drive_walk**2 * np.outer(B, B)
-    Q[-1, -1] += law.torque_walk**2
+    Q = law.drive_process_noise**2 * np.outer(B, B)
+    Q[-1, -1] += law.torque_process_noise**2
     R = law.speed_noise**2 * law.period
     every = np.linalg.eigvals(np.block([[A.T, -np.outer(C, C) / R], [-Q, -A]]))
     np.testing.assert_allclose(np.sort_complex(np.linalg.eigvals(A - np.outer(L, C))), np.sort_complex(every[every.real < 0]), rtol=1e-5)
@@ -69,9 +69,14 @@ def test_on_its_surface_the_sliding_observer_has_all_poles_at_its_bandwidth():
 
 def test_samples_too_far_apart_for_the_steps_of_an_observer_are_refused_by_name():
     # the fastest pole of the filter is at drive_walk / (J noise sqrt(period)), and Runge-Kutta steps of order four bear 2.785 / pole
-    fast = Kalman(drive_walk=491.9)
-    longest = 2.785 * RIG.parameter("chain.inertia")[0] * fast.speed_noise * fast.period**0.5 / fast.drive_walk
-    for law in (OnEstimates(PI(), fast, late=2), Observed(PI(), fast), Lifting(PI(), observer=fast), LQG(drive_walk=491.9)):
+    fast = Kalman(drive_process_noise=491.9)
+    longest = 2.785 * RIG.parameter("chain.inertia")[0] * fast.speed_noise * fast.period**0.5 / fast.drive_process_noise
+    for law in (
+        OnEstimates(PI(), fast, delay_samples=2),
+        Observed(PI(), fast),
+        Lifting(PI(), observer=fast),
+        LQG(drive_process_noise=491.9),
+    ):
         assert closed_loop(RIG, law, sample_time=0.95 * longest).system.updates
         with pytest.raises(SceneError, match=f"`sample_time` must be at most 0.0{round(1000 * longest)}.* s for Kalman .* but it is 0.0"):
             closed_loop(RIG, law, sample_time=1.05 * longest)
@@ -82,7 +87,7 @@ def test_samples_too_far_apart_for_the_steps_of_an_observer_are_refused_by_name(
 
 
 def test_what_is_refused_would_swing_ever_more():
-    law = Kalman(drive_walk=491.9).design(RIG)
+    law = Kalman(drive_process_noise=491.9).design(RIG)
     A, L, C = matrices(law)
     for period, swings in ((0.0115, False), (0.0125, True)):
         step = one_step(lambda z: (A - np.outer(L, C)) @ z, np.eye(A.shape[0]), period)

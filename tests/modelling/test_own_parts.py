@@ -47,7 +47,7 @@ class Drive(Controller):
 
 @dataclass(frozen=True)
 class Mistyped(Drive):
-    drives = ("top.torqe",)
+    actuated_signals = ("top.torqe",)
     gives: str = "top.torqe"
 
 

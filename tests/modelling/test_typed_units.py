@@ -152,7 +152,7 @@ def test_every_verb_takes_text_with_units_and_means_what_the_number_means():
     )
     rig, stiff = found["rig"], found["stiff"]
     plain = sweep(closed_loop(rig, stiff, sample_time=0.01), {"bit.weight": [50e3, 60e3]}, 5.0)
-    assert all(np.array_equal(plain[name], found["swept"][name], equal_nan=True) for name in plain.measures)
+    assert all(np.array_equal(plain[name], found["swept"][name], equal_nan=True) for name in plain.measured_signals)
     assert found["stuck"] == found["run"].time_in("bit", "stick", after=2.0, until=10.0)
 
 

@@ -60,8 +60,8 @@ def test_zero_and_either_direction_are_usual():
 def test_a_part_of_ones_own_declares_what_is_usual_and_its_bounds_hold_beside():
     @dataclass(frozen=True)
     class Own(Component):
-        gap: float = quantity(1e-3, "m", "gap", above=0, usual=(1e-6, 0.1))
-        rate: float = quantity(1.0, "1/s", "rate", usual=(0.1, 10.0))
+        gap: float = quantity(1e-3, "m", "gap", above=0, typical_range=(1e-6, 0.1))
+        rate: float = quantity(1.0, "1/s", "rate", typical_range=(0.1, 10.0))
 
         def equations(self, signal):
             x = state("own.x", "m")

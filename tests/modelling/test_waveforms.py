@@ -6,7 +6,7 @@ import pytest
 from models import DiscBrake, TorsionalChain
 from toolbox import SceneError, closed_loop, compose, simulate, sweep
 from toolbox.inputs import noise, square, triangle
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 
 
 @pytest.mark.parametrize(("shape", "peak"), [(square, 0.25 * 0.4), (triangle, 0.125 * 0.4)])
@@ -60,14 +60,14 @@ def test_deviation_and_corner_of_a_noise_are_swept_like_any_number_and_its_seed_
     plant = compose(TorsionalChain(inertia=(1.0, 1.0), stiffness=(0.0,), damping=(0.0,)))
     loop = closed_loop(plant, inputs={"top.torque": noise(0.0, 0.5, 0.5, seed=3)})
     points = [{"top.torque.deviation": size, "top.torque.corner": corner} for size in (0.5, 1.0) for corner in (0.4, 0.5)]
-    found = sweep(loop, points, 30.0, measures={"peak": measures.maximum("top.speed")})["peak"]
+    found = sweep(loop, points, 30.0, metrics={"peak": metrics.maximum("top.speed")})["peak"]
     np.testing.assert_allclose(found[2:], 2.0 * found[:2], rtol=1e-4)
     run = simulate(loop.at("top.torque.corner", 0.4), 30.0)
     assert found[0] == pytest.approx(run.at(np.linspace(0.0, 30.0, 30_001))["top.speed"].max(), rel=1e-5)
     other = simulate(loop.at("top.torque.seed", 4), 30.0)
     assert np.corrcoef(*(each.at(np.arange(0.0, 30.0, 0.1))["top.torque"] for each in (other, simulate(loop, 30.0))))[0, 1] < 0.5
     with pytest.raises(SceneError, match="another seed is another realisation"):
-        sweep(loop, {"top.torque.seed": [1, 2]}, 30.0, measures={"peak": measures.maximum("top.speed")})
+        sweep(loop, {"top.torque.seed": [1, 2]}, 30.0, metrics={"peak": metrics.maximum("top.speed")})
 
 
 @pytest.mark.parametrize(

@@ -282,14 +282,14 @@ def worst_growth(block, absorber, negative):
 def test_the_tuned_absorber_bears_as_much_negative_damping_as_its_closed_form_says(e):
     block = Block(mass=2.0, stiffness=18.0)
     tuned = Absorber.tuned(block, e)
-    limit = Absorber.bearable(e)
+    limit = Absorber.max_negative_damping(e)
     assert worst_growth(block, tuned, 0.999 * limit) < 0 < worst_growth(block, tuned, 1.001 * limit)
 
 
 def test_no_other_absorber_of_that_mass_bears_much_more():
     block, e = Block(), 0.1
     tuned, limit = Absorber.tuned(block, e), math.sqrt((1 + e) * (1 - 1 / math.sqrt(1 + e)) / 2)
-    assert limit == pytest.approx((1 + e / 8) * Absorber.bearable(e), rel=0.1 * e**2)
+    assert limit == pytest.approx((1 + e / 8) * Absorber.max_negative_damping(e), rel=0.1 * e**2)
     for stiffness in np.linspace(0.8, 1.2, 21):
         for damping in np.linspace(0.6, 1.6, 21):
             other = dataclasses.replace(tuned, stiffness=stiffness * tuned.stiffness, damping=damping * tuned.damping)
@@ -304,7 +304,7 @@ def onset(negative):
 def test_a_tuned_absorber_moves_the_onset_where_the_poles_say():
     # without absorber instability below -F'(v) = c, with it below -F'(v) - c = 2 m w_n bearable(e)
     e = 0.1
-    for parts, speed in (((), onset(0.0)), ((Absorber.tuned(DAMPED, e),), onset(2 * Absorber.bearable(e)))):
+    for parts, speed in (((), onset(0.0)), ((Absorber.tuned(DAMPED, e),), onset(2 * Absorber.max_negative_damping(e)))):
         slower, faster = (poles(compose(dataclasses.replace(DAMPED, belt_speed=s * speed), *parts)).real.max() for s in (0.99, 1.01))
         assert faster < 0 < slower
 
@@ -320,7 +320,7 @@ def test_a_tuned_absorber_ends_the_stick_slip_that_its_twin_without_shows(speed)
 
 
 def test_a_tuned_absorber_shrinks_the_range_of_stick_slip_and_does_not_abolish_it():
-    block = dataclasses.replace(DAMPED, belt_speed=0.9 * onset(2 * Absorber.bearable(0.1)))
+    block = dataclasses.replace(DAMPED, belt_speed=0.9 * onset(2 * Absorber.max_negative_damping(0.1)))
     run = simulate(compose(block, Absorber.tuned(block, 0.1)), 600.0)
     assert run.time_in("belt", "stick", after=500.0) > 10.0
 
@@ -335,7 +335,7 @@ def test_an_absorber_without_mass_is_refused(bad):
     with pytest.raises(SceneError, match="mass_ratio"):
         Absorber.tuned(DAMPED, bad)
     with pytest.raises(SceneError, match="mass_ratio"):
-        Absorber.bearable(bad)
+        Absorber.max_negative_damping(bad)
 
 
 def test_a_block_without_spring_has_no_tuned_absorber():

@@ -153,7 +153,9 @@ def test_a_law_in_python_is_told_what_it_measures_and_drives():
         seen.append((t, *y))
         return 500.0 + 900.0 * (1.0 - y[0])
 
-    run = driven(Sampled(law, "20 ms", measures=("top.speed", "twist.1.position"), drives="top.torque"), duration=2.0, step=2e-3)
+    run = driven(
+        Sampled(law, "20 ms", measured_signals=("top.speed", "twist.1.position"), actuated_signals="top.torque"), duration=2.0, step=2e-3
+    )
     assert len(seen) == 100
     np.testing.assert_allclose([row[0] for row in seen], 0.02 * np.arange(100), atol=1e-12)
     np.testing.assert_allclose([row[1] for row in seen], run["top.speed"][:-1:10])
@@ -186,8 +188,8 @@ def test_a_law_with_a_state_of_its_own_begins_every_run_anew():
         (PI(), {"sample_time": 0.003}, "whole number of steps"),
         (Sampled(PI(), 0.02, delay=0.001), {}, "`delay` must be a whole number"),
         (Sampled(PI(), 0.02, noise={"bit.speed": 0.1}), {}, "bit.speed"),
-        (Sampled(lambda t, y: 0.0, 0.02, measures="top.angle", drives="top.torque"), {}, "top.angle"),
-        (Sampled(lambda t, y: 0.0, 0.02, measures="top.speed", drives="top.speed"), {}, "top.speed"),
+        (Sampled(lambda t, y: 0.0, 0.02, measured_signals="top.angle", actuated_signals="top.torque"), {}, "top.angle"),
+        (Sampled(lambda t, y: 0.0, 0.02, measured_signals="top.speed", actuated_signals="top.speed"), {}, "top.speed"),
         (None, {"sample_time": 0.02}, "come with a `controller`"),
         (3.0, {"sample_time": 0.02}, "must be a Controller"),
         (SoftTorque(), {"sample_time": 0.02}, "designed on a chain"),
@@ -208,7 +210,7 @@ def test_a_law_that_fails_leaves_the_run_so_far():
         return math.nan if t > 0.5 else 0.0
 
     with pytest.raises(SimulationError, match="1 finite value") as raised:
-        driven(Sampled(law, 0.02, drives="top.torque"))
+        driven(Sampled(law, 0.02, actuated_signals="top.torque"))
     assert raised.value.run.end == pytest.approx(0.52)
 
 

@@ -114,7 +114,7 @@ def test_a_function_in_python_is_mapped_and_its_borders_are_those_of_onset():
         return 8e3 + 4e3 * (y[1] - y[0])
 
     drive.defaults = {"top.reference": (6.0, "rad/s")}
-    loop = closed_loop(RIG, Sampled(drive, 0.02, measures="top.speed", drives="top.torque"))
+    loop = closed_loop(RIG, Sampled(drive, 0.02, measured_signals="top.speed", actuated_signals="top.torque"))
     over = {"bit.weight": (40e3, 120e3), "chain.bit_drag": (30.0, 50.0)}
     mapped = severity_map(loop, over, shape=(np.int64(3), np.int32(2)), halvings=np.int64(2))
     both = onset(loop.at("chain.bit_drag", 50.0), "bit.weight", over["bit.weight"], values=3, tolerance=2e3)
@@ -194,7 +194,7 @@ def test_parameters_of_plant_and_law_may_be_varied():
         halvings=1,
     )
     assert found.units == ("N m s/rad", "N m s/rad")
-    assert not found.errors
+    assert not found.failures
     assert found.sticking.verdict[-1, 0] == STICK_SLIP  # stiff, little drag
     assert found.sticking.verdict[0, -1] == SMOOTH  # soft, much drag
 
@@ -222,7 +222,7 @@ def test_a_map_of_an_earlier_version_comes_back_and_one_that_judged_in_a_window_
     arrays |= {f"border.{name}": segments for name, segments in found.borders.items()}
     np.savez_compressed(tmp_path / "map.npz", map=np.array(json.dumps(told)), **arrays)
     back = SeverityMap.load(tmp_path / "map.npz")
-    assert str(back) == str(dataclasses.replace(found, errors={("smooth", 1, 2): "it failed"}, asked={}))
+    assert str(back) == str(dataclasses.replace(found, errors={("smooth", 1, 2): "it failed"}, display_units={}))
     np.testing.assert_array_equal(back.sticking.severity, found.sticking.severity)
     np.testing.assert_array_equal(back.borders["sticking"], found.borders["sticking"])
     told["errors"] = [["smooth", 9, 0, "it failed"]]
@@ -237,20 +237,20 @@ def test_a_map_of_an_earlier_version_comes_back_and_one_that_judged_in_a_window_
 @pytest.mark.parametrize("law", [StiffPI(), Sampled(StiffPI(), 0.01, delay=0.015)], ids=["continuous", "late"])
 def test_an_interrupted_map_goes_on_where_it_was(law, tmp_path, monkeypatch):
     loop, arguments = closed_loop(RIG, law), {"shape": (4, 3), "halvings": 2}
-    whole = severity_map(loop, OVER, **arguments, out=tmp_path / "map")
+    whole = severity_map(loop, OVER, **arguments, checkpoint=tmp_path / "map")
     journal = tmp_path / "map" / "runs.jsonl"
     lines = journal.read_bytes().splitlines(keepends=True)
     assert len(lines) == 1 + whole.runs
     journal.write_bytes(b"".join(lines[: len(lines) // 2]) + lines[len(lines) // 2][:20])  # killed while it wrote
     done = []
     monkeypatch.setattr(Job, "__call__", lambda job, own=Job.__call__: (done.append(job), own(job))[1])
-    again = severity_map(loop, OVER, **arguments, out=tmp_path / "map")
+    again = severity_map(loop, OVER, **arguments, checkpoint=tmp_path / "map")
     assert len(done) == whole.runs - (len(lines) // 2 - 1)
     assert journal.read_bytes() == b"".join(lines)
     np.testing.assert_array_equal(again.sticking.severity, whole.sticking.severity)
     np.testing.assert_array_equal(again.borders["sticking"], whole.borders["sticking"])
     with pytest.raises(SceneError, match="Argument `out` must come from a search with the same arguments.*another `shape`. Name another"):
-        severity_map(loop, OVER, **{**arguments, "shape": (3, 3)}, out=tmp_path / "map")
+        severity_map(loop, OVER, **{**arguments, "shape": (3, 3)}, checkpoint=tmp_path / "map")
 
 
 def test_the_command_maps_a_scene(tmp_path, capsys):

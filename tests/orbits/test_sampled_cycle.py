@@ -155,7 +155,7 @@ def test_a_sampled_cycle_that_cannot_be_is_refused_with_a_way_out():
         limit_cycle(closed_loop(RIG, law, sample_time=0.25, inputs=weight), 60.0)
     with pytest.raises(SceneError, match="whole multiple"):
         limit_cycle(closed_loop(RIG, law, sample_time=math.pi / 20, inputs=weight), 60.0)
-    with pytest.raises(SceneError, match=r"shorter than the sample time 0.1 s.*it is 0.25 s.*late=1"):
+    with pytest.raises(SceneError, match=r"shorter than the sample time 0.1 s.*it is 0.25 s.*delay_samples=1"):
         limit_cycle(closed_loop(RIG, Sampled(law, 0.1, delay=0.25), inputs=weight), 60.0)
     with pytest.raises(SceneError, match="without noise"):
         limit_cycle(closed_loop(RIG, Sampled(law, 0.1, noise={"top.speed": 0.1}), inputs=weight), 60.0)

@@ -176,8 +176,8 @@ def test_a_driller_finds_how_fast_to_turn_at_his_weight_and_what_the_drive_needs
     assert 80.0 < heaviest == pytest.approx(tab("met('sticking', [valueOf('top.reference') * 30 / Math.PI, 80], 1)[0]"), rel=0.01)
     tab.page.click("#drive summary")
     loop = scene["soft torque"].at("bit.weight", 80e3)
-    assert tab.page.locator("#drive-words li").all_inner_texts() == loop.law_words
-    assert "proportional 0.4206 kN m s/rad" in loop.law_words[0]
+    assert tab.page.locator("#drive-words li").all_inner_texts() == loop.controller_names
+    assert "proportional 0.4206 kN m s/rad" in loop.controller_names[0]
 
 
 def test_a_brake_engineer_finds_the_way_of_a_stop_and_from_which_force_on_the_pad_groans(browser):

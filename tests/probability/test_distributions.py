@@ -53,8 +53,8 @@ def test_draws_known_together_stay_together(rig):
 
 
 def test_a_sweep_takes_what_is_drawn(rig):
-    found = sweep(rig, drawn(rig, {"bit.weight": "60 kN +- 5 kN"}, 8), 5.0, measures="maximum")
-    assert found.shape == (8,) and np.isfinite(found["maximum"]).all() and found.asked["N"] == "kN"
+    found = sweep(rig, drawn(rig, {"bit.weight": "60 kN +- 5 kN"}, 8), 5.0, metrics="maximum")
+    assert found.shape == (8,) and np.isfinite(found["maximum"]).all() and found.display_units["N"] == "kN"
 
 
 @pytest.mark.parametrize(

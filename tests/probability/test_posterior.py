@@ -7,7 +7,7 @@ from scipy import stats
 from controllers import StiffPI
 from models import BitRock, wells
 from toolbox import SceneError, SimulationError, closed_loop, compose, simulate, sweep
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.probability import Normal, Posterior, Uniform, chance, posterior, windowed
 from toolbox.probability.distributions import told
 from toolbox.probability.tempering import tempered
@@ -78,18 +78,18 @@ def loop():
 
 
 READ = {
-    "torque": measures.mean("top.torque", 40.0, 60.0),
-    "peak": measures.maximum("top.torque", 30.0, 60.0),
-    "stuck": measures.stuck_ratio("bit", 30.0, 60.0),
+    "torque": metrics.mean("top.torque", 40.0, 60.0),
+    "peak": metrics.maximum("top.torque", 30.0, 60.0),
+    "stuck": metrics.stuck_ratio("bit", 30.0, 60.0),
 }
 PRIORS = {"bit.weight": Uniform("50 kN", "110 kN"), "bit.friction.static": Uniform(0.55, 1.1)}
 
 
 @pytest.fixture(scope="module")
 def found(loop):
-    told = sweep(loop, [{"bit.weight": 80e3}], 60.0, measures=READ)
+    told = sweep(loop, [{"bit.weight": 80e3}], 60.0, metrics=READ)
     data = {name: Normal(float(told[name][0]), size) for name, size in zip(READ, (100.0, 200.0, 0.01), strict=True)}
-    return posterior(loop, data, PRIORS, 60.0, measures=READ, draws=64)
+    return posterior(loop, data, PRIORS, 60.0, metrics=READ, draws=64)
 
 
 def test_a_measurement_narrows_the_numbers_of_a_machine_around_the_truth(found):
@@ -120,8 +120,8 @@ def test_the_picture_has_a_panel_for_each_pair(found):
 
 def test_a_measurement_that_no_draw_gives_is_told(loop):
     with pytest.raises(SimulationError, match="No draw of the prior"):
-        never = {"last": measures.last_stay("bit", 8.0)}  # under so little weight nothing sticks after the start
-        posterior(loop, {"last": "9 s +- 1 s"}, {"bit.weight": Uniform(10.0, 20.0)}, 10.0, measures=never, draws=32)
+        never = {"last": metrics.last_stay("bit", 8.0)}  # under so little weight nothing sticks after the start
+        posterior(loop, {"last": "9 s +- 1 s"}, {"bit.weight": Uniform(10.0, 20.0)}, 10.0, metrics=never, draws=32)
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_windows_of_a_trace_are_data_and_gaps_are_left_out(loop):
     values[100:200] = np.nan  # 5 s to 10 s
     data, read = windowed("top.torque", times, values, 200.0, "1 s")
     assert len(data) == len(read) == 15 and "top.torque from 7 s" not in data
-    found = posterior(loop, data, {"bit.weight": Uniform("50 kN", "110 kN")}, 20.0, measures=read, draws=64)
+    found = posterior(loop, data, {"bit.weight": Uniform("50 kN", "110 kN")}, 20.0, metrics=read, draws=64)
     assert found["bit.weight"].mean() == pytest.approx(80e3, abs=4 * found["bit.weight"].std() + 200) and found["bit.weight"].std() < 3e3
 
 

@@ -9,7 +9,7 @@ import pytest
 from models import BlockOnBelt, Coulomb, Exponential, GaussianStribeck
 from toolbox import SceneError, closed_loop, compose, simulate, sweep
 from toolbox.calibration import Recording
-from toolbox.measuring.measures import mean
+from toolbox.measuring.metrics import mean
 from toolbox.probability import ModelComparison, Normal, Prediction, Uniform, compare_models, from_recording, posterior, predict
 
 TRUE = compose(BlockOnBelt(belt_speed=1.0, friction=Exponential(static=1.0, kinetic=0.5, decay=2.0)))
@@ -63,7 +63,7 @@ def test_what_cannot_be_predicted_is_refused():
 def test_a_recording_is_loop_data_and_measures_with_its_gap_left_out():
     loop, data, read = from_recording(TRUE, measured(), {"block.position": NOISE / math.sqrt(20)}, "1 s")
     assert len(data) == len(read) == 11 and "block.position from 3 s" not in data
-    found = posterior(loop, data, {"belt.friction.static": Uniform(0.7, 1.3)}, float(TIMES[-1]), measures=read, draws=64)
+    found = posterior(loop, data, {"belt.friction.static": Uniform(0.7, 1.3)}, float(TIMES[-1]), metrics=read, draws=64)
     assert abs(found["belt.friction.static"].mean() - 1.0) < 4 * found["belt.friction.static"].std() < 0.2
     with pytest.raises(SceneError, match="must name measured signals that drive nothing, but it names `block.speed`"):
         from_recording(TRUE, measured(), {"block.speed": 0.1})
@@ -97,7 +97,7 @@ def compared():
     priors = {"exponential": {**common, "belt.friction.decay": Uniform(0.5, 5.0)}, "Coulomb": common}
     priors["Gaussian"] = {**common, "belt.friction.speed": Uniform(0.2, 2.0)}
     left = {name: data.pop(name) for name in list(data)[1::3]}
-    return compare_models(models, data, priors, float(TIMES[-1]), left_out=left, measures=read, draws=64)
+    return compare_models(models, data, priors, float(TIMES[-1]), left_out=left, metrics=read, draws=64)
 
 
 @pytest.mark.slow
@@ -130,9 +130,9 @@ def test_a_datum_that_was_left_out_is_scored_by_the_mean_density_of_the_draws():
     data, left = {"first": Normal(0.5, 0.2)}, {"second": Normal(0.6, 0.3)}
     prior = {"belt.friction.static": Uniform(0.8, 1.2)}
     models = {"one": loop, "same": loop}
-    found = compare_models(models, data, dict.fromkeys(models, prior), 3.0, left_out=left, measures=read, draws=32)
+    found = compare_models(models, data, dict.fromkeys(models, prior), 3.0, left_out=left, metrics=read, draws=32)
     rows = [{"belt.friction.static": value} for value in found.posteriors["one"]["belt.friction.static"].tolist()]
-    told = sweep(loop, rows, 3.0, measures=read, accuracy=1e-8)["second"]
+    told = sweep(loop, rows, 3.0, metrics=read, accuracy=1e-8)["second"]
     density = np.exp(-0.5 * ((told - 0.6) / 0.3) ** 2) / (0.3 * math.sqrt(2 * math.pi))
     assert found.scores["one"][0] == pytest.approx(math.log(density.mean()), abs=1e-4)
     assert np.array_equal(found.scores["one"], found.scores["same"]) and found.behind("one") == (0.0, 0.0)

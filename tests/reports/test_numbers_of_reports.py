@@ -279,7 +279,7 @@ def of_fit(results):
     for residual in told["residuals"]:
         panel = panels[residual["signal"]]
         name = residual["signal"]
-        counts = ~arrays[dict(told["strays"])[name]] if name in dict(told["strays"]) else np.ones(panel["x"].size, bool)
+        counts = ~arrays[dict(told["outliers"])[name]] if name in dict(told["outliers"]) else np.ones(panel["x"].size, bool)
         measured = panel["measured"][counts]
         left = panel["model"][counts] - measured
         rms, centred = np.sqrt(np.mean(left**2)), left - left.mean()

@@ -171,7 +171,7 @@ def test_a_brake_reads_in_si_and_a_law_in_python_and_a_shape_tell_their_numbers(
 
 
 def test_the_law_inside_of_another_and_its_observer_are_named():
-    words = closed_loop(compose(wells.JANSEN_2, BitRock()), Sampled(Lifting(SoftTorque(reference="95 rpm")), 0.01)).law_words[0]
+    words = closed_loop(compose(wells.JANSEN_2, BitRock()), Sampled(Lifting(SoftTorque(reference="95 rpm")), 0.01)).controller_names[0]
     assert re.match(r"Lifting, sampled every 10 ms: law PI \(.*proportional .*\), .*observer Kalman \(speed_noise ", words)
 
 

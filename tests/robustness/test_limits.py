@@ -41,7 +41,7 @@ class Unstable(Component):
 
 
 def limit_of(pole, zero, **how):
-    return performance_limit(compose(Unstable(pole, zero)), {"plant.y": 0.0}, measures="plant.y", drives="plant.u", **how)
+    return performance_limit(compose(Unstable(pole, zero)), {"plant.y": 0.0}, measured_signals="plant.y", actuated_signals="plant.u", **how)
 
 
 # --- closed forms
@@ -169,7 +169,7 @@ def test_no_shipped_law_surpasses_the_limit(rig, speed):
     best = performance_limit(rig, {"top.speed": speed}, period=0.01, delay=0.03)
     laws = [
         StiffPI(reference=speed), PI(reference=speed), ActiveDamping(reference=speed), SoftTorque(reference=speed), ZTorque(reference=speed, filter_time=0.02),
-        HInfinity(reference=speed), LQG(reference=speed, late=3),
+        HInfinity(reference=speed), LQG(reference=speed, delay_samples=3),
     ]  # fmt: skip
     found = [margins(closed_loop(rig, Sampled(law, 0.01, 0.03)), measured=False) for law in laws]
     assert any(each.stable for each in found)
@@ -180,7 +180,7 @@ def test_no_shipped_law_surpasses_the_limit(rig, speed):
 def test_a_law_that_sees_the_bit_may_surpass_the_limit_of_those_that_do_not(rig):
     speed = 3.4
     top = performance_limit(rig, {"top.speed": speed}, period=0.01, delay=0.03)
-    both = performance_limit(rig, {"top.speed": speed}, measures=("top.speed", "bit.speed"), period=0.01, delay=0.03)
+    both = performance_limit(rig, {"top.speed": speed}, measured_signals=("top.speed", "bit.speed"), period=0.01, delay=0.03)
     law = margins(closed_loop(rig, Sampled(LQR(reference=speed), 0.01, 0.03)))
     assert top.disk_margin < law.disk_margin < both.disk_margin
 
@@ -263,7 +263,7 @@ def test_the_limit_prints_what_it_rests_on(rig):
 
 def test_a_pole_that_nobody_moves_leaves_nothing():
     plant = compose(Unstable(1.0, 1.0))  # its zero takes the pole away
-    assert performance_limit(plant, {"plant.y": 0.0}, measures="plant.y", drives="plant.u").disk_margin == 0.0
+    assert performance_limit(plant, {"plant.y": 0.0}, measured_signals="plant.y", actuated_signals="plant.u").disk_margin == 0.0
 
 
 def test_mistakes_are_told(rig):

@@ -19,7 +19,7 @@ from toolbox import Controller, Sampled, SceneError, closed_loop, compose, lowes
 from toolbox.commands.command_line import main
 from toolbox.modelling import Takeover
 from toolbox.robustness import Group, LowestSetPoints, Machine, Varying, machine_groups
-from toolbox.robustness.lowest_set_point import Cells, Held, borders, lowest
+from toolbox.robustness.lowest_set_point import Cells, SetPointLimit, borders, lowest
 from toolbox.robustness.set_points import Outcome, Trial, verdict
 
 PLANT = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
@@ -32,7 +32,7 @@ def found(tmp_path_factory):
     path = tmp_path_factory.mktemp("known") / "cells.jsonl"
     said: list[str] = []
     return lowest_set_point(
-        LOOP, StiffPI(), [BRIEF], ways=["direct"], between=("62 rpm", "110 rpm"), step="4 rpm", known=path, say=said.append
+        LOOP, StiffPI(), [BRIEF], protocols=["direct"], bounds=("62 rpm", "110 rpm"), step="4 rpm", checkpoint=path, callback=said.append
     ), path, said  # fmt: skip
 
 
@@ -68,7 +68,9 @@ def test_a_range_in_si_is_answered_in_the_units_of_the_loop():
     law = SoftTorque(reference="80 rpm", highest_torque="20 kN m")
     loop = closed_loop(PLANT, Sampled(law, "10 ms", delay="30 ms"))
     said: list[str] = []
-    text = str(lowest_set_point(loop, StiffPI(), [BRIEF], ways=["direct"], between=(7.0, 9.0), step=1.0, lasts=False, say=said.append))
+    text = str(
+        lowest_set_point(loop, StiffPI(), [BRIEF], protocols=["direct"], bounds=(7.0, 9.0), step=1.0, long_run=False, callback=said.append)
+    )
     assert "lowest [rpm]" in text and "torque [kN m]" in text and "66.8 to 85.9 rpm" in text
     assert all(" rpm: " in line for line in said)
 
@@ -76,9 +78,9 @@ def test_a_range_in_si_is_answered_in_the_units_of_the_loop():
 def test_what_is_known_is_not_asked_again_and_another_machine_is(found, monkeypatch):
     result, path, said = found
     monkeypatch.setattr(Trial, "outcome", lambda *given: pytest.fail("it is known"))
-    again = lowest_set_point(LOOP, StiffPI(), [BRIEF], ways=["direct"], between=("62 rpm", "110 rpm"), step="4 rpm", known=path)
+    again = lowest_set_point(LOOP, StiffPI(), [BRIEF], protocols=["direct"], bounds=("62 rpm", "110 rpm"), step="4 rpm", checkpoint=path)
     assert repr(again) == repr(result) and len([json.loads(line) for line in path.read_text().split("\n") if line]) == len(said)
-    later = LOOP.with_laws([Sampled(SoftTorque(), "10 ms", delay="20 ms")])
+    later = LOOP.with_controllers([Sampled(SoftTorque(), "10 ms", delay="20 ms")])
     keys = {
         json.dumps(Trial(loop, before).key(5.0))
         for loop, before in (
@@ -106,8 +108,8 @@ def test_a_machine_of_a_group_has_its_numbers_its_delay_and_its_weight_in_time()
     trial = Trial(LOOP, StiffPI())
     heavy = next(each for each in groups["robust"].machines if each.name == "weight +20 %")
     assert trial.steady(heavy, 6.0).number("bit.weight").value == pytest.approx(1.2 * 97_347.0)
-    late = next(each for each in groups["robust"].machines if each.late)
-    assert trial.steady(late, 6.0).laws[0].delay == pytest.approx(0.06)
+    late = next(each for each in groups["robust"].machines if each.delay)
+    assert trial.steady(late, 6.0).controllers[0].delay == pytest.approx(0.06)
     loop, _ = trial.takes_over(Machine("noise", weight=Varying(0.05, 0.2, noise=True)), groups["weight"], 6.0, "direct", 101, 20.0)
     weight = simulate(loop, 300.0).at(np.arange(0.0, 300.0, 0.5))["bit.weight"]
     assert weight.mean() == pytest.approx(97_347.0, rel=0.01) and weight.std() == pytest.approx(0.05 * 97_347.0, rel=0.1)
@@ -147,8 +149,10 @@ def test_a_window_of_a_rad_per_second_is_found_below_a_highest_set_point_that_fa
 
 
 def test_a_window_is_told_and_drawn_with_both_ends():
-    window = Held(5.0, "stuck below", until=9.0)
-    found = LowestSetPoints("StiffPI", {("PI", "declared", "direct"): window, ("PI", "real", "direct"): Held(5.0, "")}, (1.5, 14.0), 0.1)
+    window = SetPointLimit(5.0, "stuck below", highest=9.0)
+    found = LowestSetPoints(
+        "StiffPI", {("PI", "declared", "direct"): window, ("PI", "real", "direct"): SetPointLimit(5.0, "")}, (1.5, 14.0), 0.1
+    )
     assert "5 to 9 " in str(found) and str(found).count(" to 9") == 1
     assert [line.get_xdata().tolist() for line in found.plot().lines if len(line.get_xdata()) == 2] == [[5.0, 9.0]]
 
@@ -156,7 +160,7 @@ def test_a_window_is_told_and_drawn_with_both_ends():
 def test_lifts_are_counted_and_their_price_is_told():
     group = dataclasses.replace(BRIEF, phases=(0.0,))
     outcome = Trial(closed_loop(PLANT, Sampled(Lifting(SoftTorque()), 0.01, 0.03)), StiffPI()).outcome(group, 5.0)
-    assert outcome.passed and outcome.lifts >= 1.0 and 10.0 < outcome.recovery < 80.0 and outcome.above == 0.0
+    assert outcome.passed and outcome.lifts >= 1.0 and 10.0 < outcome.recovery < 80.0 and outcome.time_above_setpoint == 0.0
     assert outcome.fastest > 10.0 and outcome.torque > 1e4
 
 
@@ -214,7 +218,7 @@ def test_the_command_writes_the_table_and_goes_on_where_it_was(tmp_path, capsys)
 def test_a_table_leaves_out_what_no_law_does_and_says_where_it_was_tried_if_none_was_found(found):
     result, _, _ = found
     assert "lifts" not in str(result) and any("lifts" in head for head in result.rows[0])
-    none = dataclasses.replace(result, entries={("SoftTorque", "declared", "direct"): Held(np.nan, "stuck")})
+    none = dataclasses.replace(result, entries={("SoftTorque", "declared", "direct"): SetPointLimit(np.nan, "stuck")})
     assert str(none).splitlines()[-1].split("direct")[1].split() == ["none", "at", "110", "rpm:", "stuck"]
     ax = none.plot()  # the mark of what has none stands beside the axes, below a word that says so
     assert [text.get_text() for text in ax.texts] == ["none"] and ax.lines[0].get_xdata()[0] > ax.get_xlim()[1]
@@ -228,12 +232,12 @@ def test_the_command_says_at_once_which_law_takes_no_part(capsys):
 
 
 def test_a_law_that_takes_weight_off_is_tried_on_machines_with_other_weights_and_its_price_is_told():
-    law = Lifting(SoftTorque(), first=1.3, further=0.25, rise=0.2, relief=0.4)
+    law = Lifting(SoftTorque(), first_factor=1.3, factor_step=0.25, rise=0.2, relief=0.4)
     trial = Trial(closed_loop(PLANT, Sampled(law, 0.01, 0.03)), StiffPI())
     heavy = Machine("heavy", (("bit.weight", 1.1),))
     assert float(trial.steady(heavy, 5.0).number("weight.reference").value) == pytest.approx(1.1 * 97_347.0)
     outcome = trial.outcome(dataclasses.replace(BRIEF, machines=(heavy,), phases=(0.0,)), 6.0)
-    assert outcome.passed and outcome.lifts >= 1.0 and outcome.again == 0.0 and 0.02 < outcome.relief < 0.4
+    assert outcome.passed and outcome.lifts >= 1.0 and outcome.relapses_per_hour == 0.0 and 0.02 < outcome.relief < 0.4
     loop, _ = trial.takes_over(Machine("heave", weight=Varying(0.1, 0.1)), machine_groups(LOOP)["weight"], 6.0, "direct", 101, 20.0)
     weight = simulate(loop, 300.0).at(np.arange(250.0, 300.0, 0.1))["bit.weight"]
     assert np.ptp(weight) == pytest.approx(0.2 * 97_347.0, rel=0.02)
@@ -339,8 +343,8 @@ class InPython(Controller):
     """u = 900 (reference - y) + 8900, which holds the bit there, at every sample by a call into Python."""
 
     reference: float = 9.0
-    measures = ("top.speed",)
-    drives = ("top.torque",)
+    measured_signals = ("top.speed",)
+    actuated_signals = ("top.torque",)
 
     def design(self, plant):
         return Called(self.reference)
@@ -390,7 +394,7 @@ class Told(Trial):
     """A trial of which is told at which set-points it fails, and at which smooth running grows, and that notes what it is asked."""
 
     def outcome(self, group, reference, way="direct"):
-        self.asked.append((reference, group.judged))
+        self.display_units.append((reference, group.judged))
         return Outcome(reference not in (*self.failing, *(self.growing if group.judged > 80.0 else ())), "fails")
 
     def growth(self, machines, reference):
@@ -402,7 +406,7 @@ class Told(Trial):
 
 def told(failing, growing=()):
     trial = Told(LOOP, StiffPI())
-    trial.__dict__.update(failing=failing, growing=growing, asked=[])
+    trial.__dict__.update(failing=failing, growing=growing, display_units=[])
     return trial
 
 
@@ -413,15 +417,15 @@ def test_the_end_of_the_range_is_tried_where_nothing_fails_above_it():
     assert (held.speed, held.why) == (4.0, "fails")
     asked = told((4.0,))
     assert lowest(asked, BRIEF, lower=3.0, higher=6.0, step=1.0).speed == 5.0
-    assert 3.0 not in [reference for reference, _ in asked.asked]
+    assert 3.0 not in [reference for reference, _ in asked.display_units]
 
 
 def test_a_set_point_at_which_smooth_running_grows_is_not_confirmed_above_it():
     trial = told((3.0,), growing=(4.0,))
     held = lowest(trial, BRIEF, lower=2.0, higher=9.0, step=1.0)
     assert (held.speed, held.why) == (5.0, "fails")
-    assert (6.0, 80.0) not in trial.asked[: trial.asked.index((4.0, 1800.0))]
-    assert {reference for reference, judged in trial.asked if judged > 80.0} == {4.0, 5.0}
+    assert (6.0, 80.0) not in trial.display_units[: trial.display_units.index((4.0, 1800.0))]
+    assert {reference for reference, judged in trial.display_units if judged > 80.0} == {4.0, 5.0}
 
 
 def test_how_far_a_search_is_stands_in_every_line():

@@ -56,8 +56,8 @@ class Rotor(Component):
 class Proportional(Controller):
     """u = gain e, e = reference - speed, or another function of the error: its sign, a corner at zero, a limit."""
 
-    measures = ("rotor.speed",)
-    drives = ("rotor.torque",)
+    measured_signals = ("rotor.speed",)
+    actuated_signals = ("rotor.torque",)
 
     gain: float = quantity(GAIN, "N m s/rad", "")
     reference: float = quantity(2.0, "rad/s", "")
@@ -97,8 +97,8 @@ class WithIntegral(Proportional):
 class Damping(Controller):
     """u = -damping v on a block."""
 
-    measures = ("block.speed",)
-    drives = ("block.force",)
+    measured_signals = ("block.speed",)
+    actuated_signals = ("block.force",)
 
     damping: float = quantity(0.7, "N s/m", "")
 
@@ -299,7 +299,7 @@ class OnSide(Controller):
     gain: float = quantity(1.0, "N m s/rad", "")
 
     @property
-    def drives(self):
+    def actuated_signals(self):
         return (f"{self.side}.torque",)
 
     def sampled(self, signal, period):
@@ -311,7 +311,7 @@ class OnSide(Controller):
 
 @pytest.mark.slow
 def test_the_margins_of_a_drill_string_are_those_of_python_control_on_a_fine_grid(rig):
-    found = margins(closed_loop(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03)))
+    found = margins(closed_loop(rig, Sampled(LQG(reference=5.0, delay_samples=3), 0.01, 0.03)))
     loop = control.ss(found.loop.A, found.loop.B, -found.loop.C, -found.loop.D, 0.01)
     disk, *_ = control.disk_margins(loop, np.geomspace(3.0, 4.5, 20_000), skew=0.0)
     assert found.disk_margin == pytest.approx(disk, rel=1e-6)
@@ -346,7 +346,7 @@ def test_the_loop_of_a_sampled_pi_is_that_of_its_transition_matrices(rig):
 
 
 LAWS = {
-    "LQG": LQG(reference=5.0, late=3),
+    "LQG": LQG(reference=5.0, delay_samples=3),
     "H-infinity": HInfinity(reference=5.0),
     "Z-torque": ZTorque(reference=5.0, filter_time=0.02),
 }
@@ -387,7 +387,7 @@ def test_a_relay_has_measured_margins_and_no_linear_ones(rig):
 
 
 def test_measured_margins_of_a_linear_law_agree_with_its_linear_ones(rig):
-    found = margins(closed_loop(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03)), measured=True)
+    found = margins(closed_loop(rig, Sampled(LQG(reference=5.0, delay_samples=3), 0.01, 0.03)), measured=True)
     assert found.measured.highest_gain == pytest.approx(found["top.torque"].highest_gain, rel=0.03)
     assert found.measured.delay == pytest.approx(found.delay_margin, rel=0.03)
 
@@ -429,7 +429,11 @@ def test_a_loop_that_fails_as_it_is_has_no_measured_margin(rig):
     ],
 )
 def test_a_law_without_a_derivative_says_why(rotor, law, why):
-    given = Sampled(law, 0.01) if isinstance(law, Controller) else Sampled(law, 0.01, measures="rotor.speed", drives="rotor.torque")
+    given = (
+        Sampled(law, 0.01)
+        if isinstance(law, Controller)
+        else Sampled(law, 0.01, measured_signals="rotor.speed", actuated_signals="rotor.torque")
+    )
     found = margins(closed_loop(rotor, given), measured=False)
     assert why in found.reason and math.isnan(found.disk_margin) and found.measured is None
     assert margins(closed_loop(rotor, Sampled(Proportional(reference=0.0), 0.01)), measured=False).reason == ""
@@ -439,8 +443,8 @@ def test_a_law_without_a_derivative_says_why(rotor, law, why):
 class Leaking(Controller):
     """A law whose memory leaks to zero, where it bends at `place`; the torque follows it."""
 
-    measures = ("rotor.speed",)
-    drives = ("rotor.torque",)
+    measured_signals = ("rotor.speed",)
+    actuated_signals = ("rotor.torque",)
 
     place: float = quantity(1e-4, "1")
     round: float = quantity(0.0, "1")
@@ -493,8 +497,10 @@ def test_the_disk_guarantees_its_gains_and_phases():
 
 
 def test_parameters_move_the_plant_and_not_the_law(rig):
-    lighter = margins(closed_loop(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03), parameters={"chain.inertia.0": 0.9 * 2122.0}))
-    assert lighter.disk_margin < margins(closed_loop(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03))).disk_margin
+    lighter = margins(
+        closed_loop(rig, Sampled(LQG(reference=5.0, delay_samples=3), 0.01, 0.03), parameters={"chain.inertia.0": 0.9 * 2122.0})
+    )
+    assert lighter.disk_margin < margins(closed_loop(rig, Sampled(LQG(reference=5.0, delay_samples=3), 0.01, 0.03))).disk_margin
 
 
 def test_mistakes_are_told(rig):

@@ -29,11 +29,11 @@ def stuck(rig):
 
 @pytest.fixture(scope="module")
 def found(rig, stuck):
-    law = Sampled(LQG(reference=REFERENCE, late=3, **LIMITS), 0.01, 0.03)
+    law = Sampled(LQG(reference=REFERENCE, delay_samples=3, **LIMITS), 0.01, 0.03)
     return worst_case(
         closed_loop(rig, law),
         120.0,
-        errors={"chain.inertia.0": (0.8, 1.2), "delay": 2.0},
+        uncertainty={"chain.inertia.0": (0.8, 1.2), "delay": 2.0},
         corners=[{"bit.weight": 0.9, "chain.inertia.1": 1.1}],
         starts=cycle_phases(stuck, 2),
     )
@@ -51,7 +51,7 @@ def test_the_phases_go_once_round_the_cycle_from_the_release(stuck):
 
 
 def test_every_outcome_is_that_of_its_own_run(rig, stuck, found):
-    law = LQG(reference=REFERENCE, late=3, **LIMITS)
+    law = LQG(reference=REFERENCE, delay_samples=3, **LIMITS)
     cases = {
         "declared": ({}, 0.03),
         "chain.inertia.0 -20 %": ({"chain.inertia.0": 0.8 * 2122.0}, 0.03),
@@ -101,7 +101,7 @@ def test_a_machine_on_which_smooth_running_grows_is_no_success_however_calm_the_
     """On the declared machine the drive leaves smooth running in 1000 s, of which 100 s show nothing; with less weight it stays."""
     loop = closed_loop(rig, PI(4_000.0, 1_500.0, reference=3.985))
     start = {**smooth_start(loop), "chain.speed": np.full(2, 3.985)}
-    calm = worst_case(loop, 100.0, errors={"bit.weight": 0.98}, starts=[start])
+    calm = worst_case(loop, 100.0, uncertainty={"bit.weight": 0.98}, starts=[start])
     declared, light = calm.outcomes
     assert declared.stuck == light.stuck == 0.0 and declared.ripple < 0.05 and abs(declared.mean_error) < 0.02
     assert declared.rate > 0 > light.rate and declared.failure.startswith("grows in") and not declared.excess <= 1.0
@@ -143,7 +143,7 @@ def test_the_result_draws_every_run(found):
 def test_a_share_is_an_error_to_either_side_as_on_the_command_line(rig, typed, factors):
     """`margins --wrong bit.weight=20%` tries 20 % less and 20 % more; it was a factor of 0.2 here."""
     loop = closed_loop(rig, SoftTorque(reference=REFERENCE))
-    found, same = (worst_case(loop, 2.0, errors={"bit.weight": given}) for given in (typed, factors))
+    found, same = (worst_case(loop, 2.0, uncertainty={"bit.weight": given}) for given in (typed, factors))
     assert list(found.by_error) == list(same.by_error) == ["declared", *(f"bit.weight {100 * (each - 1):+.3g} %" for each in factors)]
     assert [each.mean_error for each in found.outcomes] == [each.mean_error for each in same.outcomes]
 
@@ -162,7 +162,7 @@ def test_mistakes_are_told(rig, stuck):
         with pytest.raises(SceneError, match=word):
             worst_case(closed_loop(rig, law), 10.0, **arguments)
     with pytest.raises(SceneError, match="continuously"):
-        worst_case(closed_loop(rig, SoftTorque(reference=REFERENCE)), 10.0, errors={"delay": 2.0})
+        worst_case(closed_loop(rig, SoftTorque(reference=REFERENCE)), 10.0, uncertainty={"delay": 2.0})
     with pytest.raises(SceneError, match="duration"):
         worst_case(closed_loop(rig, law), 0.0)
     with pytest.raises(SceneError, match="count"):

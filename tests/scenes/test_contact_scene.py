@@ -152,7 +152,7 @@ def test_the_published_cube_runs_as_in_python_bit_for_bit_and_repeats_the_shared
     assert problem.contacts == 121 and problem.areas.sum() == pytest.approx(1e-4)
     plate = {"top": -10.0, "surface.x": ramp(0.0, 0.1, 0.0, 40.0)}
     equal(run, step_contacts(problem, 0.24, step=2e-3, inputs=plate, start=press_contacts(problem, {"top": -10.0})))
-    found = study.measures(run)
+    found = study.metrics(run)
     assert found["share at 0.16 s"] == pytest.approx(0.57, abs=0.05)
     assert found["share at 0.20 s"] == pytest.approx(0.26, abs=0.05)
     assert found["no node sticks from [s]"] == pytest.approx(0.2175, abs=0.005)

@@ -222,8 +222,8 @@ sample_time = "10 ms"
 def test_a_law_may_stand_inside_others_which_take_the_set_point_too(written, tmp_path):
     scene = Scene.load(written(RIG + LIFTING))
     assert scene.case("lifting").law == Lifting(SoftTorque(reference="120 rpm", highest_torque=20e3), reference="120 rpm")
-    inner = OnEstimates(SlidingMode(reference="50 rpm"), Kalman(speed_noise="0.1 rpm"), late=3)
-    around = Lifting(inner, reference="120 rpm", first=1.6, observer=Kalman(torque_walk=3000.0))
+    inner = OnEstimates(SlidingMode(reference="50 rpm"), Kalman(speed_noise="0.1 rpm"), delay_samples=3)
+    around = Lifting(inner, reference="120 rpm", first_factor=1.6, observer=Kalman(torque_process_noise=3000.0))
     assert scene.case("on estimates, lifting").law == around
     assert Scene.load(scene.save(tmp_path / "again.toml")).cases == scene.cases
 

@@ -42,18 +42,18 @@ def test_every_method_gets_better_with_its_setting(trade):
 
 
 def test_the_truth_is_known_better_than_the_smallest_error_that_is_shown(trade):
-    assert trade.disagreement < 1e-9
+    assert trade.reference_error < 1e-9
     exact = simulate(BELT, 30.0, accuracy=1e-3, method="taylor").difference(simulate(BELT, 30.0, accuracy=1e-11))
     assert trade.points[0].error == pytest.approx(exact, rel=1e-3)
     with pytest.raises(SceneError, match="Argument `error` must be >= .* below which the truth is not known"):
-        trade.cheapest(trade.disagreement / 10)
+        trade.cheapest(trade.reference_error / 10)
 
 
 def test_the_cheapest_run_for_an_error_meets_it(trade):
     best = trade.cheapest(1e-4)
     assert best.error <= 1e-4
     assert all(point.seconds >= best.seconds for point in trade.points if point.error <= 1e-4)
-    assert trade.cheapest(trade.disagreement) is None or trade.cheapest(trade.disagreement).method in ("taylor", "explicit", "stiff")
+    assert trade.cheapest(trade.reference_error) is None or trade.cheapest(trade.reference_error).method in ("taylor", "explicit", "stiff")
 
 
 def test_a_trade_prints_draws_and_saves_every_point(trade, tmp_path):

@@ -20,7 +20,7 @@ def law(t, y):
 
 
 @pytest.mark.parametrize(("duration", "steps", "arguments", "cause"), [
-    (100.0, 500, {"controller": Sampled(law, 1e-3, measures="block.position", drives="block.force")}, r"a law samples every 0\.001 s"),
+    (100.0, 500, {"controller": Sampled(law, 1e-3, measured_signals="block.position", actuated_signals="block.force")}, r"a law samples every 0\.001 s"),
     (100.0, 500, {"inputs": {"block.force": (np.arange(0.0, 100.0, 1e-3), np.random.default_rng(0).uniform(-0.1, 0.1, 100_000))}},
      "tables of inputs turn or jump at"),
     (100.0, 100, {"inputs": {"block.force": sine(0.0, 0.1, 1.0)}}, "inputs that vary in time let no step be longer than 0.3"),

@@ -159,8 +159,8 @@ class Thrown(Component):
 class Stairs(Controller):
     """u_k = 0.3 k: the fourth sample after the first one is above 1 N."""
 
-    measures = ()
-    drives = ("block.pull",)
+    measured_signals = ()
+    actuated_signals = ("block.pull",)
 
     def sampled(self, signal, period):
         count = state("stairs.count", "1")

@@ -59,7 +59,7 @@ CONTINUOUS = ("IdealSlidingMode", "HeldSpeed")
 
 
 def plant_of(law):
-    return BRAKE if law.drives in (BrakePI().drives, HeldSpeed().drives) else RIG
+    return BRAKE if law.actuated_signals in (BrakePI().actuated_signals, HeldSpeed().actuated_signals) else RIG
 
 
 def clocked(law, period=None):
@@ -346,8 +346,8 @@ def test_a_number_of_an_observer_that_is_none_is_refused_by_its_name(observer):
         (LinearMPC(sensors=3), "`sensors` of LinearMPC must be a row of strings"),  # type: ignore[arg-type]
         (LinearMPC(horizon=2.5), "`horizon` of LinearMPC must be an integer"),  # type: ignore[arg-type]
         (LinearMPC(noise=(1e-300,)), "squares"),
-        (LQG(late=-1), "`late` must be an integer >= 0 and <= 1000"),
-        (LQG(late=10**9), "`late` must be an integer >= 0 and <= 1000"),
+        (LQG(delay_samples=-1), "`delay_samples` must be an integer >= 0 and <= 1000"),
+        (LQG(delay_samples=10**9), "`delay_samples` must be an integer >= 0 and <= 1000"),
         (Observed(StiffPI(), observers.Kalman(speed_noise=1e-300)), "Kalman cannot be designed"),
         (PI(proportional=(1.0, 2.0)), "`proportional` of PI must be one number"),  # type: ignore[arg-type]
         (Takeover(before=StiffPI(), after=5.0), "must be a Controller"),  # type: ignore[arg-type]

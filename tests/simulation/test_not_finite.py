@@ -50,8 +50,8 @@ class Tank(Component):
 class Growing(Controller):
     """See the module."""
 
-    measures = ("tank.level",)
-    drives = ("tank.inflow",)
+    measured_signals = ("tank.level",)
+    actuated_signals = ("tank.inflow",)
 
     growth: float = quantity(1.0, "1", "factor g of the memory from sample to sample")
 
@@ -119,7 +119,7 @@ def test_a_controller_in_python_that_answers_no_number_is_named(bad):
     def broken(t, y):
         return bad if t > 0.045 else 1.0
 
-    broken.measures, broken.drives = ("tank.level",), ("tank.inflow",)
+    broken.measured_signals, broken.actuated_signals = ("tank.level",), ("tank.inflow",)
     with pytest.raises(ControllerError, match=r"for tank.inflow, but at t = 0.05 s `broken` returned") as found:
         simulate(PLANT, 1.0, controller=Sampled(broken, PERIOD))
     assert found.value.run.last["tank.level"] == pytest.approx(0.05)
@@ -129,7 +129,7 @@ def test_a_controller_in_python_that_overflows_is_named():
     def squaring(t, y):
         return (1.0 + 1e200 * (t > 0.025)) ** 2.0  # an OverflowError of Python
 
-    squaring.measures, squaring.drives = ("tank.level",), ("tank.inflow",)
+    squaring.measured_signals, squaring.actuated_signals = ("tank.level",), ("tank.inflow",)
     with pytest.raises(ControllerError, match=r"at t = 0.03 s `squaring` overflows") as found:
         simulate(PLANT, 1.0, controller=Sampled(squaring, PERIOD))
     assert found.value.run.last["tank.level"] == pytest.approx(0.03)
@@ -145,7 +145,7 @@ class Around(Growing):
         def inside(t, y):
             return 0.0
 
-        inside.measures, inside.drives, inside.dt = ("tank.level",), ("tank.inflow",), PERIOD
+        inside.measured_signals, inside.actuated_signals, inside.dt = ("tank.level",), ("tank.inflow",), PERIOD
         return Around(self.growth, inside)
 
     def sampled(self, signal, period):
@@ -170,7 +170,7 @@ def test_lanes_fail_alone_with_the_reason_and_their_neighbours_do_not(delay):
     np.testing.assert_array_equal(batch.statuses, np.where(fails, work_layout.NOT_FINITE, work_layout.DONE))
     last = np.array([sample_of(growth) * PERIOD if fail else 1.0 for growth, fail in zip(growths, fails, strict=True)])
     np.testing.assert_allclose(batch.states[:, 0], -(last - delay), atol=1e-12)  # the lower limit from the first command on
-    found = sweep(loop, variations, 1.0, measures={"level": lambda run: run["tank.level"][-1]})
+    found = sweep(loop, variations, 1.0, metrics={"level": lambda run: run["tank.level"][-1]})
     assert set(found.errors) == set(np.flatnonzero(fails))
     assert all("Controller `Growing` must give finite numbers" in text for text in found.errors.values())
 

@@ -34,7 +34,7 @@ def test_a_load_that_a_formula_or_a_law_makes_negative_is_an_error_that_says_whe
     def lifting(t, y):
         return -1e5 if t > 5 else 5e4
 
-    lifting.measures, lifting.drives = ("bit.speed",), ("bit.weight",)
+    lifting.measured_signals, lifting.actuated_signals = ("bit.speed",), ("bit.weight",)
     with pytest.raises(SimulationError, match=r"`bit` must be >= 0") as caught:
         simulate(rig, 30.0, inputs={"top.torque": 1.5e4}, controller=lifting, sample_time=0.1)
     assert caught.value.run is not None
@@ -44,7 +44,7 @@ def test_a_delayed_signal_has_its_default_until_the_first_output_arrives(rig):
     def weight(t, y):
         return 5e4
 
-    weight.measures, weight.drives = ("bit.speed",), ("bit.weight",)
+    weight.measured_signals, weight.actuated_signals = ("bit.speed",), ("bit.weight",)
     run = simulate(rig, 2.0, controller=Sampled(weight, 0.1, delay=0.5))
     assert run.at(0.3)["bit.weight"] == 97_347.0
     assert run.at(0.7)["bit.weight"] == 5e4
@@ -119,7 +119,7 @@ def test_a_run_on_a_grid_repeats_the_answers_of_a_law_and_never_asks_it_again(ri
         calls.append(t)
         return 1e3 * len(calls)
 
-    counting.measures, counting.drives = ("top.speed",), ("top.torque",)
+    counting.measured_signals, counting.actuated_signals = ("top.speed",), ("top.torque",)
     run = simulate(rig, 1.0, controller=counting, sample_time=0.1, output_times=[0.0, 0.5, 1.0])
     held = run["top.torque"]
     np.testing.assert_array_equal(run.at([0.0, 0.5, 1.0])["top.torque"], held)

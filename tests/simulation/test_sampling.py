@@ -43,8 +43,8 @@ class Tank(Component):
 class Proportional(Controller):
     """u = -gain level"""
 
-    measures = ("tank.level",)
-    drives = ("tank.inflow",)
+    measured_signals = ("tank.level",)
+    actuated_signals = ("tank.inflow",)
 
     gain: float = quantity(1.0, "1/s", "gain")
 
@@ -59,19 +59,19 @@ class Proportional(Controller):
 class Counter(Controller):
     """u_k = k: open loop, with a memory."""
 
-    measures = ()
-    drives = ("tank.inflow",)
+    measured_signals = ()
+    actuated_signals = ("tank.inflow",)
 
     def sampled(self, signal, period):
         count = state("counter.count", "1")
         return Update(memory={count: count + 1}, outputs={"tank.inflow": (count, "m/s")})
 
 
-def law(measures, drives):
+def law(measured_signals, actuated_signals):
     """A decorator that says what a callable measures and drives."""
 
     def mark(function):
-        function.measures, function.drives = measures, drives
+        function.measured_signals, function.actuated_signals = measured_signals, actuated_signals
         return function
 
     return mark
@@ -131,8 +131,8 @@ def test_a_sampled_law_may_jump():
     # bang-bang u = -sgn(x_k): from 1 down in steps of the period, then to and fro across zero
     @dataclass(frozen=True)
     class Bang(Controller):
-        measures = ("tank.level",)
-        drives = ("tank.inflow",)
+        measured_signals = ("tank.level",)
+        actuated_signals = ("tank.inflow",)
 
         def sampled(self, signal, period):
             level = signal("tank.level", "m")
@@ -254,7 +254,7 @@ def test_two_controllers_with_periods_of_their_own_do_not_disturb_each_other():
 class Tick(Controller):
     """a_k = k, held"""
 
-    drives = ("tanks.in_a",)
+    actuated_signals = ("tanks.in_a",)
 
     def sampled(self, signal, period):
         count = state("tick.count", "1")
@@ -265,8 +265,8 @@ class Tick(Controller):
 class Follow(Controller):
     """b_k = what is held on `tanks.in_a` when the sample is taken"""
 
-    measures = ("tanks.in_a",)
-    drives = ("tanks.in_b",)
+    measured_signals = ("tanks.in_a",)
+    actuated_signals = ("tanks.in_b",)
 
     def sampled(self, signal, period):
         return Update(memory={}, outputs={"tanks.in_b": (signal("tanks.in_a", "m/s"), "m/s")})
@@ -285,8 +285,8 @@ def test_samples_of_one_instant_all_come_before_the_holds_whatever_the_order_of_
 def test_a_continuous_and_a_sampled_controller_work_side_by_side():
     @dataclass(frozen=True)
     class Drain(Controller):
-        measures = ("tanks.a",)
-        drives = ("tanks.in_a",)
+        measured_signals = ("tanks.a",)
+        actuated_signals = ("tanks.in_a",)
 
         def continuous(self, signal):
             return Equations(gives={"tanks.in_a": (-signal("tanks.a", "m"), "m/s")})
@@ -428,10 +428,10 @@ class Recorder(Controller):
 
     measured: str = "block.push"
     unit: str = "N"
-    drives = ("recorder.value",)
+    actuated_signals = ("recorder.value",)
 
     @property
-    def measures(self):
+    def measured_signals(self):
         return (self.measured,)
 
     def sampled(self, signal, period):
@@ -586,17 +586,18 @@ def test_a_callable_that_measures_a_vector_is_told_to_name_entries():
 
 
 @pytest.mark.parametrize(
-    ("measures", "drives"), [(("top.sped",), ("top.torque",)), (("top.speed",), ("top.torqe",)), (("top.speed",), ("bit.torque",))]
+    ("measured_signals", "actuated_signals"),
+    [(("top.sped",), ("top.torque",)), (("top.speed",), ("top.torqe",)), (("top.speed",), ("bit.torque",))],
 )
-def test_a_callable_that_names_unknown_signals_is_refused_by_name(measures, drives):
-    wrong = measures[0] if measures[0] != "top.speed" else drives[0]
+def test_a_callable_that_names_unknown_signals_is_refused_by_name(measured_signals, actuated_signals):
+    wrong = measured_signals[0] if measured_signals[0] != "top.speed" else actuated_signals[0]
     with pytest.raises(SceneError, match=wrong):
-        simulate(rig, 1.0, controller=law(measures, drives)(lambda t, y: 0.0), sample_time=0.1)
+        simulate(rig, 1.0, controller=law(measured_signals, actuated_signals)(lambda t, y: 0.0), sample_time=0.1)
 
 
 def test_a_lambda_is_told_its_signals_where_it_is_sampled():
     # u = 2 - x on x' = u, held over 0.1 s: x_(k+1) = x_k + 0.1 (2 - x_k)
-    told = Sampled(lambda t, y: 2.0 - y[0], 0.1, measures="tank.level", drives=["tank.inflow"])
+    told = Sampled(lambda t, y: 2.0 - y[0], 0.1, measured_signals="tank.level", actuated_signals=["tank.inflow"])
     run = simulate(tank, 1.0, controller=told, output_times=0.1 * np.arange(11))
     np.testing.assert_allclose(run["tank.level"], 2.0 * (1.0 - 0.9 ** np.arange(11)), rtol=1e-12)
     assert np.abs(simulate(tank, 1.0)["tank.level"]).max() == 0.0
@@ -613,9 +614,9 @@ def test_a_lambda_on_a_plant_without_a_top_drive_is_told_what_to_write_and_that_
 
 def test_only_a_callable_is_told_its_signals():
     with pytest.raises(SceneError, match="Argument `measures` must be left to a callable: PI declares what it measures"):
-        simulate(rig, 1.0, controller=Sampled(PI(), 0.1, measures="top.speed"))
+        simulate(rig, 1.0, controller=Sampled(PI(), 0.1, measured_signals="top.speed"))
     with pytest.raises(SceneError, match="Argument `drives` must be the name of a signal, or several, but it is 3"):
-        simulate(tank, 1.0, controller=Sampled(lambda t, y: 0.0, 0.1, measures="tank.level", drives=3))
+        simulate(tank, 1.0, controller=Sampled(lambda t, y: 0.0, 0.1, measured_signals="tank.level", actuated_signals=3))
 
 
 def test_two_controllers_that_drive_one_signal_are_refused():

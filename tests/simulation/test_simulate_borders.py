@@ -417,7 +417,7 @@ def test_a_law_that_plans_too_long_ends_with_the_seconds_of_its_run():
 
     with pytest.raises(BudgetError, match=r"s and reached t = 0\.06 s") as caught:
         simulate(plant, 10.0, controller=planned, sample_time=0.01, method=EventExact(budget=Budget(seconds=0.2)))
-    assert caught.value.run.end == 0.06 and len(caught.value.run.laws) == 1
+    assert caught.value.run.end == 0.06 and len(caught.value.run.controllers) == 1
     assert 0.0 < min(asked) <= max(asked) <= 0.2 and sorted(asked, reverse=True) == asked
     assert time_left() == math.inf
 

@@ -320,8 +320,8 @@ def test_a_sign_in_a_flow_is_refused_with_the_advice_to_declare_a_relay():
 def test_a_sign_in_a_continuous_controller_is_refused_too():
     @dataclass(frozen=True)
     class Bang(Controller):
-        measures = ("top.speed",)
-        drives = ("top.torque",)
+        measured_signals = ("top.speed",)
+        actuated_signals = ("top.torque",)
 
         def continuous(self, signal):
             return Equations(gives={"top.torque": (1e4 * ca.sign(8.0 - signal("top.speed", "rad/s")), "N m")})

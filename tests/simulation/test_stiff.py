@@ -466,7 +466,7 @@ def test_a_law_in_python_is_asked_once_per_sample():
         asked.append(t)
         return 10_000.0
 
-    law.measures, law.drives = ("top.speed",), ("top.torque",)
+    law.measured_signals, law.actuated_signals = ("top.speed",), ("top.torque",)
     run = simulate(compose(string(100), BitRock()), 60.0, controller=law, sample_time=0.5, accuracy=1e-3)
     assert len(asked) == 120
     assert run.program.formulas is not RODAS5P

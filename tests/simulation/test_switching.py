@@ -46,15 +46,15 @@ def test_a_pulse_shorter_than_a_step_throws_a_switch(method):
 
 
 def test_a_sample_throws_a_switch_and_the_next_one_throws_it_back():
-    law = Sampled(lambda t, y: {0.5: 2.0, 1.0: 0.0, 1.5: -2.0}.get(t, 0.0), 0.5, measures="room.x", drives="room.u")
+    law = Sampled(lambda t, y: {0.5: 2.0, 1.0: 0.0, 1.5: -2.0}.get(t, 0.0), 0.5, measured_signals="room.x", actuated_signals="room.u")
     run = simulate(compose(Thermostat()), 3.0, controller=law)
     assert run.events == [(0.5, "switch", "low", "high"), (1.5, "switch", "high", "low")]
 
 
 def test_a_sweep_over_the_input_starts_on_its_far_side():
     found = sweep(compose(Thermostat()), {"room.u": np.linspace(1.5, 2.5, 64)}, duration=1.0,
-                  measures={"end": lambda run: run["room.x"][-1]})  # fmt: skip
-    np.testing.assert_allclose(found.measures["end"], 10.0 * (1.0 - math.exp(-0.1)), rtol=1e-6)
+                  metrics={"end": lambda run: run["room.x"][-1]})  # fmt: skip
+    np.testing.assert_allclose(found.measured_signals["end"], 10.0 * (1.0 - math.exp(-0.1)), rtol=1e-6)
 
 
 def test_a_law_knows_on_which_side_of_its_break_a_jump_of_the_belt_puts_it():
@@ -95,7 +95,7 @@ def test_contacts_far_inside_their_bounds_hold_at_every_step_of_a_force(masses, 
     plant = compose(Held(*masses, stiffness))
     for arguments in (
         {"inputs": {"b.force": STAIRS}},
-        {"controller": Sampled(lambda t, y: min(1.0, round(t, 6)), 0.1, measures="a.x", drives="b.force")},
+        {"controller": Sampled(lambda t, y: min(1.0, round(t, 6)), 0.1, measured_signals="a.x", actuated_signals="b.force")},
     ):
         run = simulate(plant, 2.0, **arguments)
         assert run.events == [] and np.abs(run.states).max() < 1e-15
@@ -268,7 +268,7 @@ def test_a_negative_bound_of_a_relay_is_refused_where_it_happens(bound, when, me
 
 
 def test_a_negative_bound_of_a_relay_ends_a_run_of_a_sweep():
-    found = sweep(compose(Pushed()), {"a.static": [1.0, -1.0, 2.0]}, 1.0, measures={"end": lambda run: run["a.v"][-1]})
+    found = sweep(compose(Pushed()), {"a.static": [1.0, -1.0, 2.0]}, 1.0, metrics={"end": lambda run: run["a.v"][-1]})
     assert list(found.errors) == [1] and "must be >= 0" in found.errors[1]
 
 

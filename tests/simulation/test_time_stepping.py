@@ -250,7 +250,7 @@ def test_a_law_in_python_is_asked_once_per_sample():
         asked.append(t)
         return 4000.0 * (8.0 - y[0])
 
-    law.measures, law.drives = ("top.speed",), ("top.torque",)
+    law.measured_signals, law.actuated_signals = ("top.speed",), ("top.torque",)
     run = simulate(RIG, 2.0, controller=law, sample_time=0.1, method=TimeStepping(1e-3))
     np.testing.assert_allclose(asked, np.arange(20) * 0.1, atol=1e-12)
     exact = simulate(RIG, 2.0, controller=law, sample_time=0.1)

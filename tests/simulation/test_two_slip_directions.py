@@ -33,7 +33,7 @@ from toolbox import (
 )
 from toolbox.inputs import ramp, sine
 from toolbox.measuring.measure import extent
-from toolbox.measuring.measures import maximum, mean, severity, time_in
+from toolbox.measuring.metrics import maximum, mean, severity, time_in
 from toolbox.modelling import Quantities, smoothed
 from toolbox.prediction.rollout import Rollout
 from toolbox.steady_states.running import running
@@ -342,7 +342,7 @@ def test_what_knows_one_slip_direction_only_says_so_and_what_to_do():
     refused(lambda: smoothed(plant, 0.1), ["located events"])
     refused(lambda: sensitivity(run, "puck.mass"), ["difference of two runs"])
     refused(lambda: limit_cycle(closed_loop(plant, inputs=ELLIPSE | {"puck.side": 0.0}), 2.0), ["difference of two runs"])
-    refused(lambda: onset(plant, "puck.mass", between=(1.0, 2.0)), ["sweep"])
+    refused(lambda: onset(plant, "puck.mass", bounds=(1.0, 2.0)), ["sweep"])
     refused(lambda: running(plant, {"puck.v": 1.0}, "puck.pull"), ["equilibrium"])
     refused(lambda: Rollout(plant, ["puck.pull"], 0.1, 2), ["each direction"])
 
@@ -371,7 +371,7 @@ def test_a_saved_run_and_a_sweep_know_how_long_it_stuck(tmp_path):
     run.save(tmp_path / "run.npz")
     assert Trajectory.load(tmp_path / "run.npz").time_in("table", "stick") == run.time_in("table", "stick")
     loads = np.linspace(5.0, 15.0, 120)  # as many as would step side by side
-    stuck = sweep(closed_loop(plant, inputs=ELLIPSE), {"puck.load": loads}, 3.0, measures={"stuck": time_in("table")})["stuck"]
+    stuck = sweep(closed_loop(plant, inputs=ELLIPSE), {"puck.load": loads}, 3.0, metrics={"stuck": time_in("table")})["stuck"]
     alone = simulate(plant, 3.0, inputs=ELLIPSE, parameters={"puck.load": loads[50]}).time_in("table", "stick")
     assert stuck[50] == pytest.approx(alone, rel=1e-6) and stuck[-1] > stuck[0]
 
@@ -395,7 +395,7 @@ def test_kinetic_friction_above_the_static_one_is_refused_by_the_name_of_the_con
 
 def test_a_sampled_law_moves_a_contact_that_sticks():
     """A law steps its force every 0.1 s: the contact lets go at the sample at which the resultant passes the bound, and slides along it."""
-    law = Sampled(lambda t, y: (40.0 * t,), 0.1, measures="puck.v", drives="puck.side")
+    law = Sampled(lambda t, y: (40.0 * t,), 0.1, measured_signals="puck.v", actuated_signals="puck.side")
     run = simulate(compose(Puck()), 0.5, inputs={"puck.pull": 2.4}, controller=law, accuracy=1e-9)
     assert switches(run) == [(pytest.approx(0.1), "slip")]  # 4 N beside 2.4 N against 4 N
     size = math.hypot(2.4, 4.0)
@@ -428,7 +428,7 @@ def test_lengths_of_slip_and_force_are_measured_through_the_break_away():
         "severity": severity("table.slip"),
         "force": mean("table.force"),
     }
-    found = sweep(closed_loop(plant, inputs=pull), {"puck.mass": (1.0, 1.0)}, 2.0, measures=measures)
+    found = sweep(closed_loop(plant, inputs=pull), {"puck.mass": (1.0, 1.0)}, 2.0, metrics=measures)
     for name, expected in {"highest": 2.0, "mean": 0.5, "severity": 2.0, "force": 1.5}.items():
         assert found[name] == pytest.approx(expected, rel=1e-6), name
 

@@ -33,11 +33,11 @@ class Integrating(Controller):
     own: float = quantity(0.0, "1", "")
 
     @property
-    def measures(self):
+    def measured_signals(self):
         return (f"{self.side}.speed", f"{self.side}.torque")
 
     @property
-    def drives(self):
+    def actuated_signals(self):
         return (f"{self.side}.torque",)
 
     def sampled(self, signal, period):

@@ -72,7 +72,7 @@ def test_a_weight_that_varies_has_its_mean_its_size_and_its_corner_and_another_s
 
 
 def test_a_weight_that_a_law_moves_calms_the_bit_where_the_hoist_follows_and_not_where_it_is_too_slow(tmp_path):
-    made = study.machine(drives.laws()[DITHERED], 2.4, tmp_path)
+    made = study.machine(drives.controllers()[DITHERED], 2.4, tmp_path)
     free = made.numbers(Machine("declared"), "direct", 0.0, QUIET)
     assert free["stuck"] == 0.0 and free["swing"] < 0.001 < 0.2 < free["rate"]
     slow = made.numbers(Machine("declared"), "direct", 0.0, QUIET, hoist=(0.0, 0.01))

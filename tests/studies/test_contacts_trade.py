@@ -17,7 +17,7 @@ def test_a_slow_drive_needs_no_modes_and_a_fast_one_does(face):
     most = face.body.modes
     assert most > 5
     for drive, step, low, high in ((study.slow, 4e-3, 0.0, 1e-8), (study.struck, 2.5e-7, 1e-2, 0.5)):
-        assert low <= study.errors(drive(face, 0, step), drive(face, most, step))[0] < high
+        assert low <= study.failures(drive(face, 0, step), drive(face, most, step))[0] < high
 
 
 def test_the_error_of_the_force_falls_with_the_step_and_the_table_says_so(face):

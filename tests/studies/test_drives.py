@@ -80,7 +80,7 @@ def test_a_run_that_sticks_is_off_swings_or_is_at_its_limits_is_no_success():
 def test_the_groups_are_those_of_the_protocol():
     runs = {name: group.runs for name, group in GROUPS.items()}
     assert runs == {"declared": 8, "real": 160, "robust": 264, "corners": 72, "rocks": 48, "weight": 80}
-    assert all(len(each.factors) + (each.late > 0.0) == 1 for each in SINGLES)
+    assert all(len(each.factors) + (each.delay > 0.0) == 1 for each in SINGLES)
     assert {tuple(factor for _, factor in each.factors) for each in CORNERS} == {(0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8)}
     # what laws are tuned on is not what they are judged on
     judged = {seed for group in GROUPS.values() for seed in group.seeds if group.noise}
@@ -116,10 +116,10 @@ class Known(Cells):
 
     def __init__(self, threshold, holes=()):
         super().__init__()
-        self.threshold, self.holes, self.asked = threshold, holes, []
+        self.threshold, self.holes, self.display_units = threshold, holes, []
 
     def outcome(self, law, group, reference, way):
-        self.asked.append(reference)
+        self.display_units.append(reference)
         return Outcome(reference >= self.threshold and reference not in self.holes, "made to fail")
 
 
@@ -128,7 +128,7 @@ def test_the_search_bisects_confirms_three_set_points_above_and_goes_on_above_a_
     cells = Known(5.3)
     found = lowest(law, group, "direct", cells)
     assert found.speed == 5.3 and found.why == "made to fail"
-    assert len(cells.asked) < 16 and {5.6, 6.1, 7.3} <= set(cells.asked)
+    assert len(cells.display_units) < 16 and {5.6, 6.1, 7.3} <= set(cells.display_units)
     assert lowest(law, group, "direct", Known(5.3, holes=(6.1,))).speed == 6.2
     assert np.isnan(lowest(law, group, "direct", Known(15.0)).speed)
 
@@ -261,7 +261,7 @@ def test_every_family_makes_a_law_that_is_designed_on_the_rig():
 
 
 def test_a_dither_of_the_weight_presses_harder_while_the_bit_turns_faster_and_ends_a_stick_slip_that_the_drive_alone_does_not():
-    numbers = {"proportional": 900.0, "integral": 900.0, "size": 2.0, "torque_walk": 8000.0, "drive_walk": 50.0}
+    numbers = {"proportional": 900.0, "integral": 900.0, "size": 2.0, "torque_process_noise": 8000.0, "drive_process_noise": 50.0}
     stuck = {}
     for depth in (1e-6, 0.2):
         tried = trial("dithered", gains.FAMILIES["impedance and dither of the weight"].of({**numbers, "depth": depth}))

@@ -23,7 +23,7 @@ def test_the_last_row_lets_go_with_the_rigid_slider_and_the_first_long_before():
 @pytest.mark.slow
 def test_nodes_with_cone_and_opening_repeat_the_shared_area_of_an_independent_model():
     run = study.face_run(study.face_problem(10), 1e-3)
-    found = study.measures(run)
+    found = study.measured_signals(run)
     assert found["share at 0.16 s"] == pytest.approx(0.57, abs=0.05)
     assert found["share at 0.20 s"] == pytest.approx(0.26, abs=0.05)
     assert found["no node sticks from [s]"] == pytest.approx(0.2175, abs=0.005)

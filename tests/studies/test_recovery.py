@@ -11,7 +11,7 @@ from controllers import Lifting, SoftTorque, StiffPI
 from studies.protocol import LIMITS, trial
 from studies.questions import drives, recovery
 from toolbox.robustness.groups import Machine
-from toolbox.robustness.lowest_set_point import Held
+from toolbox.robustness.lowest_set_point import SetPointLimit
 
 
 def test_a_recovery_is_told_as_its_run_shows_it_and_a_law_that_never_recovers_is_told_so():
@@ -30,7 +30,7 @@ def test_a_recovery_is_told_as_its_run_shows_it_and_a_law_that_never_recovers_is
 def test_below_what_a_law_holds_the_flag_and_the_share_of_the_time_lifted_are_told():
     flag, lifted = recovery.given_up(recovery.lifted("soft torque"), 2.0)
     assert 20.0 < flag < 400.0 and 0.02 < lifted < 0.15
-    flag, lifted = recovery.given_up(recovery.lifted("soft torque", tries=1e6, highest=50.0), 2.0)  # lifted in vain
+    flag, lifted = recovery.given_up(recovery.lifted("soft torque", max_attempts=1e6, max_factor=50.0), 2.0)  # lifted in vain
     assert 200.0 < flag < 230.0 and lifted < 0.15
     blind = recovery.lifted("soft torque", string_impedance=1e9, string_period=1e4)  # sees no swing, and waits for 36 periods of hours
     assert recovery.given_up(blind, 2.0) == (np.inf, 0.0)
@@ -43,7 +43,7 @@ def test_next_to_its_border_too_the_one_law_gives_up_and_its_top_stays_below_twi
     assert 100.0 < flag < 400.0 and lifted < 0.06
     top, calm, back, _ = recovery.recovered(law, 4.0, 0.125)
     assert top < 2.0 and calm < 20.0 and back < 60.0
-    assert recovery.recovered(recovery.lifted("LQG, between", limit=None), 4.0, 0.125)[0] > 2.1
+    assert recovery.recovered(recovery.lifted("LQG, between", speed_limit_factor=None), 4.0, 0.125)[0] > 2.1
 
 
 def test_the_share_of_the_time_that_is_lifted_is_that_of_the_run():
@@ -58,7 +58,7 @@ def test_a_lifting_law_is_held_against_the_law_inside_of_it(monkeypatch):
 
     def borders(law, groups, cells, **between):
         asked.append((type(law.clock.law), law.label, [group.name for group in groups]))
-        return {("robust", "direct"): Held(9.6 if len(asked) == 1 else 4.1, "")}
+        return {("robust", "direct"): SetPointLimit(9.6 if len(asked) == 1 else 4.1, "")}
 
     monkeypatch.setattr(recovery, "borders", borders)
     assert recovery.beside("soft torque", ["robust"]) == [recovery.Beside("soft torque", "robust", "direct", 9.6, 4.1)]
@@ -69,7 +69,7 @@ def test_a_lifting_law_is_held_against_the_law_inside_of_it(monkeypatch):
 
 
 def test_every_lifting_row_of_the_drive_table_is_among_the_laws_that_are_lifted():
-    rows = {label: law for label, law in drives.laws().items() if label.endswith(recovery.LIFTS)}
+    rows = {label: law for label, law in drives.controllers().items() if label.endswith(recovery.LIFTS)}
     assert {f"{label}{recovery.LIFTS}" for label in recovery.inner_laws()} - {"PI, lifting"} == set(rows)
     assert all(repr(law.clock.law) == repr(recovery.lifted(label.removesuffix(recovery.LIFTS)).clock.law) for label, law in rows.items())
 

@@ -57,7 +57,7 @@ def test_a_law_that_takes_over_inside_stick_slip_at_a_constant_set_point_keeps_w
 
 
 def test_the_tuned_lqg_is_better_than_the_one_as_given_in_both_on_every_weight():
-    given = LQG(reference=SET_POINT, late=round(DELAY / 0.01), speed_noise=NOISE, **LIMITS)
+    given = LQG(reference=SET_POINT, delay_samples=round(DELAY / 0.01), speed_noise=NOISE, **LIMITS)
     tuned = dataclasses.replace(given, top_size=0.48625, bit_size=0.499034, angle_size=3.41606)
     before, after = (
         [[of(run_of(scene, measured(law))) for of in OBJECTIVES.values()] for scene in drill_strings().values()] for law in (given, tuned)

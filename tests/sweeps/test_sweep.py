@@ -41,7 +41,7 @@ from toolbox import (
     sweep,
 )
 from toolbox.errors import BudgetError
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.modelling.inputs import sine
 from toolbox.simulation import EventExact
 from toolbox.sweeps import Sweep, latin_hypercube, sobol, store, uniform
@@ -76,9 +76,9 @@ class Growth(Component):
 
 def test_measures_of_a_harmonic_motion_are_those_on_paper():
     w, after, until = np.array([1.0, 2.0, 7.3]), 3.21, 9.87
-    found = sweep(closed_loop(compose(Spring()), start={"mass.position": 1.0}), {"mass.frequency": w}, duration=10.0, accuracy=1e-10, measures={
-            "mean": measures.mean("mass.position", after, until), "high": measures.maximum("mass.square"), "low": measures.minimum("mass.position"),
-            "square": measures.mean("mass.square", after, until), "end": measures.final("mass.speed"),
+    found = sweep(closed_loop(compose(Spring()), start={"mass.position": 1.0}), {"mass.frequency": w}, duration=10.0, accuracy=1e-10, metrics={
+            "mean": metrics.mean("mass.position", after, until), "high": metrics.maximum("mass.square"), "low": metrics.minimum("mass.position"),
+            "square": metrics.mean("mass.square", after, until), "end": metrics.final("mass.speed"),
         })  # fmt: skip
     span = until - after
     np.testing.assert_allclose(found["mean"], (np.sin(w * until) - np.sin(w * after)) / (w * span), atol=1e-8)
@@ -130,14 +130,14 @@ def test_measures_in_machine_code_agree_with_those_of_the_trajectory(case, accur
     loop, rest = together(plant, **arguments)
     found = sweep(
         loop, {name: values}, duration=duration, accuracy=accuracy, **rest,
-        measures={
-            "minimum": measures.minimum(signal, after, until), "maximum": measures.maximum(signal, after, until), "mean": measures.mean(signal, after, until),
-            "severity": measures.severity(signal, after, until=until), "final": measures.final(signal),
-            "time": measures.time_in(element, after, until, mode=mode), "stays": measures.stays(element, after, until, mode=mode),
-            "last": measures.last_stay(element, mode=mode), "events": measures.events(element),
+        metrics={
+            "minimum": metrics.minimum(signal, after, until), "maximum": metrics.maximum(signal, after, until), "mean": metrics.mean(signal, after, until),
+            "severity": metrics.severity(signal, after, until=until), "final": metrics.final(signal),
+            "time": metrics.time_in(element, after, until, mode=mode), "stays": metrics.stays(element, after, until, mode=mode),
+            "last": metrics.last_stay(element, mode=mode), "events": metrics.events(element),
         },
     )  # fmt: skip
-    assert not found.errors
+    assert not found.failures
     for i, value in enumerate(values):
         varied = {"inputs": {**arguments.get("inputs", {}), name: value}} if name in plant.inputs else {"parameters": {name: value}}
         if name.startswith("pi."):
@@ -161,7 +161,7 @@ def test_measures_in_machine_code_agree_with_those_of_the_trajectory(case, accur
 def test_node_values_alone_would_miss_the_peak():
     run = simulate(RIG, 60.0, controller=StiffPI())
     found = sweep(
-        closed_loop(RIG, StiffPI()), {"bit.weight": [97_347.0]}, duration=60.0, measures={"peak": measures.maximum("bit.speed", 30.0)}
+        closed_loop(RIG, StiffPI()), {"bit.weight": [97_347.0]}, duration=60.0, metrics={"peak": metrics.maximum("bit.speed", 30.0)}
     )
     peak = measure.extent(run, "bit.speed", 30.0).maximum
     assert found["peak"][0] == pytest.approx(peak, rel=1e-6)
@@ -178,11 +178,11 @@ def test_functions_of_the_trajectory_and_laws_in_python_see_the_same_runs():
     weights = [60e3, 97e3]
     asked = {
         "called": lambda run: measure.severity(run, after=10.0),
-        "read": measures.severity("bit.speed", 10.0),
+        "read": metrics.severity("bit.speed", 10.0),
         "steps": lambda run: run.steps[0],
     }
     loop = closed_loop(RIG, Sampled(Brake(), 0.05))
-    found = sweep(loop, {"bit.weight": weights}, duration=20.0, executor=ThreadPoolExecutor(2), measures=asked)
+    found = sweep(loop, {"bit.weight": weights}, duration=20.0, executor=ThreadPoolExecutor(2), metrics=asked)
     for i, weight in enumerate(weights):
         run = simulate(RIG, 20.0, controller=Sampled(Brake(), 0.05), inputs={"bit.weight": weight})
         assert found["called"][i] == found["read"][i] == measure.severity(run, after=10.0)
@@ -206,10 +206,10 @@ def test_processes_have_one_thread_of_linear_algebra_unless_told_otherwise(told)
 
 @pytest.mark.slow
 def test_laws_in_python_run_in_processes():
-    here = sweep(closed_loop(RIG, Sampled(Gentle(), 0.05)), {"bit.weight": [60e3, 97e3]}, duration=5.0, measures=("mean", "stuck"))
+    here = sweep(closed_loop(RIG, Sampled(Gentle(), 0.05)), {"bit.weight": [60e3, 97e3]}, duration=5.0, metrics=("mean", "stuck"))
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         there = sweep(
-            closed_loop(RIG, Sampled(Gentle(), 0.05)), {"bit.weight": [60e3, 97e3]}, duration=5.0, measures=("mean", "stuck"), executor=pool
+            closed_loop(RIG, Sampled(Gentle(), 0.05)), {"bit.weight": [60e3, 97e3]}, duration=5.0, metrics=("mean", "stuck"), executor=pool
         )
 
         class Local(Gentle):
@@ -224,7 +224,7 @@ def test_laws_in_python_run_in_processes():
 class Gentle:
     """u = 8000 (8 - y)."""
 
-    measures, drives = "top.speed", "top.torque"
+    metrics, drives = "top.speed", "top.torque"
 
     def __call__(self, t, y):
         return 8e3 * (8.0 - y[0])
@@ -237,10 +237,10 @@ def test_a_run_that_fails_is_recorded_and_the_others_are_not_touched():
         {"growth.rate": rates},
         duration=1.0,
         accuracy=1e-10,
-        measures={"x": measures.final("growth.size")},
+        metrics={"x": metrics.final("growth.size")},
     )
-    assert list(found.errors) == [2]
-    assert "growth.size" in found.errors[2]
+    assert list(found.failures) == [2]
+    assert "growth.size" in found.failures[2]
     assert math.isnan(found["x"][2])
     assert "1 of 4 runs failed" in str(found)
     np.testing.assert_allclose(found["x"][[0, 1, 3]], [1 / 0.75, 2.0, 1.0], rtol=1e-8)
@@ -250,9 +250,9 @@ def test_numbers_that_contradict_each_other_fail_alone():
     diameters = [0.15, 0.18, 0.22]
     vary = {"collar.outer_diameter": diameters, "collar.hole_diameter": [0.20, 0.23]}
     loop = closed_loop(rubbing(), start={"chain.speed": (24.0, 24.0)})
-    found = sweep(loop, vary, duration=0.05, measures={"r": measures.maximum("collar.radius")})
-    assert list(found.errors) == [4]
-    assert "must increase" in found.errors[4]
+    found = sweep(loop, vary, duration=0.05, metrics={"r": metrics.maximum("collar.radius")})
+    assert list(found.failures) == [4]
+    assert "must increase" in found.failures[4]
     assert np.isfinite(found["r"].ravel()[[0, 1, 2, 3, 5]]).all()
 
 
@@ -260,12 +260,12 @@ def test_numbers_that_contradict_each_other_fail_alone():
 def test_rows_whose_friction_would_drive_the_machine_fail_alone(drop):
     plant = compose(BlockOnBelt(friction=LuGre(steady=Dropping()), name="block"))
     found = sweep(
-        plant, {"belt.friction.steady.beyond": drop, "block.stiffness": [1.0, 2.0]}, 0.5, measures={"x": measures.final("block.position")}
+        plant, {"belt.friction.steady.beyond": drop, "block.stiffness": [1.0, 2.0]}, 0.5, metrics={"x": metrics.final("block.position")}
     )
     below = [2 * i + k for i, value in enumerate(drop) if value < 0 for k in (0, 1)]
-    assert list(found.errors) == below
+    assert list(found.failures) == below
     assert all(
-        "Dropping must not fall below zero, where it would drive the machine, but beyond a slip speed of 1 " in found.errors[i]
+        "Dropping must not fall below zero, where it would drive the machine, but beyond a slip speed of 1 " in found.failures[i]
         for i in below
     )
     assert np.isnan(found["x"].ravel()[below]).all() and np.isfinite(np.delete(found["x"].ravel(), below)).all()
@@ -273,8 +273,8 @@ def test_rows_whose_friction_would_drive_the_machine_fail_alone(drop):
 
 def test_the_middle_row_may_contradict_itself():
     plant = compose(BlockOnBelt(friction=Exponential()))
-    found = sweep(plant, {"belt.friction.static": [0.9, 0.3, 1.0]}, 0.5, measures={"x": measures.final("block.position")})
-    assert list(found.errors) == [1] and "static" in found.errors[1]
+    found = sweep(plant, {"belt.friction.static": [0.9, 0.3, 1.0]}, 0.5, metrics={"x": metrics.final("block.position")})
+    assert list(found.failures) == [1] and "static" in found.failures[1]
 
 
 def test_designs_fill_their_bounds():
@@ -309,12 +309,12 @@ def test_designs_that_make_no_sense_are_refused(design, arguments, message):
 
 
 def test_rows_and_grids_give_the_same_runs():
-    asked = {"severity": measures.severity("bit.speed", 10.0)}
-    over = sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [60e3, 97e3], "pi.reference": [5.0, 9.0]}, duration=20.0, measures=asked)
+    asked = {"severity": metrics.severity("bit.speed", 10.0)}
+    over = sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [60e3, 97e3], "pi.reference": [5.0, 9.0]}, duration=20.0, metrics=asked)
     rows = [{"bit.weight": w, "pi.reference": r} for w in (60e3, 97e3) for r in (5.0, 9.0)]
-    alone = sweep(closed_loop(RIG, StiffPI()), rows, duration=20.0, measures=asked)
+    alone = sweep(closed_loop(RIG, StiffPI()), rows, duration=20.0, metrics=asked)
     pandas = pytest.importorskip("pandas")
-    table = sweep(closed_loop(RIG, StiffPI()), pandas.DataFrame(rows), duration=20.0, measures=asked)
+    table = sweep(closed_loop(RIG, StiffPI()), pandas.DataFrame(rows), duration=20.0, metrics=asked)
     np.testing.assert_array_equal(over["severity"].ravel(), alone["severity"])
     np.testing.assert_array_equal(table["severity"], alone["severity"])
     assert over["severity"].shape == (2, 2)
@@ -338,7 +338,7 @@ def test_what_is_saved_comes_back(tmp_path):
     assert float(data["severity"].sel({"bit.weight": 97e3, "pi.reference": 12.0})) == found["severity"][1, 2]
     pytest.importorskip("pandas")
     frame = found.to_pandas()
-    assert frame.attrs["units"] == {"bit.weight": "N", "pi.reference": "rad/s", **found.measure_units}
+    assert frame.attrs["units"] == {"bit.weight": "N", "pi.reference": "rad/s", **found.metric_units}
     for values in frame.to_dict("records"):
         place = {name: values[name] for name in ("bit.weight", "pi.reference")}
         assert float(data["severity"].sel(place)) == values["severity"] and values["error"] == ""
@@ -353,15 +353,15 @@ def test_what_is_saved_comes_back(tmp_path):
 @pytest.mark.parametrize("grid", [True, False])
 def test_a_file_of_an_earlier_version_comes_back(grid, tmp_path):
     masses = {"block.mass": [1.0, 2.0]} if grid else [{"block.mass": 1.0}, {"block.mass": 2.0}]
-    found = dataclasses.replace(sweep(compose(BlockOnBelt()), masses, duration=5.0), seconds=0.0, errors={1: "it failed"})
+    found = dataclasses.replace(sweep(compose(BlockOnBelt()), masses, duration=5.0), seconds=0.0, failures={1: "it failed"})
     told = {name: getattr(found, name) for name in ("title", "names", "units", "measure_units", "duration", "accuracy")}
     told |= {"grid": grid, "errors": {"1": "it failed"}}
     arrays = {"points": found.points} | {f"axis.{name}": axis for name, axis in zip(found.names, found.axes, strict=False)}
-    arrays |= {f"measure.{name}": values for name, values in found.measures.items()}
+    arrays |= {f"measure.{name}": values for name, values in found.metrics.items()}
     np.savez_compressed(tmp_path / "sweep.npz", sweep=np.array(json.dumps(told)), **arrays)
     back = Sweep.load(tmp_path / "sweep.npz")
-    assert str(back) == str(dataclasses.replace(found, asked={})) and back.shape == found.shape and back.errors == found.errors
-    for name in found.measures:
+    assert str(back) == str(dataclasses.replace(found, display_units={})) and back.shape == found.shape and back.errors == found.failures
+    for name in found.metrics:
         np.testing.assert_array_equal(back[name], found[name])
     told["errors"] = {"2": "it failed"}
     np.savez_compressed(tmp_path / "sweep.npz", sweep=np.array(json.dumps(told)), **arrays)
@@ -404,7 +404,7 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path, monkeypatch):
     weights = {"bit.weight": np.linspace(50e3, 110e3, 500)}
     plant, law = compose(wells.JANSEN_2, BitRock()), Sampled(StiffPI(), 0.01)
     made = counted_runs(monkeypatch)
-    found = sweep(closed_loop(plant, law), weights, duration=60.0, out=folder)
+    found = sweep(closed_loop(plant, law), weights, duration=60.0, checkpoint=folder)
     assert sum(made) == 500 - done.sum()  # what was there is kept
     np.testing.assert_array_equal(found["severity"][done], before[done])
     whole = sweep(closed_loop(plant, law), weights, duration=60.0)
@@ -422,7 +422,7 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path, monkeypatch):
             loop, rest = together(plant, **{"duration": 60.0, "controller": law, "out": folder, **other})
             sweep(loop, weights, **rest)
     with pytest.raises(SceneError, match="other `vary`"):
-        sweep(closed_loop(plant, law), {"bit.weight": np.linspace(50e3, 111e3, 500)}, duration=60.0, out=folder)
+        sweep(closed_loop(plant, law), {"bit.weight": np.linspace(50e3, 111e3, 500)}, duration=60.0, checkpoint=folder)
 
 
 def counted_runs(monkeypatch):
@@ -433,7 +433,7 @@ def counted_runs(monkeypatch):
     return made
 
 
-GROWING = {"duration": 1.0, "accuracy": 1e-7, "measures": {"x": measures.final("growth.size")}}
+GROWING = {"duration": 1.0, "accuracy": 1e-7, "measures": {"x": metrics.final("growth.size")}}
 
 
 def growing(plant=None):
@@ -445,16 +445,16 @@ def test_what_is_on_disk_is_what_was_found_failures_and_all(tmp_path):
     xarray = pytest.importorskip("xarray")
     pytest.importorskip("zarr")
     rates = {"growth.rate": [0.25, 3.0, 0.5]}
-    found = sweep(growing(), rates, out=tmp_path / "found.zarr", **GROWING)
+    found = sweep(growing(), rates, checkpoint=tmp_path / "found.zarr", **GROWING)
     with xarray.open_zarr(tmp_path / "found.zarr") as data:
         np.testing.assert_array_equal(data["status"], [1, 2, 1])
         assert [bool(text) for text in data["error"].values] == [False, True, False]
-        assert str(data["error"].values[1]) == found.errors[1]
+        assert str(data["error"].values[1]) == found.failures[1]
         xarray.testing.assert_equal(data[["x"]], found.to_xarray()[["x"]])
         assert data["error"].values.tolist() == found.to_xarray()["error"].values.tolist()
-    assert Sweep.load(tmp_path / "found.zarr").errors == found.errors
+    assert Sweep.load(tmp_path / "found.zarr").errors == found.failures
     found.save(tmp_path / "saved.zarr")
-    assert Sweep.load(tmp_path / "saved.zarr").errors == found.errors
+    assert Sweep.load(tmp_path / "saved.zarr").errors == found.failures
     np.testing.assert_array_equal(Sweep.load(tmp_path / "saved.zarr")["x"], found["x"])
 
 
@@ -474,9 +474,9 @@ def test_a_full_disk_loses_nothing_that_was_there(tmp_path, monkeypatch):
     with monkeypatch.context() as full:
         full.setattr(os, "fsync", fsync)
         with pytest.raises(OSError, match="No space left on device; what was written before is kept, and the same call goes on from there"):
-            sweep(growing(plant), rates, out=tmp_path / "found", **GROWING)
+            sweep(growing(plant), rates, checkpoint=tmp_path / "found", **GROWING)
     made = counted_runs(monkeypatch)
-    found = sweep(growing(plant), rates, out=tmp_path / "found", **GROWING)
+    found = sweep(growing(plant), rates, checkpoint=tmp_path / "found", **GROWING)
     assert 0 < sum(made) < 50
     np.testing.assert_allclose(found["x"], 1.0 / (1.0 - rates["growth.rate"]), rtol=1e-6)
     assert not list((tmp_path / "found").rglob(".*"))
@@ -486,7 +486,7 @@ def test_a_damaged_store_is_refused_and_says_how_to_mend_it(tmp_path, monkeypatc
     pytest.importorskip("zarr")
     monkeypatch.setattr(store, "ROWS", 10)
     rates, plant, folder = {"growth.rate": np.linspace(0.0, 0.9, 50)}, compose(Growth()), tmp_path / "found"
-    whole = sweep(growing(plant), rates, out=folder, **GROWING)
+    whole = sweep(growing(plant), rates, checkpoint=folder, **GROWING)
 
     def altered(content):
         return content[:-5] + bytes([content[-5] ^ 1]) + content[-4:]
@@ -498,19 +498,19 @@ def test_a_damaged_store_is_refused_and_says_how_to_mend_it(tmp_path, monkeypatc
         file = folder / name / "c" / "2"
         content = file.read_bytes()
         file.unlink() if harm is None else file.write_bytes(harm(content))
-        for look in (lambda: sweep(growing(plant), rates, out=folder, **GROWING), lambda: Sweep.load(folder)):
+        for look in (lambda: sweep(growing(plant), rates, checkpoint=folder, **GROWING), lambda: Sweep.load(folder)):
             with pytest.raises(SceneError, match="missing: delete" if harm is None else "damaged: delete") as refused:
                 look()
             assert "status/c/2" in str(refused.value) and "the runs 20 to 29" in str(refused.value)
         (folder / "status" / "c" / "2").unlink()  # as it says
         with monkeypatch.context() as watched:
             made = counted_runs(watched)
-            again = sweep(growing(plant), rates, out=folder, **GROWING)
+            again = sweep(growing(plant), rates, checkpoint=folder, **GROWING)
         assert sum(made) == 10
         np.testing.assert_array_equal(again["x"], whole["x"])
     (folder / "zarr.json").write_text("nothing")
     with pytest.raises(SceneError, match="There is no sweep in .*, or it is damaged"):
-        sweep(growing(plant), rates, out=folder, **GROWING)
+        sweep(growing(plant), rates, checkpoint=folder, **GROWING)
 
 
 def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(tmp_path, monkeypatch):
@@ -526,11 +526,11 @@ def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(tmp_path, monkeyp
 
     with monkeypatch.context() as key, pytest.raises(KeyboardInterrupt) as stopped:
         key.setattr(workers, "finished", interrupted)
-        sweep(growing(plant), rates, executor=ThreadPoolExecutor(1), out=tmp_path / "found", **GROWING)
+        sweep(growing(plant), rates, executor=ThreadPoolExecutor(1), checkpoint=tmp_path / "found", **GROWING)
     done = int(re.match(r"(\d+) of 40 runs are in `.*found`; the same call goes on from there", stopped.value.__notes__[0])[1])
     assert 0 < done < 40
     made = counted_runs(monkeypatch)
-    found = sweep(growing(plant), rates, out=tmp_path / "found", **GROWING)
+    found = sweep(growing(plant), rates, checkpoint=tmp_path / "found", **GROWING)
     assert sum(made) == 40 - done
     np.testing.assert_allclose(found["x"], 1.0 / (1.0 - rates["growth.rate"]), rtol=1e-6)
 
@@ -538,7 +538,7 @@ def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(tmp_path, monkeyp
 def test_without_zarr_a_sweep_on_disk_names_what_is_missing(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "zarr", None)
     with pytest.raises(ImportError, match=r"pip install -e '\.\[batch\]'"):
-        sweep(growing(), {"growth.rate": [0.1]}, out=tmp_path / "found", **GROWING)
+        sweep(growing(), {"growth.rate": [0.1]}, checkpoint=tmp_path / "found", **GROWING)
     assert not (tmp_path / "found").exists()
 
 
@@ -574,20 +574,20 @@ def test_the_budget_of_a_run_counts_all_its_events(monkeypatch):
     # a block on a belt sticks and slips once a period: two events, of which the loop hands over a buffer at a time
     plant, budget = compose(BlockOnBelt()), Budget(events=1000)
     found = sweep(
-        plant, {"block.mass": [0.9, 1.1]}, duration=1e5, method=EventExact(budget=budget), measures={"events": measures.events("belt")}
+        plant, {"block.mass": [0.9, 1.1]}, duration=1e5, method=EventExact(budget=budget), metrics={"events": metrics.events("belt")}
     )
     for i, mass in enumerate((0.9, 1.1)):
         with pytest.raises(BudgetError) as alone:
             simulate(plant, 1e5, parameters={"block.mass": mass}, method=EventExact(budget=budget))
-        assert re.match(r"The run used its 1000 events and reached", found.errors[i]) and len(alone.value.run.events) == 1000
-        assert found.errors[i] == str(alone.value)
+        assert re.match(r"The run used its 1000 events and reached", found.failures[i]) and len(alone.value.run.events) == 1000
+        assert found.failures[i] == str(alone.value)
     exact = len(simulate(plant, 200.0).events)
     for most, errors in ((exact, 0), (exact - 1, 1)):
         assert (
             len(
                 sweep(
-                    plant, {"block.mass": [1.0]}, duration=200.0, method=EventExact(budget=Budget(events=most)), measures=("events",)
-                ).errors
+                    plant, {"block.mass": [1.0]}, duration=200.0, method=EventExact(budget=Budget(events=most)), metrics=("events",)
+                ).failures
             )
             == errors
         )
@@ -596,7 +596,7 @@ def test_the_budget_of_a_run_counts_all_its_events(monkeypatch):
 def test_a_folder_with_other_files_is_not_written_to(tmp_path):
     (tmp_path / "letter.txt").write_text("mine")
     with pytest.raises(SceneError, match="Argument `out` must be an empty or new folder"):
-        sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [60e3]}, duration=1.0, out=tmp_path)
+        sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [60e3]}, duration=1.0, checkpoint=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
 
 
@@ -624,7 +624,7 @@ def test_a_dask_cluster_of_which_a_worker_is_killed_gives_the_same_numbers(tmp_p
 
     def found(spared, executor=None):
         loop = closed_loop(RIG, Sampled(Killing(str(tmp_path / "killed"), spared), 0.05))
-        return sweep(loop, {"bit.weight": np.linspace(50e3, 110e3, 12)}, duration=30.0, measures=("severity", "mean"), executor=executor)
+        return sweep(loop, {"bit.weight": np.linspace(50e3, 110e3, 12)}, duration=30.0, metrics=("severity", "mean"), executor=executor)
 
     here = found((os.getpid(),), ThreadPoolExecutor(1))
     assert not (tmp_path / "killed").exists()
@@ -644,7 +644,7 @@ def test_a_dask_cluster_of_which_a_worker_is_killed_gives_the_same_numbers(tmp_p
 
 def test_a_scene_brings_its_controller_its_window_and_its_inputs():
     scene = Scene.load(SCENES / "jansen_2.toml")
-    found = sweep(scene["stiff PI"], {"bit.weight": [60e3, 97_347.0]}, measures=("severity", "stuck"))
+    found = sweep(scene["stiff PI"], {"bit.weight": [60e3, 97_347.0]}, metrics=("severity", "stuck"))
     run = scene.run("stiff PI")
     assert found["severity"][1] == pytest.approx(measure.severity(run, scene.signal, scene.after), rel=1e-6)
     assert found["stuck"][1] == pytest.approx(run.time_in("bit", "stick", scene.after), abs=1e-4)
@@ -671,23 +671,23 @@ def test_variations_that_make_no_sense_are_refused_by_name(vary, message):
 
 
 @pytest.mark.parametrize(
-    ("measures", "message"),
+    ("metrics", "message"),
     [
         ("severety", "There is no measure `severety`: did you mean `severity`"),
-        ({"a": measures.maximum("bit.sped")}, "There is no signal `bit.sped`"),
-        ({"a": measures.maximum("chain.speed")}, "must be a scalar, but `chain.speed` has several entries"),
-        ({"a": measures.mean("bit.speed", 2.0)}, "Argument `after` must be >= 0 and < "),
-        ({"a": measures.stays("bot")}, "There is no element `bot`: did you mean `bit`"),
-        ({"a": measures.stays("bit", mode="stuck")}, "There is no mode `stuck` of `bit`: did you mean `stick`"),
+        ({"a": metrics.maximum("bit.sped")}, "There is no signal `bit.sped`"),
+        ({"a": metrics.maximum("chain.speed")}, "must be a scalar, but `chain.speed` has several entries"),
+        ({"a": metrics.mean("bit.speed", 2.0)}, "Argument `after` must be >= 0 and < "),
+        ({"a": metrics.stays("bot")}, "There is no element `bot`: did you mean `bit`"),
+        ({"a": metrics.stays("bit", mode="stuck")}, "There is no mode `stuck` of `bit`: did you mean `stick`"),
         ({"a": 3}, "`measures` must hold names of measures, measures or functions of a run"),
         ({}, "must hold at least one measure"),
         ({"error": "mean"}, "must use names that are free, without a slash, but one is `error`"),
         ({"bit.weight": "mean"}, "must use names that are free, without a slash, but one is `bit.weight`"),
     ],
 )
-def test_measures_that_make_no_sense_are_refused_by_name(measures, message):
+def test_measures_that_make_no_sense_are_refused_by_name(metrics, message):
     with pytest.raises(SceneError, match=message):
-        sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [1e3]}, duration=1.0, measures=measures)
+        sweep(closed_loop(RIG, StiffPI()), {"bit.weight": [1e3]}, duration=1.0, metrics=metrics)
 
 
 def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys, caplog, monkeypatch):
@@ -729,7 +729,7 @@ def test_the_command_takes_designs_and_tables(tmp_path, capsys):
             given = ["--vary", "bit.weight=50kN:90kN", "--sampling", name, "--runs", str(len(design.points)), "--seed", "7"]
         assert main([*command, *given, "--out", str(tmp_path / name)]) == 0
         found = Sweep.load(tmp_path / name / "01_stiff_pi" / "sweep.zarr")
-        assert not found.errors
+        assert not found.failures
         expected = design.points if design is not None else [[50e3, 80 * math.pi / 30], [90e3, 95 * math.pi / 30]]
         np.testing.assert_allclose(found.points, expected, rtol=1e-12)
     for given, message in (
@@ -752,7 +752,7 @@ def test_runs_may_begin_each_in_its_own_state():
     w = np.array([1.0, 2.0, 3.0])
     found = sweep(
         compose(Spring()), {"mass.frequency": w}, duration=2.0, start=lambda row: {"mass.speed": row["mass.frequency"]}, accuracy=1e-10,
-        measures={"end": measures.final("mass.position"), "called": lambda run: run["mass.position"][-1]},
+        metrics={"end": metrics.final("mass.position"), "called": lambda run: run["mass.position"][-1]},
     )  # fmt: skip
     np.testing.assert_allclose(found["end"], np.sin(2 * w), atol=1e-8)
     np.testing.assert_array_equal(found["called"], found["end"])
@@ -800,9 +800,9 @@ def test_a_sweep_finds_out_once_that_its_plant_is_stiff_and_steps_all_runs_so(mo
 
 def test_a_number_goes_by_the_end_of_its_name_where_no_other_ends_so():
     loop = closed_loop(RIG, StiffPI())
-    found = sweep(loop, {"proportional": [2e4, 3e4], "weight": ["60 kN"]}, 5.0, measures="maximum")
-    assert found.names == ("pi.proportional", "bit.weight") and found.asked["N"] == "kN"
-    whole = sweep(loop, {"pi.proportional": [2e4, 3e4], "bit.weight": [60e3]}, 5.0, measures="maximum")
+    found = sweep(loop, {"proportional": [2e4, 3e4], "weight": ["60 kN"]}, 5.0, metrics="maximum")
+    assert found.names == ("pi.proportional", "bit.weight") and found.display_units["N"] == "kN"
+    whole = sweep(loop, {"pi.proportional": [2e4, 3e4], "bit.weight": [60e3]}, 5.0, metrics="maximum")
     np.testing.assert_array_equal(found["maximum"], whole["maximum"])
     assert loop.at("proportional", 3e4) == loop.at("pi.proportional", 3e4)
     with pytest.raises(SceneError, match="`reference` must name one number, but `top.reference`, `pi.reference` end so"):
@@ -813,5 +813,5 @@ def test_a_number_goes_by_the_end_of_its_name_where_no_other_ends_so():
 def test_a_run_that_is_read_holds_the_loop_with_its_own_number(name):
     loop = closed_loop(RIG, PI(reference=8.0))
     values = [0.9 * loop.number(name).value + 0.1, 1.1 * loop.number(name).value + 0.2]
-    found = sweep(loop, {name: values}, 1.0, measures={"own": lambda run: run.run.loop.number(name).value})
+    found = sweep(loop, {name: values}, 1.0, metrics={"own": lambda run: run.run.loop.number(name).value})
     np.testing.assert_allclose(found["own"], values, rtol=1e-15)

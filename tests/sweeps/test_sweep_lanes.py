@@ -19,7 +19,7 @@ from tests.sweeps.test_sweep import Growth
 from tests.together import together
 from toolbox import Component, Equations, Sampled, closed_loop, compose, measure, quantity, simulate, state, sweep
 from toolbox.lanes.lanes import Lanes
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.modelling.inputs import sine
 from toolbox.sweeps import Sweep, batch, store, uniform
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes
@@ -67,10 +67,10 @@ def task_of(name, accuracy, runs, seed=1, method="explicit"):
     asked = []
     for signal in signals:
         for window in ((after, until), (0.0, duration / 8)):
-            asked += [measures.minimum(signal, *window), measures.maximum(signal, *window), measures.mean(signal, *window)]
-        asked += [measures.final(signal), measures.severity(signal, after, until=until)]
-    asked += [measures.time_in(element, after, until), measures.stuck_ratio(element, after), measures.last_stay(element)]
-    asked += [measures.stays(element, after, until), measures.events(element)]
+            asked += [metrics.minimum(signal, *window), metrics.maximum(signal, *window), metrics.mean(signal, *window)]
+        asked += [metrics.final(signal), metrics.severity(signal, after, until=until)]
+    asked += [metrics.time_in(element, after, until), metrics.stuck_ratio(element, after), metrics.last_stay(element)]
+    asked += [metrics.stays(element, after, until), metrics.events(element)]
     variations = uniform(ranges, runs, seed)
     loop, rest = together(plant, **arguments)
     run = shared_run(loop, variations, duration, method=method, accuracy=accuracy, **rest)
@@ -87,9 +87,9 @@ def test_all_measures_are_those_of_runs_one_after_the_other(name, method):
     task = task_of(name, accuracy, 24, method=method)
     found = finished(dataclasses.replace(task, lanes=True))
     expected = finished(task_of(name, accuracy / 100, 24))
-    assert not found.errors and not expected.errors
-    values = dict(zip(task.measures, expected.values.T, strict=True))
-    for q, asked in enumerate(task.measures):
+    assert not found.failures and not expected.errors
+    values = dict(zip(task.metrics, expected.values.T, strict=True))
+    for q, asked in enumerate(task.metrics):
         if asked.name in ("sticks", "events"):
             np.testing.assert_array_equal(found.values[:, q], values[asked])
             continue
@@ -98,7 +98,7 @@ def test_all_measures_are_those_of_runs_one_after_the_other(name, method):
             extremes = [np.abs(column) for m, column in values.items() if m.of == asked.of and m.name in ("minimum", "maximum")]
             size = np.max(extremes, axis=0)
         if asked.name == "severity":  # swing over twice the mean: an error of the mean counts more the smaller it is
-            average = np.abs(values[measures.mean(asked.of, asked.after, asked.until)])
+            average = np.abs(values[metrics.mean(asked.of, asked.after, asked.until)])
             size = np.maximum(1.0, values[asked]) * size / average
         assert np.array_equal(np.isnan(found.values[:, q]), np.isnan(values[asked]))
         # the accuracy asked is kept within ten
@@ -121,12 +121,12 @@ def test_a_sweep_that_was_interrupted_ends_with_the_same_bits(tmp_path, monkeypa
     whole = sweep(loop, weights, **arguments)
     pytest.importorskip("zarr")
     monkeypatch.setattr(store, "ROWS", 150)
-    sweep(loop, weights, out=tmp_path / "found", **arguments)
+    sweep(loop, weights, checkpoint=tmp_path / "found", **arguments)
     written = sorted((tmp_path / "found" / "status" / "c").iterdir())
     assert len(written) > 2
     for path in (written[0], written[-1]):
         path.unlink()
-    found = sweep(loop, weights, out=tmp_path / "found", **arguments)
+    found = sweep(loop, weights, checkpoint=tmp_path / "found", **arguments)
     for name in arguments["measures"]:
         np.testing.assert_array_equal(found[name], whole[name])
         np.testing.assert_array_equal(Sweep.load(tmp_path / "found")[name], whole[name])
@@ -135,13 +135,13 @@ def test_a_sweep_that_was_interrupted_ends_with_the_same_bits(tmp_path, monkeypa
 def test_a_failed_run_fails_in_the_words_of_a_run_alone(monkeypatch):
     rates = np.linspace(0.0, 0.9, FEWEST_LANES + 7)
     rates[[5, 60]] = 3.0
-    given = {"duration": 1.0, "accuracy": 1e-10, "measures": {"x": measures.final("growth.size")}}
+    given = {"duration": 1.0, "accuracy": 1e-10, "measures": {"x": metrics.final("growth.size")}}
     loop = closed_loop(compose(Growth()), start={"growth.size": 1.0})
     alone = sweep(loop, {"growth.rate": rates}, **given)
     monkeypatch.setattr(batch, "LANES_WORK", 0.0)
     found = sweep(loop, {"growth.rate": rates}, **given)
-    assert list(found.errors) == [5, 60]
-    assert found.errors == alone.errors
+    assert list(found.failures) == [5, 60]
+    assert found.failures == alone.errors
     sound = np.delete(np.arange(rates.size), [5, 60])
     np.testing.assert_allclose(found["x"][sound], 1.0 / (1.0 - rates[sound]), rtol=1e-8)
     assert np.isnan(found["x"][[5, 60]]).all()
@@ -150,20 +150,20 @@ def test_a_failed_run_fails_in_the_words_of_a_run_alone(monkeypatch):
 def test_a_bound_that_turns_negative_is_reported_and_one_that_does_not_is_not(monkeypatch):
     monkeypatch.setattr(batch, "LANES_WORK", 0.0)
     frequency = np.linspace(0.1, 1.0, FEWEST_LANES)
-    found = sweep(compose(FadingBrake()), {"mass.frequency": frequency}, duration=3.0, measures={"v": measures.final("mass.speed")})
-    assert sorted(found.errors) == np.flatnonzero(frequency * 3.0 > math.pi / 2).tolist()
-    assert all("The bound of `brake` must be >= 0" in text for text in found.errors.values())
+    found = sweep(compose(FadingBrake()), {"mass.frequency": frequency}, duration=3.0, metrics={"v": metrics.final("mass.speed")})
+    assert sorted(found.failures) == np.flatnonzero(frequency * 3.0 > math.pi / 2).tolist()
+    assert all("The bound of `brake` must be >= 0" in text for text in found.failures.values())
 
 
 def test_a_signal_that_turns_faster_than_the_steps_is_measured_alone(monkeypatch):
     # mean of cos(k cos t) over whole turns is J_0(k)
     monkeypatch.setattr(batch, "LANES_WORK", 0.0)
     waves = np.linspace(20.0, 40.0, FEWEST_LANES)
-    asked = {"mean": measures.mean("mass.wave"), "low": measures.minimum("mass.wave"), "high": measures.maximum("mass.wave")}
+    asked = {"mean": metrics.mean("mass.wave"), "low": metrics.minimum("mass.wave"), "high": metrics.maximum("mass.wave")}
     given = {"duration": 2 * math.pi, "start": {"mass.position": 1.0}, "accuracy": 1e-7}
     variations = {"mass.waves": waves}
     loop, rest = together(compose(Oscillator()), **given)
-    found = sweep(loop, variations, measures=asked, **rest)
+    found = sweep(loop, variations, metrics=asked, **rest)
     np.testing.assert_allclose(found["mean"], j0(waves), atol=1e-5)
     np.testing.assert_allclose(found["low"], -1.0, atol=1e-6)
     np.testing.assert_allclose(found["high"], 1.0, atol=1e-6)
@@ -171,14 +171,14 @@ def test_a_signal_that_turns_faster_than_the_steps_is_measured_alone(monkeypatch
     starts = np.tile([1.0, 0.0], (8, 1))
     numbers = np.tile(run.system.values, (8, 1))
     assert Lanes(run, tuple(asked.values())).run(numbers, starts).doubtful.all()
-    assert not Lanes(run, (measures.mean("mass.position"),)).run(numbers, starts).doubtful.any()
+    assert not Lanes(run, (metrics.mean("mass.position"),)).run(numbers, starts).doubtful.any()
 
 
 def test_lanes_are_taken_for_many_runs_of_what_they_carry():
     def pays(plant, runs, steps=1_000_000, **arguments):
         loop, rest = together(plant, **{"method": "explicit", **arguments})
         run = shared_run(loop, uniform({"bit.weight": (5e4, 1e5)}, runs), 10.0, **rest)
-        return pays_in_lanes(Task(run, np.zeros((runs, 1)), (measures.mean("bit.speed"),)), steps)
+        return pays_in_lanes(Task(run, np.zeros((runs, 1)), (metrics.mean("bit.speed"),)), steps)
 
     assert pays(RIG, FEWEST_LANES)
     assert not pays(RIG, FEWEST_LANES - 1)
@@ -193,7 +193,7 @@ def test_an_input_may_vary_as_well_as_a_parameter():
     task = Task(
         shared_run(closed_loop(RIG, StiffPI()), uniform(weights, 2), 30.0),
         np.zeros((0, 0)),
-        (measures.severity("bit.speed", 10.0),),
+        (metrics.severity("bit.speed", 10.0),),
         lanes=True,
     )
     found = finished(dataclasses.replace(task, numbers=varied_numbers(task.run, uniform(weights, 2))[0]))

@@ -237,7 +237,7 @@ def test_numbers_of_nested_laws_and_of_those_that_design_fills_in_can_be_free():
 def test_a_number_of_a_designed_law_is_changed_where_it_acts_as_in_a_sweep():
     law, box = SoftTorque(reference=9.9), {"pi.proportional": (500.0, 2e3)}
     found = tune(rig(), law, "severity", box, runs=10)
-    swept = sweep(closed_loop(rig()["stiff"], law), {"pi.proportional": [trial.numbers[0] for trial in found.trials]}, measures="severity")
+    swept = sweep(closed_loop(rig()["stiff"], law), {"pi.proportional": [trial.numbers[0] for trial in found.trials]}, metrics="severity")
     assert [value for ((value,),) in (trial.values for trial in found.trials)] == pytest.approx(
         swept["severity"], rel=1e-5, abs=1e-6
     )  # the accuracy of the runs
@@ -267,7 +267,7 @@ def test_another_number_compiles_nothing(monkeypatch):
 class Escape(Controller):
     """A law whose state leaves every bound at the time pi / 2 / growth, and which cannot be designed above a growth of 5."""
 
-    drives = ("top.torque",)
+    actuated_signals = ("top.torque",)
     growth: float = quantity(0.1, "1/s", "growth", above=0)
 
     def design(self, plant):
@@ -284,7 +284,7 @@ class Escape(Controller):
 class Wish(Controller):
     """A number that only the design knows, which makes of it the law with that growth."""
 
-    drives = ("top.torque",)
+    actuated_signals = ("top.torque",)
     growth: float = quantity(0.1, "1/s", "growth", above=0)
 
     def design(self, plant):
@@ -350,16 +350,16 @@ def test_a_killed_tuning_goes_on_from_its_journal_to_the_result_it_would_have_ha
 
     monkeypatch.setattr(search, "simulate", killing)
     with pytest.raises(KeyboardInterrupt):
-        tune(*arguments, runs=60, journal=path)
+        tune(*arguments, runs=60, checkpoint=path)
     assert len(path.read_text().splitlines()) == 1 + 76 // 3  # the arguments, and every point that was done
     with path.open("a") as file:
         file.write('{"numbers": [12')  # as if killed while writing
-    resumed = tune(*arguments, runs=60, journal=path)
+    resumed = tune(*arguments, runs=60, checkpoint=path)
     assert resumed.trials == whole.trials and resumed.law == whole.law and str(resumed) == str(whole)
     assert resumed.simulated == whole.simulated - 3 * (76 // 3)
-    again = tune(*arguments, runs=60, journal=path)
+    again = tune(*arguments, runs=60, checkpoint=path)
     assert again.trials == whole.trials and again.simulated == 0
-    longer = tune(*arguments, runs=80, journal=path)
+    longer = tune(*arguments, runs=80, checkpoint=path)
     assert longer.simulated < 3 * len(longer.trials)
 
 
@@ -370,16 +370,16 @@ def torque_of(run):
 def test_a_journal_keeps_failures_and_values_to_the_last_bit(tmp_path):
     long = scene(Case("escape", Escape()), duration=1.0)
     arguments = (long, "escape", "severity", {"escape.growth": (0.5, 20.0)})
-    first = tune(*arguments, runs=20, journal=tmp_path / "j")
+    first = tune(*arguments, runs=20, checkpoint=tmp_path / "j")
     assert any(trial.failed for trial in first.trials)
-    second = tune(*arguments, runs=20, journal=tmp_path / "j")
+    second = tune(*arguments, runs=20, checkpoint=tmp_path / "j")
     assert second.trials == first.trials and second.simulated == 0
 
 
 def test_a_journal_of_other_arguments_is_refused_by_the_name_of_what_differs(tmp_path):
     path = tmp_path / "j"
     box = {"dials.torque": (100.0, 10_000.0)}
-    tune(loads(), Dials(), off_by, box, runs=10, journal=path)
+    tune(loads(), Dials(), off_by, box, runs=10, checkpoint=path)
     before = path.read_bytes()
     for word, arguments, more in (
         ("bounds", (loads(), Dials(), off_by, {"dials.torque": (100.0, 20_000.0)}), {}),
@@ -389,13 +389,13 @@ def test_a_journal_of_other_arguments_is_refused_by_the_name_of_what_differs(tmp
         ("seed", (loads(), Dials(), off_by, box), {"seed": 1}),
     ):
         with pytest.raises(SceneError, match=f"same arguments.*of another `{word}`"):
-            tune(*arguments, runs=10, journal=path, **more)
+            tune(*arguments, runs=10, checkpoint=path, **more)
     assert path.read_bytes() == before
     limits = [1.0, 2.0]
     objectives = [lambda run, limit=limit: off_by(run) - limit for limit in limits]  # functions that differ in what they hold
-    tune(scene(), Dials(), {"f": objectives[0]}, box, runs=10, journal=tmp_path / "k")
+    tune(scene(), Dials(), {"f": objectives[0]}, box, runs=10, checkpoint=tmp_path / "k")
     with pytest.raises(SceneError, match="objective"):
-        tune(scene(), Dials(), {"f": objectives[1]}, box, runs=10, journal=tmp_path / "k")
+        tune(scene(), Dials(), {"f": objectives[1]}, box, runs=10, checkpoint=tmp_path / "k")
 
 
 def test_a_file_that_is_no_journal_is_left_alone(tmp_path):
@@ -403,16 +403,16 @@ def test_a_file_that_is_no_journal_is_left_alone(tmp_path):
         path = tmp_path / "notes"
         path.write_text(content)
         with pytest.raises(SceneError, match="something else"):
-            tune(scene(), Dials(), off_by, {"dials.torque": (1.0, 2.0)}, runs=10, journal=path)
+            tune(scene(), Dials(), off_by, {"dials.torque": (1.0, 2.0)}, runs=10, checkpoint=path)
         assert path.read_text() == content
     path = tmp_path / "broken"
-    tune(scene(), Dials(), off_by, {"dials.torque": (1.0, 2.0)}, runs=10, journal=path)
+    tune(scene(), Dials(), off_by, {"dials.torque": (1.0, 2.0)}, runs=10, checkpoint=path)
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines[:2], "nonsense", *lines[2:]]) + "\n")
     with pytest.raises(SceneError, match="line 3"):
-        tune(scene(), Dials(), off_by, {"dials.torque": (1.0, 2.0)}, runs=10, journal=path)
+        tune(scene(), Dials(), off_by, {"dials.torque": (1.0, 2.0)}, runs=10, checkpoint=path)
     with pytest.raises(SceneError, match="cannot"):
-        tune(scene(), Dials(), off_by, {"dials.torque": (1.0, 2.0)}, runs=10, journal=tmp_path / "nowhere" / "j")
+        tune(scene(), Dials(), off_by, {"dials.torque": (1.0, 2.0)}, runs=10, checkpoint=tmp_path / "nowhere" / "j")
 
 
 def test_the_same_seed_gives_the_same_search_and_another_one_another():
@@ -521,13 +521,13 @@ def pool():
 @pytest.mark.parametrize("objectives", [farthest, (farthest, nearest)])
 def test_processes_find_the_same_and_write_the_same_journal(tmp_path, objectives, pool):
     box = {"dials.torque": (100.0, 10_000.0)}
-    here = tune(loads(), Dials(), objectives, box, runs=60, journal=tmp_path / "here")
-    there = tune(loads(), Dials(), objectives, box, runs=60, journal=tmp_path / "there", executor=pool)
+    here = tune(loads(), Dials(), objectives, box, runs=60, checkpoint=tmp_path / "here")
+    there = tune(loads(), Dials(), objectives, box, runs=60, checkpoint=tmp_path / "there", executor=pool)
     assert there == here
     assert (tmp_path / "there").read_bytes() == (tmp_path / "here").read_bytes()
     lines = (tmp_path / "there").read_bytes().splitlines(keepends=True)
     (tmp_path / "cut").write_bytes(b"".join(lines[:30]) + lines[30][:9])  # as a kill leaves it
-    went_on = tune(loads(), Dials(), objectives, box, runs=60, journal=tmp_path / "cut", executor=pool)
+    went_on = tune(loads(), Dials(), objectives, box, runs=60, checkpoint=tmp_path / "cut", executor=pool)
     assert went_on.trials == here.trials and went_on.simulated == 3 * (len(here.trials) - 29)
 
 

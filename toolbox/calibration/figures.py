@@ -15,7 +15,7 @@ COLUMNS = 2
 """Signals side by side."""
 
 
-def fitted(panels: Sequence[Panel], asked: Mapping[str, str]) -> Any:
+def fitted(panels: Sequence[Panel], display_units: Mapping[str, str]) -> Any:
     """Measured against model: one panel per signal, or the loop of friction over slip, and below each the residuals.
 
     Parameters
@@ -60,8 +60,8 @@ def fitted(panels: Sequence[Panel], asked: Mapping[str, str]) -> Any:
             bottom.set_xlabel(panel.over)
             bottom.plot(x, measured - model, **dots)
             bottom.axhline(0.0, color="0.2", linewidth=0.7)
-            name_axis(top.yaxis, in_words(panel.name), panel.unit, asked)
-            name_axis(bottom.yaxis, "residual", panel.unit, asked)
+            name_axis(top.yaxis, in_words(panel.name), panel.unit, display_units)
+            name_axis(bottom.yaxis, "residual", panel.unit, display_units)
         named = {label: handle for ax in axes[0] for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
         handles, labels = list(named.values()), list(named)
         figure.legend(handles, labels, frameon=False, markerscale=3.0, loc="outside lower center", ncols=len(labels))

@@ -45,7 +45,7 @@ def fit(
     loop: ClosedLoop,
     data: Any,
     free: str | Sequence[str],
-    bounds: Mapping[str, tuple[NumberOrText, NumberOrText]] | None = None,
+    ranges: Mapping[str, tuple[NumberOrText, NumberOrText]] | None = None,
     *,
     columns: Mapping[str, str] | None = None,
     contact: str | MeasuredContact | None = None,
@@ -70,7 +70,7 @@ def fit(
         Names of what is estimated, any numbers of the loop: parameters (`bit.friction.static`), constant inputs (`top.torque`), start values (`bit.speed`,
         `chain.twist.0`) and the others; and shifts in time, how much later than it was a channel was written: `bit.speed.shift` of that signal, `bit.shift`
         of all measured ones of `bit` that are no inputs. Each search begins at their values in the loop, and at no shift.
-    bounds
+    ranges
         Bounds {name: (low, high)}; by default those that the part declares, and for a shift 5 s or a tenth of the data. Where there is a shift, samples that
         near to the ends of the data are not compared.
     contact
@@ -99,7 +99,7 @@ def fit(
     SimulationError
         If no start can be simulated.
     """
-    bounds = mapping("bounds", bounds)
+    ranges = mapping("ranges", ranges)
     noise = None if noise is None else mapping("noise", noise)
     names = names_of(free)
     if not names or len(set(names)) < len(names):
@@ -114,10 +114,10 @@ def fit(
     parts, begins = _parts(recording, windows)
     known = [make.numbers(part) for part in parts]
     words = sorted({*names, *itertools.chain(*called)})
-    for name in bounds:
+    for name in ranges:
         if name not in words:
             raise SceneError(f"Argument `bounds` has `{name}`, which is not free: {suggest(name, words)}")
-    limits = [_bounds(numbers, own, bounds) for numbers, own in zip(known, called, strict=True)]
+    limits = [_bounds(numbers, own, ranges) for numbers, own in zip(known, called, strict=True)]
     each = [make.misfit(part, numbers, *ends) for part, numbers, ends in zip(parts, known, limits, strict=True)]
     misfit = each[0] if called == [names] else Together(each, called, begins)
     numbers = misfit.numbers
@@ -126,8 +126,8 @@ def fit(
     lowest, highest = np.array([ends[name] for name in names]).T
     first = np.array([number.value for number in numbers])
     found = LeastSquares(misfit, names, units, first, lowest, highest, noise, search.robust, search.starts, search.seed, confidence).fit()
-    typed = [in_si(bounds[name], unit, name) for name, unit in zip(names, units, strict=True) if name in bounds]
-    return dataclasses.replace(found, asked={**loop.asked, **asked_units(typed)})
+    typed = [in_si(ranges[name], unit, name) for name, unit in zip(names, units, strict=True) if name in ranges]
+    return dataclasses.replace(found, display_units={**loop.display_units, **asked_units(typed)})
 
 
 def simulated(loop: ClosedLoop, data: Any, columns: Mapping[str, str] | None, window: Any, accuracy: float) -> Any:

@@ -20,9 +20,9 @@ from toolbox.modelling.numbers import Number
 from toolbox.sweeps.variants import driving, passing
 
 
-def _both(passes: Callable[[Sequence[float]], bool], drives: Callable[[np.ndarray], np.ndarray]) -> Callable[[list[float]], bool]:
+def _both(passes: Callable[[Sequence[float]], bool], actuated_signals: Callable[[np.ndarray], np.ndarray]) -> Callable[[list[float]], bool]:
     """Whether a part passes its checks with some numbers and none of its friction laws drives."""
-    return lambda values: passes(values) and not drives(np.array([values]))[0]
+    return lambda values: passes(values) and not actuated_signals(np.array([values]))[0]
 
 
 class Misfit:

@@ -130,32 +130,32 @@ class Recording(Result):
         signals = {name: values[inside] for name, values in self.signals.items()}
         return Recording(self.time[inside] - first, signals, self.source, self.units, tuple(flaws), self.notes, self.begin + float(first))
 
-    def windows(self, names: Sequence[str] | None = None, hole: int = 2) -> list[tuple[float, float]]:
+    def windows(self, names: Sequence[str] | None = None, max_gap: int = 2) -> list[tuple[float, float]]:
         """Stretches (begin, end) [s] in which the named signals, by default all, have no gap.
 
         Parameters
         ----------
         names
             The signals.
-        hole
+        max_gap
             Samples that may be missing in a row.
         """
         usual, longest = local_spacing(self.time)
         good = np.all([np.isfinite(self.signals[self._known(name)]) for name in (self.signals if names is None else names)], axis=0)
         places = np.flatnonzero(good)
         at = places[:-1]
-        apart = np.flatnonzero(np.diff(self.time[places]) > np.maximum((hole + 1.5) * usual[at], longest[at]))
+        apart = np.flatnonzero(np.diff(self.time[places]) > np.maximum((max_gap + 1.5) * usual[at], longest[at]))
         edges = [0, *(apart + 1).tolist(), places.size]
         return [(float(self.time[places[a]]), float(self.time[places[b - 1]])) for a, b in itertools.pairwise(edges) if b - a >= 3]
 
-    def driving(self, plant: HybridSystem, hole: int | None = None) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    def driving(self, plant: HybridSystem, max_gap: int | None = None) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """What was measured of the inputs of a plant, as {input: (times, values)} of the samples that are data.
 
         Parameters
         ----------
         plant
             The plant.
-        hole
+        max_gap
             Samples that may be missing in a row, 2 where it is left out.
 
         Raises
@@ -167,17 +167,17 @@ class Recording(Result):
         if not measured:
             return {}
         words = f"what drives the machine, {' and '.join(f'`{name}`' for name in measured)},"
-        remedy = "" if hole is None else f", or say by `hole` that more than {hole} samples in a row may be missing"
-        self.unbroken(measured, words, 2 if hole is None else hole, remedy)
+        remedy = "" if max_gap is None else f", or say by `hole` that more than {max_gap} samples in a row may be missing"
+        self.unbroken(measured, words, 2 if max_gap is None else max_gap, remedy)
         good = {name: np.isfinite(self.signals[name]) for name in measured}
         return {name: (self.time[good[name]], self.signals[name][good[name]]) for name in measured}
 
-    def unbroken(self, names: Sequence[str], what: str, hole: int = 2, remedy: str = "") -> None:
+    def unbroken(self, names: Sequence[str], what: str, max_gap: int = 2, remedy: str = "") -> None:
         """Raise SceneError where the named signals have a gap; it names the windows without one, in times of the whole recording.
 
         what: the signals are, in words;  remedy: beside a choice among these windows.
         """
-        stretches = self.windows(names, hole)
+        stretches = self.windows(names, max_gap)
         if len(stretches) != 1:
             found = ", ".join(f"{self.begin + begin:.6g} .. {self.begin + end:.6g} s" for begin, end in stretches[:8])
             raise SceneError(

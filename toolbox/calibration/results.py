@@ -26,7 +26,7 @@ class Fit(Told, Result):
 
     Attributes
     ----------
-    names, units, values, errors
+    names, units, values, standard_errors
         The estimates and their standard deviations, shapes (k,).
     covariance
         Covariance of the estimates, shape (k, k).
@@ -48,17 +48,17 @@ class Fit(Told, Result):
         What was measured beside the fitted model, a `Panel` for each signal.
     misfit
         The model and the data; None in a result that was loaded, which has no loop and no plant.
-    resting
+    fixed_by
         Why a name cannot go on to its optimum, {name: reason}, for those that rest on another number.
-    mute
+    unidentifiable
         Names without influence where others rest, which therefore have no estimate.
     sampling
         Estimated error of each number because measured inputs are known at their samples only, shape (k,).
-    asked
+    display_units
         {unit: unit that was typed}: the units in which report and figure answer.
-    strays
+    outliers
         {signal: where its samples break the law and were left out, one after the other of all windows, shape (n,)}.
-    apart
+    initial_mismatch
         {signal: how far from the model its first samples are}, where the simulation begins elsewhere than the machine did.
     equal
         The law whose static friction the data cannot tell from the kinetic one, such as "bit.friction."; empty where they can.
@@ -67,7 +67,7 @@ class Fit(Told, Result):
     names: tuple[str, ...]
     units: tuple[str, ...]
     values: FloatArray
-    errors: FloatArray
+    standard_errors: FloatArray
     covariance: FloatArray
     confidence: float
     factor: float
@@ -80,13 +80,13 @@ class Fit(Told, Result):
     exact: bool
     panels: tuple[Panel, ...] = field(repr=False)
     misfit: Any = field(repr=False, metadata=LEFT_OUT)
-    resting: Mapping[str, str] = field(default_factory=dict)
-    mute: tuple[str, ...] = ()
+    fixed_by: Mapping[str, str] = field(default_factory=dict)
+    unidentifiable: tuple[str, ...] = ()
     sampling: FloatArray = field(default_factory=lambda: np.zeros(0))
-    asked: Mapping[str, str] = field(default_factory=dict)
-    strays: Mapping[str, BoolArray] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
+    outliers: Mapping[str, BoolArray] = field(default_factory=dict)
     equal: str = ""
-    apart: Mapping[str, float] = field(default_factory=dict)
+    initial_mismatch: Mapping[str, float] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
         """An estimate in SI."""
@@ -100,7 +100,7 @@ class Fit(Told, Result):
     def interval(self, name: str) -> tuple[float, float]:
         """(low, high) of the confidence interval of an estimate."""
         i = self._place(name)
-        return float(self.values[i] - self.factor * self.errors[i]), float(self.values[i] + self.factor * self.errors[i])
+        return float(self.values[i] - self.factor * self.standard_errors[i]), float(self.values[i] + self.factor * self.standard_errors[i])
 
     @property
     def correlation(self) -> FloatArray:
@@ -159,14 +159,14 @@ class Fit(Told, Result):
         rows = []
         for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             low, high = self.interval(name)
-            factor, unit = reading(unit, self.asked)
+            factor, unit = reading(unit, self.display_units)
             shown = "" if unit == "1" else unit
-            if name in self.mute:
+            if name in self.unidentifiable:
                 rows.append([name, "undetermined", "none", shown, ""])
             elif name in self.at_bounds:
                 rows.append([name, f"{self.values[i] * factor:.6g}", "none", shown, "at its bound"])
             else:
-                part = f"deviation {100 * self.errors[i] / abs(self.values[i]):.2g} %" if self.values[i] else "-"
+                part = f"deviation {100 * self.standard_errors[i] / abs(self.values[i]):.2g} %" if self.values[i] else "-"
                 rows.append([name, f"{self.values[i] * factor:.6g}", f"{low * factor:.6g} .. {high * factor:.6g}", shown, part])
         return rows
 
@@ -174,25 +174,26 @@ class Fit(Told, Result):
         """What the residuals say, and what to know about the estimates."""
         lines: list[str] = []
         for left in self.residuals:
-            lines += left.lines(self.asked)
-        lines += begins_apart(self.residuals, self.apart, self.asked, "free the start values of its states")
+            lines += left.lines(self.display_units)
+        lines += begins_apart(self.residuals, self.initial_mismatch, self.display_units, "free the start values of its states")
         if len(self.names) > 1:
             i, k = max(itertools.combinations(range(len(self.names)), 2), key=lambda pair: abs(self.correlation[pair]))
             lines.append(
                 f"  condition {self.condition:.3g}; strongest correlation {self.correlation[i, k]:+.3f}, of {self.names[i]} and {self.names[k]}"
             )
         for name in self.at_bounds:
-            where = f"rests on another number, because {self.resting[name]}" if name in self.resting else "ended at its bound:"
+            where = f"rests on another number, because {self.fixed_by[name]}" if name in self.fixed_by else "ended at its bound:"
             lines.append(f"  `{name}` {where} Its interval means nothing, and the optimum lies outside.".replace(": Its", ": its"))
         if self.equal:
             lines.append(
                 f"  `{self.equal}static` and `{self.equal}kinetic` are one number: the data do not tell them apart (F-test, 5 %), so friction has no decay."
             )
-        lines += [f"  `{name}` has no influence there, and so no estimate." for name in self.mute]
+        lines += [f"  `{name}` has no influence there, and so no estimate." for name in self.unidentifiable]
         lines += [
-            f"  {np.sum(left_out)} sample(s) of {name} break the law and were left out (`robust`)" for name, left_out in self.strays.items()
+            f"  {np.sum(left_out)} sample(s) of {name} break the law and were left out (`robust`)"
+            for name, left_out in self.outliers.items()
         ]
-        for name, shift, error in zip(self.names, self.sampling, self.errors, strict=True):
+        for name, shift, error in zip(self.names, self.sampling, self.standard_errors, strict=True):
             if abs(shift) > self.factor * error:
                 lines.append(
                     f"  `{name}` is less sure than its interval says: what the measured inputs do between their samples may move it by {abs(shift):.2g}, "
@@ -205,12 +206,12 @@ class Fit(Told, Result):
     def check_loaded(self) -> None:
         """Raise ValueError where the arrays do not fit to the names."""
         k = len(self.names)
-        if not (self.values.shape == self.errors.shape == (k,) and self.covariance.shape == (k, k) and len(self.units) == k):
+        if not (self.values.shape == self.standard_errors.shape == (k,) and self.covariance.shape == (k, k) and len(self.units) == k):
             raise ValueError("its arrays do not fit to its names")
 
     def _table(self) -> HeadedRows:
         """One row per number: estimate, deviation and interval."""
-        estimates = zip(self.names, self.units, self.values.tolist(), self.errors.tolist(), strict=True)
+        estimates = zip(self.names, self.units, self.values.tolist(), self.standard_errors.tolist(), strict=True)
         headings = ["name", "unit", "estimate", "standard deviation", "low", "high"]
         return headings, [[name, *rest, *self.interval(name)] for name, *rest in estimates]
 
@@ -218,4 +219,4 @@ class Fit(Told, Result):
         """Draw what was measured against the model: traces, residuals, and the friction loop. Returns the axes."""
         from toolbox.calibration.figures import fitted  # here, because matplotlib is slow to import
 
-        return fitted(self.panels, self.asked)
+        return fitted(self.panels, self.display_units)

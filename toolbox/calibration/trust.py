@@ -45,14 +45,14 @@ class Residual:
         """About how many times wider than for white residuals an interval is where each residual repeats so much of the one before (AR(1))."""
         return math.sqrt((1.0 + self.correlation) / (1.0 - self.correlation)) if 0.0 < self.correlation < 1.0 else 1.0
 
-    def deviation(self, asked: Mapping[str, str] | None = None) -> list[str]:
+    def deviation(self, display_units: Mapping[str, str] | None = None) -> list[str]:
         """What a report in the units of `asked` says of it where nothing was fitted."""
-        read = reading(self.unit, asked)
+        read = reading(self.unit, display_units)
         return [f"  {self.signal}: rms deviation {self.rms * read.factor:.4g}{read.tail}, {100 * self.part:.2g} % of its range"]
 
-    def lines(self, asked: Mapping[str, str] | None = None) -> list[str]:
+    def lines(self, display_units: Mapping[str, str] | None = None) -> list[str]:
         """What a report in the units of `asked` says of it."""
-        read = reading(self.unit, asked)
+        read = reading(self.unit, display_units)
         line = f"  residual of {self.signal}: rms {self.rms * read.factor:.4g}{read.tail}, {100 * self.part:.2g} % of its range; "
         if self.whiteness >= 0.05:
             return [line + f"white (p = {self.whiteness:.2g})"]
@@ -67,12 +67,14 @@ class Residual:
         return found
 
 
-def begins_apart(residuals: Sequence[Residual], apart: Mapping[str, float], asked: Mapping[str, str] | None, remedy: str) -> list[str]:
+def begins_apart(
+    residuals: Sequence[Residual], apart: Mapping[str, float], display_units: Mapping[str, str] | None, remedy: str
+) -> list[str]:
     """What a report says where a simulation begins elsewhere than the machine did; apart: {signal: how far its first samples are from the model}."""
     lines = []
     for each in residuals:
         if each.signal in apart:
-            read = reading(each.unit, asked)
+            read = reading(each.unit, display_units)
             lines.append(
                 f"  {each.signal} begins {apart[each.signal] * read.factor:.3g}{read.tail} from the model, which begins every window at the start of the loop, "
                 f"at rest unless that says otherwise: {remedy}"

@@ -31,22 +31,26 @@ class Validation(Result):
         What was measured beside what is simulated, a `Panel` for each signal and window.
     compared
         What was compared, in words.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which report and figure answer.
-    apart
+    initial_mismatch
         {signal: how far from the simulation its first samples are}, where that begins elsewhere than the machine did.
     """
 
     residuals: tuple[Residual, ...]
     panels: tuple[Panel, ...] = field(repr=False)
     compared: str
-    asked: Mapping[str, str] = field(default_factory=dict)
-    apart: Mapping[str, float] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
+    initial_mismatch: Mapping[str, float] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        lines = [line for each in self.residuals for line in each.deviation(self.asked)]
+        lines = [line for each in self.residuals for line in each.deviation(self.display_units)]
         return "\n".join(
-            [self.compared, *lines, *begins_apart(self.residuals, self.apart, self.asked, "give the loop the `start` that it had")]
+            [
+                self.compared,
+                *lines,
+                *begins_apart(self.residuals, self.initial_mismatch, self.display_units, "give the loop the `start` that it had"),
+            ]
         )
 
     def _table(self) -> HeadedRows:
@@ -57,7 +61,7 @@ class Validation(Result):
         """Draw what was measured against what is simulated, and the difference below. Returns the axes."""
         from toolbox.calibration.figures import fitted  # here, because matplotlib is slow to import
 
-        return fitted(self.panels, self.asked)
+        return fitted(self.panels, self.display_units)
 
 
 @takes_loop
@@ -99,7 +103,7 @@ def validate(
     left = {name: model[name] - misfit.measured[name] for name in misfit.outputs}
     residuals = tuple(residual_of(name, misfit.plant.unit(name), left[name], misfit.measured[name]) for name in misfit.outputs)
     compared = f"Simulated beside {sum(each.size for each in left.values())} measured values over {misfit.span:g} s ({misfit.source})"
-    return Validation(residuals, misfit.panels(left, nothing), compared, loop.asked, misfit.apart(nothing))
+    return Validation(residuals, misfit.panels(left, nothing), compared, loop.display_units, misfit.apart(nothing))
 
 
 def write_deviations(found: Mapping[str, Validation], path: Path) -> None:

@@ -42,6 +42,6 @@ def run(given: argparse.Namespace) -> int:
 
     scene = loaded(given)
     loop = scene[given.controller or scene.labels[0]]
-    box = ranges("--box", given.box)
+    box = ranges("--box", given.ranges)
     found = basin(loop, box, given.runs, duration=given.duration, accuracy=given.accuracy, confidence=given.confidence, seed=given.seed)
     return answer(given, "basin", dataclasses.replace(found, title=scene.title), scene, "^Basin of ", "Report, table and figure are")

@@ -115,9 +115,9 @@ def run(given: argparse.Namespace) -> int:
         accuracy=given.accuracy,
         confidence=given.confidence,
         seed=given.seed,
-        out=given.out,
+        checkpoint=given.out,
     )
-    found = dataclasses.replace(found, title=scene.title, asked={**found.asked, **asked})
+    found = dataclasses.replace(found, title=scene.title, display_units={**found.display_units, **asked})
     return answer(given, "chance", found, scene, "^Chance of stick-slip: ", "Table, figure and data are", last=False)
 
 

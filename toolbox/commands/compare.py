@@ -65,7 +65,7 @@ def run(given: argparse.Namespace) -> int:
     after = parse(given.after, "s", "--after")
     until = None if given.until is None else parse(given.until, "s", "--until")
     first, second = (Scene.load(path) if scenes else SavedRun.read(path) for path in paths)
-    found = compare(first, second, signals=given.signal, measures=given.measure, after=after, until=until, labels=labels)  # type: ignore[arg-type]
+    found = compare(first, second, signals=given.signal, metrics=given.measure, after=after, until=until, labels=labels)  # type: ignore[arg-type]
     given.found = found
     files = [*COMPARE_FILES[:1], *SCENES] if scenes else drawn_as(COMPARE_FILES, given.format)
     with results(given, files, earlier("compare.txt", f"^{BEGINNING}", [*COMPARE_FILES, *SCENES])) as folder:

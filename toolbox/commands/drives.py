@@ -92,7 +92,7 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.sweeps.store import folder_of
 
     scene = Scene.load(given.scene)
-    first = scene.case(given.before or next((each for each in scene.labels if len(scene[each].laws) == 1), scene.labels[0])).label
+    first = scene.case(given.before or next((each for each in scene.labels if len(scene[each].controllers) == 1), scene.labels[0])).label
     labels = [scene.case(label).label for label in given.controller or [each for each in scene.labels if each != first]]
     margin = number("--margin", plain(given.margin), at_least=0, below=2)
     whole("--processes", given.processes, 1)
@@ -152,7 +152,7 @@ def _sampled(scene: Any, label: str, period: float, delay: float) -> Any:
     made = designed(given.law, scene[label].plant)
     if isinstance(made, Controller) and type(made).sampled is Controller.sampled:
         raise SceneError(f"Controller `{label}` must have a sampled form to take part, but {type(made).__name__} has none.")
-    return replace(scene[label].with_laws([given]), label=label)
+    return replace(scene[label].with_controllers([given]), label=label)
 
 
 def _searched(
@@ -184,7 +184,9 @@ def _of_one(place: str, loop: Any, *, before: Any, groups: list[Any], margin: fl
     known, say = (out / "cells.jsonl" if out else None), (None if quiet else partial(_tell, place))
     try:
         with _keeping(out):
-            return lowest_set_point(loop, before, chosen_groups(Trial(loop, before), groups, margin=margin), known=known, say=say, **asked)
+            return lowest_set_point(
+                loop, before, chosen_groups(Trial(loop, before), groups, margin=margin), checkpoint=known, callback=say, **asked
+            )
     except (SceneError, SimulationError) as error:
         return type(error)(str(error))
 

@@ -86,7 +86,7 @@ def run(given: argparse.Namespace) -> int:
     scene = Scene.load(given.scene)
     loop = scene[given.controller or scene.labels[0]]
     if given.controller is None:  # the plant alone, driven by what was measured
-        loop = dataclasses.replace(loop, laws=(), inputs={name: v for name, v in loop.inputs.items() if name in scene.inputs})
+        loop = dataclasses.replace(loop, controllers=(), inputs={name: v for name, v in loop.inputs.items() if name in scene.inputs})
     free = ranges("--free", given.free, bare=True)
     units = {name: "s" if is_shift(loop, name) else loop.number(name).unit for name in free}
     spans = {name: numbers(f"--free {name}", ends, units[name]) for name, ends in free.items() if ends}

@@ -107,10 +107,10 @@ def _key_rows() -> dict[str, list[tuple[str, str, str]]]:
 
 def _measure_rows() -> list[tuple[str, str, str]]:
     """(name, what it looks at, what it is) of all measures."""
-    from toolbox.measuring.measures import MEASURES
+    from toolbox.measuring.metrics import METRICS
 
     return [
-        (name, each.looks_at, each.heading + (f" [{each.unit}]" if each.unit not in ("", "1") else "")) for name, each in MEASURES.items()
+        (name, each.looks_at, each.heading + (f" [{each.unit}]" if each.unit not in ("", "1") else "")) for name, each in METRICS.items()
     ]
 
 
@@ -125,11 +125,11 @@ def _print_keys() -> Any:
 
 
 def _print_measures() -> Any:
-    from toolbox.measuring.measures import MEASURES
+    from toolbox.measuring.metrics import METRICS
 
     print("Measures, of what a scene judges")
     _print(_measure_rows(), "  ")
-    return {name: {"looks at": each.looks_at, "heading": each.heading, "unit": each.unit} for name, each in MEASURES.items()}
+    return {name: {"looks at": each.looks_at, "heading": each.heading, "unit": each.unit} for name, each in METRICS.items()}
 
 
 OTHERS: dict[str, Callable[[], Any]] = {"scene": _print_keys, "measures": _print_measures}

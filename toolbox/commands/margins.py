@@ -66,7 +66,7 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.robustness.margins import margins
 
     scene = loaded(given)
-    labels = [scene.case(label).label for label in given.controller or [each for each in scene.labels if scene[each].laws]]
+    labels = [scene.case(label).label for label in given.controller or [each for each in scene.labels if scene[each].controllers]]
     if not labels:
         raise SceneError(
             "Argument `SCENE.toml` must have a controller, because margins are those of a control law, but none of its cases has one."

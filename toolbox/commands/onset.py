@@ -108,7 +108,7 @@ def _uncertain(
     )
     unit = loops[next(iter(loops))].number(given.parameter).unit
     asked = {unit: typed} if (typed := asked_in((number("--from", plain(given.low), unit),), "")) else {}
-    found = dataclasses.replace(found, title=scene.title, asked={**found.asked, **asked})
+    found = dataclasses.replace(found, title=scene.title, display_units={**found.display_units, **asked})
     return answer(given, "drawn_onset", found, scene, "Onset of stick-slip over", "Report, figure and tables are")
 
 

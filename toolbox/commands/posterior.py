@@ -100,7 +100,7 @@ def run(given: argparse.Namespace) -> int:
         raise SceneError("Argument `--compare` must be given with DATA, or `--measured` without, but not both.")
     if given.compare:
         if given.controller is None:
-            loop = dataclasses.replace(loop, laws=(), inputs={name: v for name, v in loop.inputs.items() if name in scene.inputs})
+            loop = dataclasses.replace(loop, controllers=(), inputs={name: v for name, v in loop.inputs.items() if name in scene.inputs})
         loop, data, measures, recording = _compared(given, loop)
         length = float(recording.time[-1])
     else:
@@ -110,11 +110,11 @@ def run(given: argparse.Namespace) -> int:
         data,
         distributions("--prior", given.prior),
         length if given.duration is None else plain(given.duration),
-        measures=measures,
+        metrics=measures,
         draws=given.draws,
         accuracy=given.accuracy,
         seed=given.seed,
-        out=given.out,
+        checkpoint=given.out,
     )
     found = dataclasses.replace(found, title=scene.title)
     more = None
@@ -144,4 +144,4 @@ def _compared(given: argparse.Namespace, loop: ClosedLoop) -> tuple[ClosedLoop, 
         recording = recording.between(*span("--window", given.window))
     show(str(recording))
     compare = {name: plain(size) for name, size in pairs("--compare", "SIGNAL=DEVIATION", given.compare)}
-    return *from_recording(loop, recording, compare, plain(given.mean), hole=whole("--hole", given.hole, 0)), recording
+    return *from_recording(loop, recording, compare, plain(given.mean), max_gap=whole("--hole", given.hole, 0)), recording

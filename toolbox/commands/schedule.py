@@ -50,7 +50,7 @@ def run(given: argparse.Namespace) -> int:
     scene, law, well = law_and_well(given)
     before = None if given.before is None else law_of(scene, given.before)
     duration = scene.duration if given.duration is None else number("--duration", plain(given.duration), "s", above=0)
-    found = schedule(well, given.depths, law, duration, before=before)
+    found = schedule(well, given.depths, law, duration, initial_controller=before)
     drive = (lambda folder: export_schedule(found, well(found.depths[0]), folder / "drive")) if isinstance(law, Sampled) else None
     told = "Report, table, figure and C for the drive are" if drive else "There is no C of a continuous law. Report, table and figure are"
     return answer(given, "schedule", found, scene, "^Gains over depth", told, also=DRIVE, more=drive)
@@ -58,7 +58,7 @@ def run(given: argparse.Namespace) -> int:
 
 def law_of(scene: Any, label: str, must: str = "be one law to be looked at over depth") -> Any:
     """The one law of a controller of a scene. Raises SceneError, which says what it must be, for any other number of laws."""
-    laws = scene[label].laws
+    laws = scene[label].controllers
     if len(laws) != 1:
         raise SceneError(f"Controller `{label}` must {must}, but it has {len(laws)}.")
     return laws[0]
@@ -70,7 +70,7 @@ def law_and_well(given: argparse.Namespace) -> tuple[Any, Any, Callable[[float],
 
     given.depths = [plain(text) for text in given.depths]
     scene = Scene.load(given.scene, depth=given.depths[0])
-    label = scene.case(given.controller or next((each for each in scene.labels if scene[each].laws), scene.labels[0])).label
+    label = scene.case(given.controller or next((each for each in scene.labels if scene[each].controllers), scene.labels[0])).label
     law = law_of(scene, label)
     moved = sorted(name for name in scene[label].inputs if name not in scene[label].bare.inputs)
     if moved:

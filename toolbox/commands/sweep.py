@@ -113,7 +113,7 @@ def run(given: argparse.Namespace) -> int:
     for label, stem in zip(labels, file_stems(labels), strict=True):
         variations, folder = _variations(given, scene, label), given.out / stem
         store = folder / "sweep.zarr" if goes_on else None
-        found = sweep(scene[label], variations, measures=given.measure or ("severity", "stuck_ratio"), out=store)
+        found = sweep(scene[label], variations, metrics=given.measure or ("severity", "stuck_ratio"), checkpoint=store)
         with results(given, [*SWEEP_FILES, *(["sweep.npz"] if store is None else [])], _left, folder, last=False) as made:
             if store is None:
                 found.save(made / "sweep.npz")
@@ -121,7 +121,7 @@ def run(given: argparse.Namespace) -> int:
             (made / "sweep.txt").write_text(f"{dataclasses.replace(found, seconds=0.0)}\n", encoding="utf-8")
             scene.save(made / "scene.toml")
         given.found[label] = found
-        failed += len(found.errors) == found.runs
+        failed += len(found.failures) == found.runs
         show(f"{found}\n")
     print(f"Results are in {given.out}")
     return 1 if failed == len(labels) else 0
@@ -173,7 +173,7 @@ def _variations(given: argparse.Namespace, scene: Any, label: str) -> Variations
                     f"Argument `{name}` must be a range LOW:HIGH with LOW < HIGH, but it is {parts[name][0]}:{parts[name][1]}."
                 )
         made = designs.grid({name: np.linspace(low, high, parts[name][2]) for name, (low, high) in spans.items()})
-        return dataclasses.replace(made, asked={name: unit for name, ends in spans.items() if (unit := asked_in(ends, ""))})
+        return dataclasses.replace(made, display_units={name: unit for name, ends in spans.items() if (unit := asked_in(ends, ""))})
     design = {"random": designs.uniform, "latin-hypercube": designs.latin_hypercube, "sobol": designs.sobol}[given.sampling]
     return design({name: (low, high) for name, (low, high) in spans.items()}, given.runs, given.seed)
 
@@ -217,7 +217,7 @@ def run_map(given: argparse.Namespace) -> int:
             for words, loop in loops.items():
                 folder = given.out / (stem if not words else f"{stem}_{words.split()[0].replace('-', 'less').replace('+', 'more')}")
                 name = f"{label}, {several} {words}" if words else label
-                found = severity_map(loop, over, shape=shape, out=folder)
+                found = severity_map(loop, over, shape=shape, checkpoint=folder)
                 machines[words] = given.found[name] = found
                 names = drawn_as(MAP_FILES, given.format)
                 left = earlier("map.txt", "^Severity map of ", MAP_FILES)

@@ -59,7 +59,7 @@ class Body:
     """Text of one LLVM function under construction, with numbered values of one type: doubles here, vectors of them in `toolbox.compilation.vector_emitter`."""
 
     type = "double"
-    truths = "i1"
+    references = "i1"
     integers = "i64"
     suffix = "f64"
     attributes = "nounwind"
@@ -100,7 +100,7 @@ class Body:
         return self.value(f"fdiv {FLAGS} {self.type} {a}, {b}")
 
     def select(self, flag: str, a: str, b: str) -> str:
-        return self.value(f"select {self.truths} {flag}, {self.type} {a}, {self.type} {b}")
+        return self.value(f"select {self.references} {flag}, {self.type} {a}, {self.type} {b}")
 
     def load(self, pointer: str, index: int) -> str:
         return self.value(f"load double, ptr {self.value(f'getelementptr double, ptr {pointer}, i64 {index}')}")
@@ -273,7 +273,7 @@ def operation(body: Body, op: int, v: list[str]) -> str:
         return body.truth(body.compare("oeq", v[0], body.number(0.0)))
     if op in (ca.OP_AND, ca.OP_OR):
         both = "and" if op == ca.OP_AND else "or"
-        return body.truth(body.value(f"{both} {body.truths} {body.nonzero(v[0])}, {body.nonzero(v[1])}"))
+        return body.truth(body.value(f"{both} {body.references} {body.nonzero(v[0])}, {body.nonzero(v[1])}"))
     if op == ca.OP_IF_ELSE_ZERO:
         return body.select(body.nonzero(v[0]), v[1], body.number(0.0))
     if op == ca.OP_COPYSIGN:

@@ -28,7 +28,7 @@ class VectorBody(Body):
         super().__init__()
         self.width = width
         self.type = f"<{width} x double>"
-        self.truths = f"<{width} x i1>"
+        self.references = f"<{width} x i1>"
         self.integers = f"<{width} x i64>"
         self.suffix = f"v{width}f64"
         self.functions: dict[str, str] = {}
@@ -48,7 +48,7 @@ class VectorBody(Body):
 
     def store_bits(self, truth: str, pointer: str, index: int) -> None:
         """Write truths as one integer, the first lane in its lowest bit, where an item of a block begins."""
-        bits = self.value(f"bitcast {self.truths} {truth} to i{self.width}")
+        bits = self.value(f"bitcast {self.references} {truth} to i{self.width}")
         bits = self.value(f"zext i{self.width} {bits} to i64") if self.width < 64 else bits
         self.lines.append(f"  store i64 {bits}, ptr {self._place(pointer, index)}")
 
@@ -89,14 +89,14 @@ class VectorBody(Body):
         """The doubles at `places` (integers) of an array, in the lanes where it is true; 0 elsewhere."""
         self.declarations.add(f"declare {self.type} @llvm.masked.gather.{self.suffix}.{self._pointers(True)}")
         target = self._pointed(pointer, places)
-        last = f"<{self.width} x ptr> {target}, i32 8, {self.truths} {flag}, {self.type} zeroinitializer"
+        last = f"<{self.width} x ptr> {target}, i32 8, {self.references} {flag}, {self.type} zeroinitializer"
         return self.value(f"call {self.type} @llvm.masked.gather.{self.suffix}.v{self.width}p0({last})")
 
     def scatter(self, value: str, pointer: str, places: str, flag: str) -> None:
         """Write to `places` (integers) of an array from the lanes where it is true."""
         self.declarations.add(f"declare void @llvm.masked.scatter.{self.suffix}.{self._pointers(False)}")
         target = self._pointed(pointer, places)
-        given = f"{self.type} {value}, <{self.width} x ptr> {target}, i32 8, {self.truths} {flag}"
+        given = f"{self.type} {value}, <{self.width} x ptr> {target}, i32 8, {self.references} {flag}"
         self.lines.append(f"  call void @llvm.masked.scatter.{self.suffix}.v{self.width}p0({given})")
 
     def _pointed(self, pointer: str, places: str) -> str:
@@ -104,7 +104,7 @@ class VectorBody(Body):
 
     def _pointers(self, gathers: bool) -> str:
         """Name and arguments of the intrinsics on vectors of pointers."""
-        given = [f"<{self.width} x ptr>", "i32", self.truths]
+        given = [f"<{self.width} x ptr>", "i32", self.references]
         given = [*given, self.type] if gathers else [self.type, *given]
         return f"v{self.width}p0({', '.join(given)})"
 
@@ -118,10 +118,10 @@ class VectorBody(Body):
         return self.intrinsic("fma", a, b, c)
 
     def both(self, a: str, b: str) -> str:
-        return self.value(f"and {self.truths} {a}, {b}")
+        return self.value(f"and {self.references} {a}, {b}")
 
     def either(self, a: str, b: str) -> str:
-        return self.value(f"or {self.truths} {a}, {b}")
+        return self.value(f"or {self.references} {a}, {b}")
 
     def rough_log2(self, x: str) -> str:
         """Binary logarithm of a positive number to one part in a hundred, as `toolbox.stepping.event_stepper` takes it for step sizes."""
@@ -249,8 +249,8 @@ def _circular(which: str) -> Callable[[VectorBody, str], str]:
 
     def write(body: VectorBody, x: str) -> str:
         odd = body.compare("ugt", body.intrinsic("fabs", x), body.number(LARGEST_ANGLE))
-        any_odd = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths} {odd})")
-        body.declarations.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
+        any_odd = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.references} {odd})")
+        body.declarations.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.references})")
         body.declarations.add(SELDOM)
         body.lines += [f"  br i1 {any_odd}, label %odd, label %usual, !prof !0", "odd:"]
         slow = body.lane_by_lane(which, x)
@@ -272,8 +272,8 @@ def _circular(which: str) -> Callable[[VectorBody, str], str]:
         c = body.add(w, body.add(lost, body.mul(body.mul(z, z), body.polynomial(z, cosine))))
         if which == "cos":
             bits = body.arithmetic("add", bits, 1)
-        swap = body.value(f"trunc {body.integers} {bits} to {body.truths}")
-        turned = body.value(f"trunc {body.integers} {body.arithmetic('lshr', bits, 1)} to {body.truths}")
+        swap = body.value(f"trunc {body.integers} {bits} to {body.references}")
+        turned = body.value(f"trunc {body.integers} {body.arithmetic('lshr', bits, 1)} to {body.references}")
         value = body.select(swap, c, s)
         return body.select(turned, body.value(f"fneg {body.type} {value}"), value)
 

@@ -81,11 +81,11 @@ class Acting:
         self.values |= {name: np.zeros(times.size) for name in self.driven}
         externals = iter([part for part in self.system.parts if isinstance(part, External)])
         callables = iter(closed.callables)
-        self.laws = [
+        self.controllers = [
             _Law(self.system, update, seed, next(externals), fresh(next(callables))) if update.external else _Law(self.system, update, seed)
             for update, seed in zip(updates, self.seeds, strict=True)
         ]
-        if self.laws:
+        if self.controllers:
             self._schedule()
 
     def _schedule(self) -> None:
@@ -115,21 +115,21 @@ class Acting:
 
     def hold(self, i: int, q: np.ndarray, v: np.ndarray) -> None:
         """Take the samples that are due at instant i, and hold what is due over the step that begins there."""
-        if not self.laws:
+        if not self.controllers:
             return
         x = np.concatenate([self.weights @ q, self.weights @ v])
         u = self.defaults.copy()
         for k, name in enumerate(self.inputs):
             if name in self.values:
                 u[k] = self.values[name][i]
-        for k, law in enumerate(self.laws):
+        for k, law in enumerate(self.controllers):
             if i % self.every[k] == 0:
                 self.waiting.append((i + self.after[k], k, law.sample(float(self.times[i]), x, u, self.held)))
         for due, k, outputs in [entry for entry in self.waiting if entry[0] <= i]:
-            first = self.laws[k].update.first_held
+            first = self.controllers[k].update.first_held
             self.held[first : first + outputs.size] = outputs
             self.waiting.remove((due, k, outputs))
-        for law in self.laws:
+        for law in self.controllers:
             for k, name in enumerate(law.update.names):
                 if name in self.driven:
                     self.values[name][i + 1] = self.held[law.update.first_held + k]
@@ -151,7 +151,7 @@ class _Law:
             asked = passing_nan([update.following, update.outputs], system.p)
             known += [update.memory, update.noise]
         else:
-            asked = [ca.vertcat(*(system.expression(name) for name in part.measures))]
+            asked = [ca.vertcat(*(system.expression(name) for name in part.measured_signals))]
         self.function = ca.Function("law", known, [ca.densify(each) for each in asked])
         self.numbers = system.values
 

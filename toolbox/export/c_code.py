@@ -46,7 +46,7 @@ class OpenLaw:
     memory: tuple[State, ...]
     following: ca.SX
     gives: dict[str, tuple[ca.SX, str]]
-    drives: tuple[str, ...]
+    actuated_signals: tuple[str, ...]
     period: float | None
     gains: tuple[tuple[str, str, float, ca.SX], ...] = ()
 
@@ -75,9 +75,9 @@ def only_law(loop: ClosedLoop) -> tuple[Any, float | None]:
 
     Raises SceneError unless there is exactly one law, and it is a Controller.
     """
-    if len(loop.laws) != 1:
-        raise SceneError(f"Argument `loop` must hold exactly one law to be written down, but it holds {len(loop.laws)}.")
-    given = loop.laws[0]
+    if len(loop.controllers) != 1:
+        raise SceneError(f"Argument `loop` must hold exactly one law to be written down, but it holds {len(loop.controllers)}.")
+    given = loop.controllers[0]
     if not isinstance(given.law if isinstance(given, Sampled) else given, Controller):
         raise SceneError(f"Argument `loop` must hold a Controller to be written down, but its law is {given!r}.")
     closed, law = loop.closed, loop.designed[0]
@@ -103,7 +103,7 @@ def opened(law: Any, period: float | None, gains: bool = False) -> OpenLaw:
         law = symbolic_copy(law, "", slots)
     symbols = ca.vertcat(*[slot.symbol for slot in slots])
     reads: dict[str, tuple[ca.SX, str, float | None]] = {}
-    driven = names(law.drives)
+    driven = names(law.actuated_signals)
 
     def number_of(expression: Any) -> float:
         return float(ca.evalf(ca.substitute(ca.SX(expression), symbols, ca.DM(numbers)))) if slots else float(expression)
@@ -134,7 +134,7 @@ def opened(law: Any, period: float | None, gains: bool = False) -> OpenLaw:
     used = tuple(
         (name, slot.spec.metadata.get("unit", "1"), value, symbol) for (slot, name, symbol), value in known if ca.depends_on(every, symbol)
     )
-    return OpenLaw(title, reads, tuple(memory), following, found, names(law.drives) or tuple(found), period, used)
+    return OpenLaw(title, reads, tuple(memory), following, found, names(law.actuated_signals) or tuple(found), period, used)
 
 
 def _refusals(made: Controller, law: OpenLaw) -> Refusals:
@@ -159,7 +159,7 @@ def _entries(slot: Slot) -> list[tuple[str, ca.SX]]:
 
 
 # --------------------------------------------------------------------------------------------------------------------------------- python-control
-def to_control(law: Controller | Sampled | ClosedLoop, *, outputs: str | Sequence[str] | None = None) -> Any:
+def to_control(controller: Controller | Sampled | ClosedLoop, *, outputs: str | Sequence[str] | None = None) -> Any:
     """Return a linear law as `control.StateSpace` from what it reads to what it drives, with its working point beside the system.
 
         z' = A z + B (y - y0),  u = u0 + C z + D (y - y0)     or     z_(k+1) = A z_k + B (y_k - y0),  u_k = u0 + C z_k + D (y_k - y0)
@@ -172,7 +172,7 @@ def to_control(law: Controller | Sampled | ClosedLoop, *, outputs: str | Sequenc
 
     Parameters
     ----------
-    law
+    controller
         A loop with one law, which is designed on its plant, or a law with all its numbers; `Sampled` gives the sampled form with its period as dt.
     outputs
         Other signals that the law gives; of an observer, by default all estimates that are linear.
@@ -185,7 +185,11 @@ def to_control(law: Controller | Sampled | ClosedLoop, *, outputs: str | Sequenc
     import control
 
     given, period = (
-        only_law(law) if isinstance(law, ClosedLoop) else (law.law, float(law.period)) if isinstance(law, Sampled) else (law, None)
+        only_law(controller)
+        if isinstance(controller, ClosedLoop)
+        else (controller.law, float(controller.period))
+        if isinstance(controller, Sampled)
+        else (controller, None)
     )
     made = settled(opened(given, period))
     wanted = _linear_outputs(made, given, outputs)
@@ -206,7 +210,7 @@ def to_control(law: Controller | Sampled | ClosedLoop, *, outputs: str | Sequenc
 def _linear_outputs(made: OpenLaw, law: Any, outputs: str | Sequence[str] | None) -> tuple[str, ...]:
     """The signals that the system of a law gives; raises SceneError where one is unknown or the law is not linear."""
     known = ca.vertcat(made.z, made.y)
-    wanted = names(outputs) if outputs is not None else made.drives
+    wanted = names(outputs) if outputs is not None else made.actuated_signals
     for name in wanted:
         if name not in made.gives:
             raise SceneError(
@@ -328,7 +332,7 @@ def export_c(
     """
     if part not in (None, "law", "loop"):
         raise SceneError(f'Argument `part` must be "law" or "loop", but it is {part!r}.')
-    if part == "loop" or (part is None and not loop.laws):
+    if part == "loop" or (part is None and not loop.controllers):
         from toolbox.export.machine_c import written_machine  # here, because few programs need it
 
         return written_machine(loop, path, duration, accuracy)
@@ -350,14 +354,14 @@ def declared_c(loop: ClosedLoop, path: str | Path) -> Declared:
     if hasattr(made, "export_c"):
         return made.export_c(c, h, period)
     law = opened(made, period, gains=True)
-    driven = ca.vertcat(*[law.gives[name][0] for name in law.drives])
+    driven = ca.vertcat(*[law.gives[name][0] for name in law.actuated_signals])
     gains = ca.vertcat(ca.SX(0, 1), *[symbol for _, _, _, symbol in law.gains])
     results = passing_nan([driven, law.following], gains)
     step = ca.Function(f"{c.stem}_law", [law.y, law.z, gains], results, ["y", "memory", "gains"], ["u", "next"])
     if step.has_free():
         raise SceneError(f"{law.title} depends on {', '.join(step.get_free())}, which a law by itself does not know.")
     reads = [(name, unit, default) for name, (_, unit, default) in law.reads.items()]
-    drives = [(name, law.gives[name][1]) for name in law.drives]
+    drives = [(name, law.gives[name][1]) for name in law.actuated_signals]
     declared = Declared(
         law.title, c.stem, period, reads, law.labels, drives, gains=[(f"law.{name}", unit, value) for name, unit, value, _ in law.gains],
         refusals=_refusals(made, law),

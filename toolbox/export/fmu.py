@@ -90,7 +90,7 @@ def export_fmu(
     along = {f"resources/{Path(each).name}": content(Path(each), TEXT) for each in resources}
     compiler_here()
     folder_here(version)
-    if part == "loop" or (part is None and not loop.laws):
+    if part == "loop" or (part is None and not loop.controllers):
         from toolbox.export.machine_fmu import written_unit  # here, because few programs need it
 
         return written_unit(loop, target, duration, accuracy, version, along)
@@ -126,7 +126,7 @@ def _description(law: Declared, guid: str, sources: Sequence[str]) -> bytes:
     files = ElementTree.SubElement(kind, "SourceFiles")
     for source in sources:
         ElementTree.SubElement(files, "File", name=source)
-    units = dict.fromkeys(str(row[1]) for row in (*law.reads, *law.drives, *law.memory, *law.gains))
+    units = dict.fromkeys(str(row[1]) for row in (*law.reads, *law.actuated_signals, *law.memory, *law.gains))
     definitions = ElementTree.SubElement(root, "UnitDefinitions")
     for word in units:
         ElementTree.SubElement(definitions, "Unit", name=word)
@@ -135,7 +135,7 @@ def _description(law: Declared, guid: str, sources: Sequence[str]) -> bytes:
     held = {"variability": "discrete"}
     rows: list[tuple[str, str, dict[str, str], float | None]] = [
         *((name, unit, {"causality": "input"}, value or 0.0) for name, unit, value in law.reads),
-        *((name, unit, {"causality": "output"} | held, None) for name, unit in law.drives),
+        *((name, unit, {"causality": "output"} | held, None) for name, unit in law.actuated_signals),
         *((f"memory.{name}", unit, {"causality": "local", "initial": "exact"} | held, 0.0) for name, unit in law.memory),
         *((name, unit, {"causality": "parameter", "variability": "tunable"}, value) for name, unit, value in law.gains),
     ]
@@ -145,7 +145,7 @@ def _description(law: Declared, guid: str, sources: Sequence[str]) -> bytes:
     structure = ElementTree.SubElement(root, "ModelStructure")
     for word in ("Outputs", "InitialUnknowns"):
         unknowns = ElementTree.SubElement(structure, word)
-        for i in range(len(law.drives)):
+        for i in range(len(law.actuated_signals)):
             ElementTree.SubElement(unknowns, "Unknown", index=str(len(law.reads) + i + 1))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
@@ -175,7 +175,7 @@ def _interface(law: Declared, guid: str) -> str:
     """The functions of FMI 2.0 around NAME_step: what is this law's own, and then `law_fmi2.c`."""
     name, gains = law.name, len(law.gains)
     defaults = ", ".join(repr(float(value or 0.0)) for _, _, value in law.reads) or "0.0"
-    sizes = {"READS": len(law.reads), "DRIVES": len(law.drives), "MEMORY": len(law.memory), "GAINS": gains}
+    sizes = {"READS": len(law.reads), "DRIVES": len(law.actuated_signals), "MEMORY": len(law.memory), "GAINS": gains}
     step = f"{name}_step_with((law)->gains, " if gains else f"{name}_step("
     lines = [
         "#include <math.h>",

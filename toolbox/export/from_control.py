@@ -26,7 +26,7 @@ class LinearLaw:
 
     Attributes
     ----------
-    measures, drives
+    measured_signals, actuated_signals
         The signals that are its inputs and outputs.
     at
         {signal: value at the working point}.
@@ -34,8 +34,8 @@ class LinearLaw:
         {set-point: value unless it is given}.
     """
 
-    measures: tuple[str, ...]
-    drives: tuple[str, ...]
+    measured_signals: tuple[str, ...]
+    actuated_signals: tuple[str, ...]
     at: Mapping[str, float]
     defaults: Mapping[str, float]
 
@@ -50,8 +50,8 @@ class StateSpaceLaw(Controller):
     e is reference - y where there is a reference, else y - y0.
     """
 
-    measures: tuple[str, ...] = ()  # type: ignore[misc]
-    drives: tuple[str, ...] = ()  # type: ignore[misc]
+    measured_signals: tuple[str, ...] = ()  # type: ignore[misc]
+    actuated_signals: tuple[str, ...] = ()  # type: ignore[misc]
     matrices: tuple[Matrix, Matrix, Matrix, Matrix] = ((), (), (), ())
     dt: Any = None  # type: ignore[misc]
     discrete: bool = False
@@ -66,8 +66,8 @@ class StateSpaceLaw(Controller):
 
     def design(self, plant: HybridSystem) -> StateSpaceLaw:
         """The law with the units of the signals of a plant."""
-        unit = plant.signal_unit(self.measures[0]) if self.measures else "1"  # of set-points, which no plant has
-        names = (*self.measures, *self.drives)
+        unit = plant.signal_unit(self.measured_signals[0]) if self.measured_signals else "1"  # of set-points, which no plant has
+        names = (*self.measured_signals, *self.actuated_signals)
         units = tuple(unit if name.endswith(".reference") else plant.signal_unit(name) for name in names)
         given = dict(self.typed)
         point = tuple(
@@ -75,7 +75,7 @@ class StateSpaceLaw(Controller):
             for name, value, of in zip(names, (*self.measured_at, *self.driven_at), units, strict=True)
         )
         reference = None if self.reference is None else number("reference", given.get("reference", self.reference), unit)
-        count = len(self.measures)
+        count = len(self.measured_signals)
         return replace(self, units=units, typed=(), measured_at=point[:count], driven_at=point[count:], reference=reference)
 
     def continuous(self, signal: Signal) -> Equations:
@@ -103,37 +103,38 @@ class StateSpaceLaw(Controller):
         return state("law.memory", "1", rows) if rows else None
 
     def _arrays(self) -> tuple[Any, ...]:
-        n, inputs, outputs = len(self.matrices[0]), len(self.measures), len(self.drives)
+        n, inputs, outputs = len(self.matrices[0]), len(self.measured_signals), len(self.actuated_signals)
         shapes = ((n, n), (n, inputs), (outputs, n), (outputs, inputs))
         return tuple(ca.SX(ca.DM(np.array(matrix, float).reshape(shape))) for matrix, shape in zip(self.matrices, shapes, strict=True))
 
     def _sum(self, c: Any, z: State | None) -> Any:
-        return ca.SX(len(self.drives), 1) if z is None else ca.mtimes(c, z)
+        return ca.SX(len(self.actuated_signals), 1) if z is None else ca.mtimes(c, z)
 
     def _read(self, signal: Signal) -> ca.SX:
         if self.typed:
             raise SceneError(
                 f"Argument `{self.typed[0][0]}` must be a plain number where no plant tells its unit, but it is {self.typed[0][1]!r}."
             )
-        units = self.units or ("1",) * (len(self.measures) + len(self.drives))
-        defaults = {name: 0.0 for name in self.measures if name.endswith(".reference")} | dict(self.defaults)
+        units = self.units or ("1",) * (len(self.measured_signals) + len(self.actuated_signals))
+        defaults = {name: 0.0 for name in self.measured_signals if name.endswith(".reference")} | dict(self.defaults)
         read = [
-            signal(name, unit, *([defaults[name]] if name in defaults else [])) for name, unit in zip(self.measures, units, strict=False)
+            signal(name, unit, *([defaults[name]] if name in defaults else []))
+            for name, unit in zip(self.measured_signals, units, strict=False)
         ]
         if self.reference is not None:
-            return signal(f"{self.measures[0].partition('.')[0]}.reference", units[0], default=self.reference) - read[0]
+            return signal(f"{self.measured_signals[0].partition('.')[0]}.reference", units[0], default=self.reference) - read[0]
         return ca.vertcat(*read) - ca.vertcat(*self.measured_at)
 
     def _given(self, u: Any) -> dict[str, tuple[Any, str]]:
-        units = (self.units or ("1",) * (len(self.measures) + len(self.drives)))[len(self.measures) :]
-        return {name: (self.driven_at[i] + u[i], unit) for i, (name, unit) in enumerate(zip(self.drives, units, strict=True))}
+        units = (self.units or ("1",) * (len(self.measured_signals) + len(self.actuated_signals)))[len(self.measured_signals) :]
+        return {name: (self.driven_at[i] + u[i], unit) for i, (name, unit) in enumerate(zip(self.actuated_signals, units, strict=True))}
 
 
 def from_control(
     system: Any,
     *,
-    measures: str | Sequence[str] | None = None,
-    drives: str | Sequence[str] | None = None,
+    measured_signals: str | Sequence[str] | None = None,
+    actuated_signals: str | Sequence[str] | None = None,
     reference: NumberOrText | None = None,
     at: Mapping[str, NumberOrText] | None = None,
 ) -> StateSpaceLaw:
@@ -144,10 +145,10 @@ def from_control(
     system
         `control.StateSpace` or `control.TransferFunction`, proper. A continuous one runs continuous, or sampled by Tustin's rule; a discrete one runs
         sampled, with the period `dt` that it has (any, where its `dt` is True).
-    measures
+    measured_signals
         The signals that are its inputs, in order, for example "top.speed"; a set-point such as "top.reference" may be among them, behind the first. None
         takes those of the law that `to_control` made the system from, with the defaults of their set-points.
-    drives
+    actuated_signals
         The signals that are its outputs, in order, for example "top.torque". None takes those of that law.
     reference
         Set-point, in the unit of the one measured signal, or text such as "60 rpm". With it the system sees the error e = reference - y, as K in the usual
@@ -170,10 +171,10 @@ def from_control(
         them.
     """
     law: LinearLaw | None = getattr(system, "law", None)
-    if law is not None and at is None and measures is None and drives is None and reference is None:
+    if law is not None and at is None and measured_signals is None and actuated_signals is None and reference is None:
         at = law.at
-    defaults = law.defaults if law is not None and measures is None else {}
-    inputs, outputs = _names("measures", measures, law), _names("drives", drives, law)
+    defaults = law.defaults if law is not None and measured_signals is None else {}
+    inputs, outputs = _names("measures", measured_signals, law), _names("drives", actuated_signals, law)
     found, matrices = _state_space(system)
     for word, named, count in (("measures", inputs, found.ninputs), ("drives", outputs, found.noutputs)):
         if len(named) != count:
@@ -195,7 +196,7 @@ def from_control(
     timing = found.dt
     discrete = timing is not None and (timing is True or timing > 0)
     return StateSpaceLaw(
-        measures=inputs, drives=outputs, matrices=tuple(tuple(map(tuple, matrix.tolist())) if matrix.size else () for matrix in matrices),  # type: ignore[arg-type]
+        measured_signals=inputs, actuated_signals=outputs, matrices=tuple(tuple(map(tuple, matrix.tolist())) if matrix.size else () for matrix in matrices),  # type: ignore[arg-type]
         dt=float(timing) if discrete and timing is not True else None, discrete=discrete,
         measured_at=tuple(plain(f"at.{name}", point.get(name, 0.0)) for name in inputs),
         driven_at=tuple(plain(f"at.{name}", point.get(name, 0.0)) for name in outputs),

@@ -32,7 +32,7 @@ class Declared:
     period: float
     reads: list[tuple[str, str, float | None]]
     memory: list[tuple[str, str]]
-    drives: list[tuple[str, str]]
+    actuated_signals: list[tuple[str, str]]
     note: str = ""
     gains: Sequence[tuple[str, str, float]] = ()
     refusals: Refusals | None = None
@@ -90,7 +90,7 @@ def _header(law: Declared) -> str:
         " * Reads:",
         *entries("y", [(n, unit, "" if value is None else told[n.endswith(".reference")].format(value)) for n, unit, value in law.reads]),
         " * Drives, held until the next call:",
-        *entries("u", [(n, unit, "") for n, unit in law.drives]),
+        *entries("u", [(n, unit, "") for n, unit in law.actuated_signals]),
         " * Memory, which starts at 0:",
         *entries("memory", [(n, unit, "") for n, unit in law.memory]),
         *([" * Gains:", *entries("gains", [(n, unit, f"{value!r}") for n, unit, value in law.gains])] if law.gains else []),
@@ -100,7 +100,7 @@ def _header(law: Declared) -> str:
         "",
         f"#define {upper}_READS {len(law.reads)}",
         f"#define {upper}_MEMORY {len(law.memory)}",
-        f"#define {upper}_DRIVES {len(law.drives)}",
+        f"#define {upper}_DRIVES {len(law.actuated_signals)}",
         f"#define {upper}_GAINS {len(law.gains)}",
         f"#define {upper}_PERIOD {float(law.period)!r}",
         f"#define {upper}_NOT_FINITE {NOT_FINITE}",
@@ -144,9 +144,9 @@ def _source(law: Declared, functions: Sequence[ca.Function], step: str) -> str:
         "/* Keeps what a sample gives where all of it is finite. */",
         f"static int {name}_keep(const double *given, const double *next, double *memory, double *u) {{",
         "  int i;",
-        f"  for (i = 0; i < {len(law.drives)}; ++i) if (!isfinite(given[i])) return {name.upper()}_NOT_FINITE;",
+        f"  for (i = 0; i < {len(law.actuated_signals)}; ++i) if (!isfinite(given[i])) return {name.upper()}_NOT_FINITE;",
         f"  for (i = 0; i < {len(law.memory)}; ++i) if (!isfinite(next[i])) return {name.upper()}_NOT_FINITE;",
-        f"  for (i = 0; i < {len(law.drives)}; ++i) u[i] = given[i];",
+        f"  for (i = 0; i < {len(law.actuated_signals)}; ++i) u[i] = given[i];",
         f"  for (i = 0; i < {len(law.memory)}; ++i) memory[i] = next[i];",
         "  return 0;",
         "}",
@@ -159,7 +159,7 @@ def _step(law: Declared, function: ca.Function) -> str:
     entry = f"static int {name}_sample(const double *gains, " if gains else f"int {name}_step("
     lines = [
         f"{entry}const double *y, double *memory, double *u) {{",
-        f"  double given[{max(len(law.drives), 1)}], next[{max(many, 1)}], w[{max(function.sz_w(), 1)}];",
+        f"  double given[{max(len(law.actuated_signals), 1)}], next[{max(many, 1)}], w[{max(function.sz_w(), 1)}];",
         f"  int iw[{max(function.sz_iw(), 1)}], failed;",
         f"  const double *arg[{max(function.sz_arg(), 3)}];",
         f"  double *res[{max(function.sz_res(), 2)}];",

@@ -139,7 +139,7 @@ class Machine:
         A sample time in the equations of a controller is none of them, because the clock of the machine would not follow.
         """
         found, program, taken = [], self.program, {entry.name for entry in self.inputs}
-        taken |= {path for i in range(len(self.loop.laws)) if (path := clock_path(self.loop, i)) is not None}
+        taken |= {path for i in range(len(self.loop.controllers)) if (path := clock_path(self.loop, i)) is not None}
         laws = [each for _, following, outputs in program.updates for each in (following, outputs)]
         every = ca.vertcat(program.form.field, program.form.guards, program.form.probed, signals_of(program), *laws)
         acting = set(ca.jacobian_sparsity(ca.densify(every), program.equations.p).get_triplet()[1])
@@ -236,7 +236,7 @@ class _Watched(Explicit):
 
 def machine(loop: ClosedLoop, name: str, duration: Any = None, accuracy: float | None = None) -> Machine:
     """A loop made ready for C, after a run that shows how it steps; raises SceneError for what does not go."""
-    for given in loop.laws:
+    for given in loop.controllers:
         law = given.law if isinstance(given, Sampled) else given
         if not isinstance(law, Controller):
             raise SceneError(

@@ -40,13 +40,13 @@ def export_schedule(found: Schedule, machine: ClosedLoop | HybridSystem, path: s
     """
     bare, rows = as_loop(machine).bare, []
     for depth in found.depths:
-        made, period = only_law(bare.but(laws=(found.law_at(depth),)))
+        made, period = only_law(bare.but(controllers=(found.law_at(depth),)))
         if period is None or hasattr(made, "export_c"):
             raise SceneError(
                 "Argument `found` must be the schedule of a sampled law whose gains are numbers in C: give `Sampled` with one to `schedule`."
             )
         rows.append([value for _, _, value, _ in opened(made, period, gains=True).gains])
-    c, h = export_c(bare.but(laws=(found.law_at(found.depths[0]),)), path)
+    c, h = export_c(bare.but(controllers=(found.law_at(found.depths[0]),)), path)
     name, many, depths = c.stem, len(rows[0]), len(rows)
     table = c.with_name(f"{name}_depth.c")
     text = "\n".join(

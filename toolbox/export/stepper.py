@@ -157,8 +157,10 @@ class Stepper:
         """
         if seed is not None:
             loop = self._made.loop
-            seeds = [dataclasses.replace(law, seed=whole("seed", seed, 0)) if isinstance(law, Sampled) else law for law in loop.laws]
-            run = Request(loop.with_laws(seeds), self._made.run.duration, None, self._made.run.method, self._made.run.accuracy).checked()
+            seeds = [dataclasses.replace(law, seed=whole("seed", seed, 0)) if isinstance(law, Sampled) else law for law in loop.controllers]
+            run = Request(
+                loop.with_controllers(seeds), self._made.run.duration, None, self._made.run.method, self._made.run.accuracy
+            ).checked()
             self._first["keys"] = work_arrays(run, self._program).keys
         for name, array in self._first.items():
             getattr(self._work, name)[...] = array

@@ -95,7 +95,7 @@ def draw_line(ax: Any, time: np.ndarray, values: np.ndarray, label: str, style: 
     ax.plot(*thinned(time, values), label=label, solid_joinstyle="round", **(style | {"linewidth": width}))
 
 
-def scale_robustly(ax: Any, curves: Sequence[tuple[np.ndarray, np.ndarray]], unit: str, asked: Mapping[str, str]) -> None:
+def scale_robustly(ax: Any, curves: Sequence[tuple[np.ndarray, np.ndarray]], unit: str, display_units: Mapping[str, str]) -> None:
     """Scale an axis for what curves (times, values) do but for a hundredth of the time, and say how far they go beyond, where that would flatten all else."""
     usual = []
     for time, values in curves:
@@ -116,7 +116,7 @@ def scale_robustly(ax: Any, curves: Sequence[tuple[np.ndarray, np.ndarray]], uni
             ends[sign] = end + sign * (max(beyond, 0.0) + 0.05 * span)
             continue
         place = ends[sign] = end + sign * 0.35 * span
-        factor, shown = reading_of(unit, abs(place), asked)
+        factor, shown = reading_of(unit, abs(place), display_units)
         when, right = float(time[at]), time[at] > 0.5 * (time[0] + time[-1])
         ax.plot(
             [when],

@@ -115,7 +115,7 @@ def _stage(run: Any, times: np.ndarray, turning: list[str], moving: list[str]) -
     line = curve.axvline(times[0], color="black", linewidth=1.0)
     curve.set(xlabel="time [s]", xlim=(times[0], times[-1]))
     curve.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
-    name_axis(curve.yaxis, "speed" if turning else "position", run.unit(names[0]), run.asked)
+    name_axis(curve.yaxis, "speed" if turning else "position", run.unit(names[0]), run.display_units)
     stage.set(xlim=(-1.5, 3.0), ylim=(-0.6, 1.4 * len(rows)), aspect="equal")
     stage.axis("off")
     pointers, blocks, clock = {}, {}, stage.text(-1.4, 1.4 * len(rows), "", va="top")

@@ -129,7 +129,7 @@ def axis_words(names: Sequence[str], unit: str) -> str:
     return tails.pop() if len(tails) == 1 and not next(iter(tails)).isdigit() else kind
 
 
-def name_axis(axis: Any, words: str, unit: str, asked: Mapping[str, str] | None = None) -> None:
+def name_axis(axis: Any, words: str, unit: str, display_units: Mapping[str, str] | None = None) -> None:
     """Label an axis of matplotlib with its quantity, read as `reading_of` says.
 
     The data stay SI, the ticks stand at round numbers of the other unit. Axes that are shared have one scale, and the unit of the first that was named.
@@ -138,7 +138,7 @@ def name_axis(axis: Any, words: str, unit: str, asked: Mapping[str, str] | None 
     if told is not None and told[0] == unit:
         axis.set_label_text(f"{words} [{told[1]}]".strip())
         return
-    factor, shown = reading_of(unit, float(np.abs(axis.get_view_interval()).max()), asked)
+    factor, shown = reading_of(unit, float(np.abs(axis.get_view_interval()).max()), display_units)
     axis.set_label_text(f"{words} [{shown}]".strip())
     if shown == unit:
         axis.get_major_locator().told = (unit, shown)

@@ -81,18 +81,18 @@ class Reading(NamedTuple):
         return "" if self.unit == "1" else f" {self.unit}"
 
 
-def reading(unit: str, asked: Mapping[str, str] | None = None) -> Reading:
+def reading(unit: str, display_units: Mapping[str, str] | None = None) -> Reading:
     """How numbers in a unit of the toolbox are read: in the chosen system, else in the unit of `asked` {unit: unit of the question}, else as they are."""
     chosen = _SYSTEM.get()
-    other = (asked or {}).get(unit) if chosen is None else SYSTEMS[chosen].get(unit)
+    other = (display_units or {}).get(unit) if chosen is None else SYSTEMS[chosen].get(unit)
     return Reading(1.0, unit) if other in (None, unit) else Reading(1.0 / _size(other, unit), other)
 
 
-def reading_of(unit: str, size: float, asked: Mapping[str, str] | None = None) -> Reading:
+def reading_of(unit: str, size: float, display_units: Mapping[str, str] | None = None) -> Reading:
     """(factor, unit) in which numbers of this size are read best: as `reading` says, and large ones in SI in thousands, such as kN m."""
-    factor, shown = reading(unit, asked)
+    factor, shown = reading(unit, display_units)
     large = (
-        (shown == unit or shown != (asked or {}).get(unit))
+        (shown == unit or shown != (display_units or {}).get(unit))
         and size * factor >= 1e4
         and shown.partition(" ")[0].partition("/")[0] in ("N", "Pa", "W", "J")
     )
@@ -108,16 +108,16 @@ def asked_units(*given: Any, fields: Iterable[Any] = ()) -> dict[str, str]:
     found: dict[str, str] = {}
     for number in _typed(given):
         if number.unit != "s":
-            found.setdefault(number.unit, number.asked)
+            found.setdefault(number.unit, number.display_units)
     for number in _typed(tuple(fields)):
         if number.unit not in SIZED:
-            found.setdefault(number.unit, number.asked)
+            found.setdefault(number.unit, number.display_units)
     return found
 
 
 def asked_in(given: Any, unit: str) -> str:
     """The unit in which a range or a row of numbers was typed; `unit`, where all of it was given as plain numbers."""
-    return next((number.asked for number in _typed(given)), unit)
+    return next((number.display_units for number in _typed(given)), unit)
 
 
 def _typed(given: Any) -> Iterator[TypedNumber]:

@@ -110,15 +110,15 @@ class TypedNumber(float):
     """
 
     unit: str
-    asked: str
+    display_units: str
 
-    def __new__(cls, value: float, unit: str, asked: str) -> TypedNumber:
+    def __new__(cls, value: float, unit: str, display_units: str) -> TypedNumber:
         number = super().__new__(cls, value)
-        number.unit, number.asked = unit, asked
+        number.unit, number.display_units = unit, display_units
         return number
 
     def __getnewargs__(self) -> tuple[float, str, str]:  # type: ignore[override]
-        return float(self), self.unit, self.asked
+        return float(self), self.unit, self.display_units
 
 
 def parse(value: Any, unit: str, name: str = "value", instead: str | None = None) -> float:

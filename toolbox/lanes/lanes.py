@@ -19,7 +19,7 @@ from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SceneError
 from toolbox.lanes import layout
 from toolbox.lanes.layout import ITEMS, BlockArrays, Results, Scenarios, lane_states
-from toolbox.measuring.measures import Measure
+from toolbox.measuring.metrics import Metric
 from toolbox.measuring.readings import Layout, Readings
 from toolbox.modelling.elements import check_one_direction
 from toolbox.simulation.carry_out import compiled_loop, formulas_of
@@ -62,34 +62,34 @@ class Batch:
 class Lanes:
     """A checked run (`toolbox.simulation.request.Request`) compiled for lanes: it gives the closed system, the inputs, the duration and the accuracy.
 
-    measures: of `toolbox.measuring.measures`, as accurate as the run;  width: number of lanes, a power of two. The steps are Taylor series where the run asks
+    measures: of `toolbox.measuring.metrics`, as accurate as the run;  width: number of lanes, a power of two. The steps are Taylor series where the run asks
     for them and no law is sampled, else explicit ones; `why` says where a plant has no series. Raises SceneError for laws in Python and for measures
     of what is not there.
     """
 
-    def __init__(self, run: Run, measures: Sequence[Measure] = (), width: int | None = None):
+    def __init__(self, run: Run, metrics: Sequence[Metric] = (), width: int | None = None):
         from toolbox.compilation.notices import announced
         from toolbox.lanes import loop as lanes_loop
         from toolbox.lanes.kernel import block
         from toolbox.stepping.event_stepper import loop_of
 
         system = run.system
-        if run.laws:
+        if run.controllers:
             raise SceneError("Argument `run` must have no law in Python to be run in lanes.")
         if run.start.carried:
             raise SceneError("Argument `run` must not go on from an earlier run to be run in lanes.")
         check_one_direction(system.elements, "A block of lanes", "run it alone")
-        for measure in measures:
+        for measure in metrics:
             measure.check(system, run.duration)
         self.loop, self.states, self.values = lanes_loop.run, system.x.numel(), system.values.size
         method = run.method if run.method.in_lanes and not system.updates else Explicit()
         stepped = dataclasses.replace(run, method=method, output_times=None)
         formulas = formulas_of(stepped)
-        self.program = program_of(system, run.kinds, DOP853 if measures and not system.updates and not formulas.interpolates else formulas)
+        self.program = program_of(system, run.kinds, DOP853 if metrics and not system.updates and not formulas.interpolates else formulas)
         if self.program.formulas.series and not _by_series(self.program):
             self.program = program_of(system, run.kinds, DOP853)
         self.why = self.program.lacking(formulas, run.kinds)
-        self.layout = Layout(self.program, measures, run.duration)
+        self.layout = Layout(self.program, metrics, run.duration)
         compiled_loop(stepped, self.program)
         self.work = work_arrays(stepped, self.program)
         width = width or host_width(self.program)
@@ -151,7 +151,9 @@ class Lanes:
             courses = np.array([noise_keys(self.program.system.updates, row) for row in rows.tolist()])
         which = which.ravel()
         noise, keys, first = noise_table(self.work, courses, self.duration), courses[which], float(courses.shape[1]) * which
-        given = Scenarios(parameters, starts, memories, held, keys, first, windows, windows.ravel(), self.layout.asked, self.work.p.copy())
+        given = Scenarios(
+            parameters, starts, memories, held, keys, first, windows, windows.ravel(), self.layout.display_units, self.work.p.copy()
+        )
 
         def chunk(first: int, last: int) -> None:
             made = self.block

@@ -66,7 +66,7 @@ class Scenarios(NamedTuple):
     courses: np.ndarray
     windows: np.ndarray
     edges: np.ndarray
-    asked: np.ndarray
+    display_units: np.ndarray
     rest: np.ndarray
 
 

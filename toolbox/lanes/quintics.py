@@ -1,4 +1,4 @@
-"""Signals measured on steps that samples cut short: what `toolbox.measuring.measures` reads off a step, in lanes.
+"""Signals measured on steps that samples cut short: what `toolbox.measuring.metrics` reads off a step, in lanes.
 
 A signal is the quintic with its values, slopes and curvatures at both ends of a step. Where that is far from the cubic with values and slopes alone, the
 step was too long for what the signal does in it, and is refused. A signal that is constant but for jumps, such as a flag, has no slope anywhere: a step that

@@ -128,7 +128,7 @@ class Truth:
 
     def __invert__(self) -> Truth:
         ones = f"<{', '.join(['i1 true'] * self.body.width)}>"
-        return Truth(self.body, self.body.value(f"xor {self.body.truths} {self.name}, {ones}"))
+        return Truth(self.body, self.body.value(f"xor {self.body.references} {self.name}, {ones}"))
 
     def choose(self, yes: Any, no: Any) -> Value:
         """`yes` in the lanes where it is true, `no` elsewhere."""
@@ -163,15 +163,17 @@ def where_any(condition: Truth, compute: Callable[[], tuple[Truth, ...]]) -> tup
     body = condition.body
     found: list[Truth] = []
     here, there = when_any(condition, lambda: found.extend(compute()))
-    return tuple(Truth(body, body.value(f"phi {body.truths} [ {truth.name}, %{there} ], [ zeroinitializer, %{here} ]")) for truth in found)
+    return tuple(
+        Truth(body, body.value(f"phi {body.references} [ {truth.name}, %{there} ], [ zeroinitializer, %{here} ]")) for truth in found
+    )
 
 
 def when_any(condition: Truth, write: Callable[[], None]) -> tuple[str, str]:
     """Emit a branch around the instructions, taken if no lane meets the condition. Returns the labels of the two predecessor blocks."""
     body = condition.body
     here, there, last, label = (f"{letter}{body.count}" for letter in "bced")
-    body.declarations.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
-    anywhere = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths} {condition.name})")
+    body.declarations.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.references})")
+    anywhere = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.references} {condition.name})")
     body.lines += [f"  br label %{here}", f"{here}:", f"  br i1 {anywhere}, label %{there}, label %{label}", f"{there}:"]
     write()
     body.lines += [f"  br label %{last}", f"{last}:", f"  br label %{label}", f"{label}:"]
@@ -201,8 +203,8 @@ def repeat_while_any(body: VectorBody, write: Callable[[], Truth]) -> None:
     """Emit a loop over the instructions that `write` writes, which goes on while what it returns holds in any lane."""
     label = f"loop{body.count}"
     body.count += 1
-    body.declarations.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
+    body.declarations.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.references})")
     body.lines += [f"  br label %{label}", f"{label}:"]
     condition = write()
-    again = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths} {condition.name})")
+    again = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.references} {condition.name})")
     body.lines += [f"  br i1 {again}, label %{label}, label %end_{label}", f"end_{label}:"]

@@ -1,4 +1,4 @@
-"""The compiled loops of `toolbox.measuring.measures` over the nodes of a run for its signals."""
+"""The compiled loops of `toolbox.measuring.metrics` over the nodes of a run for its signals."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ import numpy as np
 from toolbox.compilation import work_layout
 from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program
-from toolbox.measuring.measures import Measure
+from toolbox.measuring.metrics import Metric
 from toolbox.measuring.quintics import _compiled, _tolerance
 from toolbox.measuring.severity import Extent, severity_of
 from toolbox.measuring.stay_loop import Stays, read_events
@@ -37,45 +37,45 @@ class Layout:
     Behind the signals come the bounds of friction that vary in time, smallest and largest over the run: negative ones are refused. `count` of both.
     """
 
-    def __init__(self, program: Program, measures: Sequence[Measure], duration: float):
-        self.program, self.measures, self.duration = program, tuple(measures), duration
-        spans = [(float(m.after or 0.0), duration if m.until is None else float(m.until)) for m in self.measures]
-        of_signals = [(m, span) for m, span in zip(self.measures, spans, strict=True) if m.compiled in OF_SIGNALS]
+    def __init__(self, program: Program, metrics: Sequence[Metric], duration: float):
+        self.program, self.metrics, self.duration = program, tuple(metrics), duration
+        spans = [(float(m.after or 0.0), duration if m.until is None else float(m.until)) for m in self.metrics]
+        of_signals = [(m, span) for m, span in zip(self.metrics, spans, strict=True) if m.compiled in OF_SIGNALS]
         self.signals = tuple(dict.fromkeys(m.of for m, _ in of_signals))
         windows = list(dict.fromkeys(span for _, span in of_signals))
-        varying = program.varying if measures else []
+        varying = program.varying if metrics else []
         if varying and (0.0, duration) not in windows:
             windows.append((0.0, duration))
         self.windows = np.array(windows, float).reshape(-1, 2)
         self.places = [
             (self.signals.index(m.of), windows.index(span)) if m.compiled in OF_SIGNALS else None
-            for m, span in zip(self.measures, spans, strict=True)
+            for m, span in zip(self.metrics, spans, strict=True)
         ]
         self.whole = windows.index((0.0, duration)) if varying else 0
         names = [element.name for element in program.system.elements]
-        self.rows = [-1] * len(self.measures)
+        self.rows = [-1] * len(self.metrics)
         asked: list[tuple[float, ...]] = []
-        for q, (m, span) in enumerate(zip(self.measures, spans, strict=True)):
+        for q, (m, span) in enumerate(zip(self.metrics, spans, strict=True)):
             if m.compiled not in OF_SIGNALS:
                 i = names.index(m.of)
                 words = program.system.elements[i].legend
                 self.rows[q] = len(asked)
                 asked.append((i, next((number for number, word in words.items() if word == m.mode), -9), *span))
-        self.asked = np.array(asked, float).reshape(-1, 4)
+        self.display_units = np.array(asked, float).reshape(-1, 4)
         self.count = len(self.signals) + len(varying)
 
     def values(self, found: Readings) -> np.ndarray:
         """The measures, shape (..., measures)."""
         return (
-            np.stack([self._value(q, m, found) for q, m in enumerate(self.measures)], axis=-1)
-            if self.measures
+            np.stack([self._value(q, m, found) for q, m in enumerate(self.metrics)], axis=-1)
+            if self.metrics
             else np.zeros((*found.ends.shape[:-1], 0))
         )
 
-    def _value(self, q: int, m: Measure, found: Readings) -> Any:
+    def _value(self, q: int, m: Metric, found: Readings) -> Any:
         place = self.places[q]
         if place is None:
-            spent, row = found.spent[..., self.rows[q]], self.asked[self.rows[q]]
+            spent, row = found.spent[..., self.rows[q]], self.display_units[self.rows[q]]
             return spent / (row[3] - row[2]) if m.compiled == "ratio" else getattr(found, m.compiled)[..., self.rows[q]]
         if m.compiled == "ends":
             return found.ends[..., place[0]]
@@ -127,7 +127,7 @@ class Readings:
     @staticmethod
     def of(layout: Layout, runs: tuple[int, ...] = ()) -> Readings:
         """Empty readings, to be filled: minima at +inf, maxima at -inf, sums at 0."""
-        extents, asked = (*runs, layout.count, len(layout.windows)), (*runs, len(layout.asked))
+        extents, asked = (*runs, layout.count, len(layout.windows)), (*runs, len(layout.display_units))
         return Readings(
             lowest=np.full(extents, np.inf), highest=np.full(extents, -np.inf), integral=np.zeros(extents), ends=np.zeros(extents[:-1]),
             spent=np.zeros(asked), number=np.zeros(asked), latest=np.full(asked, np.nan), switches=np.zeros(asked),
@@ -144,12 +144,12 @@ class RunningMeasures:
     One for each thread.
     """
 
-    def __init__(self, program: Program, measures: Sequence[Measure], duration: float, accuracy: float):
+    def __init__(self, program: Program, metrics: Sequence[Metric], duration: float, accuracy: float):
         from toolbox.measuring import measuring_loop
 
-        self.program, self.layout = program, Layout(program, measures, duration)
+        self.program, self.layout = program, Layout(program, metrics, duration)
         announced("reader of measures", measuring_loop.read_nodes)
-        if len(self.layout.asked):
+        if len(self.layout.display_units):
             announced("reader of stays", read_events)
         count = self.layout.count
         by_window = (len(self.layout.windows), count)  # what the reader of nodes fills a row at a time
@@ -185,7 +185,7 @@ class RunningMeasures:
             for array in (work.rec_t, work.rec_x, work.rec_m, work.rec_p):
                 array[0] = array[r]
             ints[work_layout.RECORDS] = 1
-        if len(layout.asked):
+        if len(layout.display_units):
             found, counted = self.found, np.array([ints[work_layout.EVENTS], finished])
             end = work.reals[work_layout.TIME : work_layout.TIME + 1]
             stays = Stays(
@@ -195,7 +195,7 @@ class RunningMeasures:
                 work.ev_i,
                 work.ev_m,
                 work.m,
-                layout.asked,
+                layout.display_units,
                 self.since,
                 found.spent,
                 found.number,

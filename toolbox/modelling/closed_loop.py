@@ -49,7 +49,7 @@ class ClosedLoop(Printed):
     ----------
     plant
         The declared plant, on which the laws are designed.
-    laws
+    controllers
         The laws in the order given: a `Controller` acts continuously, `Sampled` with its period, delay, sensors and seed.
     inputs
         {input, or parameter of the plant that changes in time: number, table, shape or expression of time}.
@@ -69,7 +69,7 @@ class ClosedLoop(Printed):
     """
 
     plant: HybridSystem
-    laws: tuple[Any, ...] = ()
+    controllers: tuple[Any, ...] = ()
     inputs: Mapping[str, Any] = field(default_factory=dict)
     parameters: Mapping[str, Any] = field(default_factory=dict)
     start: Mapping[str, Any] = field(default_factory=dict)
@@ -93,7 +93,7 @@ class ClosedLoop(Printed):
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
         plant = self.plant.with_parameters(own) if own else self.plant
         declared, sharp = (each.sharp if isinstance(each, SmoothSystem) else each for each in (self.plant, plant))
-        found = closed_system(declared, sharp, self.laws, self.designed)
+        found = closed_system(declared, sharp, self.controllers, self.designed)
         system = found.system
         if len(own) < len(self.parameters):
             system = system.with_parameters({name: value for name, value in self.parameters.items() if name not in own})
@@ -103,12 +103,12 @@ class ClosedLoop(Printed):
     @cached_property
     def designed(self) -> list[Any]:
         """The laws as designed on the declared plant, in order."""
-        return designed_laws(self.plant, self.laws)
+        return designed_laws(self.plant, self.controllers)
 
     def but(self, **changes: Any) -> ClosedLoop:
         """The loop with other values of some of its fields; laws that stay keep their design."""
         other = dataclasses.replace(self, **changes)
-        if "designed" in self.__dict__ and not {"plant", "laws"} & changes.keys():
+        if "designed" in self.__dict__ and not {"plant", "controllers"} & changes.keys():
             other.__dict__["designed"] = self.designed
         return other
 
@@ -144,11 +144,11 @@ class ClosedLoop(Printed):
 
         Raises SceneError for a law without one, such as a Python callable.
         """
-        inner = tuple(law.law if isinstance(law, Sampled) else law for law in self.laws)
+        inner = tuple(law.law if isinstance(law, Sampled) else law for law in self.controllers)
         for law in inner:
             if not isinstance(law, Controller):
                 raise SceneError(f"Argument `law` must be a Controller with a continuous form, but it is {law!r}.")
-        return self if inner == self.laws else self.with_laws(inner)
+        return self if inner == self.controllers else self.with_controllers(inner)
 
     def unsampled(self) -> ClosedLoop:
         """The loop itself, where no law samples; raises SceneError for a sample time, of which a continuous form knows nothing."""
@@ -159,9 +159,9 @@ class ClosedLoop(Printed):
             )
         return self.continuous
 
-    def with_laws(self, laws: Iterable[Any]) -> ClosedLoop:
+    def with_controllers(self, laws: Iterable[Any]) -> ClosedLoop:
         """The loop with its laws sampled, sensed or wrapped otherwise, in their order, each designed as it is."""
-        other = dataclasses.replace(self, laws=tuple(laws))
+        other = dataclasses.replace(self, controllers=tuple(laws))
         other.__dict__["designed"] = self.designed
         return other
 
@@ -170,12 +170,12 @@ class ClosedLoop(Printed):
         """The loop without its laws, with those inputs and parameters that the plant alone has."""
         own = {name: value for name, value in self.parameters.items() if self.plant.has_parameter(name)}
         inputs = {name: value for name, value in self.inputs.items() if name in self.plant.inputs or self.plant.has_parameter(name)}
-        return dataclasses.replace(self, laws=(), parameters=own, inputs=inputs)
+        return dataclasses.replace(self, controllers=(), parameters=own, inputs=inputs)
 
     @property
     def sampled(self) -> bool:
         """Whether a law of the loop samples."""
-        return any(isinstance(law, Sampled) for law in self.laws)
+        return any(isinstance(law, Sampled) for law in self.controllers)
 
     @property
     def changes_in_time(self) -> bool:
@@ -199,15 +199,15 @@ class ClosedLoop(Printed):
         return None if self.reference is None else number("reference", self.reference, self.system.signal_unit(signal))
 
     @cached_property
-    def asked(self) -> Mapping[str, str]:
+    def display_units(self) -> Mapping[str, str]:
         """{unit: unit in which it was typed}, in which reports and figures answer."""
-        return {**self.plant.asked, **asked_units(self.inputs, self.parameters, fields=(self.laws,))}
+        return {**self.plant.display_units, **asked_units(self.inputs, self.parameters, fields=(self.controllers,))}
 
     @property
     def title(self) -> str:
         """Its label, else the kinds of its parts."""
         kinds = [type(law_of(part)).__name__ for part in self.plant.parts]
-        return self.label or ", ".join([*kinds, *(described(law).partition(",")[0] for law in self.laws)])
+        return self.label or ", ".join([*kinds, *(described(law).partition(",")[0] for law in self.controllers)])
 
     # -------------------------------------------------------------------------------------------------------------------------------------- numbers
     def numbers(self) -> dict[str, Number]:
@@ -311,7 +311,7 @@ class ClosedLoop(Printed):
         inputs = tuple(sorted((name, _plain(value)) for name, value in self.values.items()))
         numbers = tuple(tuple(sorted((name, _plain(value)) for name, value in given.items())) for given in (self.parameters, self.start))
         named = tuple(getattr(self, each.name) for each in dataclasses.fields(self)[5:])  # what a scene says
-        return tuple(map(structure_of, plant.parts)), plant.values.tobytes(), smooth, self.laws, inputs, numbers, named
+        return tuple(map(structure_of, plant.parts)), plant.values.tobytes(), smooth, self.controllers, inputs, numbers, named
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, ClosedLoop) and self._key == other._key)
@@ -321,7 +321,7 @@ class ClosedLoop(Printed):
 
     def __getstate__(self) -> dict[str, Any]:
         state = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
-        for words, things in (("law", self.laws), ("input", self.inputs.items()), ("start value", self.start.items())):
+        for words, things in (("law", self.controllers), ("input", self.inputs.items()), ("start value", self.start.items())):
             for thing in things:
                 try:
                     pickle.dumps(thing)
@@ -331,8 +331,8 @@ class ClosedLoop(Printed):
 
     def __str__(self) -> str:
         plant = ", ".join(type(law_of(part)).__name__ for part in self.plant.parts)
-        lines = [f"Closed loop{' ' + repr(self.label) if self.label else ''}: {plant}" + ("" if self.laws else ", no law")]
-        lines += [f"  {each}" for each in self.law_words]
+        lines = [f"Closed loop{' ' + repr(self.label) if self.label else ''}: {plant}" + ("" if self.controllers else ", no law")]
+        lines += [f"  {each}" for each in self.controller_names]
         for word, given in (("inputs", self.inputs), ("parameters", self.parameters), ("start", self.start)):
             if given:
                 lines.append(f"  {word}: " + ", ".join(f"{name} {self._read(name, value)}" for name, value in given.items()))
@@ -342,22 +342,24 @@ class ClosedLoop(Printed):
     __repr__ = __str__
 
     @property
-    def law_words(self) -> list[str]:
+    def controller_names(self) -> list[str]:
         """Each law with its clock and the numbers that it took on this machine, those that one types into the drive, in the units of the question."""
-        laws = zip(self.laws, map(law_of, self.closed.system.parts[len(self.closed.plant.parts) :]), strict=True)
+        laws = zip(self.controllers, map(law_of, self.closed.system.parts[len(self.closed.plant.parts) :]), strict=True)
         known = [
             (given, law if isinstance(law, Controller) else getattr(given, "law", None)) for given, law in laws
         ]  # in Python: as it was given
-        return [described(given) + (f": {numbers_of(law, self.asked)}" if isinstance(law, Controller) else "") for given, law in known]
+        return [
+            described(given) + (f": {numbers_of(law, self.display_units)}" if isinstance(law, Controller) else "") for given, law in known
+        ]
 
     def _read(self, name: str, value: Any) -> str:
-        told = given_as(value, self.system.unit(name), self.asked)
+        told = given_as(value, self.system.unit(name), self.display_units)
         return told or ("in time" if name in self.inputs else str(value))
 
 
 def closed_loop(
     plant: HybridSystem | ClosedLoop,
-    law: Any = None,
+    controller: Any = None,
     *,
     sample_time: NumberOrText | None = None,
     inputs: Mapping[str, Any] | None = None,
@@ -374,7 +376,7 @@ def closed_loop(
     ----------
     plant
         A plant made by `compose`, or a loop, of which the new one keeps all that is not given anew.
-    law
+    controller
         A `Controller`, a callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them. None leaves the plant to its inputs.
     sample_time
         Sample time of the laws that are not `Sampled` themselves [s]; without it a `Controller` acts continuously.
@@ -405,8 +407,8 @@ def closed_loop(
     base = as_loop(plant, "plant")
     named = {"element": element, "signal": signal, "reference": reference, "label": label}
     changes: dict[str, Any] = {word: given for word, given in named.items() if given is not None}
-    if law is not None or sample_time is not None:
-        changes["laws"] = laws_of(law if law is not None else base.laws, in_si(sample_time, "s", "sample_time"))
+    if controller is not None or sample_time is not None:
+        changes["controllers"] = laws_of(controller if controller is not None else base.controllers, in_si(sample_time, "s", "sample_time"))
     if start is not None:
         changes["start"] = states_of(start, base.plant)
     if inputs is not None or parameters is not None:

@@ -84,7 +84,7 @@ def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[An
         name.partition(".")[0] for name in (*plant.signals, *plant.inputs)
     }  # under another first word, a law writes down what is its own
     for law in made:
-        for name in names(law.drives) if isinstance(law, Controller) else ():
+        for name in names(law.actuated_signals) if isinstance(law, Controller) else ():
             driven = declared.routes.get(name, name)
             if driven not in closed.cache[NEEDED] and driven.partition(".")[0] in words:
                 raise SceneError(f"{kind_of(law)} drives `{driven}`, which no part of the machine needs: {suggest(driven, plant.inputs)}")

@@ -27,7 +27,7 @@ class Dependency:
     part: str
     states: int
     elements: int
-    measures: tuple[str, ...]
+    measured_signals: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Dependencies:
     @property
     def unused(self) -> tuple[Dependency, ...]:
         """Parts that no measure depends on."""
-        return tuple(dependency for dependency in self.parts if not dependency.measures)
+        return tuple(dependency for dependency in self.parts if not dependency.measured_signals)
 
     @property
     def warning(self) -> str:
@@ -60,25 +60,32 @@ class Dependencies:
 
     def __str__(self) -> str:
         rows = [
-            (each.part, f"{each.states} states", f"{each.elements} elements", ", ".join(each.measures) or "no measure depends on it")
+            (
+                each.part,
+                f"{each.states} states",
+                f"{each.elements} elements",
+                ", ".join(each.measured_signals) or "no measure depends on it",
+            )
             for each in self.parts
         ]
         return "\n".join([*columns(rows, (0, 3), ""), *filter(None, [self.warning])])
 
 
-def dependencies_of(system: HybridSystem, measures: Mapping[str, Sequence[str]], count: int | None = None) -> Dependencies:
+def dependencies_of(system: HybridSystem, measured_signals: Mapping[str, Sequence[str]], count: int | None = None) -> Dependencies:
     """What the first `count` parts of a plant (all) are needed for.
 
     measures: {measure: names of the signals and elements that it reads}. Raises SceneError for a name that the plant does not have.
     """
-    if not isinstance(measures, Mapping) or any(isinstance(names, str) for names in measures.values()):
-        raise SceneError(f"Argument `measures` must map the names of measures to lists of signals and elements, but it is {measures!r}.")
+    if not isinstance(measured_signals, Mapping) or any(isinstance(names, str) for names in measured_signals.values()):
+        raise SceneError(
+            f"Argument `measures` must map the names of measures to lists of signals and elements, but it is {measured_signals!r}."
+        )
     graph = _Graph(system)
     of_parts = np.cumsum([0, *(len(numbers_of(part)) for part in system.parts)])
     owners = {name: graph.places(name) for name in system.owners}
     chosen: list[set[str]] = [set() for _ in system.parts]
     every: set[int] = set()
-    for measure, names in measures.items():
+    for measure, names in measured_signals.items():
         seen, used = graph.needed(names)
         every |= seen
         for name, owner in system.owners.items():
@@ -93,7 +100,7 @@ def dependencies_of(system: HybridSystem, measures: Mapping[str, Sequence[str]],
     for i, part in enumerate(system.parts[:count]):
         own = [name for name, owner in system.owners.items() if owner == i]
         states = sum(system.states[name][1] or 1 for name in own if name in system.states)
-        read_by = tuple(measure for measure in measures if measure in chosen[i])
+        read_by = tuple(measure for measure in measured_signals if measure in chosen[i])
         parts.append(Dependency(type(part).__name__, states, sum(name in graph.elements for name in own), read_by))
     return Dependencies(tuple(parts), 1.0 - spent / total if total else 0.0)
 

@@ -39,7 +39,7 @@ def design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any], 
 
 
 def _found_design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str, Any], float]]:
-    given = loop.laws[index]
+    given = loop.controllers[index]
     law = given.law if isinstance(given, Sampled) else given
     if not isinstance(law, Controller) or type(law).design is Controller.design:
         return {}
@@ -52,7 +52,7 @@ def _found_design_fields(loop: Loop, index: int) -> dict[str, tuple[Mapping[str,
 
 def designed_law(loop: Loop, name: str) -> int | None:
     """Which law of a loop a field of that name belongs to that its design alone knows; None for none."""
-    return next((index for index in range(len(loop.laws)) if name in design_fields(loop, index)), None)
+    return next((index for index in range(len(loop.controllers)) if name in design_fields(loop, index)), None)
 
 
 def _collect(node: Any, path: str, found: dict[str, tuple[Mapping[str, Any], float]]) -> None:
@@ -70,9 +70,9 @@ def redesigned(loop: Loop, name: str, value: float) -> Loop:
     """The loop with one field of a declared law changed, which is designed anew."""
     index = designed_law(loop, name)
     assert index is not None
-    given = loop.laws[index]
+    given = loop.controllers[index]
     law = with_field(given.law if isinstance(given, Sampled) else given, name.split(".")[1:], value)
-    return loop.but(laws=(*loop.laws[:index], as_sampled(given, law), *loop.laws[index + 1 :]))
+    return loop.but(controllers=(*loop.controllers[:index], as_sampled(given, law), *loop.controllers[index + 1 :]))
 
 
 def as_sampled(given: Any, law: Any) -> Any:

@@ -108,7 +108,7 @@ def quantity(
     at_least: float | None = None,
     above: float | None = None,
     at_most: float | None = None,
-    usual: tuple[float, float] | None = None,
+    typical_range: tuple[float, float] | None = None,
     source: str = "",
 ) -> Any:
     """Declare a numeric field of a part, in SI: `mass: Quantity = quantity(1.0, "kg", "mass of the block", above=0)`.
@@ -129,7 +129,7 @@ def quantity(
         What the number is.
     at_least, above, at_most
         Bounds: >=, > and <=.
-    usual
+    typical_range
         (low, high) in SI: sizes between which every number lies that is neither 0 nor mistaken, `math.inf` for no upper end. Making a part with another one
         warns once (`UnusualValue`), and names the unit that was perhaps meant. Choose it so wide that no real machine is outside.
     source
@@ -141,7 +141,7 @@ def quantity(
         "at_least": at_least,
         "above": above,
         "at_most": at_most,
-        "usual": usual,
+        "usual": typical_range,
         "source": source,
     }
     return dataclasses.field(default=default, metadata=metadata)

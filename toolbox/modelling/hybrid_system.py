@@ -148,7 +148,7 @@ class HybridSystem:
         return asked_units(fields=self.parts)
 
     @property
-    def asked(self) -> Mapping[str, str]:
+    def display_units(self) -> Mapping[str, str]:
         """{unit: unit that was typed}: the units in which answers about the plant are given, those of its scene, else those of the fields of its parts."""
         return self._typed if self.told is None else self.told
 
@@ -163,7 +163,7 @@ class HybridSystem:
 
         rows = []
         for name, entry in self.parameters.items():
-            factor, unit = reading(entry.unit, self.asked)
+            factor, unit = reading(entry.unit, self.display_units)
             rows.append((name, _shown(factor * self.parameter(name)), "" if unit == "1" else unit, entry.meaning))
         return table(repr(self), ("parameter", "value", "unit", "meaning"), rows)
 

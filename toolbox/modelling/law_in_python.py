@@ -29,17 +29,17 @@ class Answer:
 
     def __init__(self, law: Any, plant: HybridSystem):
         self.law, self.plant = law, plant
-        self.drives = names(getattr(law, "drives", ("top.torque",)))
-        self.given = [ca.SX.sym(name) for name in self.drives]
+        self.actuated_signals = names(getattr(law, "drives", ("top.torque",)))
+        self.given = [ca.SX.sym(name) for name in self.actuated_signals]
         self.count = state("answers", "1")
-        self.asked: list[Any] = []
+        self.display_units: list[Any] = []
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
         """What a sample asks for and gives."""
         measures, defaults = names(getattr(self.law, "measures", ("top.speed",))), getattr(self.law, "defaults", {})
-        self.asked = [signal(name, self.plant.signal_unit(name)) for name in measures]
-        self.asked += [signal(name, unit, default=value) for name, (value, unit) in defaults.items()]
-        outputs = {name: (symbol, self.plant.signal_unit(name)) for name, symbol in zip(self.drives, self.given, strict=True)}
+        self.display_units = [signal(name, self.plant.signal_unit(name)) for name in measures]
+        self.display_units += [signal(name, unit, default=value) for name, (value, unit) in defaults.items()]
+        outputs = {name: (symbol, self.plant.signal_unit(name)) for name, symbol in zip(self.actuated_signals, self.given, strict=True)}
         return Update({self.count: self.count + 1}, outputs)
 
 
@@ -62,28 +62,30 @@ class LawInPython:
             raise SceneError(f"The laws in Python inside of {kind} must say one sample time, but {but}.")
         (self.dt,) = periods
         self.inside, self.sizes = [each.law for each in inside], [len(each.given) for each in inside]
-        self.drives: tuple[str, ...] = outer.drives
+        self.actuated_signals: tuple[str, ...] = outer.actuated_signals
         self.defaults: dict[str, tuple[float, str]] = {}
         asked: dict[str, ca.SX] = {}
 
         def signal(name: str, unit: str, default: Any = None) -> ca.SX:
-            if default is None and name in self.drives:
+            if default is None and name in self.actuated_signals:
                 default = 0.0  # what is held before the first sample
             if default is not None:
                 self.defaults.setdefault(name, (float(default), unit))
             return asked.setdefault(name, ca.SX.sym(name))
 
         update = outer.sampled(signal, ca.SX(self.dt))
-        self.measures = tuple(name for name in asked if name not in self.defaults)
+        self.measured_signals = tuple(name for name in asked if name not in self.defaults)
         memory, following = (ca.vertcat(ca.SX(0, 1), *map(ca.SX, rows)) for rows in (update.memory, update.memory.values()))
         answers = ca.vertcat(ca.SX(0, 1), *(symbol for each in inside for symbol in each.given))
-        symbols = [time, memory, ca.vertcat(ca.SX(0, 1), *(asked[name] for name in (*self.measures, *self.defaults))), answers]
+        symbols = [time, memory, ca.vertcat(ca.SX(0, 1), *(asked[name] for name in (*self.measured_signals, *self.defaults))), answers]
 
         def function(name: str, *results: ca.SX) -> NumericFunction:
             return NumericFunction(ca.Function(name, symbols, list(map(ca.densify, results))))
 
-        self.asks = [function("asks", ca.vertcat(*map(ca.SX, each.asked)), update.memory[each.count] - each.count) for each in inside]
-        commands = ca.vertcat(*(ca.SX(update.outputs[name][0]) for name in self.drives))
+        self.asks = [
+            function("asks", ca.vertcat(*map(ca.SX, each.display_units)), update.memory[each.count] - each.count) for each in inside
+        ]
+        commands = ca.vertcat(*(ca.SX(update.outputs[name][0]) for name in self.actuated_signals))
         self.step = function("step", *passing_nan([following, commands], time))
         self.memory, self.answers = np.zeros(memory.numel()), np.zeros(answers.numel())
         if not all(offers_memory(each) for each in self.inside):

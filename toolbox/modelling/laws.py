@@ -38,8 +38,8 @@ class Controller(Component):
     the law to be used: a `Controller`, or for laws that no casadi expression holds a callable (t, y) -> u (see `Sampled`).
     """
 
-    measures: ClassVar[tuple[str, ...]] = ()
-    drives: ClassVar[tuple[str, ...]] = ()
+    measured_signals: ClassVar[tuple[str, ...]] = ()
+    actuated_signals: ClassVar[tuple[str, ...]] = ()
     dt: ClassVar[float | None] = None
     """The only sample time [s] at which the law may run; None for any."""
 
@@ -81,17 +81,17 @@ def check_sampled(law: Controller, period: float) -> None:
             check_sampled(inside, period)
 
 
-def _noting(signal: Signal, asked: dict[str, bool]) -> Signal:
+def _noting(signal: Signal, display_units: dict[str, bool]) -> Signal:
     """The same `signal`, which notes {signal: whether it came with a default, as a set-point does}."""
 
     def noted(name: str, unit: str, default: Any = None) -> ca.SX:
-        asked[name] = asked.get(name, False) or default is not None
+        display_units[name] = display_units.get(name, False) or default is not None
         return signal(name, unit, default)
 
     return noted
 
 
-def _check_measured(law: Controller, form: str, asked: Mapping[str, bool]) -> None:
+def _check_measured(law: Controller, form: str, display_units: Mapping[str, bool]) -> None:
     """Raise SceneError where a law reads a signal without default that neither it nor a law that it holds declares to measure or to drive.
 
     Where one of these declares nothing that it measures, it may read any.
@@ -99,8 +99,8 @@ def _check_measured(law: Controller, form: str, asked: Mapping[str, bool]) -> No
     known = _declared(law)
     if known is None:
         return
-    if extra := next((name for name, has_default in asked.items() if not has_default and name not in known), None):
-        measured = ", ".join(f"`{name}`" for name in names(law.measures)) or "nothing"
+    if extra := next((name for name, has_default in display_units.items() if not has_default and name not in known), None):
+        measured = ", ".join(f"`{name}`" for name in names(law.measured_signals)) or "nothing"
         raise SceneError(f"{type(law).__name__} must declare `{extra}` in `measures`, as `{form}` reads it, but it declares {measured}.")
 
 
@@ -108,14 +108,14 @@ def _declared(law: Controller) -> set[str] | None:
     """What a law, and those that it holds, declare to measure and to drive; None where one declares no measures, and holds no law."""
     held = [value for each in dataclasses.fields(law) if isinstance(value := getattr(law, each.name), Controller)]
     found = [_declared(each) for each in held]
-    if None in found or not (found or names(law.measures)):
+    if None in found or not (found or names(law.measured_signals)):
         return None
-    return {*names(law.measures), *names(law.drives)}.union(*(each for each in found if each is not None))
+    return {*names(law.measured_signals), *names(law.actuated_signals)}.union(*(each for each in found if each is not None))
 
 
 def _check_driven(law: Controller, form: str, gives: Mapping[str, Any]) -> None:
     """Raise SceneError where a law does not give what it declares to drive."""
-    lacking = next((name for name in names(law.drives) if name not in gives), None)
+    lacking = next((name for name in names(law.actuated_signals) if name not in gives), None)
     if lacking is not None:
         given = f"gives only {', '.join(f'`{name}`' for name in gives)}" if gives else "gives nothing"
         raise SceneError(f"{type(law).__name__} must give `{lacking}`, which it declares in `drives`, but `{form}` {given}.")
@@ -204,7 +204,7 @@ class Sampled:
         {measured signal: step of its encoder}, in the unit of the signal; noise is added before the encoder.
     seed
         Seed of the noise, an integer >= 0. Laws with one seed see the same noise on the same signal at samples of the same number.
-    measures, drives
+    measured_signals, actuated_signals
         What a callable reads and gives; by default its own attributes of these names, else `top.speed` and `top.torque`.
     """
 
@@ -214,8 +214,8 @@ class Sampled:
     noise: Mapping[str, Any] = field(default_factory=dict)
     resolution: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
-    measures: str | Sequence[str] | None = None
-    drives: str | Sequence[str] | None = None
+    measured_signals: str | Sequence[str] | None = None
+    actuated_signals: str | Sequence[str] | None = None
 
     def __post_init__(self) -> None:
         for word in ("period", "delay"):
@@ -232,7 +232,7 @@ class Sampled:
 
     def check(self) -> None:
         """Raise SceneError unless period > 0, delay >= 0, noise >= 0, resolution > 0, seed is an integer >= 0, and only a callable is told its signals."""
-        for word, told in (("measures", self.measures), ("drives", self.drives)):
+        for word, told in (("measures", self.measured_signals), ("drives", self.actuated_signals)):
             if told is None:
                 continue
             if isinstance(self.law, Controller):
@@ -261,7 +261,7 @@ class Sampled:
 
 
 @dataclass(frozen=True)
-class Held(Component):
+class ZeroOrderHold(Component):
     """A sampled law as a part of the plant: it reads the signals through its sensors, and its outputs are held signals."""
 
     law: Controller = field(default_factory=Controller)
@@ -296,11 +296,11 @@ class External(Component):
 
     Attributes
     ----------
-    asked
+    display_units
         What the callable measures, by the names that it uses; its sensors know these.
-    measures
+    measured_signals
         Names of the same signals in the plant; those with a default stand last.
-    drives, units
+    actuated_signals, units
         Signals that it drives, and their units.
     wanted, defaults
         Units and values of the signals with a default.
@@ -308,9 +308,9 @@ class External(Component):
         What stands between these signals and the callable.
     """
 
-    asked: tuple[str, ...] = ()
-    measures: tuple[str, ...] = ()
-    drives: tuple[str, ...] = ()
+    display_units: tuple[str, ...] = ()
+    measured_signals: tuple[str, ...] = ()
+    actuated_signals: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     wanted: tuple[str, ...] = ()
     defaults: OptionalQuantities = quantity(None, "1", "defaults of the last signals that it measures")
@@ -318,9 +318,9 @@ class External(Component):
 
     def equations(self, signal: Signal) -> Equations:
         if self.defaults is not None:
-            for name, unit, value in zip(self.measures[-len(self.wanted) :], self.wanted, self.defaults, strict=True):
+            for name, unit, value in zip(self.measured_signals[-len(self.wanted) :], self.wanted, self.defaults, strict=True):
                 signal(name, unit, default=value)
-        outputs = {name: (ca.SX(0), unit) for name, unit in zip(self.drives, self.units, strict=True)}
+        outputs = {name: (ca.SX(0), unit) for name, unit in zip(self.actuated_signals, self.units, strict=True)}
         return Equations(update=Update({}, outputs, external=True, noise={name: ca.SX.sym(name) for name in self.sensors.noisy}))
 
     def answer(self, law: Any, time: float, values: Iterable[float], noise: Mapping[str, float]) -> np.ndarray:
@@ -328,7 +328,9 @@ class External(Component):
 
         Raises ControllerError where it returns something else than one finite number for each of `drives`.
         """
-        y = np.array([self.sensors.reading(name, value, noise.get(name, 0.0)) for name, value in zip(self.asked, values, strict=True)])
+        y = np.array(
+            [self.sensors.reading(name, value, noise.get(name, 0.0)) for name, value in zip(self.display_units, values, strict=True)]
+        )
         title = getattr(law, "__name__", type(law).__name__)
         try:
             answer = law(time, y)
@@ -337,13 +339,13 @@ class External(Component):
                 f"The controller must compute finite numbers, but at t = {time:g} s `{title}` overflows: {error}."
             ) from error
         found = finite_array(answer)
-        if found is None or found.size != len(self.drives):
-            wanted = f"{len(self.drives)} finite value(s) for {', '.join(self.drives)}"
+        if found is None or found.size != len(self.actuated_signals):
+            wanted = f"{len(self.actuated_signals)} finite value(s) for {', '.join(self.actuated_signals)}"
             raise ControllerError(f"The controller must return {wanted}, but at t = {time:g} s `{title}` returned {answer!r}.")
         return found.ravel()
 
 
-def as_held_part(sampled: Sampled, law: Controller) -> Held:
+def as_held_part(sampled: Sampled, law: Controller) -> ZeroOrderHold:
     """The part that stands for a sampled law; raises SceneError for sensors of signals that it does not measure."""
     asked: list[str] = []
 
@@ -353,7 +355,7 @@ def as_held_part(sampled: Sampled, law: Controller) -> Held:
 
     if sampled.noise or sampled.resolution:
         law.sampled(signal, ca.SX.sym("period"))
-    return Held(law, sampled.sensors(asked), float(sampled.period), name=law.name)
+    return ZeroOrderHold(law, sampled.sensors(asked), float(sampled.period), name=law.name)
 
 
 def names(value: str | Sequence[str]) -> tuple[str, ...]:
@@ -373,11 +375,11 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         pass
     except TypeError as error:
         raise SceneError(f"Argument `controller` must be callable as (t, y), y what it measures in order, but: {error}.") from None
-    asked = names(getattr(law, "measures", ("top.speed",)) if sampled.measures is None else sampled.measures)
+    asked = names(getattr(law, "measures", ("top.speed",)) if sampled.measured_signals is None else sampled.measured_signals)
     measures = tuple(plant.routes.get(name, name) for name in asked)
     drives = tuple(
         plant.routes.get(name, name)
-        for name in names(getattr(law, "drives", ("top.torque",)) if sampled.drives is None else sampled.drives)
+        for name in names(getattr(law, "drives", ("top.torque",)) if sampled.actuated_signals is None else sampled.actuated_signals)
     )
     for name in measures:
         if not plant.has_signal(name):
@@ -395,9 +397,9 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
     more: dict[str, tuple[float, str]] = dict(getattr(law, "defaults", {}))
     places = measures + tuple(plant.routes.get(name, name) for name in more)
     return External(
-        asked=asked + tuple(more),
-        measures=places,
-        drives=drives,
+        display_units=asked + tuple(more),
+        measured_signals=places,
+        actuated_signals=drives,
         units=units,
         wanted=tuple(unit for _, unit in more.values()),
         defaults=tuple(float(value) for value, _ in more.values()) or None,
@@ -446,17 +448,17 @@ class Takeover(Controller):
     at: Quantity = quantity(0.0, "s", "time of the takeover", at_least=0)
 
     @property
-    def drives(self) -> tuple[str, ...]:  # type: ignore[override]
+    def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
         """What the law after drives, which the one before drives, too, or a part of it."""
-        return self.after.drives
+        return self.after.actuated_signals
 
     def design(self, plant: HybridSystem) -> Controller:
         """Both laws designed on the plant."""
         return dataclasses.replace(self, before=designed(self.before, plant), after=designed(self.after, plant))
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
-        if not set(self.before.drives) <= set(self.after.drives):
-            driven = [", ".join(law.drives) or "nothing" for law in (self.before, self.after)]
+        if not set(self.before.actuated_signals) <= set(self.after.actuated_signals):
+            driven = [", ".join(law.actuated_signals) or "nothing" for law in (self.before, self.after)]
             raise SceneError(
                 f"The second law of a takeover must drive what the first one does, but they drive {driven[0]} and {driven[1]}."
             )

@@ -16,7 +16,7 @@ from toolbox.modelling import inputs as shapes
 from toolbox.modelling.components import numbers_of
 from toolbox.modelling.design_fields import redesigned
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.laws import Controller, Held, Sampled, check_sampled
+from toolbox.modelling.laws import Controller, Sampled, ZeroOrderHold, check_sampled
 from toolbox.modelling.start import row_of
 
 Loop = Any
@@ -140,8 +140,8 @@ class ClockKind(NumberKind):
 
     def put(self, loop: Loop, name: str, value: float) -> Loop:
         index = sampled_owner(loop, name)
-        changed = dataclasses.replace(loop.laws[index], **{self.field: value})
-        return loop.with_laws((*loop.laws[:index], changed, *loop.laws[index + 1 :]))
+        changed = dataclasses.replace(loop.controllers[index], **{self.field: value})
+        return loop.with_controllers((*loop.controllers[:index], changed, *loop.controllers[index + 1 :]))
 
     def check(self, loop: Loop, name: str, values: Iterable[float]) -> None:
         """Raise SceneError where the controller does not bear one of the values."""
@@ -155,7 +155,7 @@ class ClockKind(NumberKind):
                 check_sampled(law, float(value))
 
     def in_run(self, run: Any, loop: Loop, name: str, value: float) -> dict[str, Any]:
-        clocks = [(float(law.period), float(law.delay)) for law in loop.laws if isinstance(law, Sampled)]
+        clocks = [(float(law.period), float(law.delay)) for law in loop.controllers if isinstance(law, Sampled)]
         system, path = run.system, clock_path(loop, sampled_owner(loop, name))
         if self.field == "period" and path is not None:
             system = system.with_parameters({path: value})
@@ -231,8 +231,8 @@ CLOCK_KINDS = {"sample_time": SAMPLE_TIME, "delay": DELAY}
 
 def clock_path(loop: Loop, index: int) -> str | None:
     """The parameter of the closed system that is the sample time of a controller; None for one in Python, which has none."""
-    parts, first = loop.system.parts, len(loop.system.parts) - len(loop.laws)
-    if not isinstance(parts[first + index], Held):
+    parts, first = loop.system.parts, len(loop.system.parts) - len(loop.controllers)
+    if not isinstance(parts[first + index], ZeroOrderHold):
         return None
     last = sum(len(numbers_of(part)) for part in parts[: first + index + 1]) - 1
     return next(name for name, entry in loop.system.parameters.items() if entry.offset == last)
@@ -243,7 +243,7 @@ def clock_prefixes(loop: Loop) -> dict[str, int]:
     known = loop.__dict__.get("clock_prefixes")
     if known is None:
         known = {}
-        for index, law in enumerate(loop.laws):
+        for index, law in enumerate(loop.controllers):
             if isinstance(law, Sampled):
                 known.setdefault(_prefix(loop, index), index)
         loop.__dict__["clock_prefixes"] = known
@@ -251,7 +251,7 @@ def clock_prefixes(loop: Loop) -> dict[str, int]:
 
 
 def _prefix(loop: Loop, index: int) -> str:
-    law = loop.laws[index].law
+    law = loop.controllers[index].law
     if isinstance(law, Controller) and type(law).design is Controller.design and (path := clock_path(loop, index)) is not None:
         return path.rpartition(".")[0]
     return getattr(law, "name", None) or getattr(law, "__name__", type(law).__name__).lower()
@@ -267,7 +267,7 @@ def clock_value(loop: Loop, name: str) -> tuple[NumberKind, float] | None:
     head, _, word = name.rpartition(".")
     if word not in CLOCK_KINDS or head not in (prefixes := clock_prefixes(loop)):
         return None
-    law = loop.laws[prefixes[head]]
+    law = loop.controllers[prefixes[head]]
     return CLOCK_KINDS[word], float(law.period if word == "sample_time" else law.delay)
 
 

@@ -59,7 +59,7 @@ class Number:
         What it is, as its part declares it.
     bounds
         {"at_least", "above", "at_most": bound or None}.
-    usual
+    typical_range
         (low, high) between which every sound number lies; None where nothing is said.
     overridden
         The input, given or driven by a law, that takes the place of this number, so that it has no effect; None for none.
@@ -118,11 +118,11 @@ class Number:
         """What an argument of it holds, with text as numbers in its unit."""
         return in_si(given, self.unit, word)
 
-    def between(self, given: Any, word: str = "between") -> tuple[float, float]:
+    def between(self, given: Any, word: str = "bounds") -> tuple[float, float]:
         """A range of it, numbers in SI or text with units. Raises SceneError unless it is (low, high) in that order."""
         return checked_range(given, word, self.unit)
 
-    def span(self, given: Any, word: str = "between") -> tuple[float, float]:
+    def span(self, given: Any, word: str = "bounds") -> tuple[float, float]:
         """A range over which it is varied, as `between` gives it; warns (`UnusualValue`) where its far end, typed without a unit, is not usual, as where it was
         meant in another unit."""
         low, high = self.between(given, word)
@@ -159,7 +159,7 @@ def numbers_in(loop: Loop) -> dict[str, Number]:
     names = [*system.inputs]
     for name, entry in system.parameters.items():
         names += [name] if entry.size is None else [f"{name}.{i}" for i in range(entry.size)]
-    names += [name for i in range(len(loop.laws)) for name in design_fields(loop, i)]
+    names += [name for i in range(len(loop.controllers)) for name in design_fields(loop, i)]
     names += [f"{prefix}.{word}" for prefix in kinds.clock_prefixes(loop) for word in kinds.CLOCK_KINDS]
     for name, value in loop.values.items():
         names += [f"{name}.{key}" for key in _shape_numbers(value)]
@@ -314,7 +314,7 @@ def law_with_numbers(loop: Loop) -> Any:
 
     As declared, where its design leaves these numbers as they are and makes of them what acts in the loop; else as it is designed.
     """
-    given = loop.laws[0]
+    given = loop.controllers[0]
     law = given.law if isinstance(given, Sampled) else given
     plant = {name: value for name, value in loop.parameters.items() if loop.plant.has_parameter(name)}
     own = {name: value for name, value in loop.parameters.items() if name not in plant}
@@ -325,7 +325,7 @@ def law_with_numbers(loop: Loop) -> Any:
     if all(_declared(law, path) for path in paths.values()):
         written = as_sampled(given, functools.reduce(lambda node, name: with_field(node, paths[name], own[name]), own, law))
         with contextlib.suppress(SceneError, np.linalg.LinAlgError):
-            if np.array_equal(loop.but(laws=(written, *loop.laws[1:]), parameters=plant).system.values, system.values):
+            if np.array_equal(loop.but(controllers=(written, *loop.controllers[1:]), parameters=plant).system.values, system.values):
                 return written
     return as_sampled(given, rebuilt(loop.designed[0], system.values, sum(len(numbers_of(part)) for part in loop.plant.parts)))
 

@@ -80,36 +80,36 @@ class Observed(Controller):
         The observer.
     name
         Name of the part.
-    late
+    delay_samples
         Number of samples by which a command reaches the plant later, as the observer knows it (delay / period); for sampled laws only.
     """
 
     law: Controller = field(default_factory=Controller)
     observer: Observer = field(default_factory=Observer)
-    late: int = 0
+    delay_samples: int = 0
 
     def check(self) -> None:
-        whole("late", self.late, 0, MOST_LATE)
+        whole("delay_samples", self.delay_samples, 0, MOST_LATE)
 
     @property
-    def drives(self) -> tuple[str, ...]:  # type: ignore[override]
+    def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
         """What the law drives."""
-        return self.law.drives
+        return self.law.actuated_signals
 
     def design(self, plant: HybridSystem) -> Any:
         """The law and the observer designed on the plant; a Python callable where no expression holds the observer."""
         check_fields(self.observer)
         estimator = self.observer.estimator(plant)
         if estimator is not None:
-            if self.late:
+            if self.delay_samples:
                 raise SceneError(
-                    f"Argument `late` must be 0, but it is {self.late}: {type(self.observer).__name__} has a delay of its own."
+                    f"Argument `delay_samples` must be 0, but it is {self.delay_samples}: {type(self.observer).__name__} has a delay of its own."
                 )
-            return EstimatedLaw(LawInPython(designed(self.law, plant), plant, estimator.period), estimator, self.observer.measures)
+            return EstimatedLaw(LawInPython(designed(self.law, plant), plant, estimator.period), estimator, self.observer.measured_signals)
         return dataclasses.replace(self, law=designed(self.law, plant), observer=designed(self.observer, plant))
 
     def continuous(self, signal: Signal) -> Equations:
-        if self.late:
+        if self.delay_samples:
             raise SceneError("An observer of late commands has no continuous form: give `sample_time`.")
         commands, known = _commands(self.law, signal)
         seen = self.observer.continuous(known)
@@ -124,9 +124,9 @@ class Observed(Controller):
         acts = self.law.sampled(_estimated(signal, seen.outputs, commands), period)
         arriving = dict(acts.outputs)
         waiting: dict[State, Any] = {}
-        for name in commands if self.late else ():
+        for name in commands if self.delay_samples else ():
             unit = acts.outputs[name][1]
-            line = [state(f"waiting{k}.{name}", unit) for k in range(self.late)]
+            line = [state(f"waiting{k}.{name}", unit) for k in range(self.delay_samples)]
             waiting |= dict(zip(line, [*line[1:], acts.outputs[name][0]], strict=True))
             arriving[name] = (line[0], unit)
         memory = _with_commands({**seen.memory}, commands, arriving)
@@ -139,17 +139,23 @@ class EstimatedLaw(Remembering):
 
     remembers: ClassVar[tuple[str, ...]] = ("estimator", "law")
 
-    def __init__(self, law: LawInPython, estimator: Estimator, measures: tuple[str, ...]):
-        self.law, self.estimator, self.drives, self.dt, self.own = law, estimator, law.drives, estimator.period, len(measures)
-        known = tuple(estimator.estimate(np.zeros(len(measures))))
-        self.measures = (*measures, *(name for name in law.measures if name not in known))
+    def __init__(self, law: LawInPython, estimator: Estimator, measured_signals: tuple[str, ...]):
+        self.law, self.estimator, self.actuated_signals, self.dt, self.own = (
+            law,
+            estimator,
+            law.actuated_signals,
+            estimator.period,
+            len(measured_signals),
+        )
+        known = tuple(estimator.estimate(np.zeros(len(measured_signals))))
+        self.measured_signals = (*measured_signals, *(name for name in law.measured_signals if name not in known))
         self.defaults = {name: default for name, default in law.defaults.items() if name not in known}
         self.estimates = list[Mapping[str, float]]()
 
     def __call__(self, t: float, y: np.ndarray) -> float:
         found = self.estimator.estimate(y[: self.own])
-        given = dict(zip((*self.measures, *self.defaults), y, strict=True)) | dict(found)
-        (command,) = self.law(t, np.array([given[name] for name in (*self.law.measures, *self.law.defaults)]))
+        given = dict(zip((*self.measured_signals, *self.defaults), y, strict=True)) | dict(found)
+        (command,) = self.law(t, np.array([given[name] for name in (*self.law.measured_signals, *self.law.defaults)]))
         self.estimator.predict(command)
         self.estimates.append(found)
         return float(command)
@@ -160,7 +166,7 @@ def _commands(law: Controller, signal: Signal) -> tuple[dict[str, ca.SX], Signal
     commands: dict[str, ca.SX] = {}
 
     def known(name: str, unit: str, default: Any = None) -> ca.SX:
-        if name in law.drives:
+        if name in law.actuated_signals:
             return commands.setdefault(name, ca.SX.sym(name))
         return signal(name, unit, default)
 

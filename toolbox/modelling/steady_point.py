@@ -41,7 +41,7 @@ class Equilibrium(Printed):
         Inputs u, shape (n_u,).
     modes
         {element: mode}.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which `print` answers.
     """
 
@@ -49,7 +49,7 @@ class Equilibrium(Printed):
     states: FloatArray
     inputs: FloatArray
     modes: Mapping[str, str]
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float | Any:
         """A signal, input or entry of a vector state in SI: a float, or an array for a vector state. Raises SceneError for an unknown name."""
@@ -69,7 +69,7 @@ class Equilibrium(Printed):
         rows = []
         units = {name: unit for name, (_, unit) in self.plant.signals.items()} | {i.name: i.unit for i in self.plant.inputs.values()}
         for name, unit in units.items():
-            factor, unit = reading(unit, self.asked)
+            factor, unit = reading(unit, self.display_units)
             value = self[name] * factor
             shown = f"{value:.6g}" if isinstance(value, float) else "[" + ", ".join(f"{entry:.6g}" for entry in value) + "]"
             rows.append((name, shown, unit))

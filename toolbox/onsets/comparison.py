@@ -46,7 +46,7 @@ class Comparison(Result):
         """One line per controller as text: name, Hopf point, loss, end, break-away, bistable band, verdict at the working point and margin."""
         lines = [("controller", "Hopf point", "smooth lost", "stick-slip ends", "break-away", "bistable", "at", "there", "margin")]
         for label, found in self.onsets.items():
-            factor = reading(found.unit, found.asked).factor
+            factor = reading(found.unit, found.display_units).factor
             inside = found.values[0] <= found.at <= found.values[-1]
             borders = [
                 min(row, key=lambda b: abs(b.value - found.at)).margin(found.at) for row in (found.losses, found.ends, found.stalls) if row

@@ -48,8 +48,8 @@ def onset_diagram(found: Any, ax: Any = None) -> Any:
             ax.plot([found.at], [0.0], marker="^", color="black", markersize=7, linestyle="none", clip_on=False, zorder=4, label="working point",
                     transform=ax.get_xaxis_transform())  # fmt: skip
         _motions(found, ax)
-        name_axis(ax.xaxis, in_words(found.parameter), found.unit, found.asked)
-        name_axis(ax.yaxis, in_words(found.signal), found.signal_unit, found.asked)
+        name_axis(ax.xaxis, in_words(found.parameter), found.unit, found.display_units)
+        name_axis(ax.yaxis, in_words(found.signal), found.signal_unit, found.display_units)
         ax.set_xlim(found.values[0], found.values[-1])
         ax.margins(y=0.08)
         handles, labels = ax.get_legend_handles_labels()
@@ -60,7 +60,7 @@ def onset_diagram(found: Any, ax: Any = None) -> Any:
 
 def _motions(found: Any, ax: Any) -> None:
     """What runs come to: a line of smooth running, and a band from the lowest to the highest speed of what swings or sticks."""
-    inside = sorted([*zip(map(float, found.values), found.sticking, strict=True), *found.between], key=lambda each: each[0])
+    inside = sorted([*zip(map(float, found.values), found.sticking, strict=True), *found.cycle_runs], key=lambda each: each[0])
     moving = [(value, judged) for value, judged in inside if judged.regime in (STICKS, SWINGS)]
     edges = [float(found.values[0]), *sorted(border.value for border in (*found.ends, *found.stalls)), float(found.values[-1])]
     for low, high in itertools.pairwise(edges):
@@ -148,7 +148,9 @@ def severity_panels(found: Any, axes: Any = None) -> Any:
     what each region means for who runs the machine.
     """
     with drawn_on(axes, 1, 2, height=4.4, width=1.25 * WIDTH, sharex=True, sharey=True) as axes:
-        scales = [reading_of(unit, float(np.abs(axis).max()), found.asked) for axis, unit in zip(found.axes, found.units, strict=True)]
+        scales = [
+            reading_of(unit, float(np.abs(axis).max()), found.display_units) for axis, unit in zip(found.axes, found.units, strict=True)
+        ]
         divisors = np.array([1.0 / factor for factor, _ in scales])
         grid = (found.axes[0] / divisors[0], found.axes[1] / divisors[1])
         borders = {name: found.borders[name] / divisors for name in BORDERS}

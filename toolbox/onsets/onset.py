@@ -51,7 +51,7 @@ SURE = 9
 def onset(
     loop: ClosedLoop,
     parameter: str,
-    between: tuple[NumberOrText, NumberOrText],
+    bounds: tuple[NumberOrText, NumberOrText],
     *,
     mode: Mapping[str, str] | None = None,
     guess: Mapping[str, Any] | None = None,
@@ -78,7 +78,7 @@ def onset(
         A loop with constant inputs, or a plant. Its own value of the parameter is the working point.
     parameter
         What is varied: any input, or any parameter of the plant or of the law.
-    between
+    bounds
         Range (low, high) of the parameter, in SI or text with units. Typed as ("20 rpm", "120 rpm"), report and figure answer in rpm.
     mode
         Modes of the steady state, as in `equilibrium`.
@@ -111,8 +111,8 @@ def onset(
     free = loop.acting(parameter, "onset", lambda number: number.kind.borders)
     if continuous is not None and free.kind.has_slope:
         free = continuous.acting(parameter, "onset")
-    low, high = free.span(between)
-    asked_unit = asked_in(tuple(free.in_si("between", tuple(between))), free.unit)
+    low, high = free.span(bounds)
+    asked_unit = asked_in(tuple(free.in_si("bounds", tuple(bounds))), free.unit)
     whole("values", values, 3)
     tolerance = (high - low) / 5000 if tolerance is None else number("tolerance", tolerance, free.unit, above=0)
     longest = None if duration is None else number("duration", duration, "s", above=0)
@@ -140,7 +140,7 @@ def onset(
     )  # fmt: skip
     with progress_bar(None, "onset") as search.bar:
         found = _both_branches(search, loop, [float(value) for value in grid], at, hopf, tolerance)
-    return replace(found, asked={**loop.asked, free.unit: asked_unit})
+    return replace(found, display_units={**loop.display_units, free.unit: asked_unit})
 
 
 def _continuous_form(loop: ClosedLoop) -> ClosedLoop | None:
@@ -237,7 +237,7 @@ def _both_branches(
         stalls=tuple(border for border in cycles if border.beyond == STANDS),
         breakaways=tuple(breakaways),
         coexisting=several,
-        between=tuple(sorted(others.items())),
+        cycle_runs=tuple(sorted(others.items())),
         steady=np.array([search.steady(value)[0] for value in numbers]),
         signal_unit=loop.system.signal_unit(search.signal),
         cycling=np.array([value in inside.cycling for value in numbers]),

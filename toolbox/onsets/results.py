@@ -98,7 +98,7 @@ class Onset(Told, Result):
         What runs come to at each value (`toolbox.measuring.judge.Judged`), from disturbed smooth running, and from inside stick-slip or standstill.
     steady
         The judged speed in smooth running at each value, shape (n,), stable or not; nan where there is none.
-    between
+    cycle_runs
         ((value, what a run comes to), ...) of the other runs inside stick-slip that the search for its end made, in order.
     hopf
         Hopf points of the linear system, exact; of a sampled loop those of the loop as it runs.
@@ -124,7 +124,7 @@ class Onset(Told, Result):
         Values at which a run was carried on to the end of that time and could not be told.
     notes
         What was not done, or not confirmed.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which report and figure answer.
     """
 
@@ -149,13 +149,13 @@ class Onset(Told, Result):
     accuracy: float
     perturbation: float
     runs: int
-    between: tuple[tuple[float, Judged], ...] = ()
+    cycle_runs: tuple[tuple[float, Judged], ...] = ()
     signal_unit: str = "1"
     steady: FloatArray = field(default_factory=lambda: np.empty(0))
     coexisting: tuple[Coexisting, ...] = ()
     undecided: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def loss(self) -> float:
@@ -339,7 +339,7 @@ class Onset(Told, Result):
     @property
     def _read(self) -> Reading:
         """How values of the parameter are read."""
-        return reading(self.unit, self.asked)
+        return reading(self.unit, self.display_units)
 
     def _border_rows(self) -> list[tuple[str, str, str]]:
         """(name, value, how it is known) of the Hopf points, the borders and the bistable bands."""

@@ -69,7 +69,7 @@ class SampledMap:
         until = phase + common * math.ceil((late + 2 * common) / common)
         self.state = self._again(begin, until - begin.time).last
         self.places = np.concatenate([np.arange(first, first + count_of(size)) for _, first, size in self.state.layout]).astype(int)
-        self.told = all(law is None or isinstance(law, np.ndarray) for law in self.state.laws)
+        self.told = all(law is None or isinstance(law, np.ndarray) for law in self.state.controllers)
         n = self.state.states.size
         rows = slip_rows(run.system, self.state.states, run.system.values)
         self.rows = np.hstack([rows, np.zeros((len(rows), self.point(self.state).size - n))])
@@ -79,7 +79,7 @@ class SampledMap:
 
     def point(self, state: RunState) -> FloatArray:
         """A state as a point."""
-        laws = [law for law in state.laws if isinstance(law, np.ndarray)]
+        laws = [law for law in state.controllers if isinstance(law, np.ndarray)]
         return np.concatenate([state.values[self.places], *[rows.ravel() for rows in state.waiting], *laws])
 
     def state_at(self, point: FloatArray) -> RunState:
@@ -90,10 +90,10 @@ class SampledMap:
         for rows in self.state.waiting:
             waiting.append(point[place : place + rows.size].reshape(rows.shape))
             place += rows.size
-        for law in self.state.laws:
+        for law in self.state.controllers:
             laws.append(None if law is None else point[place : place + law.size])
             place += 0 if law is None else law.size
-        return dataclasses.replace(self.state.at_values(values), waiting=tuple(waiting), laws=tuple(laws))
+        return dataclasses.replace(self.state.at_values(values), waiting=tuple(waiting), controllers=tuple(laws))
 
     def __call__(self, point: FloatArray) -> FloatArray:
         return self.point(self._again(self.state_at(point), self.span).last)

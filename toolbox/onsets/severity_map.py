@@ -96,7 +96,7 @@ class SeverityMap(Told, Result):
         Longest time for which a run was carried on until it was decided [s], and accuracy of the runs.
     resolution
         Resolution of borders by runs, in parts of a cell; where the growth is known, smooth running is lost where that changes its sign.
-    errors
+    standard_errors
         Why a run failed: {(branch, i, j): message}.
     runs
         Number of runs.
@@ -104,7 +104,7 @@ class SeverityMap(Told, Result):
         Values of both numbers in the loop that was mapped, in SI: the working point, where it lies in the map.
     notes
         What the reader of the map should know.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which report and figure answer.
     """
 
@@ -122,10 +122,10 @@ class SeverityMap(Told, Result):
     accuracy: float
     resolution: float
     runs: int
-    errors: dict[tuple[str, int, int], str] = field(default_factory=dict)
+    failures: dict[tuple[str, int, int], str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     at: tuple[float, float] = (math.nan, math.nan)
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def regions(self) -> dict[str, BoolArray]:
@@ -142,12 +142,12 @@ class SeverityMap(Told, Result):
     @property
     def _read(self) -> list[Reading]:
         """How numbers along both axes are read."""
-        return [reading(unit, self.asked) for unit in self.units]
+        return [reading(unit, self.display_units) for unit in self.units]
 
     def _told(self) -> list[str | Rows]:
         read = self._read
-        failed = [f"  {len(self.errors)} runs failed"] if self.errors else []
-        for (branch, i, j), text in list(self.errors.items())[:3]:
+        failed = [f"  {len(self.failures)} runs failed"] if self.failures else []
+        for (branch, i, j), text in list(self.failures.items())[:3]:
             failed.append(f"    {branch}, {self.axes[0][i] * read[0].factor:.5g}, {self.axes[1][j] * read[1].factor:.5g}: {text}")
         return [
             f"Severity map of {self.title}: `{self.signal}`, contact `{self.element}`",
@@ -261,14 +261,14 @@ class SeverityMap(Told, Result):
             found[f"border.{name}"], shapes[f"border.{name}"] = self.borders[name], ("f", f"segments of {name}", 2, 2)
         check_shapes(found, shapes)
         rows, columns = self.growth.shape
-        if not all(branch in ("smooth", "sticking") and 0 <= i < rows and 0 <= j < columns for branch, i, j in self.errors):
+        if not all(branch in ("smooth", "sticking") and 0 <= i < rows and 0 <= j < columns for branch, i, j in self.failures):
             raise ValueError("it has an error of a run that it does not have")
 
 
 @takes_loop
 def severity_map(
     loop: ClosedLoop,
-    over: Mapping[str, tuple[NumberOrText, NumberOrText]],
+    ranges: Mapping[str, tuple[NumberOrText, NumberOrText]],
     *,
     shape: tuple[int, int] = (50, 50),
     duration: NumberOrText | None = None,
@@ -276,7 +276,7 @@ def severity_map(
     guess: Mapping[str, Any] | None = None,
     halvings: int = 3,
     executor: concurrent.futures.Executor | None = None,
-    out: str | Path | None = None,
+    checkpoint: str | Path | None = None,
 ) -> SeverityMap:
     """Map the severity of stick-slip over two inputs or parameters, from smooth running and from inside stick-slip.
 
@@ -288,7 +288,7 @@ def severity_map(
     ----------
     loop
         A loop with constant inputs, or a plant. A law may act continuously or be sampled, in machine code or in Python.
-    over
+    ranges
         The two ranges {name: (low, high)}, in SI or text with units; the first name gives the rows of all arrays.
     shape
         Number of points of the grid along both axes.
@@ -300,7 +300,7 @@ def severity_map(
         How often an edge of the grid across a border is halved, from 0 to 20.
     executor
         As in `sweep`; it does the runs from the points of the grid.
-    out
+    checkpoint
         A folder for the map (`map.npz`) and for what each run came to (`runs.jsonl`), with which a map that was interrupted goes on where it was.
 
     Returns
@@ -319,23 +319,23 @@ def severity_map(
     shape = (rows, columns)
     whole("halvings", halvings, 0, 20)
     check_executor(executor)
-    plane = Plane.of(loop, over)
+    plane = Plane.of(loop, ranges)
     steady = steady_plane(loop, plane, mode, guess)
     axes = tuple(np.linspace(*ends, n) for ends, n in zip(plane.ranges, shape, strict=True))
     places = [plane.place(point) for point in grid(dict(zip(plane.names, axes, strict=True))).points]
     learn: Callable[[Sequence[complex]], None] = (lambda _: None) if steady is None else steady.learn
     search = map_runs(loop, plane, steady, places, duration)
-    if out is not None:
+    if checkpoint is not None:
         asked = {
-            "over": [plane.names, plane.ranges],
+            "ranges": [plane.names, plane.ranges],
             "shape": [*shape],
             "duration": search.budget,
             "mode": mode,
             "guess": guess,
             "halvings": halvings,
         }
-        folder_of(Path(out))
-        search.journal = Journal(Path(out) / "runs.jsonl", fingerprints(search.base, plane.names, **asked), _is_run, "out")
+        folder_of(Path(checkpoint))
+        search.journal = Journal(Path(checkpoint) / "runs.jsonl", fingerprints(search.base, plane.names, **asked), _is_run, "checkpoint")
     front = Front(search=search, plane=plane, places=places, shape=shape, executor=executor)
     smooth = front.smooth()
     front.stopped()
@@ -372,13 +372,13 @@ def severity_map(
         runs=search.runs,
         notes=tuple(_notes(search, (smooth, inside))),
         at=(plane.numbers[0].value, plane.numbers[1].value),
-        asked={
+        display_units={
             number.unit: asked_in(number.in_si(number.name, ends), number.unit)
-            for number, ends in reversed([*zip(plane.numbers, over.values(), strict=True)])
+            for number, ends in reversed([*zip(plane.numbers, ranges.values(), strict=True)])
         },
     )
-    if out is not None:
-        found.save(Path(out) / "map.npz")
+    if checkpoint is not None:
+        found.save(Path(checkpoint) / "map.npz")
     return found
 
 

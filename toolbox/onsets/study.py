@@ -71,12 +71,12 @@ class Row:
         return self.verdict.startswith("failed")
 
 
-def verdict_row(scene: Scene, label: str, files: str = "", measures: Any = ()) -> tuple[Row, Trajectory | None]:
+def verdict_row(scene: Scene, label: str, files: str = "", metrics: Any = ()) -> tuple[Row, Trajectory | None]:
     """Simulate and judge one controller: its row, with further measures as `sweep` takes them, and its run.
 
     A run that fails is a row as well, with the trajectory so far.
     """
-    further = judged_measures(measures, scene[label], 0.0, scene.duration) if measures else {}
+    further = judged_measures(metrics, scene[label], 0.0, scene.duration) if metrics else {}
     try:
         run = scene.run(label)
     except SimulationError as failure:
@@ -110,12 +110,12 @@ def verdict_of(scene: Any, run: Trajectory) -> tuple[str, dict[str, float], Judg
 
     scene: a scene, or a loop with all that a scene says of it.
     """
-    found = measures_of(scene, run)
+    found = metrics_of(scene, run)
     words, judged = words_of(scene, run, found)
     return words, found, judged
 
 
-def measures_of(scene: Any, run: Trajectory) -> dict[str, float]:
+def metrics_of(scene: Any, run: Trajectory) -> dict[str, float]:
     """The measures of the verdict on a run, by the names of their columns."""
     return {name: _number_of(name, run) for name in (COLUMNS if scene.standstill is None else ("stuck", "settling", "peak"))}
 
@@ -210,7 +210,7 @@ def table(scene: Scene, rows: Sequence[Row], times: bool = True) -> str:
 
 def judged_by(scene: Scene) -> str:
     """A sentence about what is judged in which time."""
-    speed = reading(scene.plant().unit(scene.signal), scene.asked)
+    speed = reading(scene.plant().unit(scene.signal), scene.display_units)
     until = f"{scene.duration:g} s" if scene.standstill is None else f"standstill at {scene.standstill * speed.factor:g} {speed.unit}"
     set_point = f"; set-point {scene.reference * speed.factor:.4g} {speed.unit}" if scene.reference else ""
     return f"{scene.judges}, judged from {scene.after:g} s to {until}{set_point}."
@@ -218,7 +218,7 @@ def judged_by(scene: Scene) -> str:
 
 def in_cells(scene: Scene, rows: Sequence[Row], times: bool = True) -> list[list[str]]:
     """Headings and rows as texts, in the units of the scene; times: whether with the time that each took."""
-    effort = reading(scene.plant().unit(scene.effort), scene.asked)
+    effort = reading(scene.plant().unit(scene.effort), scene.display_units)
     head = [
         "controller",
         "verdict",

@@ -38,13 +38,13 @@ class Corrected:
 class ArcWalk:
     """The state of a continuation: where it is, which way it heads, and in which scales."""
 
-    def __init__(self, cycle: Cycle, free: Number, span: tuple[float, float]):
+    def __init__(self, cycle: Cycle, free: Number, bounds: tuple[float, float]):
         self.free = free
         self.orbit = Orbit.of(cycle.run, free, cycle.run.accuracy, cycle.period if cycle.forced else None)
         self.kept = self.orbit.returning
         self.base = cycle.run.run
         self.forced = cycle.forced
-        self.scale = np.concatenate([self.orbit.scale[self.kept], [] if self.forced else [cycle.period], [span[1] - span[0]]])
+        self.scale = np.concatenate([self.orbit.scale[self.kept], [] if self.forced else [cycle.period], [bounds[1] - bounds[0]]])
         natural = forcing_period(self.base) if self.forced else None
         self.multiple = round(cycle.period / natural) if natural else 0
         self.forced_period = cycle.period

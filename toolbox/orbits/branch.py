@@ -46,7 +46,7 @@ class Branch:
         The points at which the kind of the cycle changes.
     ended
         Why the branch ends.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which report and figure answer.
     """
 
@@ -56,7 +56,7 @@ class Branch:
     cycles: list[Cycle] = field(default_factory=list)
     bifurcations: list[Bifurcation] = field(default_factory=list)
     ended: str = ""
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def loop(self) -> ClosedLoop:
@@ -123,13 +123,15 @@ class Branch:
             labels.add(point.kind)
             ax.plot([point.value] * 2, [low, high], markers[point.kind], color=LINES[1]["color"], markersize=5.5, markeredgecolor="0.1",
                     markeredgewidth=0.6, linestyle="none", label=label, zorder=4)  # fmt: skip
-        name_axis(ax.xaxis, place_words(self.parameter), self.unit, self.asked)
-        name_axis(ax.yaxis, f"{place_words(signal)}, smallest and largest", self.cycles[0].run.unit(signal), self.cycles[0].run.asked)
+        name_axis(ax.xaxis, place_words(self.parameter), self.unit, self.display_units)
+        name_axis(
+            ax.yaxis, f"{place_words(signal)}, smallest and largest", self.cycles[0].run.unit(signal), self.cycles[0].run.display_units
+        )
         ax.legend(frameon=False)
         return ax
 
     def __str__(self) -> str:
-        factor, unit = reading(self.unit, self.asked)
+        factor, unit = reading(self.unit, self.display_units)
         lines = [
             f"{len(self.values)} cycles, {self.parameter} from {min(self.values) * factor:.6g} to {max(self.values) * factor:.6g} {unit}: "
             f"{int(self.stable.sum())} stable, {int((~self.stable).sum())} unstable; {self.ended}"

@@ -43,7 +43,7 @@ from toolbox.steady_states.hopf import hopf_points
 def follow(
     cycle: Cycle,
     parameter: str,
-    span: tuple[NumberOrText, NumberOrText],
+    bounds: tuple[NumberOrText, NumberOrText],
     *,
     points: int = 100,
     step: float = 0.02,
@@ -63,7 +63,7 @@ def follow(
         A cycle of the branch, as `limit_cycle` returns it.
     parameter
         Name of what changes.
-    span
+    bounds
         Range (low, high) of the parameter.
     points
         Largest number of cycles.
@@ -87,14 +87,14 @@ def follow(
     if not isinstance(cycle, Cycle):
         raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")
     free = cycle.run.run.loop.acting(parameter, "follow", lambda number: number.is_shape)
-    asked = {free.unit: asked_in(free.in_si("span", span), free.unit)}
-    span = free.span(span, "span")
+    asked = {free.unit: asked_in(free.in_si("bounds", bounds), free.unit)}
+    bounds = free.span(bounds, "bounds")
     step = number("step", step, above=0)
-    walk = ArcWalk(dataclasses.replace(cycle, run=placed(cycle.run, [free])), free, span)
-    if abs(min(max(walk.here.value, span[0]), span[1]) - walk.here.value) > 1e-14 * abs(walk.here.value):
-        raise SceneError(f"Argument `span` must hold the value {walk.here.value:g} of `{parameter}`, but it is {span!r}.")
+    walk = ArcWalk(dataclasses.replace(cycle, run=placed(cycle.run, [free])), free, bounds)
+    if abs(min(max(walk.here.value, bounds[0]), bounds[1]) - walk.here.value) > 1e-14 * abs(walk.here.value):
+        raise SceneError(f"Argument `span` must hold the value {walk.here.value:g} of `{parameter}`, but it is {bounds!r}.")
     whole("points", points, 1)
-    goal = number("towards", towards, free.unit) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
+    goal = number("towards", towards, free.unit) if towards is not None else max(bounds, key=lambda end: abs(end - walk.here.value))
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
     ended = f"all {points} points asked for"
     branch = Branch(parameter, free.unit, [walk.here.value], [walk.cycle(walk.here)], [], ended, asked)
@@ -129,8 +129,8 @@ def follow(
             if _shrunk(branch, walk.vanishing(point, size)):
                 break
             branch.bifurcations += walk.changes(walk.here, point, size)
-        if not span[0] <= point.value <= span[1] or (first and branch.bifurcations):
-            branch.ended = _reached(span, point.value)
+        if not bounds[0] <= point.value <= bounds[1] or (first and branch.bifurcations):
+            branch.ended = _reached(bounds, point.value)
             break
         walk.move_to(point)
         branch.values.append(point.value)
@@ -139,11 +139,11 @@ def follow(
     return branch
 
 
-def _reached(span: tuple[float, float], value: float) -> str:
+def _reached(bounds: tuple[float, float], value: float) -> str:
     """Why a branch ends at a value: the end of the span, else its first bifurcation."""
-    if span[0] <= value <= span[1]:
+    if bounds[0] <= value <= bounds[1]:
         return "the first bifurcation"
-    return f"the end of the span at {span[0] if value < span[0] else span[1]:g}"
+    return f"the end of the span at {bounds[0] if value < bounds[0] else bounds[1]:g}"
 
 
 def _shrunk(branch: Branch, rest: float | None) -> bool:

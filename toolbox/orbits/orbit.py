@@ -167,7 +167,7 @@ class Cycle(Told):
             for i in range(count_of(size)):
                 if row + i in self.returning:
                     label = name if size is None else f"{name}.{i}"
-                    factor, shown = reading(unit, self.run.asked)
+                    factor, shown = reading(unit, self.run.display_units)
                     low, high = self.extremes(label)
                     rows.append((label, f"{factor * low:.6g}", f".. {factor * high:.6g}", shown))
         return rows
@@ -206,7 +206,7 @@ class Orbit:
             if delay >= sample_time:
                 raise SceneError(
                     f"Argument `delay` must be shorter than the sample time {sample_time:g} s in a periodic motion, but it is {delay:g} s: what is on its way "
-                    "for longer would have to return as well. Let the law remember its output for whole samples, as `Observed(..., late=1)` lets its observer."
+                    "for longer would have to return as well. Let the law remember its output for whole samples, as `Observed(..., delay_samples=1)` lets its observer."
                 )
         if any(update.channels for update in run.program.system.updates):
             raise SceneError("Argument `controller` must be without noise in a periodic motion.")
@@ -223,14 +223,14 @@ class Orbit:
         returning = np.flatnonzero(~variational.drifting)
         size = [np.abs(run.states).max(axis=0)]
         read = np.empty(0, int)
-        if variational.laws is not None:
+        if variational.controllers is not None:
             late = [
                 update.first_held + np.arange(len(update.names))
                 for update, (_, delay) in zip(run.program.system.updates, run.run.clocks, strict=True)
                 if delay > 0.0
             ]
-            read = np.unique(np.concatenate([variational.laws.read, *late]))
-            returning = np.append(returning, run.states.shape[1] + np.arange(variational.laws.memory + read.size))
+            read = np.unique(np.concatenate([variational.controllers.read, *late]))
+            returning = np.append(returning, run.states.shape[1] + np.arange(variational.controllers.memory + read.size))
             for update in run.program.system.updates:
                 first = update.first_held + len(update.names)
                 found = np.abs(run.held[:, first : first + update.memory.numel()]).max(axis=0)
@@ -241,12 +241,14 @@ class Orbit:
         scale = np.concatenate(size)
         scale[scale == 0.0] = 1.0
         held = run.run.start.held
-        return Orbit(arguments, variational, columns, returning, variational.forced or variational.laws is not None, scale, held, read)
+        return Orbit(
+            arguments, variational, columns, returning, variational.forced or variational.controllers is not None, scale, held, read
+        )
 
     @property
     def clocked(self) -> bool:
         """Whether sampled laws act."""
-        return self.variational.laws is not None
+        return self.variational.controllers is not None
 
     def whole(self, period: float) -> float:
         """The period, to the last bit that of the samples; raises SceneError unless it is a whole multiple of every sample time."""

@@ -71,7 +71,7 @@ class SampledTangent:
     def __init__(self, laws: SampledLaws, nodes: Trajectory, memory: np.ndarray, own: int):
         from toolbox.stepping.noise import channel_key
 
-        self.laws, self.nodes, self.own = laws, nodes, own
+        self.controllers, self.nodes, self.own = laws, nodes, own
         system, run = laws.program.system, nodes.run
         start = run.start
         self.value = start.held.copy()
@@ -130,7 +130,7 @@ class SampledTangent:
 
     def checked_holds(self, guards: Any, states: np.ndarray, modes: np.ndarray) -> None:
         """Raise GrazingError where a held signal brings a sticking force just to its bound; guards: of (t, states, p, modes)."""
-        nodes, program = self.nodes, self.laws.program
+        nodes, program = self.nodes, self.controllers.program
         elements = program.system.elements
         rows = np.array([k for k in self.due if k > 0 and any(late for late, _, _ in self.due[k])], int)
         sticking = [i for i, e in enumerate(elements) if e.slides and (nodes.mode[:, i] == 0).any()]
@@ -154,7 +154,7 @@ class SampledTangent:
         """Everything that is due at node k, given the derivatives (n + held, directions) of states and held signals; returns them as they are after it."""
         from toolbox.stepping.noise import normal
 
-        laws, nodes = self.laws, self.nodes
+        laws, nodes = self.controllers, self.nodes
         first = laws.program.first_held
         paired = k > 0 and nodes.time[k - 1] == nodes.time[k]
         mode = nodes.mode[k if k == 0 or paired else k - 1].astype(float)

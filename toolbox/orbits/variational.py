@@ -64,7 +64,7 @@ class VariationalEquations:
         held = system.held
         x = ca.vertcat(system.x, held)
         self.plant, self.states, self.columns = system.x.numel(), x.numel(), columns
-        self.laws = SampledLaws(program, columns) if system.updates else None
+        self.controllers = SampledLaws(program, columns) if system.updates else None
         n, count = self.states, len(program.system.elements)
         chosen = ca.vertcat(*[p[c] for c in columns]) if columns else ca.SX(0, 1)
         z = ca.vertcat(x, chosen)
@@ -94,7 +94,7 @@ class VariationalEquations:
         self.projection = ca.Function("projection", arguments_of, [ca.densify(ca.jacobian(projected, z))])
         self.project = ca.Function("project", arguments_of, [projected])
         self.kinks = ca.Function("kinks", [t, x, p, m], [arguments])
-        watched = guards if self.laws is None else ca.vertcat(guards, x[np.flatnonzero(self.laws.reads).tolist()])
+        watched = guards if self.controllers is None else ca.vertcat(guards, x[np.flatnonzero(self.controllers.reads).tolist()])
         self.drifting = _drifting(ca.jacobian(field, x), ca.jacobian(watched, x))[: self.plant]
         self.forced = bool(ca.depends_on(ca.vertcat(field, guards), t))
         self.impact: Any = None
@@ -132,14 +132,14 @@ class VariationalEquations:
         held = np.ascontiguousarray(nodes.held)
         first_held = self.program.first_held
         sampled, acts = None, list[int]()
-        if self.laws is not None:
-            remembered = np.zeros((self.laws.memory, tangent.shape[1]))
+        if self.controllers is not None:
+            remembered = np.zeros((self.controllers.memory, tangent.shape[1]))
             if memory is not None:
                 remembered[:, :own] = memory
             if held_first is not None:
                 tangent[self.plant :, :own] = held_first
             tangent[self.plant :, own:] = default_slopes(nodes.run, self.program, self.columns)
-            sampled = SampledTangent(self.laws, nodes, remembered, own)
+            sampled = SampledTangent(self.controllers, nodes, remembered, own)
             sampled.checked_holds(self.guards, state, modes)
             acts = list(sampled.due)
         if ((self.program.kind != work_layout.SWITCH) & (nodes.mode[0] == 0)).any():

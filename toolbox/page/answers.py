@@ -18,7 +18,7 @@ from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.messages import at_every_step
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.inputs import Table
-from toolbox.onsets.study import measures_of, words_of
+from toolbox.onsets.study import metrics_of, words_of
 from toolbox.scenes.judged import sticks_before_standstill
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.linear import equilibrium, linearise
@@ -66,14 +66,19 @@ def shown_signals(run: Trajectory, loop: ClosedLoop) -> list[str]:
 
 
 def answer(
-    run: Trajectory, loop: ClosedLoop, names: Sequence[str], plane: Sequence[str], asked: Mapping[str, str], step: Callable[[], None]
+    run: Trajectory,
+    loop: ClosedLoop,
+    names: Sequence[str],
+    plane: Sequence[str],
+    display_units: Mapping[str, str],
+    step: Callable[[], None],
 ) -> dict[str, Any]:
     """What is shown at once.
 
     names: signals of the traces;  plane: the two of the phase plane;  asked: {unit: unit in which it is read};  step: called at every step of the judge; where
     it raises `Later`, the verdict follows.
     """
-    found = measures_of(loop, run)
+    found = metrics_of(loop, run)
     judged: Judged | None = None
     try:
         with at_every_step(step):
@@ -86,9 +91,11 @@ def answer(
     late, both = _late(run, after, judged)
     at = run.at(late)
     seen = {name: max(float(np.nanmax(np.abs(row))), 1e-300) for name, row in rows.items()}
-    read = {name: reading_of(run.unit(name), size, asked) for name, size in seen.items()}
+    read = {name: reading_of(run.unit(name), size, display_units) for name, size in seen.items()}
     corners = [np.asarray(at[name], float) for name in plane]
-    corner_units = [reading_of(run.unit(name), float(np.abs(values).max()), asked) for name, values in zip(plane, corners, strict=True)]
+    corner_units = [
+        reading_of(run.unit(name), float(np.abs(values).max()), display_units) for name, values in zip(plane, corners, strict=True)
+    ]
     signals = []
     for name, row in rows.items():
         limits = run.limits.get(name, (None, None))
@@ -97,11 +104,11 @@ def answer(
     return {
         "verdict": words, "decided": words != LOOKING_ON, "tone": TONES.get(words, "bad" if "stick-slip" in words else "fair"),
         "reason": reason(loop, words, judged, found, run),
-        "measures": measures_in_words(loop, found, run, asked), "time": packed(time), "signals": signals, "end": run.end, "after": after,
+        "measures": measures_in_words(loop, found, run, display_units), "time": packed(time), "signals": signals, "end": run.end, "after": after,
         "sticks": [[float(a), float(b)] for a, b in sticks], "element": loop.element,
         "plane": [{"name": name, "unit": each.unit, "values": packed(values * each.factor)}
                   for name, each, values in zip(plane, corner_units, corners, strict=True)],
-        "stuck": packed(_inside(late, sticks)), "spectrum": spectrum(run, *_listened(run, loop, after, found), asked),
+        "stuck": packed(_inside(late, sticks)), "spectrum": spectrum(run, *_listened(run, loop, after, found), display_units),
         "print": hashlib.sha256(np.ascontiguousarray(run.states).tobytes()).hexdigest()[:16], "milliseconds": 1e3 * run.wall_time,
         "period": both if math.isfinite(both) else None,
     }  # fmt: skip
@@ -127,13 +134,15 @@ def traces(run: Trajectory, names: Sequence[str], begin: float, end: float) -> t
     return times, rows
 
 
-def closer(run: Trajectory, names: Sequence[str], window: tuple[float, float], asked: Mapping[str, str]) -> dict[str, Any]:
+def closer(run: Trajectory, names: Sequence[str], window: tuple[float, float], display_units: Mapping[str, str]) -> dict[str, Any]:
     """The traces of a window of time; raises SceneError where it is empty. Units are those of the whole run."""
     if not window[0] < window[1]:
         raise SceneError("Argument `begin` must be before `end`, within the run, but it is not.")
     time, rows = traces(run, names, *window)
     whole = traces(run, names, run.begin, run.end)[1]
-    factors = {name: reading_of(run.unit(name), max(float(np.nanmax(np.abs(row))), 1e-300), asked).factor for name, row in whole.items()}
+    factors = {
+        name: reading_of(run.unit(name), max(float(np.nanmax(np.abs(row))), 1e-300), display_units).factor for name, row in whole.items()
+    }
     return {"time": packed(time), "values": {name: packed(row * factors[name]) for name, row in rows.items()}}
 
 
@@ -161,7 +170,7 @@ def _listened(run: Trajectory, loop: ClosedLoop, after: float, found: Mapping[st
     return slip, after, min(found.get("settling", run.end), run.end)
 
 
-def spectrum(run: Trajectory, signal: str | None, begin: float, end: float, asked: Mapping[str, str]) -> dict[str, Any] | None:
+def spectrum(run: Trajectory, signal: str | None, begin: float, end: float, display_units: Mapping[str, str]) -> dict[str, Any] | None:
     """Amplitude of a signal over frequency between two times, its straight line taken off, as far as it is not nothing."""
     if signal is None or not end > begin:
         return None
@@ -173,7 +182,7 @@ def spectrum(run: Trajectory, signal: str | None, begin: float, end: float, aske
     frequency = np.fft.rfftfreq(FREQUENCIES, times[1] - times[0])
     loud = np.flatnonzero(amplitude > 0.01 * amplitude.max(initial=0.0))
     last = min(max(40, int(1.3 * loud[-1]) if loud.size else 0), frequency.size)
-    read = reading_of(run.unit(signal), float(np.abs(run[signal]).max()), asked)
+    read = reading_of(run.unit(signal), float(np.abs(run[signal]).max()), display_units)
     return {
         "when": f"after {begin:g} s" if end == run.end else f"from {begin:g} s until it stands",
         "tone": tone_of(frequency, amplitude),
@@ -236,7 +245,7 @@ def reason(loop: ClosedLoop, words: str, judged: Judged | None, found: Mapping[s
     return " ".join(parts)
 
 
-def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Trajectory, asked: Mapping[str, str]) -> list[list[str]]:
+def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Trajectory, display_units: Mapping[str, str]) -> list[list[str]]:
     """[what, number] of the measures of the verdict."""
     rows = []
     for name, value in found.items():
@@ -244,7 +253,7 @@ def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Traject
             continue
         if name == "peak":
             assert loop.effort is not None
-            factor, unit = reading_of(run.unit(loop.effort), abs(value), asked)
+            factor, unit = reading_of(run.unit(loop.effort), abs(value), display_units)
             rows.append([f"peak of {loop.effort}", f"{value * factor:.4g} {unit}{_of_limit(run, loop.effort, value)}"])
         elif name in ("stuck", "settling"):
             settles = "settling" if loop.standstill is None else "stands at"
@@ -253,8 +262,8 @@ def measures_in_words(loop: ClosedLoop, found: Mapping[str, float], run: Traject
             rows.append([name, f"{100 * value:.3g} % of the mean"])
         elif not (name == "overshoot" and found.get("settling") == math.inf):
             rows.append([name, f"{100 * value:.3g} %"])
-    rows += _held_within(loop, run, asked)
-    return rows + [row for row in (_way(loop, found, run) if loop.standstill is not None else _swing(loop, run, asked),) if row]
+    rows += _held_within(loop, run, display_units)
+    return rows + [row for row in (_way(loop, found, run) if loop.standstill is not None else _swing(loop, run, display_units),) if row]
 
 
 def _of_limit(run: Trajectory, effort: str, peak: float) -> str:
@@ -263,7 +272,7 @@ def _of_limit(run: Trajectory, effort: str, peak: float) -> str:
     return f", {100.0 * abs(peak) / max(ends):.3g} % of its limit" if ends else ""
 
 
-def _held_within(loop: ClosedLoop, run: Trajectory, asked: Mapping[str, str]) -> list[list[str]]:
+def _held_within(loop: ClosedLoop, run: Trajectory, display_units: Mapping[str, str]) -> list[list[str]]:
     """The peaks of signals other than the effort that have a limit, such as the torque of a motor before its gear."""
     rows = []
     for name, ends in run.limits.items():
@@ -271,7 +280,7 @@ def _held_within(loop: ClosedLoop, run: Trajectory, asked: Mapping[str, str]) ->
             continue
         seen = extent(run, name)
         peak = max(abs(seen.minimum), abs(seen.maximum))
-        factor, unit = reading_of(run.unit(name), peak, asked)
+        factor, unit = reading_of(run.unit(name), peak, display_units)
         rows.append([f"peak of {name}", f"{peak * factor:.4g} {unit}{_of_limit(run, name, peak)}"])
     return rows
 
@@ -287,12 +296,12 @@ def _way(loop: ClosedLoop, found: Mapping[str, float], run: Trajectory) -> list[
     return ["way of the stop", f"{way:.4g} {unit.removesuffix('/s')}{turns}, {slowed:.3g} {unit}2 in the mean"]
 
 
-def _swing(loop: ClosedLoop, run: Trajectory, asked: Mapping[str, str]) -> list[str]:
+def _swing(loop: ClosedLoop, run: Trajectory, display_units: Mapping[str, str]) -> list[str]:
     """From where to where the judged signal goes after the start-up."""
     if loop.signal is None or not run.end > (loop.after or 0.0):
         return []
     seen = extent(run, loop.signal, loop.after or 0.0)
-    factor, unit = reading_of(run.unit(loop.signal), max(abs(seen.minimum), abs(seen.maximum)), asked)
+    factor, unit = reading_of(run.unit(loop.signal), max(abs(seen.minimum), abs(seen.maximum)), display_units)
     return [loop.signal, f"{seen.minimum * factor:z.3g} to {seen.maximum * factor:z.3g} {unit}"]
 
 
@@ -300,7 +309,7 @@ def _swing(loop: ClosedLoop, run: Trajectory, asked: Mapping[str, str]) -> list[
 def further(run: Trajectory, loop: ClosedLoop) -> dict[str, Any]:
     """What follows when nobody turns a number: error of the run, poles of steady running, numbers of the drive, values of all, and those without effect."""
     told: dict[str, Any] = {"values": {name: number.value for name, number in loop.numbers().items() if math.isfinite(number.value)}}
-    told["drive"] = loop.law_words
+    told["drive"] = loop.controller_names
     told["without"] = {name: taken(loop, taking) for name, taking in loop.overridden.items()}
     try:
         told["inexact"] = run.error

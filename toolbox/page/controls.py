@@ -69,7 +69,7 @@ class Control:
         }  # fmt: skip
 
 
-def controls_of(loop: ClosedLoop, asked: Mapping[str, str]) -> list[Control]:
+def controls_of(loop: ClosedLoop, display_units: Mapping[str, str]) -> list[Control]:
     """Every number of a declared loop as a control, those that matter most first; a state that has a name as a signal goes by that one.
 
     asked: {unit: unit in which numbers of it are read}.
@@ -85,7 +85,7 @@ def controls_of(loop: ClosedLoop, asked: Mapping[str, str]) -> list[Control]:
     for rank, number in enumerate(ranked):
         of_law = number.kind.of_controller and not loop.plant.has_parameter(number.name)
         low, high = span(number)
-        read = reading_of(number.unit, max(abs(low), abs(high)), asked)
+        read = reading_of(number.unit, max(abs(low), abs(high)), display_units)
         first = rank if number.kind.sets_up else rank + FIRST
         part = number.name.partition(".")[0]
         found.append(Control(number, part, of_law, read, *_round(low * read.factor, high * read.factor), first))

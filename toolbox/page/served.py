@@ -150,7 +150,7 @@ class Page:
             if label not in self._looks:
                 loop = self.loops[label]
                 usual = {"rad/s": "rpm"} if loop.plant.has_signal("top.speed") else {}  # of a drill string, where nobody typed another unit
-                asked = {**usual, **(self.scene.asked if self.scene is not None else loop.asked)}
+                asked = {**usual, **(self.scene.display_units if self.scene is not None else loop.display_units)}
                 controls = {control.number.name: control for control in controls_of(loop, asked)}
                 self._looks[label] = {"asked": asked, "controls": controls, "axes": [] if loop.standstill is not None else maps.axes_of([*controls.values()]),
                                       "redone": {name: each.kind.redesigns for name, each in loop.numbers().items()}}  # fmt: skip

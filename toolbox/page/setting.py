@@ -115,10 +115,10 @@ def disturbing(loop: ClosedLoop, kind: str) -> list[str]:
 
 def scene_of(setting: Setting, loop: ClosedLoop, scene: Scene | None) -> Scene:
     """The scene of one law with its changed numbers. Raises SceneError for a law in Python, and where the loop has more than one."""
-    if len(loop.laws) > 1:
-        raise SceneError(f"A scene has one law in each case, but this loop has {len(loop.laws)}.")
+    if len(loop.controllers) > 1:
+        raise SceneError(f"A scene has one law in each case, but this loop has {len(loop.controllers)}.")
     own = {name: value for name, value in loop.parameters.items() if loop.plant.has_parameter(name)}
-    case = Case.of(setting.label or "no controller", law_with_numbers(loop) if loop.laws else None)
+    case = Case.of(setting.label or "no controller", law_with_numbers(loop) if loop.controllers else None)
     inputs = {name: _data(name, value) for name, value in loop.values.items()}
     reference = None if loop.signal is None else loop.target(loop.signal)
     if scene is not None:

@@ -43,7 +43,7 @@ class Rollout:
     ----------
     plant
         A plant whose contacts are `DryFriction`.
-    drives
+    actuated_signals
         Names of the inputs that vary; the others stay at their defaults.
     interval
         Length of an interval with constant inputs [s].
@@ -54,7 +54,12 @@ class Rollout:
     """
 
     def __init__(
-        self, plant: HybridSystem, drives: Sequence[str], interval: float, steps: int, regularisation: Regularisation | None = None
+        self,
+        plant: HybridSystem,
+        actuated_signals: Sequence[str],
+        interval: float,
+        steps: int,
+        regularisation: Regularisation | None = None,
     ):
         check_one_direction(plant.elements, "A prediction", "predict with a plant that has a contact for each direction")
         for element in plant.elements:
@@ -64,14 +69,14 @@ class Rollout:
                 )
         if ca.depends_on(plant.flow, plant.t):
             raise SceneError("A prediction must not depend on time, but the equations of this plant do.")
-        self.plant, self.drives, self.interval, self.steps, self.regularisation = (
+        self.plant, self.actuated_signals, self.interval, self.steps, self.regularisation = (
             plant,
-            tuple(drives),
+            tuple(actuated_signals),
             float(interval),
             int(steps),
             regularisation,
         )
-        self.columns = np.array([list(plant.inputs).index(name) for name in drives], np.int64)
+        self.columns = np.array([list(plant.inputs).index(name) for name in actuated_signals], np.int64)
         self.inputs = np.array(plant.input_defaults(plant.values)).ravel()
         self.numbers = np.append(plant.values, np.ones(len(plant.elements)))
         self.n, self.contacts = plant.x.numel(), 0 if regularisation else len(plant.elements)
@@ -85,7 +90,7 @@ class Rollout:
 
     def __reduce__(self) -> Any:
         """A rollout travels as its arguments and factors."""
-        return _rollout_again, (self.plant, self.drives, self.interval, self.steps, self.regularisation, self.scale.copy())
+        return _rollout_again, (self.plant, self.actuated_signals, self.interval, self.steps, self.regularisation, self.scale.copy())
 
     def __deepcopy__(self, memo: Any) -> Rollout:
         twin = object.__new__(type(self))  # `copy.copy` would compile again
@@ -144,7 +149,7 @@ class Rollout:
         X, M = np.empty((count + 1, n)), np.zeros((count + 1, self.contacts))
         X[0], M[0] = state, self.modes(state)
         many = count if derivatives else 0
-        A, B = np.empty((many, n, n)), np.empty((many, n, len(self.drives)))
+        A, B = np.empty((many, n, n)), np.empty((many, n, len(self.actuated_signals)))
         length = self.template.interval if interval is None else np.array([interval], float)
         return self.template._replace(interval=length, X=X, M=M, U=np.ascontiguousarray(inputs, float), A=A, B=B)
 
@@ -192,7 +197,7 @@ class Rollout:
             instructions += body.count
         found = compiled("\n".join([*texts, *sorted(declared_names)]), ["move", "slope", "edge"], instructions)
         ints = np.array([found["move"], found["slope"], found["edge"], self.steps], np.int64)
-        n, ne, wide, none, empty = self.n, self.contacts, self.n + len(self.drives), np.empty((0, 0)), np.empty((0, 0, 0))
+        n, ne, wide, none, empty = self.n, self.contacts, self.n + len(self.actuated_signals), np.empty((0, 0)), np.empty((0, 0, 0))
         y, z = np.empty(n + 2 * ne + n * wide), np.empty(2 * n + 2 * ne * (1 + wide))
         self.template = Motion(
             ints, np.array([self.interval]), self.inputs.copy(), self.columns, self.numbers, none, none, none, empty, empty,
@@ -209,8 +214,8 @@ def _declared_law(plant: HybridSystem, element: Element) -> Any:
     raise SceneError(f"`{element.name}` cannot be regularised: no part of the plant holds its law as `friction`.")
 
 
-def _rollout_again(plant: Any, drives: Any, interval: float, steps: int, regularisation: Any, scale: np.ndarray) -> Rollout:
+def _rollout_again(plant: Any, actuated_signals: Any, interval: float, steps: int, regularisation: Any, scale: np.ndarray) -> Rollout:
     """A rollout from what `Rollout.__reduce__` gives."""
-    made = Rollout(plant, drives, interval, steps, regularisation)
+    made = Rollout(plant, actuated_signals, interval, steps, regularisation)
     made.scale[:] = scale
     return made

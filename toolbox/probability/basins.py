@@ -49,7 +49,7 @@ class Basin(Told, Result):
         Of the machine.
     names, units
         States that are disturbed.
-    box
+    ranges
         Lowest and highest value of each, in SI, shape (states, 2).
     point
         The working point, in SI.
@@ -66,14 +66,14 @@ class Basin(Told, Result):
         Of the bounds.
     judged
         Number of runs that the judge of all verdicts carried on.
-    asked
+    display_units
         {unit: unit that was typed}.
     """
 
     title: str
     names: tuple[str, ...]
     units: tuple[str, ...]
-    box: np.ndarray
+    ranges: np.ndarray
     point: np.ndarray
     starts: np.ndarray
     outcomes: np.ndarray
@@ -82,7 +82,7 @@ class Basin(Told, Result):
     accuracy: float
     confidence: float
     judged: int
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def share(self) -> float:
@@ -103,10 +103,10 @@ class Basin(Told, Result):
             f"Basin of {self.title}: {self.outcomes.size} disturbances, runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
             f"  it comes back from {100 * self.share:.4g} % of them, {100 * self.confidence:g} % bounds {100 * low:.4g} .. {100 * high:.4g} %",
         ]
-        rows: list[tuple[str, ...]] = [("state", "unit", "working point", "box", "smallest that tips it")]
+        rows: list[tuple[str, ...]] = [("state", "unit", "working point", "ranges", "smallest that tips it")]
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            factor, shown = reading(unit, self.asked)[:2]
-            at, begin, end, tip = (float(each) * factor for each in (self.point[k], *self.box[k], self.smallest[k]))
+            factor, shown = reading(unit, self.display_units)[:2]
+            at, begin, end, tip = (float(each) * factor for each in (self.point[k], *self.ranges[k], self.smallest[k]))
             rows.append((name, shown, f"{at:.5g}", f"{begin:.5g} .. {end:.5g}", "none" if math.isnan(tip) else f"{tip:.5g}"))
         return [*lines, Rows(rows, left=(0, 1))]
 
@@ -122,14 +122,14 @@ class Basin(Told, Result):
 
     def check_loaded(self) -> None:
         """Raise ValueError where what was read does not fit together."""
-        if self.starts.shape != (self.outcomes.size, len(self.names)) or self.box.shape != (len(self.names), 2):
+        if self.starts.shape != (self.outcomes.size, len(self.names)) or self.ranges.shape != (len(self.names), 2):
             raise ValueError("its arrays do not fit together")
 
 
 @takes_loop
 def basin(
     loop: ClosedLoop,
-    box: Mapping[str, Any],
+    ranges: Mapping[str, Any],
     runs: int = 1000,
     *,
     duration: NumberOrText | None = None,
@@ -143,7 +143,7 @@ def basin(
     ----------
     loop
         A loop with a steady state, or a plant; its laws in continuous form.
-    box
+    ranges
         {state: (lowest, highest)}, in SI or text with units: values that are drawn evenly, other states as in steady running.
     runs
         Number of disturbances.
@@ -166,37 +166,37 @@ def basin(
     SceneError
         If a name is no state, a range is none, or the loop has no steady state.
     """
-    if not isinstance(box, Mapping) or not box:
-        raise SceneError(f"Argument `box` must map at least one state to its range, but it is {short(box)}.")
+    if not isinstance(ranges, Mapping) or not ranges:
+        raise SceneError(f"Argument `box` must map at least one state to its range, but it is {short(ranges)}.")
     whole("runs", runs, 1)
     confidence, accuracy = number("confidence", confidence, above=0, below=1), number("accuracy", accuracy, above=0)
-    states = [loop.number(name) for name in box]
+    states = [loop.number(name) for name in ranges]
     for each in states:
         if not each.is_start:
             raise SceneError(f"Argument `box` must name states, but `{each.name}` is a number of the kind {each.kind}.")
     loop = closed_loop(loop, start=equilibrium(loop))
     names = tuple(each.name for each in states)
-    ends = [each.between(given, f"box.{each.name}") for each, given in zip(states, box.values(), strict=True)]
+    ends = [each.between(given, f"box.{each.name}") for each, given in zip(states, ranges.values(), strict=True)]
     design = uniform(dict(zip(names, ends, strict=True)), runs, seed)
     point = np.array([loop.number(name).value for name in names])
     search = Search(loop, Variations((), np.zeros((1, 0)), (1,)), design, duration, None, accuracy)
     with progress_bar(runs, "basin") as bar:
         came, _ = search.found(bar)
     return Basin(
-        title=loop.title, names=names, units=tuple(each.unit for each in states), box=np.array(ends), point=point, starts=design.points, outcomes=came,
+        title=loop.title, names=names, units=tuple(each.unit for each in states), ranges=np.array(ends), point=point, starts=design.points, outcomes=came,
         smallest=_smallest(search, point, np.array(ends), design.points, came), duration=search.duration, accuracy=accuracy, confidence=confidence,
-        judged=search.judged, asked=asked_units(ends),
+        judged=search.judged, display_units=asked_units(ends),
     )  # fmt: skip
 
 
-def _smallest(search: Search, point: FloatArray, box: FloatArray, starts: FloatArray, outcomes: Any) -> FloatArray:
+def _smallest(search: Search, point: FloatArray, ranges: FloatArray, starts: FloatArray, outcomes: Any) -> FloatArray:
     """Where the working point is just tipped on the way to the nearest start that tips it."""
     tips = np.flatnonzero((outcomes != SMOOTH) & (outcomes != NONE))
     if not tips.size:
         return np.full(point.size, math.nan)
     if search.alike is not None and search.alike.rate > 0:  # any disturbance grows
         return point
-    sizes = np.linalg.norm((starts[tips] - point) / (box[:, 1] - box[:, 0]), axis=1)
+    sizes = np.linalg.norm((starts[tips] - point) / (ranges[:, 1] - ranges[:, 0]), axis=1)
     nearest = starts[tips[int(np.argmin(sizes))]]
 
     # as many runs at once between both as stand side by side in lanes, or one after the other

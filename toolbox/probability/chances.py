@@ -21,9 +21,9 @@ from toolbox.errors import SceneError, SimulationError
 from toolbox.files.journal import Journal
 from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.measuring.judge import Judged
-from toolbox.measuring.measures import Measure
+from toolbox.measuring.metrics import Metric
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -74,8 +74,8 @@ ALL = 0.999
 
 def chance(
     loop: ClosedLoop | HybridSystem | Mapping[str, ClosedLoop],
-    over: Mapping[str, Any],
-    uncertain: Mapping[str, Any] | Draws,
+    ranges: Mapping[str, Any],
+    uncertainty: Mapping[str, Any] | Draws,
     *,
     draws: int = 200,
     duration: NumberOrText | None = None,
@@ -83,7 +83,7 @@ def chance(
     accuracy: float = 1e-4,
     confidence: float = 0.95,
     seed: int = 0,
-    out: str | Path | None = None,
+    checkpoint: str | Path | None = None,
 ) -> Chance:
     """Find the chance of stick-slip over one or two numbers, for each law, where other numbers are known as distributions only.
 
@@ -94,9 +94,9 @@ def chance(
     ----------
     loop
         A loop, a plant, or {label: loop}.
-    over
+    ranges
         {name: values} of one or two numbers, in SI or text with units; the first one is the set-point where the lowest is asked for.
-    uncertain
+    uncertainty
         What is not known, as `drawn` takes it: {name: distribution or text "97 kN +- 8 kN"}, or `Draws`.
     draws
         Number of draws, the same at every point; 72 is the least by which 95 % can be shown with two-sided bounds of 95 %.
@@ -110,7 +110,7 @@ def chance(
         Of the bounds by Clopper and Pearson.
     seed
         Of the draws.
-    out
+    checkpoint
         A folder that keeps what is known, block by block: the same call goes on where an earlier one was interrupted.
 
     Returns
@@ -124,15 +124,15 @@ def chance(
         If a name is unknown, is both varied and uncertain, or is out of bounds; if a run is too short to count sticks; if `out` holds another search.
     """
     loops = labelled(loop)
-    if not isinstance(over, Mapping) or not 1 <= len(over) <= 2:
-        raise SceneError(f"Argument `over` must map one or two names to values, but it is {short(over)}.")
+    if not isinstance(ranges, Mapping) or not 1 <= len(ranges) <= 2:
+        raise SceneError(f"Argument `over` must map one or two names to values, but it is {short(ranges)}.")
     whole("draws", draws, 1)
     confidence = number("confidence", confidence, above=0, below=1)
     accuracy = number("accuracy", accuracy, above=0)
     first = next(iter(loops.values()))
-    typed = {first.number(name).name: first.number(name).in_si(name, list(values)) for name, values in over.items()}
+    typed = {first.number(name).name: first.number(name).in_si(name, list(values)) for name, values in ranges.items()}
     points = grid(typed)
-    known = drawn(first, uncertain, draws, seed)
+    known = drawn(first, uncertainty, draws, seed)
     twice = next((name for name in points.names if name in known.names), None)
     if twice is not None:
         raise SceneError(f"Argument `uncertain` must not name what is varied, but `{twice}` is in `over`, too.")
@@ -143,16 +143,16 @@ def chance(
     with progress_bar(total, "chance") as bar:
         for k, (label, search) in enumerate(searches.items()):
             search.duration = longest  # the same for all laws
-            journal = None if out is None else search.journal(Path(out), k)
+            journal = None if checkpoint is None else search.journal(Path(checkpoint), k)
             found = search.found(bar, journal)
             outcomes[label], severities[label] = (each.reshape(*points.shape, draws) for each in found)
             judged[label] = search.judged
     names = [first.number(name) for name in points.names]
     return Chance(
         title=first.title, labels=tuple(loops), names=points.names, units=tuple(each.unit for each in names), axes=points.axes,
-        uncertain=known_as(uncertain, known.names, draws),
+        uncertainty=known_as(uncertainty, known.names, draws),
         outcomes=outcomes, severities=severities, duration=longest, accuracy=accuracy, confidence=confidence, judged=judged,
-        asked=asked_units(typed),
+        display_units=asked_units(typed),
     )  # fmt: skip
 
 
@@ -164,15 +164,15 @@ def labelled(loop: Any) -> dict[str, ClosedLoop]:
     return loops
 
 
-def quarters(element: str, signal: str, begin: float, end: float) -> dict[str, Measure]:
+def quarters(element: str, signal: str, begin: float, end: float) -> dict[str, Metric]:
     """What a run from a time on is decided by: sticks, time in stick, severity and mean slip of its third and its last quarter."""
     edges = [begin + part * (end - begin) for part in (0.5, 0.75, 1.0)]
     asked = {}
     for k, (after, until) in enumerate(itertools.pairwise(edges)):
-        asked[f"sticks_{k}"] = measures.stays(element, after, until)
-        asked[f"stuck_{k}"] = measures.time_in(element, after, until)
-        asked[f"severity_{k}"] = measures.severity(signal, after, until)
-        asked[f"mean_{k}"] = measures.mean(f"{element}.slip", after, until)
+        asked[f"sticks_{k}"] = metrics.stays(element, after, until)
+        asked[f"stuck_{k}"] = metrics.time_in(element, after, until)
+        asked[f"severity_{k}"] = metrics.severity(signal, after, until)
+        asked[f"mean_{k}"] = metrics.mean(f"{element}.slip", after, until)
     return asked
 
 
@@ -209,7 +209,7 @@ class Search:
     def journal(self, folder: Path, k: int) -> Journal:
         """What is known of this loop in a folder; k: place of the loop among all."""
         design = Variations(self.names, self._rows(0, 1), (len(self.known),))
-        more = {"points": [self.points.tolist()], "uncertain": [self.names, self.known.tolist()]}
+        more = {"points": [self.points.tolist()], "uncertainty": [self.names, self.known.tolist()]}
         return journal_in(folder, f"chance_{k + 1:02d}.jsonl", self.loop, design, self.duration, self.accuracy, **more)
 
     def _rows(self, begin: int, end: int) -> FloatArray:
@@ -253,7 +253,7 @@ class Search:
         asked = quarters(self.element, self.signal, self.begin, duration)
         quarter = (duration - self.begin) / 4
         design = Variations(self.names, rows, (len(rows),))
-        task, broken, _ = task_of(self.loop, design, duration, start=self.start, measures=asked, accuracy=self.accuracy)
+        task, broken, _ = task_of(self.loop, design, duration, start=self.start, metrics=asked, accuracy=self.accuracy)
         self.manner = self.manner or probed(task)
         found = dict(zip(asked, evaluated(task, broken, manner=self.manner)[0].T, strict=True))
         n = [found[f"sticks_{k}"] for k in range(2)]

@@ -38,7 +38,7 @@ class Distribution(ABC):
     def frozen(self, name: str, unit: str) -> Any:
         """The distribution of scipy.stats in SI; name: of the number, for messages;  unit: of the number."""
 
-    def asked(self, unit: str) -> str:
+    def display_units(self, unit: str) -> str:
         """The unit in which the first of its numbers was typed; empty where it was given in SI."""
         first = getattr(self, dataclasses.fields(self)[0].name)  # type: ignore[arg-type]
         return asked_in(number("unit", first, unit), "") if isinstance(first, str) else ""
@@ -155,14 +155,14 @@ def distribution(name: str, given: Any) -> Distribution:
     return Normal(_plain(mean), _plain(deviation))
 
 
-def drawn(loop: ClosedLoop | Any, uncertain: Mapping[str, Any] | Draws, runs: int, seed: int = 0) -> Variations:
+def drawn(loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, runs: int, seed: int = 0) -> Variations:
     """Draw what is uncertain, as a design for `sweep`.
 
     Parameters
     ----------
     loop
         A loop, or a plant, whose numbers they are.
-    uncertain
+    uncertainty
         {name: distribution}, of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text "97 kN +- 8 kN", whose second number is the standard
         deviation of a normal distribution; or `Draws` of numbers that are known together, such as `found.drawn` of a posterior, and
         `found.drawn.also({"bit.weight": "97 kN +- 8 kN"})` with others beside them. A distribution is cut at the bounds of its number.
@@ -184,31 +184,31 @@ def drawn(loop: ClosedLoop | Any, uncertain: Mapping[str, Any] | Draws, runs: in
     loop = as_loop(loop)
     whole("runs", runs, 1)
     whole("seed", seed, 0)
-    if isinstance(uncertain, Draws):
-        made = _resampled(loop, uncertain, runs, seed)
-        if not uncertain.others:
+    if isinstance(uncertainty, Draws):
+        made = _resampled(loop, uncertainty, runs, seed)
+        if not uncertainty.others:
             return made
-        more = drawn(loop, uncertain.others, runs, seed)
+        more = drawn(loop, uncertainty.others, runs, seed)
         if twice := [name for name in more.names if name in made.names]:
             raise SceneError(f"Argument `others` of `Draws` must name other numbers than the draws, but it has `{twice[0]}`.")
-        return Variations((*made.names, *more.names), np.hstack([made.points, more.points]), (runs,), asked=more.asked)
-    if not isinstance(uncertain, Mapping) or not uncertain:
-        raise SceneError(f"Argument `uncertain` must map at least one name to a distribution, but it is {short(uncertain)}.")
-    numbers = [loop.number(name) for name in uncertain]
+        return Variations((*made.names, *more.names), np.hstack([made.points, more.points]), (runs,), display_units=more.display_units)
+    if not isinstance(uncertainty, Mapping) or not uncertainty:
+        raise SceneError(f"Argument `uncertain` must map at least one name to a distribution, but it is {short(uncertainty)}.")
+    numbers = [loop.number(name) for name in uncertainty]
     if len({each.name for each in numbers}) < len(numbers):
         raise SceneError("Argument `uncertain` must name every number once.")
     columns, asked = [], {}
-    for each, given in zip(numbers, uncertain.values(), strict=True):
+    for each, given in zip(numbers, uncertainty.values(), strict=True):
         known = distribution(each.name, given)
         uniform = np.random.default_rng([seed, zlib.crc32(each.name.encode())]).random(runs)
         columns.append(quantiles(each, known, uniform))
-        if unit := known.asked(each.unit):
+        if unit := known.display_units(each.unit):
             asked[each.name] = unit
-    return Variations(tuple(each.name for each in numbers), np.stack(columns, axis=1), (runs,), asked=asked)
+    return Variations(tuple(each.name for each in numbers), np.stack(columns, axis=1), (runs,), display_units=asked)
 
 
 def drawn_group(
-    loop: ClosedLoop | Any, uncertain: Mapping[str, Any] | Draws, draws: int = 72, *, phases: Sequence[float] = (0.0, 0.5), seed: int = 0
+    loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, draws: int = 72, *, phases: Sequence[float] = (0.0, 0.5), seed: int = 0
 ) -> Group:
     """Machines whose numbers are drawn, as a group for `lowest_set_point`: a set-point that frees them all is free with a probability.
 
@@ -218,7 +218,7 @@ def drawn_group(
     ----------
     loop
         A loop, or a plant, with the declared numbers; none of those that are drawn may be zero.
-    uncertain
+    uncertainty
         What is not known, as `drawn` takes it.
     draws
         Number of machines.
@@ -238,7 +238,7 @@ def drawn_group(
         As `drawn`, and for a number that is zero as it is declared.
     """
     loop = as_loop(loop)
-    made = drawn(loop, uncertain, draws, seed)
+    made = drawn(loop, uncertainty, draws, seed)
     declared = [loop.number(name).value for name in made.names]
     if 0.0 in declared:
         raise SceneError(f"Argument `uncertain` must name numbers that are not zero, but `{made.names[declared.index(0.0)]}` is.")

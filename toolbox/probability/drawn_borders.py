@@ -51,9 +51,9 @@ class UncertainOnset(Told, Result):
         Of the machine.
     name, unit
         The number over which the border lies.
-    between
+    bounds
         Range that was looked at, in SI.
-    uncertain
+    uncertainty
         {name: what is known of it, in words}.
     names, points
         What was drawn, in SI, shape (draws, names).
@@ -69,15 +69,15 @@ class UncertainOnset(Told, Result):
         Length [s] and accuracy of a run.
     confidence
         Of the bounds.
-    asked
+    display_units
         {unit: unit that was typed}.
     """
 
     title: str
     name: str
     unit: str
-    between: tuple[float, float]
-    uncertain: dict[str, str]
+    bounds: tuple[float, float]
+    uncertainty: dict[str, str]
     names: tuple[str, ...]
     points: np.ndarray
     borders: dict[str, np.ndarray]
@@ -87,7 +87,7 @@ class UncertainOnset(Told, Result):
     duration: float
     accuracy: float
     confidence: float
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     def lowest(self, free: float = 0.95) -> dict[str, float]:
         """Return for each law the lowest value at which a machine is free with a probability, by its bound.
@@ -114,7 +114,7 @@ class UncertainOnset(Told, Result):
             raise SceneError(f"Argument `free` must be within what {draws} draws can show, but {free:g} takes at least {least} draws.")
         _, upper = clopper_pearson(np.arange(draws + 1), np.arange(draws + 1), draws, self.confidence)
         most = int(np.flatnonzero(upper <= 1.0 - free)[-1])  # machines that may be in stick-slip
-        return {label: float(max(np.sort(values)[draws - 1 - most], self.between[0])) for label, values in self.borders.items()}
+        return {label: float(max(np.sort(values)[draws - 1 - most], self.bounds[0])) for label, values in self.borders.items()}
 
     def moved_by(self, label: str) -> dict[str, float]:
         """{what was drawn: its rank correlation with the border of a law}, the strongest first; nan where the border does not vary."""
@@ -127,12 +127,12 @@ class UncertainOnset(Told, Result):
         return dict(sorted(found.items(), key=lambda pair: -abs(np.nan_to_num(pair[1]))))
 
     def _told(self) -> list[str | Rows]:
-        read = reading(self.unit, self.asked)
-        low, high = (each * read.factor for each in self.between)
+        read = reading(self.unit, self.display_units)
+        low, high = (each * read.factor for each in self.bounds)
         lines: list[str | Rows] = [
             f"Onset of stick-slip over {self.name} from {low:.4g} to {high:.4g}{read.tail}: {self.title}, {len(self.points)} draws, "
             f"runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
-            *(f"  {name} known as {words}" for name, words in self.uncertain.items()),
+            *(f"  {name} known as {words}" for name, words in self.uncertainty.items()),
         ]
         shows = len(self.points) >= least_draws(0.95, self.confidence)
         lowest = self.lowest() if shows else dict.fromkeys(self.borders, math.nan)
@@ -180,8 +180,8 @@ class UncertainOnset(Told, Result):
 def uncertain_onset(
     loop: ClosedLoop | HybridSystem | Mapping[str, ClosedLoop],
     parameter: str,
-    between: tuple[NumberOrText, NumberOrText],
-    uncertain: Mapping[str, Any] | Draws,
+    bounds: tuple[NumberOrText, NumberOrText],
+    uncertainty: Mapping[str, Any] | Draws,
     *,
     draws: int = 200,
     values: int = 13,
@@ -201,9 +201,9 @@ def uncertain_onset(
         A loop, a plant, or {label: loop}.
     parameter
         The set-point: stick-slip lies below its border.
-    between
+    bounds
         Its range, in SI or text with units.
-    uncertain
+    uncertainty
         What is not known, as `drawn` takes it: {name: distribution or text "97 kN +- 8 kN"}, or `Draws`.
     draws
         Number of machines, the same for all laws; 72 is the least by which 95 % can be shown with two-sided bounds of 95 %.
@@ -231,12 +231,12 @@ def uncertain_onset(
     loops = labelled(loop)
     first = next(iter(loops.values()))
     varied = first.number(parameter)
-    low, high = varied.span(between)
+    low, high = varied.span(bounds)
     whole("draws", draws, 1)
     whole("values", values, 3)
     width = BEGINS * (high - low) if tolerance is None else number("tolerance", tolerance, varied.unit, above=0)
     accuracy, confidence = number("accuracy", accuracy, above=0), number("confidence", confidence, above=0, below=1)
-    known = drawn(first, uncertain, draws, seed)
+    known = drawn(first, uncertainty, draws, seed)
     if varied.name in known.names:
         raise SceneError(f"Argument `uncertain` must not name what is varied, but it has {short(varied.name)}.")
     looked = np.linspace(high, low, values)
@@ -251,9 +251,9 @@ def uncertain_onset(
             borders[label], unknown[label] = _borders(search, known.points, looked, width)
             smooth[label] = _smooth(loops[label], varied.name, (low, high), known.names, known.points, bar)
     return UncertainOnset(
-        title=first.title, name=varied.name, unit=varied.unit, between=(low, high), uncertain=known_as(uncertain, known.names, draws),
+        title=first.title, name=varied.name, unit=varied.unit, bounds=(low, high), uncertainty=known_as(uncertainty, known.names, draws),
         names=known.names, points=known.points, borders=borders, smooth=smooth, tolerance=width, unknown=unknown, duration=longest, accuracy=accuracy,
-        confidence=confidence, asked=asked_units((low, high)),
+        confidence=confidence, display_units=asked_units((low, high)),
     )  # fmt: skip
 
 

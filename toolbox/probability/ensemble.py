@@ -262,9 +262,9 @@ class EnsembleFilter:
             push = torque + known.torque_noise * draw(n)
         else:  # a torque that nobody knows is about what the string carries
             push = self.states[:, self.twists[0]] * self.table[:, self.numbers[2][0]] * (1.0 + 0.2 * draw(n))
-        if len(self.rollout.drives) == 1:
+        if len(self.rollout.actuated_signals) == 1:
             self.table[:, self.plant.values.size + self.contact] *= self.now / self.weight
-        driven = np.column_stack([push, np.full(n, self.now)][: len(self.rollout.drives)])
+        driven = np.column_stack([push, np.full(n, self.now)][: len(self.rollout.actuated_signals)])
         if self.rollout.slip is None:
             modes = np.stack([self.rollout.modes(each) for each in self.states])
         else:

@@ -94,7 +94,7 @@ class Estimates(Told, Result):
         Of the ensemble.
     measured
         Number of samples with a top speed.
-    asked
+    display_units
         {unit: unit that was typed}.
     notes
         What is not known and why, where ensemble and torque disagree, and where the machine cannot be that of the log.
@@ -112,7 +112,7 @@ class Estimates(Told, Result):
     source: str
     members: int
     measured: int
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     torque_swing: np.ndarray = field(default_factory=lambda: np.zeros(0))
     slow: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
@@ -134,7 +134,7 @@ class Estimates(Told, Result):
         ]
         rows: list[tuple[str, ...]] = [("estimate", "unit", "at the end", "deviation", "mean", "lowest", "highest")]
         for name, unit in UNITS.items():
-            factor, shown = reading(unit, self.asked)[:2]
+            factor, shown = reading(unit, self.display_units)[:2]
             values = self.mean[name] * factor
             known = values[np.isfinite(values)]
             told = [f"{each:.4g}" for each in (known.mean(), known.min(), known.max())] if known.size else ["-"] * 3
@@ -253,7 +253,7 @@ def estimate(
     notes += _disagreements(time, sticks, alarm, swing, made.period)
     notes += _too_wound(recording, np.where(slow, np.nan, mean["bit_speed"]), made.stiffness)
     return Estimates(
-        loop.title, time, mean, deviation, alarm, recording.source, members, measured, dict(loop.asked), tuple(notes), swing, slow
+        loop.title, time, mean, deviation, alarm, recording.source, members, measured, dict(loop.display_units), tuple(notes), swing, slow
     )
 
 

@@ -28,7 +28,7 @@ def _curves(found: Any, ax: Any) -> Any:
             ax.plot(found.axes[0], found.chances[label], label=label, marker="o", markersize=2.5, **style)
         ax.axhline(0.05, color="0.5", linewidth=0.7, linestyle=":")
         ax.set(ylim=(-0.02, 1.02), ylabel="chance of stick-slip [1]")
-        name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.asked)
+        name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.display_units)
         ax.figure.legend(
             loc="outside lower center", ncols=3, frameon=False
         )  # inside it hides curves: those of some laws go through every corner
@@ -48,8 +48,8 @@ def _panels(found: Any, axes: Any) -> Any:
             if min(upper.shape) > 1 and upper.min() <= 0.05 < upper.max():
                 ax.contour(x, y, upper, levels=[0.05], colors="black", linewidths=1.4)
             ax.set_title(label, fontsize=9.0)
-            name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.asked)
-            name_axis(ax.yaxis, in_words(found.names[1]), found.units[1], found.asked)
+            name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.display_units)
+            name_axis(ax.yaxis, in_words(found.names[1]), found.units[1], found.display_units)
             ax.label_outer()
         figure = np.ravel(axes)[0].figure
         figure.colorbar(drawn, ax=axes).set_label("chance of stick-slip [1]")
@@ -82,8 +82,8 @@ def corner_diagram(found: Any, axes: Any = None) -> Any:
                         alpha=0.5,
                     )
                     if j == 0:
-                        name_axis(ax.yaxis, in_words(found.names[i]), found.units[i], found.asked)
-            name_axis(axes[count - 1][i].xaxis, in_words(found.names[i]), found.units[i], found.asked)
+                        name_axis(ax.yaxis, in_words(found.names[i]), found.units[i], found.display_units)
+            name_axis(axes[count - 1][i].xaxis, in_words(found.names[i]), found.units[i], found.display_units)
     return axes
 
 
@@ -100,7 +100,7 @@ def prediction_diagram(found: Any, axes: Any = None) -> Any:
                     found.time, found.measured[name], linestyle="none", marker=".", markersize=1.8, color=LINES[1]["color"], zorder=1
                 )
                 shown.append((dots, "measured"))
-            name_axis(ax.yaxis, in_words(name), unit, found.asked)
+            name_axis(ax.yaxis, in_words(name), unit, found.display_units)
         np.ravel(axes)[-1].set_xlabel("time [s]")
         np.ravel(axes)[0].figure.legend(*zip(*shown, strict=True), loc="outside lower center", ncols=3, frameon=False)
     return axes
@@ -127,7 +127,7 @@ def onset_diagram(found: Any, ax: Any = None) -> Any:
     with drawn_on(ax, height=3.2) as ax:
         for k, (label, borders) in enumerate(found.borders.items()):
             style = LINES[k % len(LINES)]
-            at = np.unique(np.clip([*found.between, *borders[np.isfinite(borders)]], *found.between))
+            at = np.unique(np.clip([*found.bounds, *borders[np.isfinite(borders)]], *found.bounds))
             free = (borders[None, :] <= at[:, None]).sum(axis=1)
             low, high = clopper_pearson(free, free, borders.size, found.confidence)
             ax.fill_between(at, low, high, color=style["color"], alpha=0.2, linewidth=0, step="post")
@@ -139,8 +139,8 @@ def onset_diagram(found: Any, ax: Any = None) -> Any:
                     smooth, parts, where="post", linestyle=":", color=style["color"], linewidth=1.0, label=f"{label}, smooth running stable"
                 )
         ax.axhline(0.95, color="0.6", linewidth=0.8, zorder=0)
-        ax.set(ylabel="part that is free [1]", ylim=(-0.02, 1.02), xlim=found.between)
-        name_axis(ax.xaxis, in_words(found.name), found.unit, found.asked)
+        ax.set(ylabel="part that is free [1]", ylim=(-0.02, 1.02), xlim=found.bounds)
+        name_axis(ax.xaxis, in_words(found.name), found.unit, found.display_units)
         ax.figure.legend(loc="outside lower center", ncols=2, frameon=False)
     return ax
 
@@ -166,7 +166,12 @@ def estimate_diagram(found: Any, axes: Any = None) -> Any:
             mean, wide = np.where(gaps, np.nan, found.mean[name]), 1.96 * found.deviation[name]
             ax.fill_between(found.time, mean - wide, mean + wide, color=LINES[0]["color"], alpha=0.25, linewidth=0)
             ax.plot(found.time, mean, color=LINES[0]["color"], linewidth=0.9)
-            name_axis(ax.yaxis, "margin to loss\nof smooth running" if name == "margin" else in_words(name), found.units[name], found.asked)
+            name_axis(
+                ax.yaxis,
+                "margin to loss\nof smooth running" if name == "margin" else in_words(name),
+                found.units[name],
+                found.display_units,
+            )
         np.ravel(axes)[-1].set_xlabel("time [s]")
         np.ravel(axes)[0].figure.legend(
             handles=[
@@ -195,10 +200,10 @@ def basin_diagram(found: Any, ax: Any = None) -> Any:
         if np.isfinite(found.smallest).all():
             tip = (found.smallest[0], 0.0 if flat else found.smallest[1])
             ax.plot(*tip, linestyle="none", marker="s", markerfacecolor="none", color="black", label="smallest that tips it")
-        name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.asked)
+        name_axis(ax.xaxis, in_words(found.names[0]), found.units[0], found.display_units)
         if flat:
             ax.set(yticks=[0, 1], yticklabels=["tipped", "back"], ylim=(-0.3, 1.3))
         else:
-            name_axis(ax.yaxis, in_words(found.names[1]), found.units[1], found.asked)
+            name_axis(ax.yaxis, in_words(found.names[1]), found.units[1], found.display_units)
         ax.figure.legend(loc="outside lower center", ncols=4, frameon=False)
     return ax

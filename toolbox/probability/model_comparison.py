@@ -96,11 +96,11 @@ def compare_models(
     duration: NumberOrText | None = None,
     *,
     left_out: Mapping[str, Any] | None = None,
-    measures: Mapping[str, Any] | None = None,
+    metrics: Mapping[str, Any] | None = None,
     draws: int = 256,
     accuracy: float = 1e-4,
     seed: int = 0,
-    out: str | Path | None = None,
+    checkpoint: str | Path | None = None,
 ) -> ModelComparison:
     """Compare models of a machine, such as laws of friction, by what was measured of it.
 
@@ -108,13 +108,13 @@ def compare_models(
     ----------
     models
         {label: a loop, or a plant, driven as the machine was}.
-    data, duration, measures, draws, accuracy, seed
+    data, duration, metrics, draws, accuracy, seed
         As in `posterior`, the same for all models.
     priors
         {label: {name: distribution}}, the unknowns of each model.
     left_out
         Further data of the same kind that no posterior sees; every model tells how likely they are.
-    out
+    checkpoint
         A folder that keeps the likelihoods: the same call goes on where an earlier one was interrupted.
 
     Returns
@@ -139,11 +139,13 @@ def compare_models(
     found, scores = {}, {}
     for k, (label, model) in enumerate(models.items()):
         loop = as_loop(model)
-        folder = None if out is None else Path(out) / f"model_{k + 1:02d}"
-        known = posterior(loop, data, priors[label], duration, measures=measures, draws=draws, accuracy=accuracy, seed=seed, out=folder)
+        folder = None if checkpoint is None else Path(checkpoint) / f"model_{k + 1:02d}"
+        known = posterior(
+            loop, data, priors[label], duration, metrics=metrics, draws=draws, accuracy=accuracy, seed=seed, checkpoint=folder
+        )
         found[label] = known
         scores[label] = (
-            _scores(loop, known, Measured.of(loop, left_out, duration, measures, "left_out"), accuracy) if left_out else np.empty(0)
+            _scores(loop, known, Measured.of(loop, left_out, duration, metrics, "left_out"), accuracy) if left_out else np.empty(0)
         )
     return ModelComparison(found, scores, tuple(left_out))
 

@@ -27,7 +27,7 @@ from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
-from toolbox.measuring.measures import Measure, mean
+from toolbox.measuring.metrics import Metric, mean
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop, closed_loop, takes_loop
 from toolbox.probability.distributions import Draws, Normal, distribution, quantiles, told
@@ -66,7 +66,7 @@ class Posterior(Told, Result):
         {unknown: what was known before, in words}.
     runs, stages
         Number of runs and of tempered likelihoods.
-    asked
+    display_units
         {unit: unit that was typed}.
     """
 
@@ -81,7 +81,7 @@ class Posterior(Told, Result):
     priors: dict[str, str]
     runs: int
     stages: int
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> FloatArray:
         """The draws of an unknown in SI."""
@@ -101,7 +101,7 @@ class Posterior(Told, Result):
         lines += told if len(told) <= SHOWN else [*told[: SHOWN - 2], f"  ... {len(told) - SHOWN + 1} more", told[-1]]
         rows: list[tuple[str, ...]] = [("unknown", "unit", "mean", "deviation", "5 %", "95 %", "before")]
         for name, unit in zip(self.names, self.units, strict=True):
-            factor, shown = reading(unit, self.asked)
+            factor, shown = reading(unit, self.display_units)
             values = self[name] * factor
             told_values = (f"{each:.5g}" for each in (values.mean(), values.std(), *np.quantile(values, (0.05, 0.95))))
             rows.append((name, shown, *told_values, self.priors[name]))
@@ -135,11 +135,11 @@ def posterior(
     priors: Mapping[str, Any],
     duration: NumberOrText | None = None,
     *,
-    measures: Mapping[str, Any] | None = None,
+    metrics: Mapping[str, Any] | None = None,
     draws: int = 256,
     accuracy: float = 1e-4,
     seed: int = 0,
-    out: str | Path | None = None,
+    checkpoint: str | Path | None = None,
 ) -> Posterior:
     """Find what numbers of a machine may be, given what was measured of its runs.
 
@@ -156,7 +156,7 @@ def posterior(
         {name: distribution}, as `drawn` takes them: what is known of each unknown without the measurement.
     duration
         Length of the runs [s], or text with a unit; by default that of the loop.
-    measures
+    metrics
         {name in data: measure}, as `sweep` takes them, for those that are no names of measures themselves, such as a measure in a window.
     draws
         Number of draws of the posterior, >= 32.
@@ -164,7 +164,7 @@ def posterior(
         Of the runs.
     seed
         Of the random numbers.
-    out
+    checkpoint
         A folder that keeps the likelihoods as they come: the same call goes on where an earlier one was interrupted.
 
     Returns
@@ -184,7 +184,7 @@ def posterior(
             raise SceneError(f"Argument `{word}` must map at least one name to a distribution, but it is {short(given)}.")
     whole("draws", draws, 32)
     whole("seed", seed, 0)
-    measured = Measured.of(loop, data, duration, measures)
+    measured = Measured.of(loop, data, duration, metrics)
     length = measured.length
     unknowns = [loop.number(name) for name in priors]
     names = tuple(each.name for each in unknowns)
@@ -196,8 +196,8 @@ def posterior(
         cumulative = ndtr(points)
         return np.stack([quantiles(each, k, cumulative[:, i]) for i, (each, k) in enumerate(zip(unknowns, known, strict=True))], axis=1)
 
-    journal = None if out is None else journal_in(
-        Path(out), "posterior.jsonl", loop, Variations(names, numbers_at(np.zeros((1, len(names)))), (1,)), length, accuracy,
+    journal = None if checkpoint is None else journal_in(
+        Path(checkpoint), "posterior.jsonl", loop, Variations(names, numbers_at(np.zeros((1, len(names)))), (1,)), length, accuracy,
         measured=[measured.values.tolist(), measured.deviations.tolist(), str(list(measured.chosen.items()))], priors=[str(known)], draws=[draws], seed=[seed],
     )  # fmt: skip
     calls = itertools.count()
@@ -218,7 +218,7 @@ def posterior(
         likelihoods=sampled.likelihoods, evidence=sampled.evidence, error=sampled.error,
         data={name: told(name, data[name], measured.units[name]) for name in data},
         priors={each.name: told(each.name, given) for each, given in zip(unknowns, priors.values(), strict=True)}, runs=sampled.runs,
-        stages=sampled.stages, asked={each.unit: unit for each, k in zip(unknowns, known, strict=True) if (unit := k.asked(each.unit))},
+        stages=sampled.stages, display_units={each.unit: unit for each, k in zip(unknowns, known, strict=True) if (unit := k.display_units(each.unit))},
     )  # fmt: skip
 
 
@@ -226,8 +226,8 @@ def posterior(
 class Measured:
     """What was measured of runs of a length [s]: measures, and values and standard deviations in SI; asked: the measures as `sweep` takes them."""
 
-    asked: dict[str, Any]
-    chosen: dict[str, Measure]
+    display_units: dict[str, Any]
+    chosen: dict[str, Metric]
     units: dict[str, str]
     values: FloatArray
     deviations: FloatArray
@@ -235,11 +235,11 @@ class Measured:
 
     @classmethod
     def of(
-        cls, loop: ClosedLoop, data: Mapping[str, Any], duration: Any, measures: Mapping[str, Any] | None, word: str = "data"
+        cls, loop: ClosedLoop, data: Mapping[str, Any], duration: Any, metrics: Mapping[str, Any] | None, word: str = "data"
     ) -> Measured:
         """What `posterior` is given; raises SceneError for what is no normal distribution of a measure. word: the argument with the data."""
         length = number("duration", loop.duration if duration is None else duration, "s", above=0)
-        asked = {name: (measures or {}).get(name, name) for name in data}
+        asked = {name: (metrics or {}).get(name, name) for name in data}
         chosen = judged_measures(asked, loop, 0.0, length, argument=word)
         units = {name: each.unit_in(loop.system) for name, each in chosen.items()}
         pairs = []
@@ -254,13 +254,13 @@ class Measured:
 
     def log_likelihoods(self, loop: ClosedLoop, names: Sequence[str], points: FloatArray, accuracy: float) -> FloatArray:
         """Logarithms of the likelihoods of each datum, shape (points, data), by runs with these numbers; -inf where a run tells nothing."""
-        runs = sweep(loop, Variations(tuple(names), points, (len(points),)), self.length, measures=self.asked, accuracy=accuracy)
-        apart = (np.stack([runs[name] for name in self.asked], axis=1) - self.values) / self.deviations
+        runs = sweep(loop, Variations(tuple(names), points, (len(points),)), self.length, metrics=self.display_units, accuracy=accuracy)
+        apart = (np.stack([runs[name] for name in self.display_units], axis=1) - self.values) / self.deviations
         logs = -(0.5 * apart**2 + np.log(self.deviations) + STANDARD)
         return np.where(np.isfinite(logs), logs, -np.inf)
 
 
-def windowed(signal: str, times: Any, values: Any, deviation: float, length: NumberOrText) -> tuple[dict[str, Normal], dict[str, Measure]]:
+def windowed(signal: str, times: Any, values: Any, deviation: float, length: NumberOrText) -> tuple[dict[str, Normal], dict[str, Metric]]:
     """What a trace says, as data and measures for `posterior`: the mean of a signal in windows of equal length.
 
     Parameters
@@ -276,7 +276,7 @@ def windowed(signal: str, times: Any, values: Any, deviation: float, length: Num
 
     Returns
     -------
-    data, measures
+    data, metrics
         Arguments of `posterior`.
 
     Raises
@@ -305,8 +305,8 @@ def windowed(signal: str, times: Any, values: Any, deviation: float, length: Num
 
 
 def from_recording(
-    loop: ClosedLoop | Any, recording: Recording, compare: Mapping[str, NumberOrText], length: NumberOrText = 1.0, *, hole: int = 2
-) -> tuple[ClosedLoop, dict[str, Normal], dict[str, Measure]]:
+    loop: ClosedLoop | Any, recording: Recording, compare: Mapping[str, NumberOrText], length: NumberOrText = 1.0, *, max_gap: int = 2
+) -> tuple[ClosedLoop, dict[str, Normal], dict[str, Metric]]:
     """What a recording says, as loop, data and measures for `posterior` and `compare_models`.
 
     Signals of the recording that are inputs of the plant drive the loop, linear between samples; means in windows of others are compared.
@@ -321,12 +321,12 @@ def from_recording(
         {signal: standard deviation of what is left in the mean of a window}, in SI or text with a unit, errors of the model included.
     length
         Of a window [s], or text with a unit.
-    hole
+    max_gap
         Samples that may be missing in a row in what drives the machine; the line between their neighbours takes their place.
 
     Returns
     -------
-    loop, data, measures
+    loop, data, metrics
         The loop that is driven as it was measured, and arguments of `posterior`.
 
     Raises
@@ -335,9 +335,9 @@ def from_recording(
         If a signal is not measured or drives the machine, or what drives it has a gap.
     """
     bare = dataclasses.replace(as_loop(loop), inputs={})  # what drives an input of the plant in closed loop is an output of the loop
-    driving = recording.driving(bare.system, hole)
+    driving = recording.driving(bare.system, max_gap)
     data: dict[str, Normal] = {}
-    measures: dict[str, Measure] = {}
+    measures: dict[str, Metric] = {}
     for name, given in mapping("compare", compare).items():
         if name not in recording.signals or name in driving:
             others = ", ".join(each for each in recording.signals if each not in driving)

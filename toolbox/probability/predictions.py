@@ -55,7 +55,7 @@ class Prediction(Told, Result):
         Number of runs.
     confidence
         Part of the runs within the band.
-    asked
+    display_units
         {unit: unit that was typed}.
     """
 
@@ -68,7 +68,7 @@ class Prediction(Told, Result):
     measured: dict[str, np.ndarray]
     draws: int
     confidence: float
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def cover(self) -> dict[str, float]:
@@ -85,7 +85,7 @@ class Prediction(Told, Result):
         title = f"Prediction of {self.title}: {self.draws} draws over {self.time[-1]:.4g} s, bands of {100 * self.confidence:g} %"
         rows: list[tuple[str, ...]] = [("signal", "unit", "lowest", "highest", "mean width", "measured", "cover")]
         for name, unit in self.units.items():
-            factor, shown = reading(unit, self.asked)[:2]
+            factor, shown = reading(unit, self.display_units)[:2]
             low, high, cover = self.low[name] * factor, self.high[name] * factor, self.cover[name]
             count = int(np.isfinite(self.measured.get(name, np.empty(0))).sum())
             told = (f"{each:.4g}" for each in (low.min(), high.max(), (high - low).mean()))
@@ -202,5 +202,5 @@ def predict(
     low, median, high = ({name: band[k] for name, band in bands.items()} for k in range(3))
     return Prediction(
         title=loop.title, time=times, low=low, median=median, high=high, units={name: loop.system.unit(name) for name in bands}, measured=measured,
-        draws=done, confidence=confidence, asked=dict(loop.asked),
+        draws=done, confidence=confidence, display_units=dict(loop.display_units),
     )  # fmt: skip

@@ -31,7 +31,7 @@ class Chance(Told, Result):
         Names of the laws.
     names, units, axes
         What is varied along the axes of all arrays.
-    uncertain
+    uncertainty
         {name: what is known of it, in words}.
     outcomes
         {label: what each run came to, of shape (*axes, draws)}: 0 smooth, 1 swing, 2 stick-slip, 3 stuck, -1 not known (`toolbox.onsets.map_loop`).
@@ -43,7 +43,7 @@ class Chance(Told, Result):
         Of the bounds.
     judged
         {label: number of runs that their lanes did not decide, so that the judge of all verdicts carried them on}.
-    asked
+    display_units
         {unit: unit that was typed}.
     """
 
@@ -52,14 +52,14 @@ class Chance(Told, Result):
     names: tuple[str, ...]
     units: tuple[str, ...]
     axes: tuple[np.ndarray, ...]
-    uncertain: dict[str, str]
+    uncertainty: dict[str, str]
     outcomes: dict[str, np.ndarray]
     severities: dict[str, np.ndarray]
     duration: float
     accuracy: float
     confidence: float
     judged: dict[str, int]
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def draws(self) -> int:
@@ -159,11 +159,11 @@ class Chance(Told, Result):
         return first / self.draws, second / self.draws, p
 
     def _told(self) -> list[str | Rows]:
-        read = [reading(unit, self.asked) for unit in self.units]
+        read = [reading(unit, self.display_units) for unit in self.units]
         size = " x ".join(str(axis.size) for axis in self.axes)
         lines: list[str | Rows] = [
             f"Chance of stick-slip: {self.title}, {size} points with {self.draws} draws each, runs of {self.duration:.4g} s at accuracy {self.accuracy:g}",
-            *(f"  {name} known as {words}" for name, words in self.uncertain.items()),
+            *(f"  {name} known as {words}" for name, words in self.uncertainty.items()),
         ]
         if len(self.names) == 1:
             head = ("law", f"{self.names[0]} [{read[0].unit}]", "chance", f"{100 * self.confidence:g} % bounds", "severity", "unknown")
@@ -186,7 +186,7 @@ class Chance(Told, Result):
     __repr__ = Told.__str__
 
     def _rows(self) -> list[tuple[str, ...]]:
-        read = [reading(unit, self.asked) for unit in self.units]
+        read = [reading(unit, self.display_units) for unit in self.units]
         rows = []
         for label, chances in self.chances.items():
             low, high = self.bounds[label]
@@ -202,7 +202,8 @@ class Chance(Told, Result):
     def _grid(self, label: str) -> list[tuple[str, ...]]:
         """The chances of a law [%] over both numbers, with those along the axes at the head and at the left."""
         ends = [
-            [f"{value * reading(unit, self.asked).factor:.4g}" for value in axis] for axis, unit in zip(self.axes, self.units, strict=True)
+            [f"{value * reading(unit, self.display_units).factor:.4g}" for value in axis]
+            for axis, unit in zip(self.axes, self.units, strict=True)
         ]
         body = [(first, *(f"{100 * chance:.1f}" for chance in row)) for first, row in zip(ends[0], self.chances[label], strict=True)]
         return [("", *ends[1]), *body]

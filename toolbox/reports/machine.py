@@ -46,7 +46,7 @@ def laws(loops: Iterable[tuple[str, ClosedLoop]]) -> str:
     for label, loop in loops:
         with usual_units(loop):
             lines = [line.strip() for line in str(loop).splitlines()[1:]]
-        told[label] = lines if loop.laws else ["no law", *lines]
+        told[label] = lines if loop.controllers else ["no law", *lines]
     shared = [line for line in next(iter(told.values()), []) if len(told) > 1 and all(line in lines for lines in told.values())]
     each = {label: [line for line in lines if line not in shared] for label, lines in told.items()} | (
         {"all of them": shared} if shared else {}
@@ -65,7 +65,7 @@ def _rows(loop: ClosedLoop) -> list[tuple[str, str, str, str]]:
     rows = []
     for name, members in groups.items():
         number = own[members[0]]
-        read = reading_of(number.unit, max(abs(own[member].value) for member in members), loop.asked)
+        read = reading_of(number.unit, max(abs(own[member].value) for member in members), loop.display_units)
         values = [own[member].value * read.factor for member in members]
         meaning = number.meaning if number.overridden is None else f"{number.meaning} (without effect: the input {number.overridden} acts)"
         rows.append((name, _joined(values), "" if read.unit == "1" else read.unit, meaning))

@@ -28,10 +28,10 @@ def page(title: str, sections: Sequence[Section]) -> str:
     pages.filters |= {"marked": lambda text: Markup(marked(text)), "preformatted": lambda text: Markup(preformatted(str(text)))}
     of: dict[str, list[str]] = {}  # the laws of each machine once, with what one types into the drive, and the results that they belong to
     for section in sections:
-        if any(loop.laws for _, loop in section.loops):
+        if any(loop.controllers for _, loop in section.loops):
             of.setdefault(laws(section.loops), []).append(section.kind or section.title)
     return pages.from_string(home.joinpath("report.html.j2").read_text(encoding="utf-8")).render(
-        title=title, policy=POLICY, style=Markup(home.joinpath("report.css").read_text(encoding="utf-8")), sections=sections, laws=of,
+        title=title, policy=POLICY, style=Markup(home.joinpath("report.css").read_text(encoding="utf-8")), sections=sections, controllers=of,
         kinds=list(dict.fromkeys(each.kind for each in sections if each.kind)), dates=sorted({_date(each.origin) for each in sections if each.origin}),
         numbers=itertools.count(1), next=next, machines=list(dict.fromkeys(machine(each.loops[0][1]) for each in sections if each.loops)), **_origins(sections),
     )  # fmt: skip

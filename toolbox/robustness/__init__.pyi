@@ -12,8 +12,8 @@ from .groups import machine_groups as machine_groups
 from .joint_errors import SmallestError as SmallestError
 from .joint_errors import smallest_error as smallest_error
 from .limits import performance_limit as performance_limit
-from .lowest_set_point import Held as Held
 from .lowest_set_point import LowestSetPoints as LowestSetPoints
+from .lowest_set_point import SetPointLimit as SetPointLimit
 from .margins import Margins as Margins
 from .responses import FrequencyResponse as FrequencyResponse
 from .responses import frequency_response as frequency_response

@@ -40,7 +40,7 @@ class Absorber:
         Lowest stable set-point; nan where there is none in the range, the low end where all of it is stable.
     damping, stiffness, inertia
         Of the absorber at that set-point; the inertia of the drive is included.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which `print` answers.
     """
 
@@ -50,13 +50,13 @@ class Absorber:
     damping: float
     stiffness: float
     inertia: float
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
         units = UNITS.get(self.unit, ("1", "1", "1"))
 
         def shown(value: float, unit: str) -> str:
-            factor, _ = read = reading(unit, self.asked)
+            factor, _ = read = reading(unit, self.display_units)
             return f"{value * factor:.4g}{read.tail}"
 
         taken = ", ".join(
@@ -71,7 +71,7 @@ SPEED, TORQUE = "top.speed", "top.torque"
 @takes_loop
 def absorber_limit(
     loop: ClosedLoop,
-    between: tuple[NumberOrText, NumberOrText],
+    bounds: tuple[NumberOrText, NumberOrText],
     *,
     own_inertia: bool = False,
 ) -> Absorber:
@@ -81,7 +81,7 @@ def absorber_limit(
     ----------
     loop
         A plant, or a loop without the law that is asked about, with constant inputs.
-    between
+    bounds
         Range (low, high) in which the set-point is looked for, in SI or text such as ("10 rpm", "120 rpm"); stability is taken to be lost once on the way
         down.
     own_inertia
@@ -98,16 +98,16 @@ def absorber_limit(
         If there is no steady running, or `top.torque` does not act on `top.speed`.
     """
     unit = loop.unsampled().system.signal_unit(SPEED)
-    between = low, high = checked_range(between, "between", unit)
+    bounds = low, high = checked_range(bounds, "bounds", unit)
 
     calm: list[np.ndarray] = []  # the absorbers of the speeds that are smooth, of which each is lower than the one before
-    units = {unit: asked_in(between, unit)}
+    units = {unit: asked_in(bounds, unit)}
 
     def smooth(speed: float) -> bool:
         point = running(loop, {SPEED: speed}, TORQUE)
         linear = linearise(point.plant, point, inputs=TORQUE, outputs=SPEED)
         growth, numbers = tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], own_inertia)
-        for each, asked in point.asked.items():
+        for each, asked in point.display_units.items():
             units.setdefault(each, asked)
         if growth < 0.0:
             calm.append(numbers)

@@ -35,7 +35,7 @@ class StabilityChart(Result):
         Disk margin of all commands together [1]; 0 where the loop is unstable.
     at
         The two numbers as they are declared.
-    asked
+    display_units
         {unit: unit that was typed}.
     """
 
@@ -45,7 +45,7 @@ class StabilityChart(Result):
     growth: FloatArray
     disk_margin: FloatArray
     at: tuple[float, float]
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def best(self) -> tuple[float, float]:
@@ -78,7 +78,7 @@ class StabilityChart(Result):
 @sign_of_life("stability_chart is at work")
 @takes_loop
 def stability_chart(
-    loop: ClosedLoop, over: Mapping[str, tuple[NumberOrText, NumberOrText]], *, shape: tuple[int, int] = (15, 15)
+    loop: ClosedLoop, ranges: Mapping[str, tuple[NumberOrText, NumberOrText]], *, shape: tuple[int, int] = (15, 15)
 ) -> StabilityChart:
     """Compute stability and disk margin of a loop at steady running over two of its numbers, such as both gains of a drive.
 
@@ -86,7 +86,7 @@ def stability_chart(
     ----------
     loop
         A loop with at least one law and constant inputs.
-    over
+    ranges
         {number of the loop: (lowest, highest value)}, exactly two, the first across: `{"pi.proportional": (0, 5000), "pi.integral": (0, 3000)}`.
     shape
         Points across and up, at least 3 each.
@@ -101,13 +101,13 @@ def stability_chart(
     SceneError
         If `over` does not hold two numbers of the loop with a range, `shape` is too small, or no point has a linear loop.
     """
-    if len(over) != 2:
-        raise SceneError(f"Argument `over` must hold two numbers with their ranges, but it holds {len(over)}.")
+    if len(ranges) != 2:
+        raise SceneError(f"Argument `over` must hold two numbers with their ranges, but it holds {len(ranges)}.")
     if len(shape) != 2 or min(shape) < 3:
         raise SceneError(f"Argument `shape` must be two whole numbers >= 3, but it is {shape}.")
-    known = [loop.number(name) for name in over]
+    known = [loop.number(name) for name in ranges]
     rows = []
-    for each, (low, high), points in zip(known, over.values(), shape, strict=True):
+    for each, (low, high), points in zip(known, ranges.values(), shape, strict=True):
         low, high = (number(f"over[{each.name!r}]", end, each.unit) for end in (low, high))
         if not low < high:
             raise SceneError(f"Argument `over` must hold (lowest, highest), but `{each.name}` goes from {low:g} to {high:g}.")
@@ -125,4 +125,4 @@ def stability_chart(
     if np.isnan(growth).all():
         raise SceneError(f"No point has a linear loop{f': {reason}' if reason else ''}.")
     names, units = (known[0].name, known[1].name), (known[0].unit, known[1].unit)
-    return StabilityChart(names, units, (rows[0], rows[1]), growth, disk, (known[0].value, known[1].value), loop.asked)
+    return StabilityChart(names, units, (rows[0], rows[1]), growth, disk, (known[0].value, known[1].value), loop.display_units)

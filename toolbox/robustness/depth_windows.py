@@ -60,7 +60,7 @@ class Windows(Told, Result):
         (depths, 2) [1]; inf where there is no border within the range, -inf where the point is not in the window at all.
     disk_margin
         Disk margin at the working point [1], shape (depths,); nan where there is no linear loop.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which `print` answers.
     maps
         The map of every depth, each with its own picture; empty in windows that were loaded.
@@ -78,13 +78,13 @@ class Windows(Told, Result):
     at: np.ndarray
     margin: np.ndarray
     disk_margin: np.ndarray
-    asked: Mapping[str, str]
+    display_units: Mapping[str, str]
     maps: Any = field(default=(), repr=False, compare=False, metadata=LEFT_OUT)
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text: at every depth one line per value of the second number."""
-        first, second, deep = (reading(unit, self.asked) for unit in (*self.units, "m"))
+        first, second, deep = (reading(unit, self.display_units) for unit in (*self.units, "m"))
         lines: list[tuple[str, ...]] = [
             (
                 f"depth [{deep.tail.strip()}]", f"{self.names[1]} [{second.tail.strip() or '1'}]", f"smooth from {self.names[0]} [{first.tail.strip() or '1'}]",
@@ -100,7 +100,7 @@ class Windows(Told, Result):
         return lines
 
     def _told(self) -> list[str | Rows]:
-        first, second = (reading(unit, self.asked) for unit in self.units)
+        first, second = (reading(unit, self.display_units) for unit in self.units)
         points = np.unique(self.at, axis=0)
         point = ""
         if len(points) == 1 and np.isfinite(points).all():
@@ -134,7 +134,7 @@ class Windows(Told, Result):
         """The window of every depth, one picture each; see `toolbox.robustness.figures.window_diagram`. Returns the axes."""
         from toolbox.robustness.figures import window_diagram
 
-        first, second, deep = (reading(unit, self.asked) for unit in (*self.units, "m"))
+        first, second, deep = (reading(unit, self.display_units) for unit in (*self.units, "m"))
         labels = [f"{name} [{read.tail.strip() or '1'}]" for name, read in zip(self.names, (first, second), strict=True)]
         size = np.array([first.factor, second.factor])
         return window_diagram(
@@ -146,12 +146,12 @@ class Windows(Told, Result):
 def windows(
     well: Callable[[float], Any],
     depths: Iterable[NumberOrText],
-    law: Controller | Sampled | Callable[[float], Controller | Sampled],
-    over: Mapping[str, tuple[NumberOrText, NumberOrText]],
+    controller: Controller | Sampled | Callable[[float], Controller | Sampled],
+    ranges: Mapping[str, tuple[NumberOrText, NumberOrText]],
     *,
     along: Iterable[NumberOrText] | None = None,
     shape: tuple[int, int] = (13, 7),
-    out: str | Path | None = None,
+    checkpoint: str | Path | None = None,
 ) -> Windows:
     """Find over the depth of a well at which speed and weight a law keeps it smooth, from which side, and with which margin.
 
@@ -161,16 +161,16 @@ def windows(
         A function depth [m] -> plant, or loop without laws, such as one that cuts a string to that length.
     depths
         Depths, in metres or text with units.
-    law
+    controller
         The law, or a function depth [m] -> law: `schedule(...).law_at` is one.
-    over
+    ranges
         The two ranges {name: (low, high)} of a map, the number whose lowest value is asked for first, such as the set-point, then the other one, such as
         the weight.
     along
         Values of the second number at which windows are read, by default five over its range.
     shape
         Points of the map of a depth along both numbers.
-    out
+    checkpoint
         A folder that keeps the points of all maps: windows that were interrupted go on where they were.
 
     Returns
@@ -191,10 +191,10 @@ def windows(
     points, disks = [], []
     loop = None
     for depth in places:
-        here = law(depth) if callable(law) and not isinstance(law, Controller | Sampled) else law
-        loop = closed_at(well, depth).but(laws=(here,))
-        folder = None if out is None else Path(out) / f"{depth:g}m"
-        found = severity_map(loop, over, shape=shape, halvings=HALVINGS, out=folder)
+        here = controller(depth) if callable(controller) and not isinstance(controller, Controller | Sampled) else controller
+        loop = closed_at(well, depth).but(controllers=(here,))
+        folder = None if checkpoint is None else Path(checkpoint) / f"{depth:g}m"
+        found = severity_map(loop, ranges, shape=shape, halvings=HALVINGS, checkpoint=folder)
         maps.append(found)
         points.append(found.at)
         disks.append(disk_margin(loop))
@@ -214,7 +214,7 @@ def windows(
     margin = np.where(np.isposinf(inside), -math.inf, margin)
     first = maps[0].axes[0]
     return Windows(
-        title=described(loop.laws[0]),
+        title=described(loop.controllers[0]),
         names=maps[0].names,
         units=maps[0].units,
         lowest=float(first[0]),
@@ -226,7 +226,7 @@ def windows(
         at=at,
         margin=margin,
         disk_margin=np.array(disks),
-        asked={**maps[0].asked, "m": asked_in(deep, "m")},
+        display_units={**maps[0].display_units, "m": asked_in(deep, "m")},
         maps=tuple(maps),
     )
 
@@ -234,9 +234,9 @@ def windows(
 def closed_at(well: Callable[[float], Any], depth: float) -> ClosedLoop:
     """The loop of a depth, without laws; raises SceneError for one with laws."""
     loop = as_loop(well(depth), "well")
-    if loop.laws:
+    if loop.controllers:
         raise SceneError(
-            f"Argument `well` must give a plant, or a loop without laws, but at {depth:g} m it gives one with {described(loop.laws[0])}."
+            f"Argument `well` must give a plant, or a loop without laws, but at {depth:g} m it gives one with {described(loop.controllers[0])}."
         )
     return loop
 

@@ -124,7 +124,7 @@ class DescribingFunction(Result):
         The cycles that are predicted, by frequency and amplitude.
     exact
         (period [s], lowest slip, highest slip) of the cycle that was given; empty without one.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which `print` answers.
     """
 
@@ -138,12 +138,12 @@ class DescribingFunction(Result):
     gain: FloatArray
     cycles: tuple[PredictedCycle, ...]
     exact: tuple[float, ...]
-    asked: Mapping[str, str]
+    display_units: Mapping[str, str]
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text: a row for every cycle."""
-        read = reading(self.units[0], self.asked)
+        read = reading(self.units[0], self.display_units)
         lines: list[tuple[str, ...]] = [
             ("", "period [s]", f"lowest {self.contact}.slip [{read.tail.strip() or '1'}]", "highest", "by its first harmonic")
         ]
@@ -156,7 +156,7 @@ class DescribingFunction(Result):
         return lines
 
     def __str__(self) -> str:
-        read = reading(self.units[0], self.asked)
+        read = reading(self.units[0], self.display_units)
         head = f"Describing function of `{self.contact}`, {self.title}, around {self.slip * read.factor:.4g}{read.tail}"
         if not self.cycles:
             head += ": no cycle is predicted"
@@ -249,7 +249,7 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
     gain = np.insert(np.concatenate([branch.gain for branch in branches]), apart, math.nan)
     exact = () if cycle is None else (cycle.period, *cycle.extremes(f"{contact}.slip"))
     return DescribingFunction(
-        title=all_described(loop.laws),
+        title=all_described(loop.controllers),
         contact=contact,
         units=(element.slip_unit, element.force_unit),
         slip=slip,
@@ -259,7 +259,7 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
         gain=gain,
         cycles=tuple(sorted(found, key=lambda each: (each.frequency, each.amplitude))),
         exact=exact,
-        asked=loop.asked,
+        display_units=loop.display_units,
     )
 
 

@@ -135,7 +135,7 @@ def largest_disk(loop: LinearLoop, grid: np.ndarray) -> tuple[float, float]:
 def loop_margins(loop: LinearLoop, delayed: Callable[[float], LinearLoop] | None = None) -> LoopMargins:
     """Margins of a loop of one command. delayed: the loop with some delay [s] more, where that is more than a shift of phase: in samples."""
     if not loop.stable:
-        return LoopMargins(loop.drives[0], **UNSTABLE)
+        return LoopMargins(loop.actuated_signals[0], **UNSTABLE)
     grid = frequencies(loop)
 
     def gain(w: np.ndarray) -> np.ndarray:
@@ -150,7 +150,7 @@ def loop_margins(loop: LinearLoop, delayed: Callable[[float], LinearLoop] | None
     phase, delay = _phase(gain, grid, at)
     if delayed is not None and math.isfinite(delay):
         delay = _delay(delayed, delay)
-    return LoopMargins(loop.drives[0], 1 / disk, disk_at, sensitivity, sensitivity_at, low, high, phase, delay)
+    return LoopMargins(loop.actuated_signals[0], 1 / disk, disk_at, sensitivity, sensitivity_at, low, high, phase, delay)
 
 
 def _crossings(function: Callable[[np.ndarray], np.ndarray], grid: np.ndarray, values: np.ndarray) -> list[float]:
@@ -225,7 +225,7 @@ def joint_margins(loop: LinearLoop) -> JointMargins:
     """Margins of all commands of a loop together; 0 where it is unstable."""
     if not loop.stable:
         return JointMargins(0.0, math.nan, 0.0, math.inf)
-    grid, one = frequencies(loop), np.eye(len(loop.drives))
+    grid, one = frequencies(loop), np.eye(len(loop.actuated_signals))
 
     def sensitivity(w: np.ndarray) -> np.ndarray:
         return np.linalg.inv(one + loop.transfer(w))

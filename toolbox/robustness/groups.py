@@ -53,7 +53,7 @@ class Machine:
 
     name: str
     factors: tuple[tuple[str, float], ...] = ()
-    late: float = 0.0
+    delay: float = 0.0
     plant: HybridSystem | None = field(default=None, repr=False)
     weight: Varying | None = None
 
@@ -95,7 +95,7 @@ WEIGHTS = (
 """Weights that vary: 2 and 5 % rms with a corner at 0.2 Hz, 5 % at the frequency of a string of 2 km, a heave of 10 % every ten seconds."""
 
 
-def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, late: float = 0.03) -> dict[str, Group]:
+def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, delay: float = 0.03) -> dict[str, Group]:
     """Groups of machines for a drill string with a chain of inertias and a rock, by name.
 
         declared   as declared, no noise
@@ -120,8 +120,8 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, late
                 f"The machines beside a declared one are those of a drill string with a chain of inertias and a rock, but its {word} is not known."
             )
 
-    def other(name: str, late: float = 0.0, **factors: float) -> Machine:
-        return Machine(name, tuple((place, factor) for word, factor in factors.items() for place in places[word]), late)
+    def other(name: str, delay: float = 0.0, **factors: float) -> Machine:
+        return Machine(name, tuple((place, factor) for word, factor in factors.items() for place in places[word]), delay)
 
     singles = [other(f"drive {100 * (each - 1):+.0f} %", drive=each) for each in (0.8, 0.9, 1.1, 1.2)]
     singles += [
@@ -134,7 +134,7 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, late
     groups = [
         Group("declared", (Machine("declared"),), noise=0.0),
         Group("real", (other("weight +10 %", weight=1.1),), SEEDS, noise),
-        Group("robust", (*singles, other(f"commands {1e3 * late:.0f} ms later", late)), SEEDS[:3], noise),
+        Group("robust", (*singles, other(f"commands {1e3 * delay:.0f} ms later", delay)), SEEDS[:3], noise),
         Group("corners", tuple(corners), SEEDS[:3], noise),
     ]
     if "bit.friction.decay" in names:

@@ -115,7 +115,7 @@ class SmallestError(Told, Result):
         The same for smooth running that grows, by the exact rate; nan and empty where there is no rate.
     guaranteed
         Size below which no error makes smooth running grow, to first order [1]; nan where there is no linear loop.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which `print` answers.
     unknown
         Why `guaranteed` is nan; empty where it is a number.
@@ -132,7 +132,7 @@ class SmallestError(Told, Result):
     linear_size: float
     linear_error: tuple[float, ...]
     guaranteed: float
-    asked: Mapping[str, str]
+    display_units: Mapping[str, str]
     unknown: str = ""
 
     @property
@@ -145,7 +145,7 @@ class SmallestError(Told, Result):
         """The table as text: one line per number."""
         lines: list[tuple[str, ...]] = [("number", "declared", "from", "to", "the machine breaks at", "smooth running grows at")]
         for i, number in enumerate(self.numbers):
-            read = reading(number.unit, self.asked)
+            read = reading(number.unit, self.display_units)
             shown = [f"{value * read.factor:.4g}" for value in (number.declared, number.low, number.high)]
             for parts in (self.error, self.linear_error):
                 value = number.value(parts[i]) if parts else math.nan
@@ -251,7 +251,7 @@ def smallest_error(
     error, size, held = search(fail)
     guaranteed, unknown = _guaranteed(trials, numbers)
     return SmallestError(
-        title=all_described(loop.laws),
+        title=all_described(loop.controllers),
         way=trials.way,
         numbers=numbers,
         size=size,
@@ -263,7 +263,7 @@ def smallest_error(
         linear_error=linear,
         guaranteed=guaranteed,
         unknown=unknown,
-        asked={**loop.asked, **asked},
+        display_units={**loop.display_units, **asked},
     )
 
 
@@ -276,7 +276,7 @@ def _wrong_numbers(loop: ClosedLoop, ranges: Mapping[str, Any]) -> tuple[tuple[W
     asked: dict[str, str] = {}
     for name, between in given.items():
         if name == DELAY:
-            late = [law.delay for law in loop.laws if isinstance(law, Sampled)]
+            late = [law.delay for law in loop.controllers if isinstance(law, Sampled)]
             if not late or len(set(late)) > 1 or not late[0] > 0.0:
                 raise SceneError(f"Argument `ranges` must hold `{DELAY}` only for sampled laws of one delay > 0 s, but theirs are {late}.")
             full, unit, declared = DELAY, "s", float(late[0])

@@ -59,7 +59,7 @@ class PerformanceLimit:
         Sample time and delay as given [s].
     signals, units
         {name: value} of the working point, and its units.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which `print` answers.
     """
 
@@ -72,10 +72,10 @@ class PerformanceLimit:
     delay: float
     signals: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        read = {name: reading(unit, self.asked) for name, unit in self.units.items()}
+        read = {name: reading(unit, self.display_units) for name, unit in self.units.items()}
         at = ", ".join(f"{name} = {value * read[name].factor:.4g}{read[name].tail}" for name, value in self.signals.items())
         how = "continuous laws" if self.period is None else f"laws sampled every {self.period:g} s with a delay of {self.delay:g} s"
         rates = [", ".join(f"{rate:.3g}" for rate in row[row.imag >= 0]) or "none" for row in (self.poles, self.zeros)]
@@ -91,8 +91,8 @@ def performance_limit(
     loop: ClosedLoop,
     at: Mapping[str, NumberOrText],
     *,
-    measures: str | Sequence[str] = "top.speed",
-    drives: str = "top.torque",
+    measured_signals: str | Sequence[str] = "top.speed",
+    actuated_signals: str = "top.torque",
     period: NumberOrText | None = None,
     delay: NumberOrText = 0.0,
 ) -> PerformanceLimit:
@@ -104,9 +104,9 @@ def performance_limit(
         A plant, or a loop without the law that is asked about, with constant inputs.
     at
         Where the plant runs steadily, {signal: value}, such as {"top.speed": 3.0}.
-    measures
+    measured_signals
         What laws may read.
-    drives
+    actuated_signals
         The one input that they drive; a part such as a drive with lags stands between, as it does in runs.
     period
         Sample time [s]; None for continuous laws.
@@ -124,24 +124,27 @@ def performance_limit(
         If there is no steady running, more than one input is driven, or a delay is given without a period.
     """
     plant = loop.unsampled().system
-    if not isinstance(drives, str):
+    if not isinstance(actuated_signals, str):
         raise SceneError(
-            f"Argument `drives` must be the name of one input, but it is {drives!r}: with several the limits are not known in this form."
+            f"Argument `drives` must be the name of one input, but it is {actuated_signals!r}: with several the limits are not known in this form."
         )
     period, delay = None if period is None else number("period", period, "s", above=0), number("delay", delay, "s", at_least=0)
     if delay > 0 and period is None:
         raise SceneError(f"Argument `delay` must be 0 without a `period`, but it is {delay!r}.")
-    drives, seen = plant.routes.get(drives, drives), [plant.routes.get(name, name) for name in names(measures)]
-    point = running(loop, at, drives)
-    linear = linearise(point.plant, point, inputs=drives, outputs=seen)
+    actuated_signals, seen = (
+        plant.routes.get(actuated_signals, actuated_signals),
+        [plant.routes.get(name, name) for name in names(measured_signals)],
+    )
+    point = running(loop, at, actuated_signals)
+    linear = linearise(point.plant, point, inputs=actuated_signals, outputs=seen)
     A, B, C, D = (np.asarray(each, float) for each in (linear.A, linear.B, linear.C, linear.D))
     late = 0
     if period is not None:
         late = math.floor(delay / period * (1.0 + 1e-12))
         A, B, C, D = sampled_plant(A, B, C, D, period, max(delay - late * period, 0.0))
     poles = unstable_poles(A, B, C, period)
-    signals = {name: float(point[name]) for name in (*at, drives)}
-    working = signals, {name: plant.signal_unit(name) for name in signals}, point.asked
+    signals = {name: float(point[name]) for name in (*at, actuated_signals)}
+    working = signals, {name: plant.signal_unit(name) for name in signals}, point.display_units
     if poles is None:
         return PerformanceLimit(0.0, math.inf, np.empty(0), np.empty(0), 0, period, delay, *working)
     zeros, degree = common_zeros(A, B, C, D, period)

@@ -45,8 +45,8 @@ class Cells:
     the same label is judged anew.  say: called with a line of text, behind `place`, for each new outcome;  asked: {unit: unit in which it tells}.
     """
 
-    def __init__(self, path: Path | None = None, say: Callable[[str], None] | None = None, asked: Mapping[str, str] | None = None):
-        self.path, self.say, self.asked = path, say, asked
+    def __init__(self, path: Path | None = None, say: Callable[[str], None] | None = None, display_units: Mapping[str, str] | None = None):
+        self.path, self.say, self.display_units = path, say, display_units
         self.place = ""
         self.known: dict[str, Outcome] = {}
         if path is not None and path.exists():
@@ -70,7 +70,7 @@ class Cells:
             if self.say is not None:
                 lasts = f" for {group.judged:g} s" if group.judged >= LASTING else ""
                 said = f"holds{lasts}" if found.passed else f"fails: {found.why}"
-                factor, unit = reading("rad/s", self.asked)
+                factor, unit = reading("rad/s", self.display_units)
                 self.say(f"{self.place}{trial.label}, {group.name}, {way}, {reference * factor:.4g} {unit}: {said}")
         return self.known[key]
 
@@ -85,7 +85,7 @@ def _key(trial: Trial, group: Group, reference: float, way: str) -> str:
 
 
 @dataclass(frozen=True)
-class Held:
+class SetPointLimit:
     """The lowest set-point that a law holds on a group of machines, and what it costs there.
 
     Attributes
@@ -94,15 +94,15 @@ class Held:
         Lowest set-point [rad/s]; nan where none is held.
     why
         Which run fails one step below it, or at the highest set-point where none is held.
-    until
+    highest
         Highest set-point that holds [rad/s], where the law fails again above it; nan where nothing that was tried above does.
-    above
+    time_above_setpoint
         Largest share of half an hour after the recovery with the top 10 % above what is asked [1].
     recovery
         Longest time before that with the top so far above [s]; of a raised set-point that includes the raising.
     fastest, torque
         Highest speed of the bit [rad/s] and highest torque of the drive [N m] after the takeover.
-    lifts, again
+    lifts, relapses_per_hour
         Most lifts from the takeover on, and most an hour after the recovery, for a law that lifts its set-point.
     relief
         Largest mean share of the weight that is taken off, for a law that does so [1].
@@ -116,13 +116,13 @@ class Held:
 
     speed: float
     why: str
-    until: float = math.nan
-    above: float = math.nan
+    highest: float = math.nan
+    time_above_setpoint: float = math.nan
     recovery: float = math.nan
     fastest: float = math.nan
     torque: float = math.nan
     lifts: float = math.nan
-    again: float = math.nan
+    relapses_per_hour: float = math.nan
     relief: float = math.nan
     growth: float = math.nan
     margin: float = math.nan
@@ -132,7 +132,7 @@ class Held:
     @property
     def range(self) -> tuple[float, ...]:
         """The lowest set-point and, where there is one, the highest [rad/s]."""
-        return (self.speed,) if math.isnan(self.until) else (self.speed, self.until)
+        return (self.speed,) if math.isnan(self.highest) else (self.speed, self.highest)
 
 
 def lowest(
@@ -144,7 +144,7 @@ def lowest(
     higher: float = 14.0,
     step: float = 0.1,
     lasts: bool = True,
-) -> Held:
+) -> SetPointLimit:
     """The lowest set-point by bisection between `lower` and `higher`, confirmed at three above it and, with `lasts`, for half an hour.
 
     `lower` is taken to fail, and tried only where nothing above it does. Where `higher` fails, the next lower one that holds is looked for in steps of `APART`,
@@ -164,7 +164,7 @@ def lowest(
         apart = max(round(APART / step), 1)
         holds = next((k for k in range(high - apart, low, -apart) if not fails(k)), None)
         if holds is None:
-            return Held(math.nan, why)
+            return SetPointLimit(math.nan, why)
         high, _, _ = _halved(lambda k: "" if fails(k) else "it holds", holds, holds + apart, "it holds")
         until = round(high * step, 6)
     top = high
@@ -187,11 +187,11 @@ def lowest(
                 found = dataclasses.asdict(cells.outcome(trial, group.lasting if lasts else group, speed, way))
                 for name in ("passed", "why", "runs"):
                     del found[name]
-                return Held(speed, below, until, **found, margin=margin, margin_declared=declared, weakest=weakest)
+                return SetPointLimit(speed, below, until, **found, margin=margin, margin_declared=declared, weakest=weakest)
             short = f"{weakest if margin <= declared else 'declared'}: disk margin {min(declared, margin):.3f}"
         low, below = high, short
         if high == top:
-            return Held(math.nan, below)
+            return SetPointLimit(math.nan, below)
         high += 1
         while high < top and (said := fails(high)):
             low, below, high = high, said, high + 1
@@ -211,9 +211,9 @@ def _halved(fails: Callable[[int], str], low: int, high: int, below: str) -> tup
 
 def borders(
     trial: Trial, groups: Sequence[Group], ways: Sequence[str] = WAYS, cells: Cells | None = None, lower: float = 1.5, **searched: Any
-) -> dict[tuple[str, str], Held]:
+) -> dict[tuple[str, str], SetPointLimit]:
     """{(group, way): the lowest set-point}; noise and errors are not expected to help by more than `HELP`. searched: further arguments of `lowest`."""
-    found: dict[tuple[str, str], Held] = {}
+    found: dict[tuple[str, str], SetPointLimit] = {}
     cells = cells or Cells()
     for k, (group, way) in enumerate(itertools.product(groups, ways), 1):
         cells.place = f"cell {k} of {len(groups) * len(ways)}: "
@@ -229,23 +229,23 @@ class LowestSetPoints(Result):
 
     Attributes
     ----------
-    before
+    initial_controller
         The drive that the laws take over from.
     entries
-        {(label of the law, name of the group, way): `Held`}.
-    between, step
+        {(label of the law, name of the group, way): `SetPointLimit`}.
+    bounds, step
         Set-points that were searched [rad/s].
-    asked
+    display_units
         {unit: unit in which it was typed}.
     """
 
-    before: str
-    entries: dict[tuple[str, ...], Held]
-    between: tuple[float, float]
+    initial_controller: str
+    entries: dict[tuple[str, ...], SetPointLimit]
+    bounds: tuple[float, float]
     step: float
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
-    def __getitem__(self, key: tuple[str, ...]) -> Held:
+    def __getitem__(self, key: tuple[str, ...]) -> SetPointLimit:
         """The entry of (label, group) or (label, group, way); the way is direct where none is given."""
         key = key if len(key) == 3 else (*key, WAYS[0])
         for word, each, place in zip(("law", "group", "way"), key, range(3), strict=True):
@@ -257,7 +257,7 @@ class LowestSetPoints(Result):
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text."""
-        speed, torque = reading("rad/s", self.asked), reading("N m", self.asked)
+        speed, torque = reading("rad/s", self.display_units), reading("N m", self.display_units)
         heads = ("law", "group", "way", f"lowest [{speed.unit}]", "disk margin", "of declared", "above", "recovery", f"bit [{speed.unit}]")
         price = (f"torque [{torque.unit}]", "lifts", "lifts / h", "weight off", "disturbance", "what fails below")
         lines: list[tuple[str, ...]] = [(*heads, *price)]
@@ -265,18 +265,18 @@ class LowestSetPoints(Result):
             said = [
                 "none" if math.isnan(each.speed) else " to ".join(f"{value * speed.factor:.3g}" for value in each.range),
                 shown(each.margin, ".2f"), shown(each.margin_declared, ".2f"),
-                shown(100.0 * each.above, ".1f", " %"), shown(each.recovery, ".0f", " s"), shown(each.fastest * speed.factor, ".3g"),
-                shown(each.torque * torque.factor, ".3g"), shown(each.lifts, ".0f"), shown(each.again, ".0f"),
+                shown(100.0 * each.time_above_setpoint, ".1f", " %"), shown(each.recovery, ".0f", " s"), shown(each.fastest * speed.factor, ".3g"),
+                shown(each.torque * torque.factor, ".3g"), shown(each.lifts, ".0f"), shown(each.relapses_per_hour, ".0f"),
                 shown(100.0 * each.relief, ".1f", " %"), told_growth(each.growth),
             ]  # fmt: skip
-            at_top = f"at {self.between[1] * speed.factor:.3g} {speed.unit}: " if math.isnan(each.speed) else ""
+            at_top = f"at {self.bounds[1] * speed.factor:.3g} {speed.unit}: " if math.isnan(each.speed) else ""
             lines.append((*key, *said, at_top + each.why))
         return lines
 
     def __str__(self) -> str:
-        factor, unit = reading("rad/s", self.asked)
-        low, high, step = (f"{value * factor:.3g}" for value in (*self.between, self.step))
-        title = f"Lowest set-points at which a law ends the stick-slip under {self.before} ({low} to {high} {unit}, steps of {step} {unit})"
+        factor, unit = reading("rad/s", self.display_units)
+        low, high, step = (f"{value * factor:.3g}" for value in (*self.bounds, self.step))
+        title = f"Lowest set-points at which a law ends the stick-slip under {self.initial_controller} ({low} to {high} {unit}, steps of {step} {unit})"
         lines = self.rows
         told = [
             k for k, column in enumerate(zip(*lines[1:], strict=True)) if set(column) != {"-"}
@@ -286,7 +286,7 @@ class LowestSetPoints(Result):
 
     def _table(self) -> HeadedRows:
         """One row per law, group and way."""
-        names = [each.name for each in dataclasses.fields(Held)]
+        names = [each.name for each in dataclasses.fields(SetPointLimit)]
         return ["law", "group", "way", *names], [[*key, *map(vars(each).get, names)] for key, each in self.entries.items()]
 
     def plot(self, ax: Any = None) -> Any:
@@ -299,9 +299,9 @@ class LowestSetPoints(Result):
         """
         from toolbox.robustness.figures import set_point_diagram
 
-        factor, unit = reading("rad/s", self.asked)
-        rows = [(label, group, way, each.speed * factor, each.until * factor) for (label, group, way), each in self.entries.items()]
-        return set_point_diagram(rows, self.between[1] * factor, unit, ax)
+        factor, unit = reading("rad/s", self.display_units)
+        rows = [(label, group, way, each.speed * factor, each.highest * factor) for (label, group, way), each in self.entries.items()]
+        return set_point_diagram(rows, self.bounds[1] * factor, unit, ax)
 
     def joined(self, other: LowestSetPoints) -> LowestSetPoints:
         """The entries of both, in this order."""
@@ -325,15 +325,15 @@ def chosen_groups(trial: Trial, groups: Sequence[str | Group], margin: float | N
 @takes_loop
 def lowest_set_point(
     loop: ClosedLoop,
-    before: Controller,
+    initial_controller: Controller,
     groups: Sequence[str | Group] = NAMES,
     *,
-    ways: Sequence[str] = WAYS,
-    between: tuple[NumberOrText, NumberOrText] = (1.5, 14.0),
+    protocols: Sequence[str] = WAYS,
+    bounds: tuple[NumberOrText, NumberOrText] = (1.5, 14.0),
     step: NumberOrText = 0.1,
-    lasts: bool = True,
-    known: str | Path | None = None,
-    say: Callable[[str], None] | None = None,
+    long_run: bool = True,
+    checkpoint: str | Path | None = None,
+    callback: Callable[[str], None] | None = None,
     executor: concurrent.futures.Executor | None = None,
 ) -> LowestSetPoints:
     """Find the lowest set-point at which a law ends a stick-slip that exists, and keeps it ended, on the declared drill string and on others.
@@ -347,24 +347,24 @@ def lowest_set_point(
     ----------
     loop
         A drill string with a chain of inertias and a rock, and one sampled law of `top.torque`. The law is designed on it at every set-point anew.
-    before
+    initial_controller
         The law whose stick-slip is taken over, such as `StiffPI()`; its `reference` follows the set-point.
     groups
         Names of groups, or groups of your own: `declared` (without noise), `real` (weight + 10 %, 20 seeds of noise), `robust` (one error of 10 and 20 % at a
         time, and late commands), `corners` (three errors at once), `rocks` (half the decay of the friction with speed), `weight` (noise of 2 and 5 %, a sine of
         5 % at 0.17 Hz, a heave of 10 % at 0.1 Hz, ten courses of each). The noise is that of the loop on `top.speed`, or 0.01 rad/s.
-        `rocks` is left out for another friction law. Commands come 30 ms later on one of the robust machines; `machine_groups(loop, late=...)` of
+        `rocks` is left out for another friction law. Commands come 30 ms later on one of the robust machines; `machine_groups(loop, delay=...)` of
         `toolbox.robustness` gives the groups with another delay.
-    ways
+    protocols
         `direct`, `raised` or both.
-    between, step
+    bounds, step
         Range of set-points that is searched [rad/s], and the distance of its grid. Where the highest does not hold, lower ones are tried in steps of 1 rad/s,
         so that a window of set-points that hold is found where it is wider than that.
-    lasts
+    long_run
         Whether a border is confirmed for half an hour.
-    known
+    checkpoint
         Path of a file (JSON lines) in which the outcomes of single set-points are kept, so that a search that was stopped goes on.
-    say
+    callback
         Called with a line of text for every new outcome.
     executor
         Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`), which does the runs at a set-point side by side. By
@@ -385,16 +385,16 @@ def lowest_set_point(
     The figures hold for the machine, the noise and the seeds that are declared. A law in Python begins at rest, and costs hundreds of times as much.
     """
     check_executor(executor)
-    trial = Trial(loop, before, executor)
-    typed = numbers("between", between, "rad/s")
-    low, high = checked_range(typed, "between", "rad/s")
-    asked = {**loop.asked, **asked_units(typed)}
+    trial = Trial(loop, initial_controller, executor)
+    typed = numbers("bounds", bounds, "rad/s")
+    low, high = checked_range(typed, "bounds", "rad/s")
+    asked = {**loop.display_units, **asked_units(typed)}
     grid = number("step", step, "rad/s", above=0)
     chosen = chosen_groups(trial, groups)
-    for way in ways:
+    for way in protocols:
         if way not in WAYS:
             raise SceneError(f"There is no way `{way}` of taking over: {suggest(way, WAYS)}")
-    cells = Cells(None if known is None else Path(known), say, asked)
-    found = borders(trial, chosen, ways, cells, low, higher=high, step=grid, lasts=lasts)
-    entries: dict[tuple[str, ...], Held] = {(trial.label, *key): each for key, each in found.items()}
-    return LowestSetPoints(type(before).__name__, entries, (low, high), grid, asked)
+    cells = Cells(None if checkpoint is None else Path(checkpoint), callback, asked)
+    found = borders(trial, chosen, protocols, cells, low, higher=high, step=grid, lasts=long_run)
+    entries: dict[tuple[str, ...], SetPointLimit] = {(trial.label, *key): each for key, each in found.items()}
+    return LowestSetPoints(type(initial_controller).__name__, entries, (low, high), grid, asked)

@@ -46,7 +46,7 @@ class Margins(Told, Result):
         Margins found by simulation; None where they were not asked for.
     loop
         The linear loop, for other tools.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which `print` answers.
     """
 
@@ -59,7 +59,7 @@ class Margins(Told, Result):
     reason: str = ""
     measured: MeasuredMargins | None = None
     loop: LinearLoop | None = field(default=None, repr=False)
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     def _table(self) -> HeadedRows:
         """One row per command."""
@@ -110,7 +110,7 @@ class Margins(Told, Result):
         return lines
 
     def _told(self) -> list[str | Rows]:
-        read = {name: reading(unit, self.asked) for name, unit in self.units.items()}
+        read = {name: reading(unit, self.display_units) for name, unit in self.units.items()}
         at = ", ".join(f"{name} = {self.signals[name] * each.factor:.4g}{each.tail}" for name, each in read.items())
         lines: list[str | Rows] = [f"Margins of {self.title}" + (f" at {at}" if at else ""), Rows(self.rows)]
         if self.measured is not None and not math.isnan(self.measured.highest_inertia):
@@ -176,7 +176,7 @@ def margins(
         If an argument is wrong as in `simulate`, laws have different periods, or measured margins are needed but no steady running is known: give `guess`.
     """
     duration = number("duration", duration, "s", above=0)
-    plant, system, title = loop.plant, loop.system, all_described(loop.laws)
+    plant, system, title = loop.plant, loop.system, all_described(loop.controllers)
     reason, found = "", None
     try:
         found = steady_loop(loop, guess)
@@ -185,17 +185,17 @@ def margins(
         reason = str(none)
     if found is None:
         drives = [name for name in plant.inputs if name not in system.inputs]
-        result = Margins(title, False, tuple(LoopMargins(name) for name in drives), reason=reason, asked=loop.asked)
+        result = Margins(title, False, tuple(LoopMargins(name) for name in drives), reason=reason, display_units=loop.display_units)
     else:
         late = found.loop if linear.period is not None else None
         rows = tuple(
             loop_margins(linear.alone(i), None if late is None else (lambda delay, i=i: late(delay, only=i).alone(i)))  # type: ignore[misc]
-            for i in range(len(linear.drives))
+            for i in range(len(linear.actuated_signals))
         )
         joint = joint_margins(linear) if len(rows) > 1 else None
         set_points = _set_points(loop)
-        units = {name: system.signal_unit(name) for name in (*set_points, *linear.drives)}
-        result = Margins(title, linear.stable, rows, joint, {**set_points, **found.signals}, units, "", None, linear, loop.asked)
+        units = {name: system.signal_unit(name) for name in (*set_points, *linear.actuated_signals)}
+        result = Margins(title, linear.stable, rows, joint, {**set_points, **found.signals}, units, "", None, linear, loop.display_units)
     if measured is None:
         measured = found is None
     if not measured:
@@ -211,7 +211,7 @@ def disk_margin(loop: ClosedLoop) -> float:
         linear = steady_loop(loop, None).loop(0.0)
     except NoDerivative:
         return math.nan
-    if len(linear.drives) > 1:
+    if len(linear.actuated_signals) > 1:
         return joint_margins(linear).disk_margin
     alone = linear.alone(0)
     return 1 / largest_disk(alone, frequencies(alone))[0] if alone.stable else 0.0

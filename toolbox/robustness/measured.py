@@ -69,9 +69,9 @@ class Amplified(Controller):
     factor: Quantity = quantity(1.0, "1", "factor of the commands")
 
     @property
-    def drives(self) -> tuple[str, ...]:  # type: ignore[override]
+    def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
         """What the law drives."""
-        return self.law.drives
+        return self.law.actuated_signals
 
     def design(self, plant: HybridSystem) -> Amplified:
         """The law designed on the plant, without the factor."""
@@ -86,7 +86,7 @@ class Amplified(Controller):
         return dataclasses.replace(update, outputs=self._amplified(update.outputs))
 
     def _amplified(self, given: Mapping[str, tuple[Any, str]]) -> dict[str, tuple[Any, str]]:
-        return {name: (self.factor * value if name in self.law.drives else value, unit) for name, (value, unit) in given.items()}
+        return {name: (self.factor * value if name in self.law.actuated_signals else value, unit) for name, (value, unit) in given.items()}
 
 
 class AmplifiedCallable:
@@ -127,7 +127,7 @@ def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None =
     Raises SceneError for an unknown `inertia` and for a plant without a contact.
     """
     plant, system = loop.plant, loop.system
-    made = zip(loop.laws, loop.designed, strict=True)
+    made = zip(loop.controllers, loop.designed, strict=True)
     laws = [dataclasses.replace(given, law=law) if isinstance(given, Sampled) else law for given, law in made]
     contacts = [element.name for element in plant.elements if element.law is not None]
     if not contacts and not plant.modeless:
@@ -141,7 +141,7 @@ def measured_margins(loop: ClosedLoop, *, duration: float, inertia: str | None =
     speeds = [judged_speed(plant, name) for name in [*contacts, *plant.modeless]]
 
     def changed(gain: float, delay: float, factor: float) -> ClosedLoop:
-        changed = dataclasses.replace(loop, laws=tuple(with_delay(with_gain(law, gain), delay) for law in laws))
+        changed = dataclasses.replace(loop, controllers=tuple(with_delay(with_gain(law, gain), delay) for law in laws))
         if inertia is not None and factor != 1.0:
             changed = changed.with_parameters({inertia: factor * float(system.parameter(inertia))})
         return changed

@@ -127,7 +127,7 @@ def stability_diagram(found: Any, ax: Any = None) -> Any:
         if not (found.growth < 0.0).any():
             ax.text(0.5, 0.6, "stable nowhere", transform=ax.transAxes, ha="center")
         for axis, name, unit in zip((ax.xaxis, ax.yaxis), found.names, found.units, strict=True):
-            name_axis(axis, in_words(name), unit, found.asked)
+            name_axis(axis, in_words(name), unit, found.display_units)
         ax.set_title("shaded: stable; α: disk margin; point: as declared", fontsize=8.5, loc="left")
     return ax
 
@@ -192,7 +192,7 @@ def describing_diagram(found: Any, axes: Any = None) -> Any:
             )
         top = max(largest, *needed.values(), 0.0)
         gains.set(ylim=(-0.5 * top, 2.1 * top), xlim=(0.0, np.nanmax(found.amplitude)))
-        name_axis(gains.xaxis, "amplitude of the slip", slip, found.asked)
+        name_axis(gains.xaxis, "amplitude of the slip", slip, found.display_units)
         gains.set_ylabel(f"force over slip [{force} s/{slip.removesuffix('/s')}]")
         plane.axhline(0.0, color="0.7", linewidth=0.5, zorder=0)
         plane.set(xlabel=f"real part [{slip.removesuffix('/s')}/({force} s)]", ylabel="imaginary part")

@@ -93,7 +93,7 @@ def frequency_response(loop: ClosedLoop, omega: Sequence[NumberOrText] | None = 
     found = margins(loop, measured=False)
     if found.loop is None:
         raise SceneError(f"There is no linear loop, and so no frequency response: {found.reason}.")
-    alone = {name: found.loop.alone(i) for i, name in enumerate(found.loop.drives)}
+    alone = {name: found.loop.alone(i) for i, name in enumerate(found.loop.actuated_signals)}
     if omega is None:
         w = np.unique(np.concatenate([frequencies(each) for each in alone.values()]))
     else:

@@ -63,13 +63,13 @@ class Outcome:
         Machine, seed and phase that failed first, and why.
     runs
         How many were run.
-    above
+    time_above_setpoint
         Largest share of the judged window in which the top was more than 10 % above what is asked [1].
     recovery
         Longest time that it was so before that window [s]; of a raised set-point that includes the raising.
     fastest, torque
         Highest speed of the bit [rad/s] and highest torque of the drive [N m] after the takeover.
-    lifts, again, relief
+    lifts, relapses_per_hour, relief
         Most lifts of a run, most of them an hour in the judged window, and largest mean share of the weight that is taken off, for a law that does so.
     growth
         Largest rate [1/s] at which a small disturbance of smooth running grows on a machine, where that was looked at.
@@ -78,12 +78,12 @@ class Outcome:
     passed: bool
     why: str = ""
     runs: int = 0
-    above: float = math.nan
+    time_above_setpoint: float = math.nan
     recovery: float = math.nan
     fastest: float = math.nan
     torque: float = math.nan
     lifts: float = math.nan
-    again: float = math.nan
+    relapses_per_hour: float = math.nan
     relief: float = math.nan
     growth: float = math.nan
 
@@ -153,7 +153,7 @@ class Trial:
     @cached_property
     def clock(self) -> Sampled:
         """The sampled law of the loop. Raises SceneError where there is another law, or none."""
-        laws = self.loop.laws
+        laws = self.loop.controllers
         if len(laws) != 1 or not isinstance(laws[0], Sampled) or "top.torque" not in self.loop.plant.inputs:
             raise SceneError(
                 f"Argument `loop` must hold one sampled law that drives `top.torque` of a drill string, but it holds {len(laws)} "
@@ -221,12 +221,12 @@ class Trial:
         self, machine: Machine, law: Any, noise: float | None = None, seed: int = 0, plant: HybridSystem | None = None, **changes: Any
     ) -> ClosedLoop:
         """The loop of a law on a machine; noise: of the top speed, None for none;  plant: in place of that of the machine;  changes: of fields of the loop."""
-        late = float(self.clock.delay) + machine.late
+        late = float(self.clock.delay) + machine.delay
         noises = {name: value for name, value in self.clock.noise.items() if name != "top.speed"} | (
             {} if noise is None else {"top.speed": noise}
         )
-        sampled = replace(self.clock, law=law, delay=late, noise=noises, seed=seed, measures=None, drives=None)
-        loop = replace(_bare(self.loop), plant=plant or machine.plant or self.plant, laws=(sampled,), **changes)
+        sampled = replace(self.clock, law=law, delay=late, noise=noises, seed=seed, measured_signals=None, actuated_signals=None)
+        loop = replace(_bare(self.loop), plant=plant or machine.plant or self.plant, controllers=(sampled,), **changes)
         return self.off(loop, machine)
 
     def off(self, loop: ClosedLoop, machine: Machine) -> ClosedLoop:
@@ -315,7 +315,7 @@ class Trial:
                     found = ({name: np.array([value]) for name, value in row.items()} for row in self._in_turn(given))
                 else:
                     rows = [{"takeover.at": at, **each} for each in numbers for at in times]
-                    found = [self._together(loop, rows, machines, seeds, group, duration=end, measures=asked)]
+                    found = [self._together(loop, rows, machines, seeds, group, duration=end, metrics=asked)]
                 for several in found:
                     measured = {name: np.asarray(several[name]) for name in asked}
                     count = len(measured["stuck"])
@@ -386,35 +386,35 @@ class Trial:
         return found[0][0], *min(found[1:], default=found[0])
 
 
-def _measured(loop: ClosedLoop, numbers: Mapping[str, float], end: float, asked: Mapping[str, Any]) -> dict[str, float]:
+def _measured(loop: ClosedLoop, numbers: Mapping[str, float], end: float, display_units: Mapping[str, Any]) -> dict[str, float]:
     """What is measured of one run of a machine; nan where it cannot be finished."""
     from toolbox.simulation.simulate import simulate
 
     try:
         run = simulate(put_all(loop, numbers), end)
     except SimulationError:
-        return dict.fromkeys(asked, math.nan)
-    return {name: each.read(run) for name, each in asked.items()}
+        return dict.fromkeys(display_units, math.nan)
+    return {name: each.read(run) for name, each in display_units.items()}
 
 
 def _measures(loop: ClosedLoop, begun: float, after: float) -> dict[str, Any]:
     """{name: measure} of what a run is judged by: from the takeover at `begun` on, or from `after` on."""
-    from toolbox.measuring import measures
+    from toolbox.measuring import metrics
 
     lifting = {
-        "lifts": ("lifting.lifts", measures.maximum("lifting.lifts", begun)),
-        "before": ("lifting.lifts", measures.minimum("lifting.lifts", after)),
-        "lifted": ("lifting.lifts", measures.mean("watch.lifted", after)),
-        "relief": ("lifting.relief", measures.mean("lifting.relief", begun)),
+        "lifts": ("lifting.lifts", metrics.maximum("lifting.lifts", begun)),
+        "before": ("lifting.lifts", metrics.minimum("lifting.lifts", after)),
+        "lifted": ("lifting.lifts", metrics.mean("watch.lifted", after)),
+        "relief": ("lifting.relief", metrics.mean("lifting.relief", begun)),
     }
     last = {"speed": "bit.speed", "torque": "top.torque", "square": "watch.square", "limited": "watch.limited"}
     return {
-        "stuck": measures.time_in("bit", after),
-        "above": measures.mean("watch.above", after),
-        "recovery": measures.mean("watch.above", begun, after),
-        "fastest": measures.maximum("bit.speed", begun),
-        "torque_high": measures.maximum("top.torque", begun),
-        **{name: measures.mean(of, after) for name, of in last.items()},
+        "stuck": metrics.time_in("bit", after),
+        "above": metrics.mean("watch.above", after),
+        "recovery": metrics.mean("watch.above", begun, after),
+        "fastest": metrics.maximum("bit.speed", begun),
+        "torque_high": metrics.maximum("top.torque", begun),
+        **{name: metrics.mean(of, after) for name, of in last.items()},
         **{name: each for name, (of, each) in lifting.items() if loop.system.has_signal(of)},
     }
 
@@ -467,7 +467,7 @@ def _alike(machines: Sequence[Machine], apart: bool) -> list[list[Machine]]:
     found: dict[Any, list[Machine]] = {}
     for each in machines:
         weight = each.weight if apart or each.weight is None else each.weight.noise
-        found.setdefault((each.late, each.plant, weight), []).append(each)
+        found.setdefault((each.delay, each.plant, weight), []).append(each)
     return list(found.values())
 
 
@@ -486,7 +486,7 @@ def _bare(loop: ClosedLoop) -> ClosedLoop:
 def _cycle(bare: ClosedLoop, before: Controller, reference: float) -> Cycle:
     from toolbox.simulation.simulate import simulate
 
-    loop = replace(bare, laws=(Sampled(before, FINE),), inputs=dict(bare.inputs) | {"top.reference": reference})
+    loop = replace(bare, controllers=(Sampled(before, FINE),), inputs=dict(bare.inputs) | {"top.reference": reference})
     run = simulate(loop, 200.0)
     releases = [event.time for event in run.events if event.element == "bit" and event.before == "stick" and event.time > 100.0]
     release = releases[-1] if len(releases) > 1 else 200.0

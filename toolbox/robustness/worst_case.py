@@ -24,7 +24,7 @@ from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import CALM, STANDS, STICKS, told_growth
-from toolbox.measuring.measures import Measure, maximum, mean, minimum, stuck_ratio
+from toolbox.measuring.metrics import Metric, maximum, mean, minimum, stuck_ratio
 from toolbox.messages import sign_of_life
 from toolbox.modelling.closed_loop import ClosedLoop, states_of, takes_loop
 from toolbox.modelling.closing import all_described
@@ -192,14 +192,14 @@ def worst_case(
     loop: ClosedLoop,
     duration: NumberOrText,
     *,
-    errors: Mapping[str, float | str | Sequence[float | str]] | None = None,
+    uncertainty: Mapping[str, float | str | Sequence[float | str]] | None = None,
     corners: Sequence[Mapping[str, float | str]] = (),
     starts: Sequence[Mapping[str, Any]] | None = None,
     seeds: Sequence[int] = (0,),
     after: NumberOrText | None = None,
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
-    measures: Any = (),
+    metrics: Any = (),
 ) -> WorstCase:
     """Run a closed loop with every model error, from every start and with every seed of its noise, and judge the end of each run.
 
@@ -215,7 +215,7 @@ def worst_case(
         `reference` of the loop.
     duration
         Length of a run [s].
-    errors
+    uncertainty
         {number of the loop: factor, or several}, each tried alone: 0.8 and 1.2, or "20 %" for both; "+20 %" is 1.2 alone. "delay" is that of the sampled laws.
     corners
         Mappings {number of the loop: factor}, each of which is tried with all its errors at once; a share needs its sign here, "+20 %".
@@ -227,7 +227,7 @@ def worst_case(
         Time from which on a run is judged [s]; by default its last 30 %.
     mean_within, ripple_within
         Allowed error of the mean speed and ripple of a command, as parts of their means [1].
-    measures
+    metrics
         Further measures of every run from `after` on, as `sweep` takes them.
 
     Returns
@@ -240,8 +240,8 @@ def worst_case(
     SceneError
         If a name is unknown, or a number is none.
     """
-    trials = Trials.of(loop, duration, starts=starts, seeds=seeds, after=after, allowed=(mean_within, ripple_within), measures=measures)
-    return trials.of_cases(_cases(errors, corners))
+    trials = Trials.of(loop, duration, starts=starts, seeds=seeds, after=after, allowed=(mean_within, ripple_within), metrics=metrics)
+    return trials.of_cases(_cases(uncertainty, corners))
 
 
 @dataclass(frozen=True)
@@ -260,7 +260,7 @@ class Trials:
     seeds: Sequence[int]
     target: float
     allowed: tuple[float, float]
-    measures: Any = ()
+    metrics: Any = ()
     known: dict[str, Settled | None] = field(default_factory=dict, compare=False)
 
     @classmethod
@@ -273,18 +273,18 @@ class Trials:
         after: NumberOrText | None,
         seeds: Sequence[int] = (0,),
         allowed: tuple[float, float] = (0.02, 0.05),
-        measures: Any = (),
+        metrics: Any = (),
     ) -> Trials:
         """Trials as `worst_case` and its neighbours are asked for them; raises SceneError for an argument that is none."""
         duration = number("duration", duration, "s", above=0)
         window = 0.7 * duration if after is None else number("after", after, "s")
-        noisy = any(isinstance(law, Sampled) and law.noise for law in loop.laws)
+        noisy = any(isinstance(law, Sampled) and law.noise for law in loop.controllers)
         begun = (
             "smooth running (a stick-slip that exists: `starts=cycle_phases(...)`)" if starts is None else f"{len(starts)} given start(s)"
         )
         begins = [smooth_start(loop)] if starts is None else list(starts)
         wanted = _target(loop, judged_speed(loop, judged_contact(loop)))
-        return cls(loop, duration, window, begins, begun, seeds if noisy else (0,), wanted, allowed, measures)
+        return cls(loop, duration, window, begins, begun, seeds if noisy else (0,), wanted, allowed, metrics)
 
     @cached_property
     def contact(self) -> str:
@@ -297,7 +297,7 @@ class Trials:
         return judged_speed(self.loop, self.contact)
 
     @cached_property
-    def drives(self) -> list[str]:
+    def actuated_signals(self) -> list[str]:
         """The commands of the laws."""
         return [name for name in self.loop.plant.inputs if name not in self.loop.system.inputs]
 
@@ -308,7 +308,7 @@ class Trials:
 
     def machine(self, factors: Mapping[str, float], seed: int = 0) -> ClosedLoop:
         """The loop with factors of its numbers, and with a seed of its noise."""
-        loop = self.loop.with_laws(as_run(law, factors.get(DELAY, 1.0), seed) for law in self.loop.laws)
+        loop = self.loop.with_controllers(as_run(law, factors.get(DELAY, 1.0), seed) for law in self.loop.controllers)
         return put_all(loop, {name: factor * declared_value(self.loop, name) for name, factor in factors.items() if name != DELAY})
 
     def settled(self, error: str, machine: ClosedLoop) -> Settled | None:
@@ -323,7 +323,7 @@ class Trials:
         names = sorted({name for case in cases.values() for name in case if name != DELAY})
         names = names or [next(entry.name for entry in loop.plant.parameters.values() if entry.size is None)]  # a sweep varies something
         declared = {name: declared_value(loop, name) for name in names}
-        more = judged_measures(self.measures, loop, 0.0, self.duration, after=self.window) if self.measures else {}
+        more = judged_measures(self.metrics, loop, 0.0, self.duration, after=self.window) if self.metrics else {}
         asked = self._read | {f"further {name}": each for name, each in more.items()}
         found: list[Outcome] = []
         seconds = 0.0
@@ -332,33 +332,33 @@ class Trials:
             own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late}
             rows = [{name: value * case.get(name, 1.0) for name, value in declared.items()} for case in own.values()]
             varied = self.machine({DELAY: late}, seed).but(start=states_of(begin, loop.plant))
-            done = sweep(varied, rows, self.duration, measures=asked)
+            done = sweep(varied, rows, self.duration, metrics=asked)
             seconds += done.seconds
             for i, label in enumerate(own):
                 numbers = {name: float(done[name][i]) for name in asked}
-                outcome = self._outcome((label, k, seed), numbers, done.errors.get(i, ""))
+                outcome = self._outcome((label, k, seed), numbers, done.failures.get(i, ""))
                 if outcome.excess <= 1.0:
                     swing = (numbers["highest"] - numbers["lowest"]) / 2 / abs(numbers["mean"])
                     outcome = self._lasting(outcome, put_all(varied, rows[i]), swing)
                 found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
         order = {label: i for i, label in enumerate(cases)}
         found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
-        return WorstCase(all_described(loop.laws), self.way, tuple(found), seconds)
+        return WorstCase(all_described(loop.controllers), self.way, tuple(found), seconds)
 
     @cached_property
-    def _read(self) -> dict[str, Measure]:
+    def _read(self) -> dict[str, Metric]:
         """{name: measure} of what a run is judged by."""
         of_speed = {"mean": mean, "lowest": minimum, "highest": maximum}
         of_drives = {"low": minimum, "high": maximum, "mean": mean}
         found = {"stuck": stuck_ratio(self.contact, self.window)} | {word: of(self.speed, self.window) for word, of in of_speed.items()}
-        return found | {f"{word} {name}": of(name, self.window) for name in self.drives for word, of in of_drives.items()}
+        return found | {f"{word} {name}": of(name, self.window) for name in self.actuated_signals for word, of in of_drives.items()}
 
     def _outcome(self, run: tuple[str, int, int], numbers: Mapping[str, float], failure: str) -> Outcome:
         """What came of a run, and by how much it is beyond what is allowed; run: its error, start and seed."""
         if failure:
             return Outcome(*run, math.nan, math.nan, math.nan, math.nan, str(failure), math.inf)
         error, ripple = numbers["mean"] / self.target - 1.0, 0.0
-        for name in self.drives:
+        for name in self.actuated_signals:
             swing, middle = (numbers[f"high {name}"] - numbers[f"low {name}"]) / 2, abs(numbers[f"mean {name}"])
             ripple = max(ripple, swing / middle if middle > 0.0 else math.inf if swing > 0.0 else 0.0)
         off = 0.0 if math.isnan(error) else abs(error)
@@ -389,7 +389,7 @@ def _target(loop: ClosedLoop, speed: str) -> float:
 def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
     """{error in words: {name: factor}}, the declared machine first. Raises SceneError for factors that are no numbers > 0."""
     found: dict[str, dict[str, float]] = {"declared": {}}
-    rows = [{name: factor} for name, given in mapping("errors", errors).items() for factor in _factors(name, given)]
+    rows = [{name: factor} for name, given in mapping("uncertainty", errors).items() for factor in _factors(name, given)]
     rows += [{name: _factor(name, factor) for name, factor in mapping("corners", corner).items()} for corner in corners]
     for row in rows:
         found[", ".join(f"{name} {100.0 * (factor - 1.0):+.3g} %" for name, factor in row.items())] = row

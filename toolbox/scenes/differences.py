@@ -11,8 +11,8 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files.printing import Rows, Told
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, TypedNumber, in_si
-from toolbox.measuring import measures as listed
-from toolbox.measuring.measures import Measure
+from toolbox.measuring import metrics as listed
+from toolbox.measuring.metrics import Metric
 from toolbox.scenes.judged import judged_in
 from toolbox.scenes.scene import Scene
 from toolbox.simulation.recorded import Recorded
@@ -54,14 +54,14 @@ class Differences(Told):
         Names of the first and the second.
     rows
         For two runs every measure, for two scenes the keys whose values differ, each with both values in SI.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which the table answers, those of the first run before those of the second.
     """
 
     title: str
     labels: tuple[str, str]
     rows: tuple[Difference, ...]
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Difference:
         for row in self.rows:
@@ -77,7 +77,7 @@ class Differences(Told):
 
         cells = []
         for row in self.rows:
-            factor, unit = reading(row.unit, self.asked)
+            factor, unit = reading(row.unit, self.display_units)
             first, second = (value * factor if isinstance(value, float) else value for value in row[2:])
             change = "" if row.change is None else f"{row.change * factor:+.4g}" if row.differs else "0"
             cells.append((row.name, word(first), word(second), change, "" if unit == "1" else unit))
@@ -96,7 +96,7 @@ def compare(
     second: Any,
     *,
     signals: Sequence[str] | None = None,
-    measures: Any = (),
+    metrics: Any = (),
     after: NumberOrText = 0.0,
     until: NumberOrText | None = None,
     labels: tuple[str, str] = ("first", "second"),
@@ -112,7 +112,7 @@ def compare(
         Two runs, or two scenes.
     signals
         Scalar signals of the runs; by default those that a plot of either shows and that both have.
-    measures
+    metrics
         Further measures of the runs, as `sweep` takes them. By its name a measure looks at what the loop of each run judges; of a run from a file, at its only
         contact and what bears its name.
     after, until
@@ -131,7 +131,9 @@ def compare(
         If one is a run and the other a scene, a signal is unknown, of another unit or a vector, or the window lies outside of a run.
     """
     if isinstance(first, Scene) and isinstance(second, Scene):
-        return Differences("Keys that differ, in SI where no unit stands", labels, _keys(first, second), {**second.asked, **first.asked})
+        return Differences(
+            "Keys that differ, in SI where no unit stands", labels, _keys(first, second), {**second.display_units, **first.display_units}
+        )
     for word, run in (("first", first), ("second", second)):
         if not isinstance(run, Recorded):
             raise SceneError(f"Argument `{word}` must be a run or a scene, and both of the same kind, but it is {short(run)}.")
@@ -144,13 +146,13 @@ def compare(
         (each.heading, each, each)
         for each in (*_of_contacts(first, second, after, last), *_of_signals(first, second, signals, after, last))
     ]
-    if measures:
-        one, other = (judged_in(measures, run, after, last) for run in (first, second))
+    if metrics:
+        one, other = (judged_in(metrics, run, after, last) for run in (first, second))
         pairs += [(name, one[name], other[name]) for name in one]
     rows = [Difference(name, one.unit_in(first), one.read(first), other.read(second)) for name, one, other in pairs]
     if not rows:
         raise SceneError("Argument `second` must have an element or a signal that `first` has, too, but it has none.")
-    return Differences(f"Measures from {after:g} to {last:g} s", labels, tuple(rows), {**second.asked, **first.asked})
+    return Differences(f"Measures from {after:g} to {last:g} s", labels, tuple(rows), {**second.display_units, **first.display_units})
 
 
 def _keys(first: Scene, second: Scene) -> tuple[Difference, ...]:
@@ -160,14 +162,14 @@ def _keys(first: Scene, second: Scene) -> tuple[Difference, ...]:
     return tuple(Difference(name, _typed_unit(*pair), *pair) for name, *pair in pairs if pair[0] != pair[1])
 
 
-def _of_contacts(first: Recorded, second: Recorded, after: float, last: float) -> Iterator[Measure]:
+def _of_contacts(first: Recorded, second: Recorded, after: float, last: float) -> Iterator[Metric]:
     """How each element that sticks in both runs does so."""
     for element, words in first._legends.items():
         if "stick" in words.values() and "stick" in second._legends.get(element, {}).values():
             yield from (each(element, after, last) for each in (listed.stuck_ratio, listed.stays, listed.longest_stay))
 
 
-def _of_signals(first: Recorded, second: Recorded, signals: Sequence[str], after: float, last: float) -> Iterator[Measure]:
+def _of_signals(first: Recorded, second: Recorded, signals: Sequence[str], after: float, last: float) -> Iterator[Metric]:
     """Extrema and mean of each signal, of a constant one its mean, and the severity of speeds; raises SceneError where the units differ."""
     for name in signals:
         unit = first.unit(name)

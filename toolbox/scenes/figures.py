@@ -31,7 +31,7 @@ def work_precision(trade: Any, ax: Any = None) -> Any:
         for point in trade.points:
             if not point.failed:
                 curves.setdefault(f"{point.method}, {point.plant}" if several else point.method, []).append(point)
-        known = max(2.0 * trade.disagreement, 1e-16)
+        known = max(2.0 * trade.reference_error, 1e-16)
         for (label, points), (colour, mark, line, fill) in zip(curves.items(), itertools.cycle(TRADE), strict=False):
             good = [point for point in points if known < point.error < 1.0]
             style = {"color": colour, "marker": mark, "linestyle": line, "fillstyle": fill, "markersize": 4.5, "linewidth": 1.1}

@@ -10,7 +10,7 @@ import casadi as ca
 
 from toolbox.errors import SceneError, suggest
 from toolbox.measuring import measure
-from toolbox.measuring.measures import Measure, measures_of, settling, standstill, time_in
+from toolbox.measuring.metrics import Metric, metrics_of, settling, standstill, time_in
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.recorded import Recorded
@@ -71,7 +71,7 @@ def judged_speed(closed: ClosedLoop | HybridSystem, contact: str) -> str:
 
 def judged_measures(
     given: Any, loop: ClosedLoop, begin: float, end: float, argument: str = "measures", after: float | None = None
-) -> dict[str, Measure]:
+) -> dict[str, Metric]:
     """{name: measure} of what an argument asks of the runs of a loop from `begin` to `end` [s], with all that it leaves to the loop.
 
     A measure that names no signal or element looks at what the loop judges, from `after` on, by default from the judged time; a target that is not given is
@@ -80,43 +80,43 @@ def judged_measures(
     """
     if after is None:
         after = begin + (end - begin) / 2 if loop.after is None or loop.after >= end else loop.after
-    found = {name: _judged(each, loop, after, argument) for name, each in measures_of(given, argument).items()}
+    found = {name: _judged(each, loop, after, argument) for name, each in metrics_of(given, argument).items()}
     for each in found.values():
         each.check(loop.system, end)
     return found
 
 
-def judged_in(given: Any, run: Recorded, begin: float, end: float) -> dict[str, Measure]:
+def judged_in(given: Any, run: Recorded, begin: float, end: float) -> dict[str, Metric]:
     """{name: measure} of what the argument `measures` asks of one run between `begin` and `end` [s], by its loop; in a run from a file, by the names in it."""
     if isinstance(run, Trajectory):
         found = judged_measures(given, run.run.loop, run.begin, end, after=begin)
     else:
-        found = {name: _judged(each, run, begin, "measures") for name, each in measures_of(given).items()}
+        found = {name: _judged(each, run, begin, "measures") for name, each in metrics_of(given).items()}
     return {name: each if each.until is not None else dataclasses.replace(each, until=end) for name, each in found.items()}
 
 
-def _judged(asked: Measure, judge: ClosedLoop | Recorded, after: float, argument: str) -> Measure:
-    if not asked.looks_at:
-        return asked
-    of, settings = asked.of or _looked_at(asked.looks_at, judge, argument), dict(asked.settings)
+def _judged(display_units: Metric, judge: ClosedLoop | Recorded, after: float, argument: str) -> Metric:
+    if not display_units.looks_at:
+        return display_units
+    of, settings = display_units.of or _looked_at(display_units.looks_at, judge, argument), dict(display_units.settings)
     scene = judge if isinstance(judge, ClosedLoop) and judge.after is not None else None
-    stops = None if scene is None or asked.of else scene.standstill
-    if scene is not None and stops is not None and asked.name == time_in.name:
+    stops = None if scene is None or display_units.of else scene.standstill
+    if scene is not None and stops is not None and display_units.name == time_in.name:
         settings |= {"signal": scene.signal, "speed": stops}
-        asked = dataclasses.replace(asked, function=_stuck_before_standstill, compiled="")
-    elif stops is not None and asked.name == settling.name:
+        display_units = dataclasses.replace(display_units, function=_stuck_before_standstill, compiled="")
+    elif stops is not None and display_units.name == settling.name:
         settings = {"speed": stops}
-        asked = dataclasses.replace(standstill, name=asked.name)
+        display_units = dataclasses.replace(standstill, name=display_units.name)
     elif "target" in settings and settings["target"] is None:
         machine = judge.system if isinstance(judge, ClosedLoop) else judge
         settings["target"] = scene.reference if scene is not None and of == scene.signal else set_point(machine, of)
         if settings["target"] is None:
             raise SceneError(
-                f"Argument `{argument}` must not ask for `{asked.name}` where there is no set-point of `{of}`: give a target, "
-                f'`measures.{asked.name}("{of}", target=...)`.'
+                f"Argument `{argument}` must not ask for `{display_units.name}` where there is no set-point of `{of}`: give a target, "
+                f'`measures.{display_units.name}("{of}", target=...)`.'
             )
-    at = asked.after if asked.after is not None else 0.0 if asked.whole else after
-    return dataclasses.replace(asked, of=of, after=at, settings=tuple(settings.items()))
+    at = display_units.after if display_units.after is not None else 0.0 if display_units.whole else after
+    return dataclasses.replace(display_units, of=of, after=at, settings=tuple(settings.items()))
 
 
 def _looked_at(what: str, judge: ClosedLoop | Recorded, argument: str) -> str:

@@ -196,7 +196,7 @@ class Scene(Labelled):
     @cached_property
     def _plant(self) -> HybridSystem:
         plant = compose(*self.parts)
-        plant.told = self.asked
+        plant.told = self.display_units
         return plant
 
     @cached_property
@@ -231,7 +231,7 @@ class Scene(Labelled):
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @property
-    def asked(self) -> dict[str, str]:
+    def display_units(self) -> dict[str, str]:
         """{unit: unit that was typed}: the units in which a study of the scene answers."""
         laws = tuple(case.law for case in self.cases)
         inputs = (self.inputs, *(case.inputs for case in self.cases))
@@ -254,17 +254,17 @@ class Scene(Labelled):
         return " and ".join(f"`{name}`" for name in (self.element, self.signal) if name is not None)
 
     @property
-    def measures(self) -> dict[str, tuple[str, ...]]:
+    def metrics(self) -> dict[str, tuple[str, ...]]:
         """What the verdict measures, and the signals and elements that each measure reads."""
         stuck = {"stuck": (self.element,)} if self.element is not None else {}
         return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
 
-    def needs(self, measures: Mapping[str, Sequence[str]] | None = None) -> Dependencies:
+    def needs(self, metrics: Mapping[str, Sequence[str]] | None = None) -> Dependencies:
         """Find which parts of the plant the measures depend on, under any of the controllers, and what the other parts cost.
 
         Parameters
         ----------
-        measures
+        metrics
             {measure: names of the signals and elements it reads}; by default those of the verdict.
 
         Raises
@@ -274,11 +274,11 @@ class Scene(Labelled):
         """
         from toolbox.modelling.dependencies import Dependencies, Dependency, dependencies_of
 
-        asked = self.measures if measures is None else measures
+        asked = self.metrics if metrics is None else metrics
         found = [dependencies_of(self[label].system, asked, len(self.parts)) for label in self.labels]
         parts = tuple(
             Dependency(
-                same[0].part, same[0].states, same[0].elements, tuple(name for name in asked if any(name in need.measures for need in same))
+                same[0].part, same[0].states, same[0].elements, tuple(name for name in asked if any(name in need.metrics for need in same))
             )
             for same in zip(*(each.parts for each in found), strict=True)
         )

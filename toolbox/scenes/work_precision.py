@@ -71,17 +71,17 @@ class WorkPrecision(Told, Result):
     title: str
     duration: float
     points: tuple[Point, ...]
-    disagreement: float
-    truths: tuple[str, str]
+    reference_error: float
+    references: tuple[str, str]
 
     def cheapest(self, error: float) -> Point | None:
         """Return the fastest run whose error is at most this, or None where there is none.
 
         Raises SceneError below the disagreement of the truths, where the error of a run is not known.
         """
-        if not error >= self.disagreement:
+        if not error >= self.reference_error:
             raise SceneError(
-                f"Argument `error` must be >= {self.disagreement:.1e}, below which the truth is not known, but it is {error!r}."
+                f"Argument `error` must be >= {self.reference_error:.1e}, below which the truth is not known, but it is {error!r}."
             )
         found = [point for point in self.points if not point.failed and point.error <= error]
         return min(found, key=lambda point: point.seconds, default=None)
@@ -91,10 +91,10 @@ class WorkPrecision(Told, Result):
         several = len({point.plant for point in self.points}) > 1
         for point in self.points:
             name, setting = f"{point.method}, {point.plant}" if several else point.method, f"{point.varied} {point.setting:.2g}"
-            error = f"{point.error:.1e}" if point.error > 2 * self.disagreement else f"<{2 * self.disagreement:.0e}"
+            error = f"{point.error:.1e}" if point.error > 2 * self.reference_error else f"<{2 * self.reference_error:.0e}"
             done = (error, f"{1e3 * point.seconds:.3f} ms", str(point.steps))
             rows.append((name, setting, *((point.failed.split(".")[0], "", "") if point.failed else done)))
-        truth = f"{self.duration:g} s; truth: {self.truths[0]} and {self.truths[1]} differ by {self.disagreement:.1e}"
+        truth = f"{self.duration:g} s; truth: {self.references[0]} and {self.references[1]} differ by {self.reference_error:.1e}"
         return [self.title, truth, Rows(rows, indent="")]
 
     def plot(self, ax: Any = None) -> Any:

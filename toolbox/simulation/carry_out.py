@@ -69,14 +69,14 @@ def carry_out(run: Run) -> Trajectory:
         if course.seconds < run.budget.seconds:
             raise  # it is that of a run whose law carries out this one
         stopped = course.exhausted()
-        stopped.run.laws = tuple(course.laws)
+        stopped.run.controllers = tuple(course.controllers)
         raise stopped from None
     except BaseException as error:  # an exception of the user's law or an interrupt: what was computed is not lost
         if getattr(error, "run", None) is None:
             with contextlib.suppress(AttributeError):
                 error.run = course.so_far()  # type: ignore[attr-defined]
         if getattr(error, "run", None) is not None:
-            error.run.laws = tuple(course.laws)  # type: ignore[attr-defined]
+            error.run.controllers = tuple(course.controllers)  # type: ignore[attr-defined]
         raise
     finally:
         if course.bar is not None:
@@ -95,14 +95,16 @@ class Course:
         self.advance = compiled_loop(run, self.program)
         self.work = work_arrays(run, self.program)
         self.records = ThinRecords()
-        self.laws = run.start.continued(run.laws)
-        self.answers: list[list[np.ndarray]] = [[] for _ in self.laws]
+        self.controllers = run.start.continued(run.controllers)
+        self.answers: list[list[np.ndarray]] = [[] for _ in self.controllers]
         asked = [c for c, update in enumerate(run.system.updates) if update.external]
         self.externals = dict(zip(asked, enumerate(part for part in run.system.parts if isinstance(part, External)), strict=True))
         self.bar: Any = None
         self.looks = [progress(self.work)]
         self.before: tuple[float, Program] | None = None  # whose code samples of laws are still taken by
-        undecided = run.method.watches_stiffness and not run.laws  # a law in Python is asked once per sample: its runs do not begin anew
+        undecided = (
+            run.method.watches_stiffness and not run.controllers
+        )  # a law in Python is asked once per sample: its runs do not begin anew
         self.next_look = FIRST_LOOK if undecided else run.budget.steps
         self.step = step_here()
         self.hurried = run.budget.seconds < np.inf or self.step is not None
@@ -163,7 +165,7 @@ class Course:
                     again = self._again(Implicit(), spent)
                     again.why = again.program.formulas.steps
                     return again
-            elif series and status in (work_layout.NO_SERIES, work_layout.UNDERFLOW) and not self.run.laws:
+            elif series and status in (work_layout.NO_SERIES, work_layout.UNDERFLOW) and not self.run.controllers:
                 again, t = self._again(Explicit(), spent), float(work.reals[work_layout.TIME])
                 LOG.debug("no Taylor series at t = %g s: stepped explicitly", t)
                 again.why = f"explicit steps: no Taylor series at t = {t:.9g} s"
@@ -173,7 +175,7 @@ class Course:
 
     def _done(self) -> Trajectory:
         done = self.so_far()
-        done.laws = tuple(self.laws)
+        done.controllers = tuple(self.controllers)
         run, program = self.run, self.program
         if self.before is not None:
             done.why = f"{program.formulas.steps} at t = {self.before[0]:.9g} s and later: before that {self.before[1].formulas.steps}"
@@ -229,7 +231,7 @@ class Course:
         channels = program.system.updates[c].channels
         noise = {name: normal(work.keys[first + i], row[work_layout.TAKEN]) for i, name in enumerate(channels)}
         with until(self.began + run.budget.seconds):
-            u = part.answer(self.laws[index], t, read_signals(program, part.measures, t, work), noise)
+            u = part.answer(self.controllers[index], t, read_signals(program, part.measured_signals, t, work), noise)
         work.queue[c, row[work_layout.TAKEN] % work.queue.shape[1], : u.size] = u
         self.answers[index].append(u)
         row[work_layout.TAKEN] += 1

@@ -17,7 +17,7 @@ from toolbox.errors import BudgetError, ControllerError, NoModes, SimulationErro
 from toolbox.modelling.components import law_of
 from toolbox.modelling.elimination import dependent_rows, must_be_independent
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.laws import Controller, External, Held
+from toolbox.modelling.laws import Controller, External, ZeroOrderHold
 from toolbox.simulation.bottleneck import bottleneck
 from toolbox.simulation.run import Run
 from toolbox.simulation.samples import output_function
@@ -132,7 +132,7 @@ def _paradox(program: Program, point: Any, work: Any, t: float, otherwise: str =
 
 def controllers_of(system: HybridSystem) -> list[str]:
     """Names of the sampled controllers of a closed system, in the order of its updates."""
-    return [type(law_of(part)).__name__ for part in system.parts if isinstance(part, (Held, External))]
+    return [type(law_of(part)).__name__ for part in system.parts if isinstance(part, (ZeroOrderHold, External))]
 
 
 def values_of(system: HybridSystem, c: int) -> list[str]:

@@ -62,7 +62,7 @@ class Pictured(Protocol):
         """{signal: (lowest, highest)} that a drive keeps signals within."""
 
     @property
-    def asked(self) -> Mapping[str, str]:
+    def display_units(self) -> Mapping[str, str]:
         """{unit: unit that was typed}."""
 
     @property
@@ -129,9 +129,9 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0
             shown = {name: columns[name] for name in group}
             lines = curves.draw_signals(panel, samples.time, shown, looks)
             panel.set_xlim(begin, end)
-            curves.scale_robustly(panel, [(samples.time, values) for values in shown.values() if values.ndim == 1], unit, run.asked)
+            curves.scale_robustly(panel, [(samples.time, values) for values in shown.values() if values.ndim == 1], unit, run.display_units)
             curves.draw_limits(panel, run.limits, group, looks)
-            name_axis(panel.yaxis, axis_words(group, unit), unit, run.asked)
+            name_axis(panel.yaxis, axis_words(group, unit), unit, run.display_units)
             top = panel is panels[0]
             if len(contacts) == 1:
                 _bands(panel, run, contacts[0], begin, end)
@@ -196,8 +196,8 @@ def phase_plane(
         ax.plot(x[0], y[0], marker="o", markersize=5, markerfacecolor="white", markeredgecolor=color, zorder=4)
         ax.autoscale_view()
         ax.margins(0.06)
-        name_axis(ax.xaxis, place_words(x_signal), run.unit(x_signal), run.asked)
-        name_axis(ax.yaxis, place_words(y_signal), run.unit(y_signal), run.asked)
+        name_axis(ax.xaxis, place_words(x_signal), run.unit(x_signal), run.display_units)
+        name_axis(ax.yaxis, place_words(y_signal), run.unit(y_signal), run.display_units)
     return ax
 
 
@@ -258,7 +258,7 @@ def comparison(
             _event_lines(panel, run, begin, last, [name for name in _shown_elements(run) if name != contact])
             panel.set_title(label, loc="left", fontsize=9.0, pad=3.0)
             panel.set_xlim(begin, end)
-            name_axis(panel.yaxis, in_words(signal), longest.unit(signal), longest.asked)
+            name_axis(panel.yaxis, in_words(signal), longest.unit(signal), longest.display_units)
         panels[0].figure.supylabel(panels[0].get_ylabel(), fontsize=9.0)
         plt.setp(panels, ylabel="")
         if any(contact is not None for contact in shown.values()):
@@ -323,8 +323,8 @@ def overlay(
             for label, (time, values) in drawn.items():
                 curves.draw_line(panel, time, values, label, styles[label])
             panel.set_xlim(begin, end)
-            curves.scale_robustly(panel, list(drawn.values()), longest.unit(name), longest.asked)
-            name_axis(panel.yaxis, in_words(name), longest.unit(name), longest.asked)
+            curves.scale_robustly(panel, list(drawn.values()), longest.unit(name), longest.display_units)
+            name_axis(panel.yaxis, in_words(name), longest.unit(name), longest.display_units)
         rows = {label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None}
         legend_above(panels[0], _ribbon(panels[0], rows, begin, end))
         return _over_time(panels, ax)

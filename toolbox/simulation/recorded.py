@@ -38,7 +38,7 @@ class Recorded(Stays):
         @property
         def limits(self) -> dict[str, tuple[float | None, float | None]]: ...
         @property
-        def asked(self) -> Mapping[str, str]: ...
+        def display_units(self) -> Mapping[str, str]: ...
 
         def approach(self, element: str) -> FloatArray: ...
 
@@ -61,7 +61,7 @@ class Recorded(Stays):
         for name, values in self.columns(self.names).items() if self.time.size else ():
             if values.ndim == 1:
                 values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
-                factor, unit = reading(self.unit(name), self.asked)
+                factor, unit = reading(self.unit(name), self.display_units)
                 low, high, last = (factor * float(value) for value in (values.min(), values.max(), values[-1]))
                 rows.append((name, low, high, last, unit))
         return rows

@@ -75,7 +75,7 @@ class Request:
                 method = Smoothing(widths, method.tolerance)
         return Run(
             plant=closed.plant, system=loop.system, duration=duration, start=begin, inputs=loop.values, kinds=loop.kinds, clocks=closed.clocks,
-            laws=closed.callables, accuracy=accuracy, output_times=grid, longest_step=duration / 256, seeds=closed.seeds, method=method,
+            controllers=closed.callables, accuracy=accuracy, output_times=grid, longest_step=duration / 256, seeds=closed.seeds, method=method,
             budget=budget, solver=carry_out, loop=loop,
         )  # fmt: skip
 

@@ -33,7 +33,7 @@ class Run:
         Values of the inputs, and how each of them is given, which is structure.
     clocks
         (period, delay) of each sampled law [s].
-    laws
+    controllers
         Python callables among the laws.
     accuracy
         Target for the global error.
@@ -60,7 +60,7 @@ class Run:
     inputs: dict[str, Any]
     kinds: tuple[tuple[str, Any], ...]
     clocks: list[tuple[float, float]]
-    laws: list[Any]
+    controllers: list[Any]
     accuracy: float
     output_times: np.ndarray | None
     longest_step: float
@@ -71,9 +71,9 @@ class Run:
     loop: ClosedLoop
 
     @property
-    def asked(self) -> Mapping[str, str]:
+    def display_units(self) -> Mapping[str, str]:
         """{unit: unit in which the question was typed}, in which reports and figures answer."""
-        return self.loop.asked
+        return self.loop.display_units
 
     @property
     def end(self) -> float:

@@ -64,7 +64,7 @@ class RunState:
         Number of samples that each sampled law has taken, and of those whose outputs the plant has got.
     waiting
         Outputs of each sampled law that are on their way, shape (samples, outputs), the oldest first.
-    laws
+    controllers
         What each Python law remembers: an array where it offers `get_memory`, a copy of the law where it is another object, None for a function.
     carried
         Whether an earlier run led here; else laws begin as they do at the start of a run.
@@ -84,7 +84,7 @@ class RunState:
     taken: tuple[int, ...] = ()
     applied: tuple[int, ...] = ()
     waiting: tuple[FloatArray, ...] = ()
-    laws: tuple[Any, ...] = ()
+    controllers: tuple[Any, ...] = ()
     carried: bool = False
     layout: Layout = field(default=(), repr=False)
     clocks: tuple[tuple[float, float], ...] = field(default=(), repr=False)
@@ -161,10 +161,10 @@ class RunState:
 
     def told(self) -> dict[str, Any] | None:
         """Return the state as numbers and lists, for a file of text; None where a Python law does not tell what it remembers. See `as_told`."""
-        if not all(law is None or isinstance(law, np.ndarray) for law in self.laws):
+        if not all(law is None or isinstance(law, np.ndarray) for law in self.controllers):
             return None
         arrays = {name: None if (value := getattr(self, name)) is None else value.tolist() for name in ARRAYS}
-        rows = {name: [None if each is None else each.tolist() for each in getattr(self, name)] for name in ("waiting", "laws")}
+        rows = {name: [None if each is None else each.tolist() for each in getattr(self, name)] for name in ("waiting", "controllers")}
         return {"time": self.time, "taken": self.taken, "applied": self.applied, "carried": self.carried, **arrays, **rows}
 
     def as_told(self, told: Mapping[str, Any]) -> RunState:
@@ -173,9 +173,11 @@ class RunState:
             name: None if told.get(name) is None else np.array(told[name], int if name == "modes" else float) for name in ARRAYS
         }
         waiting = tuple(np.array(rows, float).reshape(-1, own.shape[1]) for rows, own in zip(told["waiting"], self.waiting, strict=True))
-        laws = tuple(None if each is None else np.array(each, float) for each in told["laws"])
+        laws = tuple(None if each is None else np.array(each, float) for each in told["controllers"])
         taken, applied = (tuple(told[name]) for name in ("taken", "applied"))
-        return replace(self, time=told["time"], carried=told["carried"], taken=taken, applied=applied, waiting=waiting, laws=laws, **arrays)
+        return replace(
+            self, time=told["time"], carried=told["carried"], taken=taken, applied=applied, waiting=waiting, controllers=laws, **arrays
+        )
 
     def on_clocks(self, clocks: Sequence[tuple[float, float]]) -> RunState:
         """Return the state for a run with these sample times and delays: itself, if it has them.
@@ -212,7 +214,7 @@ class RunState:
                 f"Argument `start` must be the state of a run with the same sample times and delays, but these are {list(self.clocks)} s there "
                 f"and {list(clocks)} s here."
             )
-        for kept, law in zip(self.laws, laws, strict=True):
+        for kept, law in zip(self.controllers, laws, strict=True):
             fits = isinstance(law, FunctionType) if kept is None else offers_memory(law) or type(kept) is type(law)
             if not fits:
                 raise SceneError(
@@ -221,10 +223,10 @@ class RunState:
 
     def continued(self, laws: Sequence[Any]) -> list[Any]:
         """The Python laws of a run that begins here, with what they remember; each run has copies of its own."""
-        if not self.laws:
+        if not self.controllers:
             return [fresh(law) for law in laws]
         found = []
-        for kept, law in zip(self.laws, laws, strict=True):
+        for kept, law in zip(self.controllers, laws, strict=True):
             found.append(fresh(law if kept is None or isinstance(kept, np.ndarray) else kept))
             if isinstance(kept, np.ndarray):
                 found[-1].set_memory(kept.copy())
@@ -246,7 +248,7 @@ class RunState:
                         f"The law `{kind_of(law)}` must offer `get_memory` and `set_memory`, or be copied, for a run to go on from its end, but "
                         f"`copy.deepcopy` fails: {error}"
                     ) from None
-        return replace(self, laws=tuple(kept))
+        return replace(self, controllers=tuple(kept))
 
 
 def layout_of(system: HybridSystem) -> Layout:

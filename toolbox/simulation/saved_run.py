@@ -73,7 +73,10 @@ def write(run: Any, target: Path) -> Path:
     for element in run.program.system.elements:
         if element.has_gap:
             written[f"approach.{element.name}"] = run.approach(element.name)
-    written |= {"asked.units": np.array(list(run.asked), dtype=np.str_), "asked.typed": np.array(list(run.asked.values()), dtype=np.str_)}
+    written |= {
+        "asked.units": np.array(list(run.display_units), dtype=np.str_),
+        "asked.typed": np.array(list(run.display_units.values()), dtype=np.str_),
+    }
     written["report"] = np.array(run._headlines, dtype=np.str_)
     written["error"] = np.array(vars(run).get("error", np.nan))
     written["accuracy"] = np.array(run.accuracy)
@@ -342,7 +345,7 @@ class SavedRun(Recorded):
         Names of the elements with friction, and of the signals that a plot shows.
     limits
         {signal: (lowest, highest)} that the drive and the laws keep signals within.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which reports and figures of the run answer.
     accuracy
         Accuracy of the run; nan where an older version saved it, between whose records there are straight lines.
@@ -381,7 +384,7 @@ class SavedRun(Recorded):
             for name, (low, high) in zip(arrays["limit.names"].tolist(), arrays["limit.values"].tolist(), strict=True)
         }
         asked = (arrays[f"asked.{word}"].tolist() if f"asked.{word}" in arrays else [] for word in ("units", "typed"))
-        self.asked: dict[str, str] = dict(zip(*asked, strict=True))
+        self.display_units: dict[str, str] = dict(zip(*asked, strict=True))
         self.accuracy = float(arrays["accuracy"])
         self._report: list[str] = arrays["report"].tolist()
         self._error = float(arrays["error"])

@@ -94,13 +94,13 @@ class Trajectory(Recorded, Samples[FloatArray]):
         Where a run went on with implicit steps, the time from which on it took these, and the formulas of its steps before [s]; else None.
     answers
         What each Python controller returned, sample by sample.
-    laws
+    controllers
         Those controllers as the run left them, with what they recorded; they do not travel with a pickled trajectory.
     why
         What steps a run by "event" took, and why; by another method why its steps were not taken; else empty.
     """
 
-    laws: tuple[Any, ...] = ()
+    controllers: tuple[Any, ...] = ()
 
     if TYPE_CHECKING:
 
@@ -193,19 +193,19 @@ class Trajectory(Recorded, Samples[FloatArray]):
         the object; a plain function is taken to remember nothing. Raises SceneError where a Python law can neither tell nor be copied, where it has
         been lost with a pickled trajectory, and where a budget of events ended the run.
         """
-        if self._last is None or len(self.laws) != len(self.run.laws):
+        if self._last is None or len(self.controllers) != len(self.run.controllers):
             lost = (
                 "it ended between two events of one instant"
                 if self._last is None
                 else "its Python laws do not travel with a pickled run: pickle `run.last`"
             )
             raise SceneError(f"The run has no state to go on from: {lost}.")
-        return self._last.remembering(self.laws)
+        return self._last.remembering(self.controllers)
 
     @property
-    def asked(self) -> Mapping[str, str]:
+    def display_units(self) -> Mapping[str, str]:
         """{unit: unit that was typed}: the units in which reports and figures of this run answer."""
-        return self.run.asked
+        return self.run.display_units
 
     @property
     def accuracy(self) -> float:
@@ -257,7 +257,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
     def limits(self) -> dict[str, tuple[float | None, float | None]]:
         """{signal: (lowest, highest)} that the drive and the laws keep signals within; None is no limit."""
         found: dict[str, tuple[float | None, float | None]] = {}
-        for part in (*self.run.system.parts, *self.run.laws):
+        for part in (*self.run.system.parts, *self.run.controllers):
             for name, (low, high) in getattr(law_of(part), "signal_limits", {}).items():
                 lowest, highest = found.get(name, (None, None))
                 lows, highs = ([end for end in ends if end is not None] for ends in ((low, lowest), (high, highest)))
@@ -320,12 +320,12 @@ class Trajectory(Recorded, Samples[FloatArray]):
         if self.run.output_times is None:
             return self
         laws = [Replay(answers) for answers in self.answers]  # what a Python law answered is repeated, not asked again
-        start = replace(self.run.start, laws=())
+        start = replace(self.run.start, controllers=())
         budget = UNHURRIED  # as far, however long it takes
         if self.end < self.run.end:
             budget = Budget(steps=max(sum(self.steps), 1), events=self.run.budget.events)
         try:
-            return self.run.again(output_times=None, laws=laws, budget=budget, start=start)
+            return self.run.again(output_times=None, controllers=laws, budget=budget, start=start)
         except SimulationError as failed:  # a run that failed once fails again, and is as far as it goes
             return failed.run
 
@@ -403,7 +403,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
 
     @property
     def _headlines(self) -> list[str]:
-        names = [*(kind_of(law_of(part)) for part in self.run.plant.parts), *(kind_of(law) for law in self.run.loop.laws)]
+        names = [*(kind_of(law_of(part)) for part in self.run.plant.parts), *(kind_of(law) for law in self.run.loop.controllers)]
         took = "" if math.isnan(self.wall_time) else f" in {1e3 * self.wall_time:.3g} ms"
         lines = [
             f"{type(self).__name__} of {', '.join(names)}",

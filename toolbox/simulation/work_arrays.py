@@ -185,10 +185,10 @@ def noise_keys(updates: Sequence[Any], seeds: Sequence[int]) -> np.ndarray:
     return np.array(keys, np.uint64)
 
 
-def _event_room(asked: int, program: Program, left: float) -> int:
+def _event_room(display_units: int, program: Program, left: float) -> int:
     """Room for events, no more than are left and one instant fills: the loop stops when another instant might not fit, so at the first beyond them."""
     instant = (2 if program.formulas.locates else 4) * program.kernel.elements
-    return asked if left >= asked else min(asked, int(left) + instant + 1)
+    return display_units if left >= display_units else min(display_units, int(left) + instant + 1)
 
 
 def limited(work: Any, program: Program, budget: Budget, spent: int) -> Any:
@@ -244,5 +244,5 @@ def state_of(run: Run, program: Program, work: Any) -> RunState:
     return dataclasses.replace(
         run.start, time=t, states=work.x[: run.start.states.size].copy(), memory=work.memory.copy(), held=held.copy(), modes=work.m.copy(),
         closures=closures(program, t, work.x, work.p) if program.rigid.size else None,
-        sizes=work.guard_scale.reshape(2, -1)[:, : 2 * elements].copy(), taken=taken, applied=applied, waiting=waiting, laws=(), carried=True,
+        sizes=work.guard_scale.reshape(2, -1)[:, : 2 * elements].copy(), taken=taken, applied=applied, waiting=waiting, controllers=(), carried=True,
     )  # fmt: skip

@@ -67,7 +67,7 @@ def equilibria(loop: ClosedLoop) -> list[Equilibrium]:
         for factor in (1.0, 0.5, 0.25, 0.125, 1 / 16, 1 / 32, 1 / 64, 0.0):
             guess = state_values(plant, factor * smooth)
             try:
-                point = steady_state(plant, inputs, guess, dict(zip(holding, combination, strict=True)), loop.asked)
+                point = steady_state(plant, inputs, guess, dict(zip(holding, combination, strict=True)), loop.display_units)
             except SceneError:
                 continue
             if not any(_same(point, other) for other in found):

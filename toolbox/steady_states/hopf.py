@@ -60,7 +60,7 @@ class HopfPoint:
         Positive: hard, the machine jumps to a large cycle, and both are stable on the safe side. nan where it does not exist, and for sampled loops.
     residual
         Residual of the equations, as a fraction of their terms; for an abrupt point the width of the last interval as a fraction of the value.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which `print` answers.
     abrupt
         Whether the poles jump across the axis, at a kink of a friction law such as a point of a table; `frequency` is then that of the growing pair.
@@ -74,7 +74,7 @@ class HopfPoint:
     stable: str
     coefficient: float
     residual: float
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
     abrupt: bool = False
 
     @property
@@ -88,7 +88,7 @@ class HopfPoint:
         return "abrupt" if self.abrupt else "soft" if self.coefficient < 0 else "hard" if self.coefficient > 0 else "unknown"
 
     def __str__(self) -> str:
-        factor, unit = reading(self.unit, self.asked)
+        factor, unit = reading(self.unit, self.display_units)
         return (
             f"Hopf point at {self.parameter} = {self.value * factor:.6g} {unit}, stable {self.stable}; period {self.period:.4g} s; {self.kind} loss of "
             f"stability; residual {self.residual:.1e}"
@@ -100,7 +100,7 @@ class HopfPoint:
 def hopf_points(
     loop: ClosedLoop,
     parameter: str,
-    between: tuple[NumberOrText, NumberOrText],
+    bounds: tuple[NumberOrText, NumberOrText],
     *,
     mode: Mapping[str, str] | None = None,
     guess: Mapping[str, Any] | None = None,
@@ -119,7 +119,7 @@ def hopf_points(
     parameter
         A parameter of the plant or of a controller, a sample time or a delay, or an input, such as `top.reference`, `bit.weight`, `block.damping`
         or `chain.stiffness.0`.
-    between
+    bounds
         Range (low, high) of the parameter, in SI or text with units.
     mode
         Modes of the steady state, as in `equilibrium`.
@@ -142,12 +142,12 @@ def hopf_points(
     free = loop.acting(parameter, "hopf_points", lambda number: number.kind.poles)
     if loop.sampled:
         refuse_modes(mode, "hopf_points")
-        found = sampled_hopf_points(SampledBranch(loop, free, guess), free.span(between), whole("values", values, 2))
+        found = sampled_hopf_points(SampledBranch(loop, free, guess), free.span(bounds), whole("values", values, 2))
     else:
         inputs = loop.constant_inputs("steady running")
-        found = hopf_points_of(loop.continuous.system, free, free.span(between), inputs, mode, guess, whole("values", values, 2))
-    asked = {free.unit: asked_in(free.in_si("between", between), free.unit)}
-    return [replace(point, asked=asked) for point in found]
+        found = hopf_points_of(loop.continuous.system, free, free.span(bounds), inputs, mode, guess, whole("values", values, 2))
+    asked = {free.unit: asked_in(free.in_si("bounds", bounds), free.unit)}
+    return [replace(point, display_units=asked) for point in found]
 
 
 def hopf_points_of(
@@ -192,7 +192,7 @@ def hopf_points_of(
 def hopf_curve(
     loop: ClosedLoop,
     parameter: str,
-    between: tuple[NumberOrText, NumberOrText],
+    bounds: tuple[NumberOrText, NumberOrText],
     over: str,
     values: Sequence[NumberOrText],
     *,
@@ -204,7 +204,7 @@ def hopf_curve(
     ----------
     loop
         As in `hopf_points`.
-    parameter, between
+    parameter, bounds
         The first parameter or input, and the range (low, high) in which its Hopf value is looked for.
     over, values
         The other parameter or input, and its values.
@@ -223,7 +223,7 @@ def hopf_curve(
     """
     check_slopes(loop)
     other, free = (loop.acting(name, "hopf_curve", lambda number: number.kind.poles) for name in (over, parameter))
-    within, loop = free.span(between), loop if loop.sampled else loop.continuous
+    within, loop = free.span(bounds), loop if loop.sampled else loop.continuous
     closed, inputs = loop.system, loop.constant_inputs("steady running")
     if loop.sampled:
         refuse_modes(mode, "hopf_curve")

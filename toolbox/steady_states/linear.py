@@ -61,7 +61,7 @@ def equilibrium(loop: ClosedLoop, *, guess: Mapping[str, Any] | None = None, mod
         If an argument is wrong as in `simulate`.
     """
     loop = loop.continuous
-    return steady_state(loop.system, loop.constant_inputs("a steady state"), guess, mode, loop.asked)
+    return steady_state(loop.system, loop.constant_inputs("a steady state"), guess, mode, loop.display_units)
 
 
 def steady_state(
@@ -69,7 +69,7 @@ def steady_state(
     inputs: Mapping[str, Any] | None = None,
     guess: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
-    asked: Mapping[str, str] | None = None,
+    display_units: Mapping[str, str] | None = None,
 ) -> Equilibrium:
     """Find the steady state of a plant whose laws are parts of it; raises what `equilibrium` raises.
 
@@ -83,7 +83,7 @@ def steady_state(
         Values {state: value} near the steady state.
     mode
         Modes {contact: mode}; by default those that the values near it have.
-    asked
+    display_units
         {unit: unit that was typed}.
     """
     plant = _checked(plant)
@@ -131,7 +131,7 @@ def steady_state(
             reason = f"the only state found contradicts its mode: {contradiction}"
             continue
         modes = {element.name: element.legend[int(v)] for element, v in zip(plant.elements, m, strict=True)}
-        return Equilibrium(plant, x, u, modes, plant.asked if asked is None else asked)
+        return Equilibrium(plant, x, u, modes, plant.display_units if display_units is None else display_units)
     given_inputs = ", ".join(f"{name} = {value:g}" for name, value in zip(plant.inputs, u, strict=True)) or "no inputs"
     tried = [f"`{e.name}` in {e.legend[int(v)]}" for e, v in zip(plant.elements, m, strict=True) if e.law is not None]
     tried = tried if len(tried) <= 3 else [f"{len(tried)} contacts in their modes"]

@@ -29,7 +29,7 @@ class LinearLoop:
     B: np.ndarray
     C: np.ndarray
     D: np.ndarray
-    drives: tuple[str, ...]
+    actuated_signals: tuple[str, ...]
     period: float | None = None
 
     def transfer(self, frequency: np.ndarray) -> np.ndarray:
@@ -41,8 +41,10 @@ class LinearLoop:
 
     def poles(self, factor: complex | np.ndarray = 1.0) -> np.ndarray:
         """Poles of the closed loop with every command multiplied by a factor; of samples where `period` is a number."""
-        k = np.diag(np.broadcast_to(np.asarray(factor), len(self.drives)))
-        return np.linalg.eigvals(self.A + self.B @ k @ np.linalg.solve(np.eye(len(self.drives)) - self.D @ k, self.C)).astype(complex)
+        k = np.diag(np.broadcast_to(np.asarray(factor), len(self.actuated_signals)))
+        return np.linalg.eigvals(self.A + self.B @ k @ np.linalg.solve(np.eye(len(self.actuated_signals)) - self.D @ k, self.C)).astype(
+            complex
+        )
 
     def growth(self, factor: complex | np.ndarray = 1.0) -> float:
         """Largest real part of the poles [1/s], of log(z) / period for samples: positive where the loop is unstable."""
@@ -60,7 +62,7 @@ class LinearLoop:
 
     def alone(self, i: int) -> LinearLoop:
         """The loop of one command with all the others closed."""
-        others = [j for j in range(len(self.drives)) if j != i]
+        others = [j for j in range(len(self.actuated_signals)) if j != i]
         inner = np.linalg.inv(np.eye(len(others)) - self.D[np.ix_(others, others)])
         closing_c, closing_d = inner @ self.C[others], inner @ self.D[others, i : i + 1]
         return LinearLoop(
@@ -68,7 +70,7 @@ class LinearLoop:
             self.B[:, [i]] + self.B[:, others] @ closing_d,
             self.C[[i]] + self.D[[i]][:, others] @ closing_c,
             self.D[[i]][:, [i]] + self.D[[i]][:, others] @ closing_d,
-            (self.drives[i],),
+            (self.actuated_signals[i],),
             self.period,
         )
 
@@ -98,7 +100,7 @@ def acts(loop: LinearLoop) -> None:
         ).max()
         > 0.0
     ):
-        raise NoDerivative(f"a limit holds {', '.join(f'`{name}`' for name in loop.drives)} at steady running")
+        raise NoDerivative(f"a limit holds {', '.join(f'`{name}`' for name in loop.actuated_signals)} at steady running")
 
 
 STEPS = 10.0 ** -np.arange(6.0, 14.0)

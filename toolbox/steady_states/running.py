@@ -21,7 +21,7 @@ from toolbox.steady_states.linear import input_values, steady_state
 
 
 @takes_loop
-def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], drives: str | Sequence[str]) -> Equilibrium:
+def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], actuated_signals: str | Sequence[str]) -> Equilibrium:
     """Find the steady state in which signals have given values and every contact slides forwards, and the inputs that keep it there.
 
     Parameters
@@ -30,7 +30,7 @@ def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], drives: str | Sequ
         A plant, or a loop of laws in their continuous form.
     at
         Values {signal: value} in SI or text with a unit, such as {"top.speed": "95 rpm"}.
-    drives
+    actuated_signals
         The inputs that are sought, as many as there are signals, such as "top.torque".
 
     Returns
@@ -46,7 +46,7 @@ def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], drives: str | Sequ
     loop = loop.unsampled()
     plant, inputs = loop.system, loop.constant_inputs("a steady state")
     check_one_direction(plant.elements, "`running`", "give its inputs and a `guess` to `equilibrium`")
-    driven = names(drives)
+    driven = names(actuated_signals)
     wanted = {name: number(name, value, plant.signal_unit(name)) for name, value in mapping("at", at).items()}
     for name in driven:
         plant.input(name)
@@ -88,7 +88,7 @@ def running(loop: ClosedLoop, at: Mapping[str, NumberOrText], drives: str | Sequ
     reached = np.array([point[name] for name in wanted])
     if not (np.abs(reached - target) <= 1e-6 * np.maximum(np.abs(target), np.abs(reached))).all():
         raise SceneError(f"There is no steady running at {asked} that `{'`, `'.join(driven)}` can keep.")
-    return dataclasses.replace(point, asked={**loop.asked, **asked_units(wanted)})
+    return dataclasses.replace(point, display_units={**loop.display_units, **asked_units(wanted)})
 
 
 def at_set_points(loop: ClosedLoop) -> Equilibrium:

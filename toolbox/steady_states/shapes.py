@@ -32,7 +32,7 @@ class ModeShapes(Result):
         Motion of every entry of the state, shape (modes, entries), real, the largest 1: how far each swings when the one that swings furthest is furthest.
     depth
         Measured depth of every entry [m]; None where the part of the state has no `depth`.
-    asked
+    display_units
         {unit: unit that was typed}.
     """
 
@@ -40,7 +40,7 @@ class ModeShapes(Result):
     poles: np.ndarray
     shapes: FloatArray
     depth: FloatArray | None = None
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def frequencies(self) -> FloatArray:
@@ -92,7 +92,7 @@ class ModeShapes(Result):
                 ax.set_ylabel(f"entry of {in_words(self.state)}, from the top")
                 ax.yaxis.get_major_locator().set_params(integer=True)
             else:
-                name_axis(ax.yaxis, "measured depth", "m", self.asked)
+                name_axis(ax.yaxis, "measured depth", "m", self.display_units)
             ax.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return ax
 
@@ -146,4 +146,4 @@ def mode_shapes(loop: ClosedLoop, state: str | None = None, *, mode: Mapping[str
         shapes.append((rows[k] / largest).real)
     depth = f"{state.rpartition('.')[0]}.depth"
     known = depth in plant.parameters and plant.parameters[depth].size == vectors[state]
-    return ModeShapes(state, values[swings], np.array(shapes), plant.parameter(depth) if known else None, loop.asked)
+    return ModeShapes(state, values[swings], np.array(shapes), plant.parameter(depth) if known else None, loop.display_units)

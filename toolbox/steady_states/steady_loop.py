@@ -54,7 +54,7 @@ class SteadyLoop:
     """
 
     signals: Mapping[str, float]
-    drives: tuple[str, ...]
+    actuated_signals: tuple[str, ...]
     loop: Callable[..., LinearLoop]
     start: Mapping[str, Any]
 
@@ -68,7 +68,7 @@ class Broken(Controller):
 
     def continuous(self, signal: Signal) -> Equations:
         equations = self.law.continuous(signal)
-        given = {f"broken.{name}" if name in self.law.drives else name: value for name, value in equations.gives.items()}
+        given = {f"broken.{name}" if name in self.law.actuated_signals else name: value for name, value in equations.gives.items()}
         return dataclasses.replace(equations, gives=given)
 
 
@@ -86,8 +86,8 @@ def continuous_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> Steady
         _slope(closed, point),
         point.states,
     )
-    broken = dataclasses.replace(loop, laws=tuple(Broken(law) for law in loop.designed))
-    drives = tuple(name for law in loop.designed for name in law.drives)
+    broken = dataclasses.replace(loop, controllers=tuple(Broken(law) for law in loop.designed))
+    drives = tuple(name for law in loop.designed for name in law.actuated_signals)
     commands = {plant.routes.get(name, name): float(point[plant.routes.get(name, name)]) for name in drives}
     state = {name: point[name] for name in closed.states}
     system = broken.system
@@ -99,7 +99,7 @@ def continuous_steady_loop(loop: ClosedLoop, guess: Mapping[str, Any]) -> Steady
     opened = LinearLoop(linear.A, linear.B, linear.C, linear.D, tuple(commands))
     acts(opened)
     start_of_run = {name: (1.0 - KICK) * point[name] if name in plant.states else point[name] for name in closed.states}
-    return SteadyLoop(commands | _scalars(closed, point.states), opened.drives, lambda delay=0.0, only=None: opened, start_of_run)
+    return SteadyLoop(commands | _scalars(closed, point.states), opened.actuated_signals, lambda delay=0.0, only=None: opened, start_of_run)
 
 
 def _slope(closed: HybridSystem, point: Equilibrium) -> np.ndarray:
@@ -291,7 +291,9 @@ class SampledPoint:
 
 def without_sensor_errors(loop: ClosedLoop) -> ClosedLoop:
     """Return the loop with sensors that read without noise and without steps."""
-    quiet = loop.with_laws(dataclasses.replace(law, noise={}, resolution={}) if isinstance(law, Sampled) else law for law in loop.laws)
+    quiet = loop.with_controllers(
+        dataclasses.replace(law, noise={}, resolution={}) if isinstance(law, Sampled) else law for law in loop.controllers
+    )
     return quiet.but(parameters={name: value for name, value in loop.parameters.items() if ".sensors." not in name})
 
 
@@ -393,7 +395,7 @@ def steady_loop(loop: ClosedLoop, guess: Mapping[str, Any] | None = None) -> Ste
     Raises SceneError as `simulate` does and where there is no law, NoDerivative where there is no linear loop.
     """
     near = mapping("guess", guess)
-    if not loop.laws:
+    if not loop.controllers:
         raise SceneError("Argument `loop` must hold a control law, but there is none.")
     if loop.changes_in_time:
         raise NoDerivative("time itself enters the equations of the loop")
@@ -406,7 +408,7 @@ def linear_loop(loop: ClosedLoop) -> LinearLoop:
 
     Raises SceneError where no steady running is found, NoDerivative where nothing is linear there.
     """
-    if loop.laws:
+    if loop.controllers:
         return steady_loop(loop).loop(0.0)
     if loop.changes_in_time:
         raise NoDerivative("time itself enters the equations of the machine")

@@ -20,7 +20,7 @@ from toolbox.compilation import work_layout
 from toolbox.compilation.program import program_of
 from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SimulationError
-from toolbox.measuring.measures import Measure
+from toolbox.measuring.metrics import Metric
 from toolbox.measuring.readings import RunningMeasures
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.laws import Sampled
@@ -71,7 +71,7 @@ class Task:
 
     run: Run
     numbers: np.ndarray | Numbers
-    measures: tuple[Measure, ...]
+    metrics: tuple[Metric, ...]
     starts: np.ndarray | None = None
     memories: np.ndarray | None = None
     held: np.ndarray | None = None
@@ -107,11 +107,11 @@ class Outcome:
 def finished(task: Task) -> Outcome:
     """Run a task. Failures are recorded, not raised; an exception of a law or a measure in Python is one too."""
     began = clock.perf_counter()
-    values = np.full((len(task.numbers), len(task.measures)), np.nan)
+    values = np.full((len(task.numbers), len(task.metrics)), np.nan)
     errors: dict[int, str] = {}
     run, steps = task.run, 0
     alone = run.method.alone
-    if run.laws or alone or run.budget.seconds < np.inf or not all(measure.in_loops for measure in task.measures):
+    if run.controllers or alone or run.budget.seconds < np.inf or not all(measure.in_loops for measure in task.metrics):
         _one_by_one(task, values, errors, range(len(task.numbers)))
     elif task.lanes:
         _side_by_side(task, values, errors)
@@ -151,9 +151,9 @@ def runs_in_lanes(task: Task) -> bool:
     line of instructions.
     """
     run = task.run
-    if not run.method.in_lanes or run.laws or run.start.carried or run.budget != UNHURRIED or task.clocks is not None:
+    if not run.method.in_lanes or run.controllers or run.start.carried or run.budget != UNHURRIED or task.clocks is not None:
         return False
-    if not all(measure.in_loops for measure in task.measures) or any(element.directions > 1 for element in run.system.elements):
+    if not all(measure.in_loops for measure in task.metrics) or any(element.directions > 1 for element in run.system.elements):
         return False
     from toolbox.lanes.events import carries_events
 
@@ -179,7 +179,7 @@ def _side_by_side(task: Task, values: np.ndarray, errors: dict[int, str]) -> Non
 
     run, numbers = task.run, np.asarray(task.numbers)
     with _PREPARING:
-        lanes = Lanes(run, task.measures)
+        lanes = Lanes(run, task.metrics)
     starts = task.starts
     if starts is None:
         starts = np.tile(lanes.work.x[: run.system.x.numel()], (len(numbers), 1))
@@ -200,7 +200,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
     with _PREPARING:
         program = program_of(run.system, run.kinds, formulas_of(run))
         advance = compiled_loop(run, program)
-        readings = RunningMeasures(program, task.measures, run.end, run.accuracy)
+        readings = RunningMeasures(program, task.metrics, run.end, run.accuracy)
         work = full = work_arrays(run if task.clocks is None else dataclasses.replace(run, clocks=_most(task.clocks)), program)
     fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
     fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
@@ -292,19 +292,19 @@ def single(task: Task, i: int) -> Run:
 def _on_clocks(run: Run, clocks: list[tuple[float, float]]) -> Run:
     """A run whose sampled controllers have other sample times and delays."""
     given, laws = iter(clocks), []
-    for law in run.loop.laws:
+    for law in run.loop.controllers:
         if isinstance(law, Sampled):
             period, delay = next(given)
             law = dataclasses.replace(law, period=period, delay=delay)
         laws.append(law)
-    return dataclasses.replace(run, clocks=clocks, loop=run.loop.with_laws(laws))
+    return dataclasses.replace(run, clocks=clocks, loop=run.loop.with_controllers(laws))
 
 
 def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str], rows: Iterable[int]) -> None:
     for i in rows:
         try:
             run = carry_out(single(task, i))
-            values[i] = [measure.read(run) for measure in task.measures]
+            values[i] = [measure.read(run) for measure in task.metrics]
         except SimulationError as error:
             errors[task.first + i] = str(error)
         except Exception as error:  # of a law or a measure in Python: one run fails, the others go on

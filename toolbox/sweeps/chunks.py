@@ -21,9 +21,9 @@ class Columns:
     errors: dict[int, str]
 
     @staticmethod
-    def empty(runs: int, measures: int) -> Columns:
+    def empty(runs: int, metrics: int) -> Columns:
         """Of runs that all wait."""
-        return Columns(np.full((runs, measures), np.nan), np.zeros(runs, np.uint8), {})
+        return Columns(np.full((runs, metrics), np.nan), np.zeros(runs, np.uint8), {})
 
     def put(self, first: int, values: np.ndarray, errors: Mapping[int, str]) -> None:
         """Take in finished runs from the index `first` on."""

@@ -31,14 +31,14 @@ class Courses:
     rows: Sequence[Mapping[str, float]]
     seeds: Sequence[int]
     duration: float
-    measures: Mapping[str, Any]
+    metrics: Mapping[str, Any]
     inputs: Mapping[str, Sequence[Any]] = dataclasses.field(default_factory=dict)
 
     def task(self) -> tuple[Task, dict[int, str]]:
         """The task of all runs, seed by seed, and what is wrong with those that contradict themselves."""
         variations = variations_of(list(self.rows))
         one, broken, _ = task_of(
-            self.loop, variations, self.duration, start=None, measures=dict(self.measures), accuracy=accuracy_of(self.loop)
+            self.loop, variations, self.duration, start=None, metrics=dict(self.metrics), accuracy=accuracy_of(self.loop)
         )
         count, times = len(one.numbers), len(self.seeds)
         numbers = np.tile(np.asarray(one.numbers), (times, 1))
@@ -67,4 +67,4 @@ class Courses:
         task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method))
         lanes = runs_in_lanes(task) and 2 * len(task.numbers) >= lanes_of(task) and runs * work_alone(task, steps) > LANES_WORK
         values, _, _ = evaluated(task, broken, executor, manner=dataclasses.replace(manner, lanes=lanes))
-        return dict(zip(self.measures, values.T, strict=True))
+        return dict(zip(self.metrics, values.T, strict=True))

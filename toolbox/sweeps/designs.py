@@ -27,7 +27,7 @@ class Variations:
         Shape of the results: the lengths of the axes for a grid, else (runs,).
     axes
         Values along each axis of a grid.
-    asked
+    display_units
         {name: unit in which its values were typed}, of those that were.
     """
 
@@ -35,7 +35,7 @@ class Variations:
     points: np.ndarray
     shape: tuple[int, ...]
     axes: tuple[np.ndarray, ...] = ()
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
 
 def grid(axes: Mapping[str, Any]) -> Variations:
@@ -63,26 +63,26 @@ def listed(rows: Any) -> Variations:
     points = finite_array([[row[name] for name in names] for row in rows])
     if points is None or points.ndim != 2:
         raise SceneError("Argument `vary` must hold finite numbers only, but it does not.")
-    return Variations(names, points, (len(rows),), asked=_asked({name: [row[name] for row in rows] for name in names}))
+    return Variations(names, points, (len(rows),), display_units=_asked({name: [row[name] for row in rows] for name in names}))
 
 
-def uniform(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
+def uniform(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
     """Draw independent uniform random numbers between the bounds {name: (low, high)}."""
-    return _scaled(bounds, runs, seed, lambda: np.random.default_rng(seed).random((runs, len(bounds))))
+    return _scaled(ranges, runs, seed, lambda: np.random.default_rng(seed).random((runs, len(ranges))))
 
 
-def latin_hypercube(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
+def latin_hypercube(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
     """Make a Latin hypercube (scipy.stats.qmc): each of `runs` equal parts of each range {name: (low, high)} is met once."""
 
     def unit() -> np.ndarray:
         from scipy.stats import qmc
 
-        return qmc.LatinHypercube(len(bounds), rng=seed).random(runs)
+        return qmc.LatinHypercube(len(ranges), rng=seed).random(runs)
 
-    return _scaled(bounds, runs, seed, unit)
+    return _scaled(ranges, runs, seed, unit)
 
 
-def sobol(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
+def sobol(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
     """Make a scrambled Sobol sequence (scipy.stats.qmc) in ranges {name: (low, high)}; its balance needs a power of two as number of runs."""
 
     def unit() -> np.ndarray:
@@ -90,9 +90,9 @@ def sobol(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -
 
         if runs & (runs - 1):
             raise SceneError(f"Argument `runs` must be a power of two for a Sobol sequence, but it is {runs}.")
-        return qmc.Sobol(len(bounds), rng=seed).random(runs)
+        return qmc.Sobol(len(ranges), rng=seed).random(runs)
 
-    return _scaled(bounds, runs, seed, unit)
+    return _scaled(ranges, runs, seed, unit)
 
 
 def _scaled(bounds: Any, runs: int, seed: int, unit: Callable[[], np.ndarray]) -> Variations:
@@ -102,7 +102,7 @@ def _scaled(bounds: Any, runs: int, seed: int, unit: Callable[[], np.ndarray]) -
     whole("runs", runs, 1)
     whole("seed", seed, 0)
     low, high = np.array([checked_range(pair, name) for name, pair in bounds.items()]).T
-    return Variations(tuple(bounds), low + (high - low) * unit(), (runs,), asked=_asked(bounds))
+    return Variations(tuple(bounds), low + (high - low) * unit(), (runs,), display_units=_asked(bounds))
 
 
 def _asked(values: Mapping[str, Any]) -> dict[str, str]:

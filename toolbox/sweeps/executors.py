@@ -93,7 +93,7 @@ def evaluated(
     began = clock.perf_counter()
     check_executor(executor)
     total = len(task.numbers)
-    columns = Columns.empty(total, len(task.measures)) if store is None else store.columns()
+    columns = Columns.empty(total, len(task.metrics)) if store is None else store.columns()
     manner = Manner.noted(store.settings, task.run) if store is not None and store.settings is not None else manner or probed(task, broken)
     task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method), lanes=manner.lanes)
     lanes = lanes_of(task) if manner.lanes else 1
@@ -121,7 +121,7 @@ def evaluated(
         future.add_done_callback(arrived.put)
 
     try:
-        with GATE.kept(), travelling(task.run, task.measures), progress_bar(total, "sweep", done=total - left) as bar:
+        with GATE.kept(), travelling(task.run, task.metrics), progress_bar(total, "sweep", done=total - left) as bar:
             for chunk in itertools.islice(chunks, AHEAD):
                 submit(chunk)
             while waiting:
@@ -221,8 +221,8 @@ def _chunks(status: np.ndarray, ranges: list[tuple[int, int]], size: int, lanes:
 def _pool(task: Task, seconds: float) -> concurrent.futures.Executor:
     """Threads for laws in machine code; processes for laws in Python, or one thread where that is done before processes have started."""
     cores = os.cpu_count() or 1
-    if not task.run.laws or seconds < START:
-        return concurrent.futures.ThreadPoolExecutor(1 if task.run.laws else cores)
+    if not task.run.controllers or seconds < START:
+        return concurrent.futures.ThreadPoolExecutor(1 if task.run.controllers else cores)
     return Workers(cores)
 
 
@@ -278,7 +278,7 @@ def probed(task: Task, broken: Container[int] = ()) -> Manner:
     method = task.run.method
     if method.watches_stiffness:
         method = method.unwatched(task.run.accuracy, task.run.system)
-        if middle is not None and not task.run.laws:
+        if middle is not None and not task.run.controllers:
             found: Trajectory | None
             try:
                 found = carry_out(single(task, middle))

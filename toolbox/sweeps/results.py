@@ -38,15 +38,15 @@ class Sweep(Told, Result):
         Its values, shape (runs, names).
     shape, axes
         Shape of the results, and the values along each axis of a grid.
-    measures, measure_units
+    metrics, metric_units
         {name: array of shape `shape`} and their units.
-    errors
+    standard_errors
         Why a run failed: {index of the run: message}.
     duration, accuracy
         Length [s] and accuracy of a run.
     seconds
         Wall time [s], without the runs that were there already; 0 in a sweep that was loaded, because files do not hold it.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which the report answers.
     """
 
@@ -56,20 +56,20 @@ class Sweep(Told, Result):
     points: FloatArray
     shape: tuple[int, ...]
     axes: tuple[FloatArray, ...]
-    measures: dict[str, FloatArray]
-    measure_units: dict[str, str]
-    errors: dict[int, str] = field(default_factory=dict)
+    metrics: dict[str, FloatArray]
+    metric_units: dict[str, str]
+    failures: dict[int, str] = field(default_factory=dict)
     duration: float = 0.0
     accuracy: float = 1e-6
     seconds: float = 0.0
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> FloatArray:
-        if name in self.measures:
-            return self.measures[name]
+        if name in self.metrics:
+            return self.metrics[name]
         if name in self.names:
             return self.points[:, self.names.index(name)].reshape(self.shape)
-        raise SceneError(f"There is no measure `{name}`: {suggest(name, [*self.measures, *self.names])}")
+        raise SceneError(f"There is no measure `{name}`: {suggest(name, [*self.metrics, *self.names])}")
 
     @property
     def runs(self) -> int:
@@ -82,13 +82,13 @@ class Sweep(Told, Result):
         kind = " x ".join(str(length) for length in self.shape) + " grid" if self.axes else "list"
         rows: list[tuple[str, ...]] = [(f"over ({kind})", "lowest", "highest", "unit")]
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            each = reading(unit, self.asked)
+            each = reading(unit, self.display_units)
             column = self.points[:, k] * each.factor
             rows.append((name, f"{column.min():.5g}", f"{column.max():.5g}", each.tail.strip()))
         lines.append(Rows(rows, _LEFT))
         rows = [("found", "smallest", "largest", "unit", "median", "largest at")]
-        for name, values in self.measures.items():
-            factor, unit = reading(self.measure_units[name], self.asked)
+        for name, values in self.metrics.items():
+            factor, unit = reading(self.metric_units[name], self.display_units)
             flat = values.ravel() * factor
             known = np.flatnonzero(np.isfinite(flat))
             if not known.size:
@@ -99,23 +99,23 @@ class Sweep(Told, Result):
             median, shown = f"{np.median(flat[known]):.5g}", "" if unit == "1" else unit
             rows.append((name, f"{flat[low]:.5g}", f"{flat[high]:.5g}", shown, median, self._place(int(high)) + rest))
         lines.append(Rows(rows, _LEFT))
-        if self.errors:
-            lines.append(f"  {len(self.errors)} of {self.runs} runs failed")
-            for index, text in list(self.errors.items())[:5]:
+        if self.failures:
+            lines.append(f"  {len(self.failures)} of {self.runs} runs failed")
+            for index, text in list(self.failures.items())[:5]:
                 lines.append(f"    {self._place(index)}: {text}")
-            if len(self.errors) > 5:
-                lines.append(f"    ... and {len(self.errors) - 5} more in `errors`")
+            if len(self.failures) > 5:
+                lines.append(f"    ... and {len(self.failures) - 5} more in `errors`")
         return lines
 
     __repr__ = Told.__str__
 
     def _place(self, index: int) -> str:
         rows = zip(self.names, self.units, self.points[index], strict=True)
-        numbers = (f"{name} {value * reading(unit, self.asked).factor:.5g}" for name, unit, value in rows)
+        numbers = (f"{name} {value * reading(unit, self.display_units).factor:.5g}" for name, unit, value in rows)
         return ", ".join(numbers)
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
-        name = next(iter(self.measures), "severity")
+        name = next(iter(self.metrics), "severity")
         no_array(self, f"take a measure, such as `found[{name!r}]`, or all of them, `found.to_pandas()` or `found.to_xarray()`")
 
     def to_pandas(self) -> Any:
@@ -129,9 +129,9 @@ class Sweep(Told, Result):
         """
         pandas = optional("pandas", "`to_pandas`", "pandas")
         columns: dict[str, Any] = {name: self.points[:, k] for k, name in enumerate(self.names)}
-        columns |= {name: values.ravel() for name, values in self.measures.items()}
-        frame = pandas.DataFrame(columns | {"error": [self.errors.get(i, "") for i in range(self.runs)]})
-        units = dict(zip(self.names, self.units, strict=True)) | self.measure_units
+        columns |= {name: values.ravel() for name, values in self.metrics.items()}
+        frame = pandas.DataFrame(columns | {"error": [self.failures.get(i, "") for i in range(self.runs)]})
+        units = dict(zip(self.names, self.units, strict=True)) | self.metric_units
         frame.attrs |= {"units": units, "title": self.title, "duration": self.duration, "accuracy": self.accuracy}
         return frame
 
@@ -144,9 +144,9 @@ class Sweep(Told, Result):
         else:
             dims = ("run",)
             coordinates = {n: ("run", self.points[:, k], {"units": u}) for k, (n, u) in enumerate(zip(self.names, self.units, strict=True))}
-        data = {name: (dims, values, {"units": self.measure_units[name]}) for name, values in self.measures.items()}
+        data = {name: (dims, values, {"units": self.metric_units[name]}) for name, values in self.metrics.items()}
         texts = np.full(self.runs, "", dtype=object)
-        for i, text in self.errors.items():
+        for i, text in self.failures.items():
             texts[i] = text
         data["error"] = (dims, texts.reshape(self.shape), {})
         return xarray.Dataset(data, coordinates, {"title": self.title, "duration": self.duration, "accuracy": self.accuracy})
@@ -163,10 +163,10 @@ class Sweep(Told, Result):
 
     def _table(self) -> HeadedRows:
         """One row per run: what was varied, what was measured, and why it failed."""
-        units = [*self.units, *self.measure_units.values()]
-        headings = [*(f"{name} [{unit}]" for name, unit in zip((*self.names, *self.measures), units, strict=True)), "error"]
-        columns = [*self.points.T, *(values.ravel() for values in self.measures.values())]
-        return headings, [[*map(float, row), self.errors.get(i, "")] for i, row in enumerate(zip(*columns, strict=True))]
+        units = [*self.units, *self.metric_units.values()]
+        headings = [*(f"{name} [{unit}]" for name, unit in zip((*self.names, *self.metrics), units, strict=True)), "error"]
+        columns = [*self.points.T, *(values.ravel() for values in self.metrics.values())]
+        return headings, [[*map(float, row), self.failures.get(i, "")] for i, row in enumerate(zip(*columns, strict=True))]
 
     @classmethod
     def load(cls, path: str | Path) -> Sweep:
@@ -188,9 +188,9 @@ class Sweep(Told, Result):
         axes = [f"axis.{name}" for name in notes["names"]] if notes.pop("grid") else []
         shape = [found[axis].size for axis in axes] or [len(found["points"])]
         pairs = {name: [*notes.get(name, {}).items()] for name in ("measure_units", "asked")}
-        measures = [[name, f"measure.{name}"] for name in notes["measure_units"]]
+        metrics = [[name, f"measure.{name}"] for name in notes["measure_units"]]
         errors = [[int(i), text] for i, text in notes["errors"].items()]
-        return {**notes, **pairs, "points": "points", "axes": axes, "shape": shape, "measures": measures, "errors": errors}
+        return {**notes, **pairs, "points": "points", "axes": axes, "shape": shape, "measures": metrics, "errors": errors}
 
     def check_loaded(self) -> None:
         """Raise ValueError or TypeError where what was read does not fit together."""
@@ -198,8 +198,8 @@ class Sweep(Told, Result):
         check_notes(self, {**kinds, **dict.fromkeys(("duration", "accuracy", "seconds"), "number")})
         shapes: dict[str, Shape] = {"points": ("f", self.runs, len(self.names))}
         shapes |= {f"axis {k}": ("f", length) for k, length in enumerate(self.shape if self.axes else ())}
-        shapes |= dict.fromkeys(self.measure_units, ("f", *self.shape))
-        check_shapes({"points": self.points, **{f"axis {k}": axis for k, axis in enumerate(self.axes)}, **self.measures}, shapes)
+        shapes |= dict.fromkeys(self.metric_units, ("f", *self.shape))
+        check_shapes({"points": self.points, **{f"axis {k}": axis for k, axis in enumerate(self.axes)}, **self.metrics}, shapes)
         if (
             self.runs != math.prod(self.shape)
             or not self.runs
@@ -207,5 +207,5 @@ class Sweep(Told, Result):
             or len(self.axes) not in (0, len(self.names))
         ):
             raise ValueError("its arrays do not fit to one another")
-        if not all(0 <= index < self.runs and isinstance(text, str) for index, text in self.errors.items()):
+        if not all(0 <= index < self.runs and isinstance(text, str) for index, text in self.failures.items()):
             raise ValueError("it has an error of a run that it does not have")

@@ -89,7 +89,7 @@ class Store:
     def columns(self) -> Columns:
         """What is there; nothing where the store has not begun. Raises SceneError for a chunk that is missing or damaged."""
         if self._open is None:
-            return Columns.empty(self.sheet.runs, len(self.sheet.measure_units))
+            return Columns.empty(self.sheet.runs, len(self.sheet.metric_units))
         return self._open.columns()
 
     @functools.cached_property
@@ -124,8 +124,8 @@ def saved(sweep: Sheet, path: Path) -> None:
     """Write a sweep that is there as the store that it would have left, in place of what is there."""
     _zarr()
     _check_free(path)
-    columns = Columns.empty(sweep.runs, len(sweep.measures))
-    columns.put(0, np.stack([values.ravel() for values in sweep.measures.values()], axis=1), sweep.errors)
+    columns = Columns.empty(sweep.runs, len(sweep.metrics))
+    columns.put(0, np.stack([values.ravel() for values in sweep.metrics.values()], axis=1), sweep.errors)
     with replaced_folder(path) as folder:
         _laid_out(folder, sweep, chunk_shape(sweep.shape, ROWS), {})
         opened = _Open(folder, "r+")
@@ -159,10 +159,10 @@ def loaded(path: Path) -> dict[str, Any]:
     axes = tuple(map(opened.axis, names))
     shape = opened.arrays["status"].shape
     points = grid(dict(zip(names, axes, strict=True))).points if notes["grid"] else np.stack(axes, axis=1)
-    measures = {name: columns.values[:, k].reshape(shape) for k, name in enumerate(notes["measure_units"])}
+    metrics = {name: columns.values[:, k].reshape(shape) for k, name in enumerate(notes["measure_units"])}
     return {
         "title": notes["title"], "names": names, "units": tuple(notes["units"]), "points": points, "shape": shape, "axes": axes if notes["grid"] else (),
-        "measures": measures, "measure_units": notes["measure_units"], "errors": columns.errors, "duration": notes["duration"],
+        "measures": metrics, "measure_units": notes["measure_units"], "errors": columns.errors, "duration": notes["duration"],
         "accuracy": notes["accuracy"], "asked": notes.get("asked", {}),
     }  # fmt: skip
 
@@ -179,7 +179,7 @@ def journal_in(folder: Path, name: str, loop: ClosedLoop, variations: Variations
     """What is known in a file of a folder of a search over runs of a loop; more: what else makes the search. Raises SceneError for that of another one."""
     folder_of(folder)
     run = shared_run(loop, variations, duration, accuracy=accuracy)
-    return Journal(folder / name, fingerprints(run, variations.names, duration=[duration], **more), word="out")
+    return Journal(folder / name, fingerprints(run, variations.names, duration=[duration], **more), word="checkpoint")
 
 
 # ---------------------------------------------------------------------------------------------------------------------------------------- zarr
@@ -326,8 +326,8 @@ def _laid_out(folder: Path, sheet: Sheet, chunk: tuple[int, ...], more: Mapping[
 
     zarr = _zarr()
     notes = {
-        "title": sheet.title, "names": sheet.names, "units": sheet.units, "measure_units": sheet.measure_units, "grid": bool(sheet.axes),
-        "duration": sheet.duration, "accuracy": sheet.accuracy, "asked": sheet.asked, **more,
+        "title": sheet.title, "names": sheet.names, "units": sheet.units, "measure_units": sheet.metric_units, "grid": bool(sheet.axes),
+        "duration": sheet.duration, "accuracy": sheet.accuracy, "asked": sheet.display_units, **more,
     }  # fmt: skip
     attributes = {"title": sheet.title}
     if not sheet.axes:
@@ -339,7 +339,7 @@ def _laid_out(folder: Path, sheet: Sheet, chunk: tuple[int, ...], more: Mapping[
         values, own = (sheet.axes[k], (name,)) if sheet.axes else (sheet.points[:, k], dims)
         array = made(name, shape=values.shape, chunks=values.shape, dtype="float64", dimension_names=own, attributes={"units": unit})
         array[:] = values
-    for name, unit in sheet.measure_units.items():
+    for name, unit in sheet.metric_units.items():
         made(name, shape=sheet.shape, chunks=chunk, dtype="float64", fill_value=math.nan, dimension_names=dims, attributes={"units": unit})
     made("status", shape=sheet.shape, chunks=chunk, dtype="uint8", fill_value=WAITING, dimension_names=dims, attributes=STATUS)
     made("error", shape=sheet.shape, chunks=chunk, dtype=str, fill_value="", dimension_names=dims)

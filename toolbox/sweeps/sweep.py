@@ -20,7 +20,7 @@ from typing import Any
 from toolbox.arguments import is_finite_number, number
 from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.measuring.measures import Measure
+from toolbox.measuring.metrics import Metric
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop, refuse_former
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.scenes.judged import judged_measures
@@ -36,15 +36,15 @@ from toolbox.sweeps.variants import run_fingerprint, shared_run, start_memories,
 
 def sweep(
     loop: ClosedLoop | HybridSystem,
-    vary: Any,
+    ranges: Any,
     duration: NumberOrText | None = None,
     *others: Any,
     start: Callable[[Mapping[str, float]], Mapping[str, Any]] | None = None,
-    measures: Any = ("severity", "stuck_ratio"),
+    metrics: Any = ("severity", "stuck_ratio"),
     method: Method | str = "event",
     accuracy: float | None = None,
     executor: concurrent.futures.Executor | None = None,
-    out: str | Path | None = None,
+    checkpoint: str | Path | None = None,
     **former: Any,
 ) -> Sweep:
     """Simulate a loop once for every variation of some of its numbers, and measure every run.
@@ -56,15 +56,15 @@ def sweep(
     ----------
     loop
         A loop, or a plant.
-    vary
+    ranges
         What varies: {name: values} for a grid, or rows of {name: value}, in SI or text with units; a pandas table; or one of the designs `latin_hypercube`,
         `sobol` and `uniform` of this module. A name is any of `loop.numbers()` except a sample time and what a table holds; an input is held constant.
     duration
         As in `simulate`.
     start
         A function {name: value of what varies} -> {state: start value}, which wins over what the loop starts from.
-    measures
-        A name of `toolbox.measuring.measures.MEASURES`, a measure of that module, a function of the run, or several as a sequence or {name: measure}. What is
+    metrics
+        A name of `toolbox.measuring.metrics.METRICS`, a measure of that module, a function of the run, or several as a sequence or {name: measure}. What is
         judged is that of the loop, from the time that the loop says or in the second half of the run. Settling, overshoot and functions are read from each
         run in turn, which takes longer.
     method, accuracy
@@ -72,7 +72,7 @@ def sweep(
     executor
         Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`). By default one thread per core, or one process per core
         where a law is Python and the work is worth it.
-    out
+    checkpoint
         A folder that becomes a zarr store of the results as they come (`toolbox.sweeps.store`; needs the extra `batch`). The same call after an interruption
         continues where it was, `xarray.open_zarr` shows what is there, and `Sweep.load` reads the finished sweep.
 
@@ -104,12 +104,12 @@ def sweep(
             "Argument `start` must be a function of what varies; start values belong to the loop: `closed_loop(plant, start=...)`."
         )
     duration = number("duration", loop.duration if duration is None else duration, "s", above=0)
-    variations = variations_of(_in_si(vary, loop))
+    variations = variations_of(_in_si(ranges, loop))
     full = {name: loop.number(name).name for name in variations.names}
-    asked = {full[name]: unit for name, unit in variations.asked.items()}
-    variations = dataclasses.replace(variations, names=tuple(full.values()), asked=asked)
+    asked = {full[name]: unit for name, unit in variations.display_units.items()}
+    variations = dataclasses.replace(variations, names=tuple(full.values()), display_units=asked)
     accuracy = accuracy_of(loop, accuracy)
-    task, broken, chosen = task_of(loop, variations, float(duration), start=start, measures=measures, method=method, accuracy=accuracy)
+    task, broken, chosen = task_of(loop, variations, float(duration), start=start, metrics=metrics, method=method, accuracy=accuracy)
     run = task.run
     taken = next((name for name in chosen if name in {"run", "status", "error", *variations.names} or "/" in name), None)
     if taken is not None:
@@ -122,16 +122,19 @@ def sweep(
         points=variations.points,
         shape=variations.shape,
         axes=variations.axes,
-        measures={},
-        measure_units={name: measure.unit_in(run.system) for name, measure in chosen.items()},
+        metrics={},
+        metric_units={name: measure.unit_in(run.system) for name, measure in chosen.items()},
         duration=run.duration,
         accuracy=run.accuracy,
-        asked={**run.asked, **{unit: variations.asked.get(name, unit) for name, unit in zip(variations.names, units, strict=True)}},
+        display_units={
+            **run.display_units,
+            **{unit: variations.display_units.get(name, unit) for name, unit in zip(variations.names, units, strict=True)},
+        },
     )
-    store = None if out is None else Store(out, sheet, run_fingerprint(task, variations, tuple(chosen)))
+    store = None if checkpoint is None else Store(checkpoint, sheet, run_fingerprint(task, variations, tuple(chosen)))
     values, errors, seconds = evaluated(task, broken, executor, store)
     found = {name: values[:, k].reshape(variations.shape) for k, name in enumerate(chosen)}
-    return dataclasses.replace(sheet, measures=found, errors=errors, seconds=seconds)
+    return dataclasses.replace(sheet, metrics=found, failures=errors, seconds=seconds)
 
 
 def task_of(
@@ -140,13 +143,13 @@ def task_of(
     duration: float,
     *,
     start: Callable[[Mapping[str, float]], Mapping[str, Any]] | None,
-    measures: Any,
+    metrics: Any,
     method: Method | str = "event",
     accuracy: float,
-) -> tuple[Task, dict[int, str], dict[str, Measure]]:
+) -> tuple[Task, dict[int, str], dict[str, Metric]]:
     """(the runs of a sweep, what is wrong with those that contradict themselves, what is read of each), of arguments as `sweep` takes them."""
     run = shared_run(loop, variations, duration, method=method, accuracy=accuracy)
-    chosen = judged_measures(measures, run.loop, run.start.time, run.end)
+    chosen = judged_measures(metrics, run.loop, run.start.time, run.end)
     numbers, broken = varied_numbers(run, variations)
     states, memories, held = start_states(run, variations, start), start_memories(run, variations), varied_held(run, variations)
     return Task(run, numbers, tuple(chosen.values()), states, memories, held, clocks=varied_clocks(run, variations)), broken, chosen

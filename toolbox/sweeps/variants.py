@@ -266,7 +266,7 @@ def varied_clocks(run: Run, variations: Variations) -> np.ndarray | None:
     varied = [(number, column) for number, column in varied if number.is_clock]
     if not varied:
         return None
-    sampled = [k for k, law in enumerate(loop.laws) if isinstance(law, Sampled)]
+    sampled = [k for k, law in enumerate(loop.controllers) if isinstance(law, Sampled)]
     found = np.tile(np.array(run.clocks, float), (len(variations.points), 1, 1))
     for number, column in varied:
         found[:, sampled.index(sampled_owner(loop, number.name)), 0 if number.kind is SAMPLE_TIME else 1] = column
@@ -295,14 +295,14 @@ def varied_held(run: Run, variations: Variations) -> np.ndarray | None:
 
 def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> dict[str, str]:
     """What a sweep is made of, argument by argument, as digests; functions by their names, because their text cannot be compared."""
-    measures = [(measure, _name(measure.function)) for measure in task.measures]
+    metrics = [(measure, _name(measure.function)) for measure in task.metrics]
     arrays = [array for array in (task.starts, task.memories, task.held, task.clocks) if array is not None]
     return fingerprints(
         task.run,
         variations.names,
         vary=[variations.names, variations.shape, hashlib.sha256(variations.points.tobytes()).hexdigest()],
         starts=[hashlib.sha256(a.tobytes()).hexdigest() for a in arrays],
-        measures=[str(list(zip(names, measures, strict=True)))],
+        metrics=[str(list(zip(names, metrics, strict=True)))],
         duration=[task.run.duration],
     )
 
@@ -311,7 +311,7 @@ def fingerprints(run: Run, varied: Sequence[str], **more: Any) -> dict[str, str]
     """What a run is made of, but for the inputs that are varied, and what else is given, argument by argument, as digests."""
     content = {
         "machine": [_plain(structure_of(part)) for part in run.system.parts] + [run.system.values.tolist()],
-        "controller": [_name(law) for law in run.laws] + [run.clocks, run.seeds],
+        "controller": [_name(law) for law in run.controllers] + [run.clocks, run.seeds],
         "inputs": [(k, _number(v)) for k, v in sorted(run.inputs.items()) if k not in varied],
         "start": [str([(word, np.asarray(array).tolist()) for word in BEGIN for array in _arrays(getattr(run.start, word))])],
         "accuracy": [run.accuracy],

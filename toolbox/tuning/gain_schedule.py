@@ -90,9 +90,9 @@ class Schedule(Told, Result):
         Their values, shape (depths, numbers).
     checked
         What was found at every depth of the table, and halfway between.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which `print` answers.
-    law
+    controller
         The law with all its numbers, as it is sampled, at the first depth; None in one that was loaded.
     every
         All its numbers at the depths of the table, those that do not change too; None in one that was loaded.
@@ -105,7 +105,7 @@ class Schedule(Told, Result):
     units: tuple[str, ...]
     gains: np.ndarray
     checked: tuple[CheckedDepth, ...]
-    asked: Mapping[str, str]
+    display_units: Mapping[str, str]
     law: Any = field(default=None, repr=False, compare=False, metadata=LEFT_OUT)
     every: Any = field(default=None, repr=False, compare=False, metadata=LEFT_OUT)
 
@@ -130,7 +130,7 @@ class Schedule(Told, Result):
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text: one line per depth that was checked."""
-        read = {unit: reading(unit, self.asked) for unit in ("m", *self.units)}
+        read = {unit: reading(unit, self.display_units) for unit in ("m", *self.units)}
         heads = [f"{name} [{read[unit].tail.strip() or '1'}]" for name, unit in zip(self.names, self.units, strict=True)]
         lines: list[tuple[str, ...]] = [
             (f"depth [{read['m'].tail.strip()}]", "", *heads, "disk margin", "a disturbance", "failed", "stuck", "mean error", "ripple")
@@ -147,8 +147,10 @@ class Schedule(Told, Result):
         return lines
 
     def _told(self) -> list[str | Rows]:
-        bad = [f"{each.depth * reading('m', self.asked).factor:.5g}" for each in self.checked if each.failed]
-        verdict = "every run succeeds at every depth" if self.holds else f"runs fail at {', '.join(bad)}{reading('m', self.asked).tail}"
+        bad = [f"{each.depth * reading('m', self.display_units).factor:.5g}" for each in self.checked if each.failed]
+        verdict = (
+            "every run succeeds at every depth" if self.holds else f"runs fail at {', '.join(bad)}{reading('m', self.display_units).tail}"
+        )
         return [f"Gains over depth of {self.title}: {verdict}", f"  {self.way}", Rows(self.rows, (1,))]
 
     def _table(self) -> HeadedRows:
@@ -160,7 +162,7 @@ class Schedule(Told, Result):
         """Gains and disk margin over depth; see `toolbox.tuning.figures.schedule_diagram`. Returns the axes."""
         from toolbox.tuning.figures import schedule_diagram
 
-        deep, *read = (reading(unit, self.asked) for unit in ("m", *self.units))
+        deep, *read = (reading(unit, self.display_units) for unit in ("m", *self.units))
         labels = [f"{name} [{each.unit}]" for name, each in zip(self.names, read, strict=True)]
         found = [(each.depth * deep.factor, each.designed, each.disk_margin, not each.failed) for each in self.checked]
         gains = self.gains * np.array([each.factor for each in read])
@@ -170,10 +172,10 @@ class Schedule(Told, Result):
 def schedule(
     well: Callable[[float], Any],
     depths: Iterable[NumberOrText],
-    law: Controller | Sampled | Callable[[float], Controller | Sampled],
+    controller: Controller | Sampled | Callable[[float], Controller | Sampled],
     duration: NumberOrText,
     *,
-    before: Controller | Sampled | None = None,
+    initial_controller: Controller | Sampled | None = None,
     after: NumberOrText | None = None,
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
@@ -186,12 +188,12 @@ def schedule(
         A function depth [m] -> plant, or loop without laws, such as one that cuts a string to that length.
     depths
         At least two depths, in metres or text with units, in rising order.
-    law
+    controller
         A law that designs itself on the plant of each depth, or a function depth [m] -> law, such as one that tunes it there. All its numbers are
         interpolated, so that it must have as many at every depth.
     duration
         Length of a run [s].
-    before
+    initial_controller
         The law that the string turns with before: where it sticks and slips with it, runs begin at four phases of that cycle; else, and by default, near
         smooth running.
     after, mean_within, ripple_within
@@ -214,7 +216,7 @@ def schedule(
             f"Argument `depths` must hold at least two rising depths, but it holds {', '.join(f'{each:g}' for each in places)} m."
         )
     duration = number("duration", duration, "s", above=0)
-    loops = [_designed(well, depth, law) for depth in places]
+    loops = [_designed(well, depth, controller) for depth in places]
     counted = [len(numbers_of(loop.designed[0])) for loop in loops]
     kinds = {type(loop.designed[0]).__name__ for loop in loops}
     if len(set(counted)) > 1 or len(kinds) > 1:
@@ -223,18 +225,18 @@ def schedule(
             "let `well` give plants of one size, or take a law whose design does not grow with the plant."
         )
     every = np.array([numbers_of(loop.designed[0]) for loop in loops])
-    given, first = loops[0].laws[0], loops[0].designed[0]
+    given, first = loops[0].controllers[0], loops[0].designed[0]
     base = dataclasses.replace(given, law=first) if isinstance(given, Sampled) else first
     moves = np.flatnonzero(np.ptp(every, axis=0) > 0.0)
     named = _named(loops[0])
     found, way = [], ""
     for depth in sorted({*places, *((a + b) / 2 for a, b in pairwise(places))}):
         loop = closed_at(well, depth)
-        starts = None if before is None else _stuck(loop.but(laws=(before,)), duration)
-        closed = loop.but(laws=(_law_at(base, places, every, depth),))
+        starts = None if initial_controller is None else _stuck(loop.but(controllers=(initial_controller,)), duration)
+        closed = loop.but(controllers=(_law_at(base, places, every, depth),))
         trials = Trials.of(closed, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))
         outcomes = trials.of_cases({"declared": {}})
-        worst, way = outcomes.worst, (trials if before is not None else dataclasses.replace(trials, begun=SMOOTH)).way
+        worst, way = outcomes.worst, (trials if initial_controller is not None else dataclasses.replace(trials, begun=SMOOTH)).way
         failed = sum(outcome.excess > 1.0 or math.isnan(outcome.excess) for outcome in outcomes.outcomes)
         settled = trials.known.get("declared")
         found.append(
@@ -245,7 +247,7 @@ def schedule(
         )  # fmt: skip
     return Schedule(
         described(given), way, tuple(places), tuple(named[k][0] for k in moves), tuple(named[k][1] for k in moves), every[:, moves], tuple(found),
-        {**loops[0].asked, "m": asked_in(typed, "m")}, base, every,
+        {**loops[0].display_units, "m": asked_in(typed, "m")}, base, every,
     )  # fmt: skip
 
 
@@ -254,7 +256,7 @@ def _designed(well: Callable[[float], Any], depth: float, law: Any) -> ClosedLoo
     here = law if isinstance(law, (Controller, Sampled)) else law(depth) if callable(law) else None
     if not isinstance(here.law if isinstance(here, Sampled) else here, Controller):
         raise SceneError(f"Argument `law` must be a Controller, Sampled with one, or a function depth -> law, but it is {law!r}.")
-    return closed_at(well, depth).but(laws=(here,))
+    return closed_at(well, depth).but(controllers=(here,))
 
 
 def _law_at(law: Any, depths: Sequence[float], every: np.ndarray, depth: float) -> Any:

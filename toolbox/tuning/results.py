@@ -98,7 +98,7 @@ class Tuned(Told, Result):
         The loop of the first scene, with the law as it was given; None in a result that was loaded: `dataclasses.replace(found, loop=loop)` has its laws.
     simulated
         Number of runs of this call; the others came from the journal.
-    asked
+    display_units
         {unit: unit that was typed}: the units in which report and figure answer.
     """
 
@@ -112,7 +112,7 @@ class Tuned(Told, Result):
     seed: int
     simulated: int
     loop: ClosedLoop = field(repr=False, metadata=LEFT_OUT)
-    asked: Mapping[str, str] = field(default_factory=dict)
+    display_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def before(self) -> Trial:
@@ -160,7 +160,7 @@ class Tuned(Told, Result):
     @property
     def controller(self) -> Controller | Sampled:
         """The law as it was given."""
-        return self._machine.laws[0]
+        return self._machine.controllers[0]
 
     @property
     def _machine(self) -> ClosedLoop:
@@ -207,12 +207,12 @@ class Tuned(Told, Result):
         """(name, given, tuned, range) of the free numbers, and (name, given, tuned, change) of the objectives."""
         numbers = []
         for free, number in zip(self.free, best.numbers, strict=True):
-            factor, unit = reading(free.unit, self.asked)
+            factor, unit = reading(free.unit, self.display_units)
             words = f"{free.low * factor:.6g} .. {free.high * factor:.6g}{', log' if free.logarithmic else ''}"
             numbers.append([heading(free.name, unit), plain_number(free.given, factor), plain_number(number, factor), words])
         values = []
         for j, (name, unit) in enumerate(zip(self.objectives, self.units, strict=True)):
-            factor, unit = reading(unit, self.asked)
+            factor, unit = reading(unit, self.display_units)
             old, new = factor * self.counted(self.before)[j], factor * self.counted(best)[j]
             values.append([heading(name, unit), _short(old), _short(new), _gain(old, new)])
             if len(self.scenes) > 1:
@@ -234,7 +234,10 @@ class Tuned(Told, Result):
         if len(front) > 15:  # spread over the front, with its ends and the best
             chosen = {0, len(front) - 1, front.index(best)} | {round(i * (len(front) - 1) / 12) for i in range(13)}
             front = [front[i] for i in sorted(chosen)]
-        goals, own = [reading(unit, self.asked) for unit in self.units], [reading(each.unit, self.asked) for each in self.free]
+        goals, own = (
+            [reading(unit, self.display_units) for unit in self.units],
+            [reading(each.unit, self.display_units) for each in self.free],
+        )
         names = [heading(name, each.unit) for name, each in zip(self.objectives, goals, strict=True)]
         rows = [["", *names, *(heading(free.name, each.unit) for free, each in zip(self.free, own, strict=True))]]
         for trial in front:
@@ -251,7 +254,7 @@ class Tuned(Told, Result):
         tried = np.array([self.counted(trial) for trial in self.trials])
         front = np.array([self.counted(trial) for trial in self.front]).reshape(-1, len(self.objectives))
         sizes = np.abs(front).max(axis=0, initial=0.0)
-        read = [reading_of(unit, float(size), self.asked) for unit, size in zip(self.units, sizes, strict=True)]
+        read = [reading_of(unit, float(size), self.display_units) for unit, size in zip(self.units, sizes, strict=True)]
         names = [heading(name, shown) for name, (_, shown) in zip(self.objectives, read, strict=True)]
         factors = np.array([factor for factor, _ in read])
         best = factors * self.counted(self.best) if len(front) else None

@@ -14,7 +14,7 @@ import numpy as np
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.journal import Journal
-from toolbox.measuring.measures import Measure
+from toolbox.measuring.metrics import Metric
 from toolbox.scenes.judged import judged_measures
 from toolbox.scenes.scene import Scene
 from toolbox.simulation.simulate import simulate
@@ -30,7 +30,7 @@ class Spent(Exception):
 
 
 def trial_objectives(
-    scene: Scene, numbers: tuple[float | None, ...], label: str, free: tuple[Free, ...], objectives: tuple[Measure, ...], strict: bool
+    scene: Scene, numbers: tuple[float | None, ...], label: str, free: tuple[Free, ...], objectives: tuple[Metric, ...], strict: bool
 ) -> tuple[tuple[float, ...], str]:
     """The objectives of one scene under a law with other numbers, and why it failed. strict: let what is wrong with the law itself be raised."""
     refused = () if strict else (SceneError, np.linalg.LinAlgError)
@@ -58,7 +58,7 @@ class TuningSearch:
     """Points of the unit cube as trials: simulated once, here or by an executor, or taken from the journal."""
 
     def __init__(
-        self, scenes: list[Scene], label: str, free: tuple[Free, ...], objectives: dict[str, Measure], over: Any, runs: int, journal: Journal | None,
+        self, scenes: list[Scene], label: str, free: tuple[Free, ...], objectives: dict[str, Metric], over: Any, runs: int, journal: Journal | None,
         executor: concurrent.futures.Executor | None = None,
     ):  # fmt: skip
         self.scenes, self.label, self.free, self.objectives = scenes, label, free, objectives

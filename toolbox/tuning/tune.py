@@ -28,7 +28,7 @@ from toolbox.errors import SceneError
 from toolbox.files.journal import Journal, fingerprint
 from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, TypedNumber, in_si
-from toolbox.measuring.measures import measures_of
+from toolbox.measuring.metrics import metrics_of
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import law_of, numbers_of
@@ -47,13 +47,13 @@ def tune(
     scene: Scene | HybridSystem | Sequence[Scene | HybridSystem] | Mapping[str, Scene | HybridSystem],
     controller: str | Controller | Sampled,
     objective: Any,
-    bounds: Mapping[str, tuple[NumberOrText, NumberOrText]],
+    ranges: Mapping[str, tuple[NumberOrText, NumberOrText]],
     *,
     duration: NumberOrText | None = None,
     over: Callable[[Sequence[float]], float] = max,
     runs: int = 200,
     seed: int = 0,
-    journal: str | Path | None = None,
+    checkpoint: str | Path | None = None,
     executor: concurrent.futures.Executor | None = None,
 ) -> Tuned:
     """Find the numbers of a law within `bounds` that make one objective smallest, or the Pareto front of several.
@@ -71,7 +71,7 @@ def tune(
     objective
         What is made small: a measure as `sweep` takes it, by its name judged as the scene says ("stuck" [s], "severity", "settling" [s], "overshoot",
         "peak"), or a function run -> float. A sequence or {label: objective} asks for a front.
-    bounds
+    ranges
         {number of the law: (low, high)}, in SI or text with units, by its name among the numbers of the loop: "pi.proportional", "softtorque.detuning",
         "lqr.gain.0". As in `sweep`, a number is changed where it acts, and the law is designed anew for what only its design knows.
     duration
@@ -82,7 +82,7 @@ def tune(
         Largest number of points that are tried, one run per scene each.
     seed
         Seed of the search.
-    journal
+    checkpoint
         File that keeps every point: a tuning that was killed continues where it was when it is called again, and gives the same result. With larger `runs` a
         longer tuning uses the points of a shorter one.
     executor
@@ -105,8 +105,8 @@ def tune(
     chosen = controller if isinstance(controller, str) else "tuned"
     cases = [each.case(chosen) for each in scenes.values()]
     loops = {label: each[chosen] for label, each in scenes.items()}
-    free = _shared(loops, bounds)
-    objectives = measures_of(objective, "objective")
+    free = _shared(loops, ranges)
+    objectives = metrics_of(objective, "objective")
     judged = [judged_measures(objectives, loops[label], 0.0, each.duration, "objective") for label, each in scenes.items()]
     if not callable(over):
         raise SceneError(f"Argument `over` must be a function such as `max`, but it is {over!r}.")
@@ -114,14 +114,14 @@ def tune(
     whole("seed", seed, 0)
     check_executor(executor)
     kept = None
-    if journal is not None:
+    if checkpoint is not None:
         kept = Journal(
-            journal,
+            checkpoint,
             {
                 "scene": fingerprint(asked),
                 "controller": fingerprint([case.controller for case in cases]),
                 "objective": repr({name: repr(each) if each.looks_at else fingerprint(each.function) for name, each in objectives.items()}),
-                "bounds": repr([(each.name, each.low, each.high) for each in free]),
+                "ranges": repr([(each.name, each.low, each.high) for each in free]),
                 "seed": str(seed),
             },
             lambda result: is_result(result, len(scenes), len(objectives)),
@@ -146,7 +146,7 @@ def tune(
         seed,
         search.simulated,
         loop,
-        {**scenes[next(iter(scenes))].asked, **{each.unit: asked_in((each.low, each.high), each.unit) for each in reversed(free)}},
+        {**scenes[next(iter(scenes))].display_units, **{each.unit: asked_in((each.low, each.high), each.unit) for each in reversed(free)}},
     )
 
 
@@ -199,7 +199,7 @@ def _free(loop: ClosedLoop, bounds: Any) -> tuple[Free, ...]:
     """The free numbers of the law of a loop, checked."""
     if not isinstance(bounds, Mapping) or not bounds:
         raise SceneError(f"Argument `bounds` must map numbers of the law to (low, high), but it is {bounds!r}.")
-    if not loop.laws:
+    if not loop.controllers:
         raise SceneError("Argument `controller` must name a case with a law, but it has none.")
     first, law = sum(len(numbers_of(part)) for part in loop.plant.parts), loop.designed[0]
     own = range(first, first + (len(numbers_of(law)) if isinstance(law, Controller) else 0))
@@ -228,14 +228,14 @@ def _shared(scenes: Mapping[str, ClosedLoop], bounds: Any) -> tuple[Free, ...]:
         for i, (mine, its) in enumerate(zip(free, _free(here, bounds), strict=True)):
             if mine.given is None or mine.given == its.given:
                 continue
-            if here.laws != loop.laws:
+            if here.controllers != loop.controllers:
                 words = f"{plain_number(mine.given)} in `{label}` and {plain_number(its.given)} in `{other}`"
                 raise SceneError(f"Argument `controller` must start from the same `{mine.name}` in every scene, but it is {words}.")
             free[i] = dataclasses.replace(mine, given=None)
-        if here.laws == loop.laws and _at_low_ends(here, free) != _at_low_ends(loop, free):
+        if here.controllers == loop.controllers and _at_low_ends(here, free) != _at_low_ends(loop, free):
             raise SceneError(
                 "Argument `bounds` must hold numbers that the law declares where it is designed otherwise in each scene, as "
-                f"{type(law_of(loop.laws[0])).__name__} is, but it holds {', '.join(f'`{each.name}`' for each in free)}."
+                f"{type(law_of(loop.controllers[0])).__name__} is, but it holds {', '.join(f'`{each.name}`' for each in free)}."
             )
     return tuple(free)
 

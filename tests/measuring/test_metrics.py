@@ -13,8 +13,8 @@ from controllers import SoftTorque, StiffPI
 from models import BitRock, Block, DiscBrake, wells
 from toolbox import Sampled, Scene, SceneError, Trajectory, closed_loop, compare, compose, measure, simulate, sweep, tune, worst_case
 from toolbox.commands.command_line import main
-from toolbox.measuring import measures
-from toolbox.measuring.measures import MEASURES, measures_of
+from toolbox.measuring import metrics
+from toolbox.measuring.metrics import METRICS, metrics_of
 from toolbox.onsets.study import COLUMNS, verdict_row
 
 RIG = compose(wells.JANSEN_2, BitRock())
@@ -23,8 +23,8 @@ SCENE = Scene.of(
     RIG, 60.0, {"stiff": Sampled(StiffPI(reference=9.9), 0.01), "soft": SoftTorque(reference=9.9)}, after=0.5, inputs={"bit.weight": WEIGHT}
 )
 """The stiff drive sticks and slips; under the other one the bit, at rest at first, sticks once and settles."""
-COMPILED = [name for name, each in MEASURES.items() if each.compiled]
-OTHERS = [name for name in MEASURES if name not in COMPILED]
+COMPILED = [name for name, each in METRICS.items() if each.compiled]
+OTHERS = [name for name in METRICS if name not in COMPILED]
 
 
 @pytest.fixture(scope="module", params=SCENE.labels)
@@ -54,13 +54,13 @@ def expected(label, run):
 
 
 def test_the_runs_have_what_is_measured(label, expected):
-    assert set(expected) == set(MEASURES)
+    assert set(expected) == set(METRICS)
     assert expected["stuck"] > 1.0 and expected["overshoot"] > 0.1
     assert expected["settling"] == math.inf if label == "stiff" else 10.0 < expected["settling"] < 60.0
 
 
 def swept(label, names):
-    found = sweep(SCENE[label], {"bit.weight": [WEIGHT]}, measures=names)
+    found = sweep(SCENE[label], {"bit.weight": [WEIGHT]}, metrics=names)
     return {name: found[name][0] for name in names}
 
 
@@ -72,19 +72,19 @@ def tuned(label, names):
 
 
 def worst(label, names):
-    found = worst_case(SCENE[label], 60.0, starts=[{}], after=0.5, measures=names)
+    found = worst_case(SCENE[label], 60.0, starts=[{}], after=0.5, metrics=names)
     return found.outcomes[0].more
 
 
 VERBS = {
     "sweep": lambda label, run, path: swept(label, COMPILED) | swept(label, OTHERS),
-    "tune": lambda label, run, path: tuned(label, list(MEASURES)),
-    "compare": lambda label, run, path: {row.name: row.second for row in compare(run, run, after=0.5, measures=list(MEASURES)).rows},
+    "tune": lambda label, run, path: tuned(label, list(METRICS)),
+    "compare": lambda label, run, path: {row.name: row.second for row in compare(run, run, after=0.5, metrics=list(METRICS)).rows},
     "compare with a file": lambda label, run, path: {
-        row.name: row.second for row in compare(run, Trajectory.load(run.save(path / "run.npz")), after=0.5, measures=list(MEASURES)).rows
+        row.name: row.second for row in compare(run, Trajectory.load(run.save(path / "run.npz")), after=0.5, metrics=list(METRICS)).rows
     },
-    "worst case": lambda label, run, path: worst(label, list(MEASURES)),
-    "verdict": lambda label, run, path: verdict_row(SCENE, label, measures=list(MEASURES))[0].more,
+    "worst case": lambda label, run, path: worst(label, list(METRICS)),
+    "verdict": lambda label, run, path: verdict_row(SCENE, label, metrics=list(METRICS))[0].more,
     "columns of the verdict": lambda label, run, path: {name: getattr(verdict_row(SCENE, label)[0], name) for name in COLUMNS},
 }
 
@@ -92,44 +92,44 @@ VERBS = {
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_finds_the_same_numbers(verb, label, run, expected, tmp_path):
     found = VERBS[verb](label, run, tmp_path)
-    for name in COLUMNS if verb.startswith("columns") else MEASURES:
+    for name in COLUMNS if verb.startswith("columns") else METRICS:
         # steps as quintics, and as polynomials, are read to the accuracy of the run
         reader = (verb == "sweep" and name in COMPILED) or verb.endswith("file")
         assert found[name] == pytest.approx(expected[name], rel=1e-5 if reader else 1e-12, abs=1e-5 if reader else 1e-12), name
 
 
 def test_a_measure_is_asked_by_its_name_as_a_value_or_as_a_function(run):
-    assert measures_of(measure.settling) == measures_of("settling") == measures_of([measures.settling]) == {"settling": measures.settling}
-    assert measures_of({"late": "final"}) == {"late": measures.final}
-    own = measures_of(len)["len"]
+    assert metrics_of(measure.settling) == metrics_of("settling") == metrics_of([metrics.settling]) == {"settling": metrics.settling}
+    assert metrics_of({"late": "final"}) == {"late": metrics.final}
+    own = metrics_of(len)["len"]
     assert (own.name, own.unit, own.in_loops) == ("len", "1", False)
-    asked = measures.maximum("top.torque", "20 s", 40.0)
+    asked = metrics.maximum("top.torque", "20 s", 40.0)
     assert asked.heading == "top.torque, maximum" and asked.unit_in(RIG) == "N m"
     assert asked.read(run) == measure.extent(run, "top.torque", 20.0, 40.0).maximum
-    assert measures.time_in("bit", mode="slip+").heading == "bit, time in slip+"
+    assert metrics.time_in("bit", mode="slip+").heading == "bit, time in slip+"
     assert pickle.loads(pickle.dumps(asked)) == asked
     with pytest.raises(TypeError, match="unexpected keyword argument 'bnd'"):
-        measures.settling("bit.speed", bnd=0.1)
+        metrics.settling("bit.speed", bnd=0.1)
     with pytest.raises(SceneError, match=r"must say of which speed it is, as in `measures.maximum\(...\)`"):
-        measures.maximum.read(run)
+        metrics.maximum.read(run)
 
 
 def test_what_settles_is_seen_against_the_set_point_of_each_run():
     loop, speeds = closed_loop(RIG, SoftTorque()), [9.0, 11.0]
     for given in (loop, SCENE["soft"]):
-        found = sweep(given, {"top.reference": speeds}, 60.0, measures=("settling", "overshoot"))
+        found = sweep(given, {"top.reference": speeds}, 60.0, metrics=("settling", "overshoot"))
         for i, speed in enumerate(speeds):
             alone = simulate(given.at("top.reference", speed), 60.0)
             assert 0.0 < found["settling"][i] < 60.0
             assert found["settling"][i] == pytest.approx(measure.settling(alone, "bit.speed", speed), rel=1e-9)
             assert found["overshoot"][i] == pytest.approx(measure.overshoot(alone, "bit.speed", speed), rel=1e-9)
     other = dataclasses.replace(SCENE, reference=9.0)["soft"]  # the scene judges by another one than the law has
-    fixed = sweep(other, {"bit.weight": [WEIGHT]}, measures="overshoot")["overshoot"][0]
+    fixed = sweep(other, {"bit.weight": [WEIGHT]}, metrics="overshoot")["overshoot"][0]
     assert fixed == pytest.approx(measure.overshoot(simulate(other), "bit.speed", 9.0), rel=1e-9)
     with pytest.raises(SceneError, match="must not ask for `settling` where there is no set-point of `bit.speed`"):
-        sweep(closed_loop(RIG, inputs={"top.torque": 8e3}), {"bit.weight": [WEIGHT]}, 60.0, measures="settling")
+        sweep(closed_loop(RIG, inputs={"top.torque": 8e3}), {"bit.weight": [WEIGHT]}, 60.0, metrics="settling")
     with pytest.raises(SceneError, match="must have a contact with dry friction"):
-        sweep(compose(Block()), {"block.mass": [1.0]}, 1.0, measures="stuck")
+        sweep(compose(Block()), {"block.mass": [1.0]}, 1.0, metrics="stuck")
 
 
 def test_a_stop_is_measured_until_it_stands_by_every_verb():
@@ -138,16 +138,16 @@ def test_a_stop_is_measured_until_it_stands_by_every_verb():
         inputs={"brake.force": 1000.0},
     )  # fmt: skip
     (label,) = stop.labels
-    row, run = verdict_row(stop, label, measures=["standstill"])
+    row, run = verdict_row(stop, label, metrics=["standstill"])
     assert 0.2 < row.settling < 1.0 and 0.0 < row.stuck < run.time_in("pad", "stick", after=0.2)  # the last stick is that of rest
     assert measure.standstill(run, "disc.speed", 0.1, after=0.2) == row.settling
-    found = sweep(stop[label], {"brake.force": [1000.0]}, measures=("stuck", "settling"))
+    found = sweep(stop[label], {"brake.force": [1000.0]}, metrics=("stuck", "settling"))
     assert found["stuck"][0] == pytest.approx(row.stuck, rel=1e-9) and found["settling"][0] == pytest.approx(row.settling, rel=1e-9)
 
 
 def test_a_measure_without_a_compiled_form_does_not_change_the_others():
-    alone = sweep(SCENE["soft"], {"bit.weight": [80e3, WEIGHT]}, measures="maximum")["maximum"]
-    both = sweep(SCENE["soft"], {"bit.weight": [80e3, WEIGHT]}, measures=("maximum", "settling"))["maximum"]
+    alone = sweep(SCENE["soft"], {"bit.weight": [80e3, WEIGHT]}, metrics="maximum")["maximum"]
+    both = sweep(SCENE["soft"], {"bit.weight": [80e3, WEIGHT]}, metrics=("maximum", "settling"))["maximum"]
     np.testing.assert_allclose(both, alone, rtol=1e-6)
 
 
@@ -159,13 +159,13 @@ def test_the_page_lists_every_measure(root):
         if line.startswith("| `")
         for name in line.split("|")[1].replace("`", "").replace(" ", "").split(",")
     ]
-    assert set(MEASURES) == {name for name in listed if name in MEASURES}
+    assert set(METRICS) == {name for name in listed if name in METRICS}
 
 
 def test_the_commands_know_every_measure(tmp_path, capsys):
     assert main(["list", "measures"]) == 0
     printed = capsys.readouterr().out
-    assert all(f"  {name} " in printed for name in MEASURES)
+    assert all(f"  {name} " in printed for name in METRICS)
     short = dataclasses.replace(SCENE, duration=1.0, cases=SCENE.cases[:1])
     path = str(short.run("stiff").save(tmp_path / "run.npz"))
     assert main(["compare", path, path, "--measure", "settling", "--measure", "peak"]) == 0

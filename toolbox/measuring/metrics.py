@@ -27,7 +27,7 @@ from toolbox.simulation.samples import window
 
 
 @dataclass(frozen=True)
-class Measure:
+class Metric:
     """One number of a run.
 
     Attributes
@@ -66,7 +66,7 @@ class Measure:
     after: float | None = None
     until: float | None = None
 
-    def __call__(self, of: str, after: NumberOrText = 0.0, until: NumberOrText | None = None, **settings: Any) -> Measure:
+    def __call__(self, of: str, after: NumberOrText = 0.0, until: NumberOrText | None = None, **settings: Any) -> Metric:
         """The same measure of a signal or an element, between `after` and `until` [s] (the end of the run); settings as its function takes them."""
         known = dict(self.settings)
         unknown = next((word for word in settings if word not in known), None)
@@ -171,27 +171,25 @@ def _events(run: Recorded, of: str, after: float, until: float | None) -> float:
 # ------------------------------------------------------------------------------------------------------------------------------------- the list
 _STICK = (("mode", "stick"),)
 
-severity = Measure(
+severity = Metric(
     "severity", "severity", "speed", "1", measure.severity, "severity", settings=(("definition", "half-range"), ("reference", None))
 )
-minimum = Measure("minimum", "minimum", "speed", "", _minimum, "lowest")
-maximum = Measure("maximum", "maximum", "speed", "", _maximum, "highest")
-mean = Measure("mean", "mean", "speed", "", _mean, "mean")
-final = Measure("final", "value at the end", "speed", "", _final, "ends", True)
-time_in = Measure("stuck", "time in {mode}", "contact", "s", _time_in, "spent", settings=_STICK)
-stuck_ratio = Measure("stuck_ratio", "part of the time in stick", "contact", "1", measure.stuck_ratio, "ratio")
-stays = Measure("sticks", "{mode} phases", "contact", "1", _stays, "number", settings=_STICK)
-longest_stay = Measure("longest_stick", "longest {mode}", "contact", "s", _longest_stay, settings=_STICK)
-last_stay = Measure("last_stick", "end of the last {mode}", "contact", "s", _last_stay, "latest", True, _STICK)
-events = Measure("events", "switches", "contact", "1", _events, "switches", True)
-settling = Measure(
-    "settling", "settling time", "speed", "s", measure.settling, "", True, (("target", None), ("band", 0.02), ("size", None))
-)
-overshoot = Measure("overshoot", "overshoot", "speed", "1", measure.overshoot, "", True, (("target", None), ("size", None)))
-standstill = Measure("standstill", "time of standstill", "speed", "s", measure.standstill, settings=(("speed", 0.0),))
-peak = Measure("peak", "largest size", "effort", "", _peak, "peak", True)
+minimum = Metric("minimum", "minimum", "speed", "", _minimum, "lowest")
+maximum = Metric("maximum", "maximum", "speed", "", _maximum, "highest")
+mean = Metric("mean", "mean", "speed", "", _mean, "mean")
+final = Metric("final", "value at the end", "speed", "", _final, "ends", True)
+time_in = Metric("stuck", "time in {mode}", "contact", "s", _time_in, "spent", settings=_STICK)
+stuck_ratio = Metric("stuck_ratio", "part of the time in stick", "contact", "1", measure.stuck_ratio, "ratio")
+stays = Metric("sticks", "{mode} phases", "contact", "1", _stays, "number", settings=_STICK)
+longest_stay = Metric("longest_stick", "longest {mode}", "contact", "s", _longest_stay, settings=_STICK)
+last_stay = Metric("last_stick", "end of the last {mode}", "contact", "s", _last_stay, "latest", True, _STICK)
+events = Metric("events", "switches", "contact", "1", _events, "switches", True)
+settling = Metric("settling", "settling time", "speed", "s", measure.settling, "", True, (("target", None), ("band", 0.02), ("size", None)))
+overshoot = Metric("overshoot", "overshoot", "speed", "1", measure.overshoot, "", True, (("target", None), ("size", None)))
+standstill = Metric("standstill", "time of standstill", "speed", "s", measure.standstill, settings=(("speed", 0.0),))
+peak = Metric("peak", "largest size", "effort", "", _peak, "peak", True)
 
-MEASURES: Mapping[str, Measure] = {
+METRICS: Mapping[str, Metric] = {
     each.name: each
     for each in (
         severity, minimum, maximum, mean, final, time_in, stuck_ratio, stays, longest_stay, last_stay, events, settling, overshoot, standstill, peak,
@@ -201,7 +199,7 @@ MEASURES: Mapping[str, Measure] = {
 
 
 # --------------------------------------------------------------------------------------------------------------------------------- what is asked
-def measures_of(given: Any, argument: str = "measures") -> dict[str, Measure]:
+def metrics_of(given: Any, argument: str = "measures") -> dict[str, Metric]:
     """{name: measure} of what an argument asks: a name of the list, a `Measure` or a function of a run; several of them; or {name: one of them}.
 
     Raises SceneError for what is none of these, for an unknown name, and where nothing is asked or one name twice.
@@ -222,14 +220,14 @@ def measures_of(given: Any, argument: str = "measures") -> dict[str, Measure]:
     return {str(name): _measure_of(each, argument) for name, each in given.items()}
 
 
-def _measure_of(given: Any, argument: str) -> Measure:
+def _measure_of(given: Any, argument: str) -> Metric:
     if isinstance(given, str):
-        if given not in MEASURES:
-            raise SceneError(f"There is no measure `{given}`: {suggest(given, MEASURES)}")
-        return MEASURES[given]
-    if isinstance(given, Measure):
+        if given not in METRICS:
+            raise SceneError(f"There is no measure `{given}`: {suggest(given, METRICS)}")
+        return METRICS[given]
+    if isinstance(given, Metric):
         return given
     if not callable(given):
         raise SceneError(f"Argument `{argument}` must hold names of measures, measures or functions of a run, but one is {given!r}.")
     name = kind_of(given)
-    return next((each for each in MEASURES.values() if each.function is given), Measure(name, name, "", "1", given))
+    return next((each for each in METRICS.values() if each.function is given), Metric(name, name, "", "1", given))

@@ -1,4 +1,4 @@
-"""Forty dirty logs whose truth is known: are all read right with every flaw told, or refused with what to do?
+"""Forty-two dirty logs whose truth is known: are all read right with every flaw told, or refused with what to do?
 
     python -m studies dirty_logs
 
@@ -81,6 +81,24 @@ def text(
         row = [times(float(time[k]))] + [(cells or {}).get(name, {}).get(k, number(float(column[k]))) for name, column in values.items()]
         lines.append(mark.join(row))
     return above + lines[0] + "\n" + below_headings + "\n".join(lines[1:]) + "\n"
+
+
+def witsml() -> str:
+    """A log in WITSML 1.4.1 with two values of its own null, and a channel with a unit that nobody knows."""
+    time, values = truth()
+    heads = ["Time", *(name.replace(" ", "") for name in values), "GASX"]
+    curves = "".join(f"<logCurveInfo uid='{head}'><mnemonic>{head}</mnemonic></logCurveInfo>" for head in heads)
+    rows = []
+    for k in range(time.size):
+        cells = [f"{column[k]:.6f}" for column in values.values()]
+        rows.append(",".join([moment(float(time[k]), "Z"), *(["-888"] if k in (40, 41) else cells[:1]), *cells[1:], "0"]))
+    units = ",".join(["unitless", *(UNITS[name][0] for name in values), "Euc"])
+    data = "".join(f"<data>{row}</data>" for row in rows)
+    return (
+        "<?xml version='1.0' encoding='UTF-8'?><logs xmlns='http://www.witsml.org/schemas/1series' version='1.4.1.1'><log><name>drilling</name>"
+        f"<indexType>date time</indexType><indexCurve>Time</indexCurve><nullValue>-888</nullValue>{curves}<logData>"
+        f"<mnemonicList>{','.join(heads)}</mnemonicList><unitList>{units}</unitList>{data}</logData></log></logs>"
+    )
 
 
 def german(value: float) -> str:
@@ -277,9 +295,11 @@ def flaws(folder: Path) -> dict[str, Log]:
     )
     add(
         "WITSML",
-        "<?xml version='1.0'?><logs xmlns='http://www.witsml.org/schemas/1series'><log/></logs>",
+        witsml(),
         suffix=".xml",
-        refusal="mnemonicList",
+        columns={"bit.speed": "RPMBIT"},
+        expected={"top.torque": {"null": 2}},
+        lost={"TQ": np.array([40, 41])},
     )
     assert torque.size == 600
     return logs

@@ -9,7 +9,7 @@ from models import BitRock, wells
 from studies.benchmarks.dirty_logs import faults, made
 from toolbox import SceneError, compose
 from toolbox.calibration import Recording
-from toolbox.logs.cells import seconds_of
+from toolbox.logs.dates import seconds_of
 from toolbox.logs.grids import of_text
 
 NAMES = (

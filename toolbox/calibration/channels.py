@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, suggest
-from toolbox.logs.cells import epoch, factor, is_time, plain_number, seconds_of
+from toolbox.logs.cells import UNITLESS, epoch, factor, plain_number
+from toolbox.logs.dates import DAY, UNDERSTOOD, digits_of, has_clock, has_date, is_format, is_time, seconds_of
 from toolbox.logs.grids import NONE, Column, Source, named
 from toolbox.logs.sources import from_file, from_frame, from_mapping
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -62,7 +64,7 @@ def source_of(data: Any, plant: HybridSystem, columns: Mapping[str, str] | None,
         path = Path(data)
         if path.suffix.lower() == ".toml":
             return _of_toml(path, plant, columns), f"Table `{path}`", path.name
-        source = from_file(path, decimal)
+        source = from_file(path, decimal, [named(label)[0] for label in (columns or {}).values()])
         return source, f"File `{path}`" if path.suffix.lower() == ".mat" else f"Table `{path}`", path.name
     if isinstance(data, (Trajectory, SavedRun)):
         source = from_mapping(_recorded(data, plant if columns is None else None))
@@ -106,25 +108,28 @@ def chosen(source: Source, where: str, plant: HybridSystem, columns: Mapping[str
     known: dict[str, Column] = {}
     for column in source.columns:
         known.setdefault(_plain(column.name), column)
+    for column in source.columns:  # brackets that hold an unknown unit are part of the name, which may be asked for without them
+        if (match := re.fullmatch(r"(.+?)\s*[\[(]([^\[\]()]+)[\])]", column.name)) is not None:
+            known.setdefault(_plain(match[1]), Column(column.name, column.unit or match[2].strip(), column.cells, column.nulls))
     found: dict[str, tuple[Column, str | None]] = {}
     time = (columns or {}).get("time")
     if time is None:
-        heading = next((each for each in TIMES if each in known), None)
-        day = next((each for each in ("date", "datum") if each in known), None)
-        if heading is None:
+        heading = _plain(source.index) if source.index is not None else next((each for each in TIMES if each in known), None)
+        if heading is None or heading not in known:
             raise SceneError(
                 f"Argument `columns` must say which column is `time`, because no column of {_small(where)} is called so: {_listed(source)}."
             )
         found["time"] = (known[heading], known[heading].unit)
-        if day is not None and all(is_time(cell) for cell in list(known[heading].cells)[:3]):
-            both = [f"{_day(a)} {b}" for a, b in zip(known[day].cells, known[heading].cells, strict=True)]
-            found["time"] = (Column(f"{known[day].name} {known[heading].name}", None, both), None)
     else:
-        found["time"] = _looked_up(known, time, where)
+        found["time"] = _looked_up(known, time, where, "s")
+    others = {
+        name: _looked_up(known, heading, where, plant.signal_unit(name)) for name, heading in (columns or {}).items() if name != "time"
+    }
+    found["time"] = _with_dates(source, *found["time"], {column.name for column, _ in others.values()})
     if columns is not None:
-        return found | {name: _looked_up(known, heading, where) for name, heading in columns.items() if name != "time"}
+        return found | others
     mine = {_plain(name): name for name in _names(plant)}
-    taken = {column.name for column in (found["time"][0],)}
+    taken = found["time"][0].name.split(" + ")
     for word, column in known.items():
         if column.name in taken or column.name.startswith("#"):
             continue
@@ -135,6 +140,41 @@ def chosen(source: Source, where: str, plant: HybridSystem, columns: Mapping[str
             raise SceneError(f"{where} has the unknown column `{name}`: {suggest(name, _names(plant))}")
         found[mine[word]] = (column, column.unit)
     return found
+
+
+def _with_dates(source: Source, time: Column, unit: str | None, taken: set[str]) -> tuple[Column, str | None]:
+    """The time of day with the dates of the column beside it, where one of the two is meant to be the time.
+
+    Dates that stand still while the time of day passes midnight are those of something else, and are left out.
+    """
+    cells = np.ravel(np.asarray(time.cells, object)) if np.asarray(time.cells).dtype.kind in "OUS" else np.zeros(0)
+    some = [cell for cell in cells[:50].tolist() if _heading_of(cell)]
+    is_clock, is_date = bool(some) and all(map(has_clock, some)), bool(some) and all(map(has_date, some))
+    if not is_clock and not is_date:
+        return time, unit
+    place = next((k for k, column in enumerate(source.columns) if column.name == time.name), 0)
+    for k, column in enumerate(source.columns):
+        word = _plain(column.name)
+        if column.name == time.name or column.name in taken or np.asarray(column.cells).dtype.kind not in "OUS":
+            continue
+        if abs(k - place) > 1 and word not in ("date", "datum", "time", "zeit"):
+            continue
+        other = [cell for cell in list(column.cells)[:50] if _heading_of(cell)]
+        if not other or not all(map(has_date if is_clock else has_clock, other)):
+            continue
+        days, clocks = (column, time) if is_clock else (time, column)
+        both = [f"{_day(a)} {b}" for a, b in zip(days.cells, clocks.cells, strict=True)]
+        clock = seconds_of(list(clocks.cells), "")[0]
+        still = len({_day(cell) for cell in days.cells}) == 1
+        if still and (np.nanmax(clock) >= DAY or np.nanmin(clock) < 0.0):
+            source.notes.append(f"`{days.name}` stands still past midnight, and is left out of the time")
+            return (clocks, clocks.unit) if is_clock else (time, unit)
+        return Column(f"{days.name} + {clocks.name}", None, both), unit if is_format(unit) and "y" in str(unit).lower() else days.unit
+    return time, unit
+
+
+def _heading_of(cell: Any) -> str:
+    return "" if cell is None or cell != cell else str(cell).strip()
 
 
 def _day(cell: Any) -> str:
@@ -153,16 +193,37 @@ def _listed(source: Source) -> str:
     return ", ".join(f"`{column.name}`" for column in source.columns[:30])
 
 
-def _looked_up(known: Mapping[str, Column], label: str, where: str) -> tuple[Column, str | None]:
+def _looked_up(known: Mapping[str, Column], label: str, where: str, wanted: str) -> tuple[Column, str | None]:
+    """(column, its unit) of a label; a unit in the label counts where the heading has none that fits to the signal."""
     name, unit = (label, None) if _plain(label) in known else named(label)
     column = known.get(_plain(name))
     if column is None:
         raise SceneError(f"{where} must have `{name}`, but it is not there: {suggest(name, [each.name for each in known.values()])}")
-    if unit is not None and column.unit is not None and _plain(unit) != _plain(column.unit):
-        raise SceneError(
-            f"{where} must have `{name}` in {unit}, as was asked, but its heading says {column.unit}: ask for `{column.name}` without a unit."
-        )
+    if unit is not None and column.unit is not None and not is_format(unit) and digits_of(unit) is None:
+        sizes = [_size(each, wanted) for each in (column.unit, unit)]
+        if sizes[0] is not None and sizes[0] != sizes[1]:
+            raise SceneError(
+                f"{where} must have `{name}` in {unit}, as was asked, but its heading says {column.unit}: ask for `{column.name}` without a unit."
+            )
     return column, unit if unit is not None else column.unit
+
+
+def _size(unit: str, wanted: str) -> float | None:
+    try:
+        return factor(unit, wanted, "unit")
+    except SceneError:
+        return None
+
+
+def size_of(unit: str, wanted: str, column: str, signal: str, here: str) -> float:
+    """Return how many of the wanted unit one of a column's is; the error of an unknown or doubtful one says how to give another."""
+    try:
+        return factor(unit, wanted, column)
+    except SceneError as error:
+        raise SceneError(
+            f"{here} must have a unit of {wanted}, but it has `{unit}`. {error} Say which unit it is where you say which column is `{signal}`, as in "
+            f"`{column} [{'t' if wanted == 'N' and 'ton' in unit.lower() else wanted}]` (in Python `columns`, on the command line --column)."
+        ) from None
 
 
 def numbers_of(cells: Any, mark: str, where: str) -> tuple[np.ndarray, str]:
@@ -190,20 +251,31 @@ def times_of(source: Source, column: Column, unit: str | None, where: str) -> tu
     array = np.asarray(cells)
     if array.dtype.kind == "M":
         return np.where(np.isnat(array), np.nan, array.astype("datetime64[ns]").astype(np.int64) / 1e9), ["time: dates"]
-    if array.dtype.kind in "OUS":
-        given = [cell for cell in array.ravel().tolist() if cell is not None and cell == cell and str(cell).strip()]
-        if given and np.mean([is_time(cell) for cell in given[:50]]) > 0.5:
-            found, words = seconds_of(array.ravel().tolist(), here)
+    if array.dtype.kind in "OUS" or digits_of(unit) is not None:
+        listed = array.ravel().tolist()
+        given = [cell for cell in listed if cell is not None and cell == cell and str(cell).strip()]
+        if digits_of(unit) is not None:
+            shown = [f"{cell:.10g}" if isinstance(cell, float) and cell == cell else cell for cell in listed]
+            found, words = seconds_of(shown, here, unit)
             return found, [f"time: {words}"]
+        if given and np.mean([is_time(cell) for cell in given[:50]]) > 0.5:
+            found, words = seconds_of(listed, here, unit)
+            return found, [f"time: {words}"]
+        if given and all(plain_number(cell, source.mark) != plain_number(cell, source.mark) for cell in given[:50]):
+            raise SceneError(
+                f"{here} must hold times, but it holds `{given[0]}`. Understood are numbers with a unit and {UNDERSTOOD}: write them so, or say which column "
+                "is `time` (in Python `columns`, on the command line --column)."
+            )
     numbers, said = numbers_of(array if array.dtype.kind in "OUS" else cells, source.mark, here)
     numbers = np.where(np.abs(np.nan_to_num(numbers)) >= 1e29, np.nan, numbers)
-    numbers = np.where(np.isin(numbers, (-999.25, -32768.0)), np.nan, numbers)
+    numbers = np.where(np.isin(numbers, (-999.25, -32768.0, *source.nulls, *column.nulls)), np.nan, numbers)
     notes = [f"time: {said}"] if said else []
-    count = epoch(numbers) if unit is None or "epoch" in unit.lower() else None
+    count = epoch(numbers) if unit is None or "epoch" in unit.lower() or is_format(unit) or unit.lower() in UNITLESS else None
     if count is not None and not (source.bare and count == 1.0 and np.nanmax(numbers) < 1e8):
         return numbers * count, [*notes, f"time: epoch in {({1.0: 's', 1e-3: 'ms', 1e-6: 'us', 1e-9: 'ns'})[count]}"]
     if unit is None and not source.bare:
         raise SceneError(
-            f"{here} must name its unit, such as `{column.name} [s]`: write so there, or where you say which column is `time`."
+            f"{here} must name its unit, such as `{column.name} [s]`, or `{column.name} [HHMMSS]` for a time of day in digits: write so there, or where you "
+            "say which column is `time` (in Python `columns`, on the command line --column)."
         )
-    return numbers * (1.0 if unit is None else factor(unit, "s", column.name)), notes
+    return numbers * (1.0 if unit is None else size_of(unit, "s", column.name, "time", here)), notes

@@ -79,7 +79,7 @@ def recorded(recording: Any) -> Any:
     with plt.rc_context(PAPER):
         count = len(recording.signals)
         _, axes = plt.subplots(count, 1, sharex=True, squeeze=False, figsize=(WIDTH, 0.6 + 1.3 * count), layout="constrained")
-        apart = np.append(np.diff(recording.time) > recording.gap, False)
+        apart = np.append(recording.gaps, False)
         for ax, (name, values) in zip(axes[:, 0], recording.signals.items(), strict=True):
             shown = np.where(apart, np.nan, values)  # no line over a gap
             ax.plot(recording.time, shown, **{**LINES[0], "linewidth": 0.9})

@@ -80,7 +80,7 @@ class MeasuredLoop(ContactMisfit):
             )
         self._side = np.sign(np.where(moving, self.slip, np.append(self.slip[1:], 0.0)))
         values, deviations = recording.signals[self.output].copy(), np.full(self._side.size, np.nan)
-        cut = ~known | np.insert(np.diff(recording.time) > recording.gap, 0, False)  # no stick phase reaches over it
+        cut = ~known | np.insert(recording.gaps, 0, False)  # no stick phase reaches over it
         toward = np.broadcast_to(np.sign(self._of(law.law, plant.values)[3][0]), values.size)
         for k in np.flatnonzero(moving[1:] & ~moving[:-1] & ~cut[1:]) if jumps(law, plant) else []:
             first = 1 + int(np.max(np.flatnonzero((moving | ~known)[: k + 1]), initial=-1))

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import mapping, number
-from toolbox.calibration.channels import chosen, numbers_of, scalar_unit, source_of, times_of
+from toolbox.calibration.channels import chosen, numbers_of, scalar_unit, size_of, source_of, times_of
 from toolbox.errors import SceneError, suggest
 from toolbox.files.printing import columns as lines_of
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.units import NumberOrText
-from toolbox.logs.cells import factor
-from toolbox.logs.flaws import KINDS, Flaw, increasing, is_null, marked, spacing, without_strays
+from toolbox.logs.flaws import KINDS, Flaw, below_zero, increasing, is_null, local_spacing, marked, spacing, without_strays
 from toolbox.logs.grids import Source
 from toolbox.modelling.hybrid_system import HybridSystem
 
@@ -75,8 +74,8 @@ class Recording(Result):
         """Read a recording from a file, a table of pandas, a mapping {name: values} or a run.
 
         Text (parted by commas, semicolons, tabulators or spaces) is read as it comes: decimal commas, thousands, lines above the headings, units in brackets
-        or in a line of their own, dates and epochs. TOML tables and MAT files are read, too, and with the extra `data` sheets (xlsx), parquet, LAS and MAT 7.3.
-        Times are shifted to begin at 0. Samples that are no data are marked, told, and never bridged.
+        or in a line of their own, dates and epochs. WITSML logs, TOML tables and MAT files are read, too, and with the extra `data` sheets (xlsx), parquet, LAS
+        and MAT 7.3. Times are shifted to begin at 0. Samples that are no data are marked, told, and never bridged.
 
         Parameters
         ----------
@@ -86,8 +85,8 @@ class Recording(Result):
             The plant whose signals are meant.
         columns
             {signal of the plant, or "time": what it is called in the data}; without it the data use the names of the plant. A unit that the data do not name
-            is given there: {"bit.speed": "rpm_bit [rpm]"}. In a MAT file, a mapping, a table of pandas or a run numbers without a unit are SI. Columns that it
-            does not name are not read.
+            is given there: {"bit.speed": "rpm_bit [rpm]"}, and so is a format of dates: {"time": "Time [DD/MM/YYYY]"}, {"time": "Time [HHMMSS]"}. In a MAT
+            file, a mapping, a table of pandas or a run numbers without a unit are SI. Columns that it does not name are not read.
         nulls
             Further numbers that mean that there is no value, in the unit of the log.
         keep
@@ -141,10 +140,11 @@ class Recording(Result):
         max_gap
             Samples that may be missing in a row.
         """
-        usual, _ = spacing(self.time)
+        usual, longest = local_spacing(self.time)
         good = np.all([np.isfinite(self.signals[self._known(name)]) for name in (self.signals if names is None else names)], axis=0)
         places = np.flatnonzero(good)
-        apart = np.flatnonzero(np.diff(self.time[places]) > max((max_gap + 1.5) * usual, self.gap))
+        at = places[:-1]
+        apart = np.flatnonzero(np.diff(self.time[places]) > np.maximum((max_gap + 1.5) * usual[at], longest[at]))
         edges = [0, *(apart + 1).tolist(), places.size]
         return [(float(self.time[places[a]]), float(self.time[places[b - 1]])) for a, b in itertools.pairwise(edges) if b - a >= 3]
 
@@ -191,8 +191,13 @@ class Recording(Result):
 
     @property
     def gap(self) -> float:
-        """Time between neighbours [s] from which on they are no neighbours."""
+        """Time between neighbours [s] from which on they are no neighbours, by the spacing of the whole recording."""
         return spacing(self.time)[1]
+
+    @property
+    def gaps(self) -> np.ndarray:
+        """Whether there is a gap between each sample and the next, by the rate around it, shape (nt - 1,)."""
+        return np.diff(self.time) > local_spacing(self.time)[1]
 
     def resampled(self, interval: NumberOrText) -> Recording:
         """The recording at even times: means of the samples around each where they are denser, else on the line between neighbours, and nan inside of gaps.
@@ -215,7 +220,7 @@ class Recording(Result):
                 total = np.bincount(place[inside], values[good][inside], minlength=times.size)
                 signals[name] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
             else:
-                signals[name] = _at(times, self.time, values, self.gap)
+                signals[name] = _at(times, self.time, values)
         return Recording(times, signals, self.source, self.units, self.flaws, (*self.notes, f"resampled every {interval:g} s"), self.begin)
 
     def shift(self, name: str, against: str, max_lag: NumberOrText = 5.0) -> float:
@@ -238,7 +243,7 @@ class Recording(Result):
         max_lag = number("max_lag", max_lag, "s", above=0)
         step = self.interval
         times = np.arange(0.0, self.time[-1], step)
-        one, two = (_at(times, self.time, self.signals[self._known(each)], self.gap) for each in (name, against))
+        one, two = (_at(times, self.time, self.signals[self._known(each)]) for each in (name, against))
         one, two = np.diff(one), np.diff(two)
         lags = np.arange(-int(max_lag / step), int(max_lag / step) + 1)
         found = []
@@ -263,7 +268,7 @@ class Recording(Result):
         signals = dict(self.signals)
         for name, value in shifts.items():
             seconds = number(f"shifts.{name}", value, "s")
-            signals[self._known(name)] = _at(self.time, self.time - seconds, self.signals[name], self.gap)
+            signals[self._known(name)] = _at(self.time, self.time - seconds, self.signals[name])
         words = ", ".join(f"{name} by {number(name, value, 's'):g} s" for name, value in shifts.items())
         return Recording(self.time, signals, self.source, self.units, self.flaws, (*self.notes, f"moved earlier: {words}"), self.begin)
 
@@ -308,7 +313,7 @@ class Recording(Result):
         return recorded(self)
 
 
-def _at(times: np.ndarray, own: np.ndarray, values: np.ndarray, gap: float) -> np.ndarray:
+def _at(times: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values on the line between neighbours, nan where they are farther apart than a gap, and outside."""
     good = np.isfinite(values)
     if good.sum() < 2:
@@ -317,7 +322,8 @@ def _at(times: np.ndarray, own: np.ndarray, values: np.ndarray, gap: float) -> n
     found = np.interp(times, t, v, left=np.nan, right=np.nan)
     after = np.clip(np.searchsorted(t, times), 1, t.size - 1)
     exact = np.isclose(t[after], times, rtol=0, atol=1e-9) | np.isclose(t[after - 1], times, rtol=0, atol=1e-9)
-    return np.where((t[after] - t[after - 1] <= gap) | exact, found, np.nan)
+    longest = local_spacing(own)[1][np.flatnonzero(good)[after - 1]]
+    return np.where((t[after] - t[after - 1] <= longest) | exact, found, np.nan)
 
 
 def _recording(
@@ -326,18 +332,23 @@ def _recording(
     source, where, name = data
     kinds = () if source.what == "run" else tuple(k for k in KINDS if k not in keep)
     columns_of = chosen(source, where, plant, columns)
-    size = int(np.size(columns_of["time"][0].cells))
-    time, notes = times_of(source, *columns_of.pop("time"), where)
+    time_column, time_unit = columns_of.pop("time")
+    size = int(np.size(time_column.cells))
+    time, notes = times_of(source, time_column, time_unit, where)
     if not columns_of:
         raise SceneError(f"The data of {name} must hold a signal beside the time, but there is none.")
     if size < 3:
         raise SceneError(f"The data of {name} must hold at least three samples, but they hold {size}.")
     nulls = (*nulls, *source.nulls)
+    turned = _newest_first(time)
+    if turned:
+        time = time[::-1]
+        notes.append("the newest row stands first: turned")
     order = increasing(time)
     if order.size < 3 or order.size < 0.5 * np.isfinite(time).sum():
         raise SceneError(
             f"The times of {name} must increase, but only {order.size} of {time.size} do: where several samples have one time, write times with more digits; "
-            "where the table is upside down, turn it."
+            "where dates and times of day stand in two columns, say which column is `time` by the one of times of day."
         )
     increases, order = order, without_strays(time, order)
     flaws = _time_flaws(time, order, np.setdiff1d(increases, order))
@@ -353,20 +364,32 @@ def _recording(
         raw, said = numbers_of(column.cells, source.mark, here)
         if said:
             notes.append(f"`{column.name}`: {said}")
-        none = is_null(raw, nulls)
+        raw = raw[::-1] if turned else raw
+        none = is_null(raw, (*nulls, *column.nulls))
         if unit is None and not source.bare and wanted != "1":
             raise SceneError(
                 f"{here} must name its unit, such as `{column.name} [{wanted}]`: write so there, or where you say which column is `{signal}`."
             )
-        scale = 1.0 if unit is None or (unit == "1" and wanted == "1") else factor(unit, wanted, column.name)
+        scale = 1.0 if unit is None or (unit == "1" and wanted == "1") else size_of(unit, wanted, column.name, signal, here)
         values = (np.where(none, np.nan, raw) * scale)[order]
         if np.isfinite(values).sum() < 3:
             raise SceneError(f"{here} must hold at least three values, but {int(none.sum())} of {size} samples are none.")
         flaws += _flaws_of(signal, own, values, np.where(none, raw, np.nan)[order], none[order], kinds)
+        entry = plant.parameters.get(signal)
+        if signal in plant.inputs and entry is not None and entry.bounds.get("at_least") == 0 and source.what != "run":
+            low, words = below_zero(values, signal, own, wanted)
+            flaws += low
+            notes += words
         signals[signal], units[signal] = values, wanted
     if source.what == "run":
         flaws = [flaw for flaw in flaws if flaw.kind != "gap"]
     return Recording(own, signals, name, units, tuple(flaws), tuple(source.notes + notes))
+
+
+def _newest_first(time: np.ndarray) -> bool:
+    """Whether nearly all times go down from row to row."""
+    steps = np.diff(time[np.isfinite(time)])
+    return bool(np.count_nonzero(steps < 0) > 0.9 * np.count_nonzero(steps) > 1.8)
 
 
 def _time_flaws(time: np.ndarray, order: np.ndarray, stray: np.ndarray) -> list[Flaw]:
@@ -385,7 +408,7 @@ def _time_flaws(time: np.ndarray, order: np.ndarray, stray: np.ndarray) -> list[
         beside = kept[np.clip(np.searchsorted(order, none), 0, order.size - 1)]
         flaws.append(Flaw("time", "null", beside - begin, np.full(none.size, np.nan)))
     steps = np.diff(kept)
-    apart = np.flatnonzero(steps > spacing(kept)[1])
+    apart = np.flatnonzero(steps > local_spacing(kept)[1])
     if apart.size:
         flaws.append(Flaw("time", "gap", kept[apart] - begin, steps[apart]))
     return flaws

@@ -28,9 +28,13 @@ def add(commands: Any) -> None:
         epilog="example: stickslip estimate studies/scenes/jansen_2.toml rig.csv --column top.torque='drive torque' --column top.speed='table speed' "
         "--controller 'stiff PI' --out estimated",
     )
-    verb.add_argument("data", type=Path, metavar="LOG", help="measured signals: CSV or TOML with units in headings, or MAT")
+    verb.add_argument("data", type=Path, metavar="LOG", help="measured signals: CSV, WITSML, LAS, MAT, TOML or a sheet")
     verb.add_argument(
-        "--column", metavar="SIGNAL=HEADING", action="append", default=[], help="what a signal, or time, is called in the log"
+        "--column",
+        metavar="SIGNAL=HEADING",
+        action="append",
+        default=[],
+        help="what a signal, or time, is called in the log; with a unit or a format of dates where the log has none, as in 'time=Time [DD/MM/YYYY]'",
     )
     verb.add_argument(
         "--speed-noise", default="0.01 rad/s", metavar="X", help="standard deviation of the measured top speed ('0.01 rad/s')"

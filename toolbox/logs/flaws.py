@@ -8,6 +8,7 @@
     drop-out    exactly zero between values that are far from it
     reversed    a value whose opposite fits between its neighbours, and which does not itself
     outlier     a few values far from both sides
+    below zero  a value below zero of what cannot be, such as the weight of a bit that is off bottom: noise around zero counts as 0, others are left out
 
 Why no filter by size alone: speed in stick-slip leaves the mean by many of its deviations, and friction jumps. A jump keeps one side and a slip takes many
 samples, which a median over neighbours tells from what stands alone.
@@ -20,7 +21,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-NULLS = (-999.25, -999.0, -9999.0, -9999.25, -99999.0, -32768.0)
+from toolbox.errors import SceneError
+
+NULLS = (-999.25, -999.0, -9999.0, -9999.25, -99999.0, -32768.0, 32767.0)
 """Numbers by which logs say that there is no value (the NULL of LAS files, and its relatives)."""
 
 HUGE = 1e29
@@ -37,6 +40,12 @@ FAR = 1e6
 
 ALONE = 5
 """Samples in a row, at most, that may be outliers or reversed."""
+
+NEAR_ZERO = 0.1
+"""Part of the size of a channel that cannot be below zero to which a value there is taken as noise around zero."""
+
+NEARBY = 20
+"""Steps on either side of a step whose rate counts for it."""
 
 KINDS = ("null", "clipped", "drop-out", "reversed", "outlier")
 """Kinds of values that are marked."""
@@ -122,6 +131,31 @@ def spacing(times: np.ndarray) -> tuple[float, float]:
     return usual, 10.0 * float(np.quantile(steps, 0.95))
 
 
+def local_spacing(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the usual interval [s] around each step, and the longest step [s] there without a gap; both have shape (n - 1,).
+
+    A log may change its rate: what counts is the rate before a step or after it, whichever is slower. Where the samples are not even nearby, the spacing of
+    the whole log counts.
+    """
+    steps = np.diff(times)
+    usual, longest = spacing(times)
+    if steps.size < 2 * NEARBY:
+        return np.full(steps.size, usual), np.full(steps.size, longest)
+    rows = np.lib.stride_tricks.sliding_window_view(steps, NEARBY)
+    middle = np.median(rows, axis=1)
+    even = np.mean(np.abs(rows - middle[:, None]) < 0.3 * middle[:, None], axis=1) > 0.7
+    rate = np.where(even, middle, 0.0)
+    first = np.full(steps.size, np.nan)
+    first[NEARBY - 1 :] = rate  # of the steps up to each
+    after = np.full(steps.size, np.nan)
+    after[: rate.size] = rate  # of the steps from each on
+    near = np.fmax(first, after)
+    if np.mean(near > 0.0) < 0.95:
+        return np.full(steps.size, usual), np.full(steps.size, longest)
+    known = near > 0.0
+    return np.where(known, near, usual), np.where(known, 1.75 * near, longest)
+
+
 def marked(values: np.ndarray, kinds: tuple[str, ...] = KINDS) -> dict[str, np.ndarray]:
     """{kind: where} of a channel whose nulls are nan: samples that are no data, each of one kind."""
     found: dict[str, np.ndarray] = {}
@@ -134,6 +168,43 @@ def marked(values: np.ndarray, kinds: tuple[str, ...] = KINDS) -> dict[str, np.n
             found[kind] = there
             values[there] = np.nan
     return found
+
+
+def below_zero(values: np.ndarray, name: str, time: np.ndarray, unit: str) -> tuple[list[Flaw], list[str]]:
+    """Mark values below zero in a channel that cannot be there; those as small as noise become 0, others nan.
+
+    Parameters
+    ----------
+    values
+        Values of the channel, shape (n,), which are changed.
+    name, time, unit
+        Name of the channel, times [s] of its samples, shape (n,), and its unit.
+
+    Returns
+    -------
+    flaws
+        The flaw, or none.
+    notes
+        What was done, and what the user can do.
+    """
+    low = values < 0.0
+    if not low.any():
+        return [], []
+    found = Flaw(name, "below zero", time[low], values[low].copy())
+    high = float(np.nanquantile(np.abs(values), 0.98))
+    far = values < -NEAR_ZERO * high
+    lost, down = int(np.count_nonzero(far)), f"down to {found.values.min():.5g} {unit}, first at {found.times[0]:.4g} s"
+    if lost > 0.5 * np.count_nonzero(np.isfinite(values)):
+        raise SceneError(
+            f"Channel `{name}` must be >= 0 {unit}, but it is below in {found.count} of {values.size} samples, {down}: turn its sign in the log, or "
+            "subtract the reading of a sensor that was not set to zero."
+        )
+    values[low] = np.where(far[low], np.nan, 0.0)
+    return [found], [
+        f"`{name}`: {found.count} samples below zero, {down}: {found.count - lost} taken as noise around 0"
+        + (f", {lost} farther below left out" if lost else "")
+        + "; set the sensor to zero off bottom, or take a window (--window, in Python `between`) after the bit is on bottom"
+    ]
 
 
 def _groups(mask: np.ndarray) -> list[tuple[int, int]]:

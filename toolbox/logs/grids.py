@@ -10,7 +10,8 @@ from typing import Any
 
 from toolbox.errors import SceneError
 from toolbox.files.tables import parted
-from toolbox.logs.cells import decimal_mark, is_time, is_unit, plain_number
+from toolbox.logs.cells import UNITLESS, decimal_mark, is_unit, plain_number
+from toolbox.logs.dates import is_time
 
 MARKS = ("\t", ";", "|", ",", None)
 """What may part cells; None for spaces."""
@@ -26,16 +27,21 @@ _UNIT = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))\s*")
 
 @dataclass
 class Column:
-    """A column of a log: its name, unit (None where the log has none) and cells, numbers or text."""
+    """A column of a log: its name, unit (None where the log has none), cells, numbers or text, and the numbers that mean no value in it alone."""
 
     name: str
     unit: str | None
     cells: Any
+    nulls: tuple[float, ...] = ()
 
 
 @dataclass
 class Source:
-    """What a log holds. bare: numbers without a unit are SI;  notes: what was found, in words;  mark: decimal mark of its text;  nulls: those it declares."""
+    """Columns of a log, and what it says of them.
+
+    bare: numbers without a unit are SI;  notes: what was found, in words;  mark: decimal mark of its text;  nulls: those it declares;  index: the column that
+    it declares to be its time.
+    """
 
     columns: list[Column]
     what: str
@@ -43,6 +49,7 @@ class Source:
     mark: str = "."
     notes: list[str] = field(default_factory=list)
     nulls: tuple[float, ...] = ()
+    index: str | None = None
 
 
 def named(heading: str) -> tuple[str, str | None]:
@@ -54,8 +61,8 @@ def named(heading: str) -> tuple[str, str | None]:
     return match[1], inside.strip().replace("-", "1") if inside.strip() in ("-", "") else inside.strip()
 
 
-def of_text(text: str, where: str, decimal: str | None = None) -> Source:
-    """The columns of a table in text.
+def of_text(text: str, where: str, decimal: str | None = None, names: Sequence[str] = ()) -> Source:
+    """The columns of a table in text; names: headings that are asked for, by which the row of headings is told from a row of units.
 
     Raises SceneError where no table is found, it has no headings, or commas may be decimal as well as of thousands.
     """
@@ -68,23 +75,23 @@ def of_text(text: str, where: str, decimal: str | None = None) -> Source:
         raise SceneError(
             f'{where} must tell thousands from decimals, but `{next(cell for cell in seen if "," in cell)}` may be either: give `decimal=","` or `decimal="."`.'
         )
-    source = of_rows(rows, where, point)
+    source = of_rows(rows, where, point, names)
     words = {"\t": "tabulators", ";": "semicolons", "|": "bars", ",": "commas", None: "spaces"}[mark]
     source.notes.insert(0, f"cells parted by {words}" + (", decimal comma" if point == "," else ""))
     return source
 
 
-def of_rows(rows: Sequence[Sequence[Any]], where: str, mark: str = ".") -> Source:
+def of_rows(rows: Sequence[Sequence[Any]], where: str, mark: str = ".", names: Sequence[str] = ()) -> Source:
     """The columns of a table in rows of cells, text or numbers: preamble, headings, units and data."""
-    width, first, head, units = _headed(rows, where, mark)
-    preamble = first - 1 - (units is not None)
+    width, first, place, head, units = _headed(rows, where, mark, names)
+    preamble = place
     data = rows[first:]
     whole = [row for row in data if len(row) == width]
     columns, there = [], Counter[str]()
     for i, heading in enumerate(head):
         name, unit = named(heading)
         if units is not None and unit is None:
-            unit = units[i] if units[i] not in ("", "-", "1") else None if not units[i] else "1"
+            unit = "1" if units[i] in ("-", "1") else units[i] or None
         there[name] += 1
         if name:
             columns.append(Column(name if there[name] == 1 else f"{name} ({there[name]})", unit, [row[i] for row in whole]))
@@ -95,8 +102,10 @@ def of_rows(rows: Sequence[Sequence[Any]], where: str, mark: str = ".") -> Sourc
     return Source(columns, "table", mark=mark, notes=notes, nulls=_declared(rows[:first]))
 
 
-def _headed(rows: Sequence[Sequence[Any]], where: str, mark: str) -> tuple[int, int, list[str], list[str] | None]:
-    """(columns, first row of data, headings, units of a line of their own)."""
+def _headed(
+    rows: Sequence[Sequence[Any]], where: str, mark: str, names: Sequence[str]
+) -> tuple[int, int, int, list[str], list[str] | None]:
+    """(columns, first row of data, row of the headings, headings, units of a line of their own)."""
     width = Counter(len(row) for row in rows[-LOOKED_AT:]).most_common(1)[0][0]
     first = _first_of_data(rows, width, mark)
     if first is None:
@@ -106,13 +115,32 @@ def _headed(rows: Sequence[Sequence[Any]], where: str, mark: str) -> tuple[int, 
             f"{where} must have a line of headings above its numbers, but it has none: write one, such as `time [s],bit.speed [rpm]`."
         )
     above = [list(map(_heading, row)) for row in rows[:first]]
-    units: list[str] | None = None
-    head = above[-1]
-    if len(above) > 1 and len(above[-2]) == width and _are_units(above[-1]) and sum(map(bool, above[-2])) >= sum(map(bool, above[-1])):
-        units, head = [cell.strip("[]() ") for cell in above[-1]], above[-2]
+    place = _row_of_headings(above, width, names)
+    head = above[place]
+    units = next(([cell.strip("[]() ") for cell in row] for row in above[place + 1 :] if len(row) == width), None)
     if len(head) != width:
         raise SceneError(f"{where} must have a heading for each of its {width} columns, but the line above the numbers has {len(head)}.")
-    return width, first, head, units
+    return width, first, place, head, units
+
+
+def _row_of_headings(above: Sequence[Sequence[str]], width: int, names: Sequence[str]) -> int:
+    """The row with all names asked for; without such a row the last one, or the one before it if the last one holds units."""
+    asked = {" ".join(name.split()).casefold() for name in names}
+    for k in range(len(above) - 1, max(-1, len(above) - 4), -1):
+        there = {form.casefold() for cell in above[k] for form in (" ".join(cell.split()), named(cell)[0])}
+        if asked and len(above[k]) == width and asked <= there and (k == len(above) - 1 or not _data_like(above[k + 1 :], width)):
+            return k
+    last = len(above) - 1
+    if last > 0 and len(above[last - 1]) == len(above[last]) == width and _are_units(above[last]):
+        full = [sum(map(bool, row)) for row in (above[last - 1], above[last])]
+        if full[0] >= full[1]:
+            return last - 1
+    return last
+
+
+def _data_like(rows: Sequence[Sequence[str]], width: int) -> bool:
+    """Whether rows between headings and data hold neither units nor words for them, but are longer than two or of another width."""
+    return len(rows) > 2 or any(len(row) != width for row in rows)
 
 
 def _heading(cell: Any) -> str:
@@ -129,9 +157,11 @@ def _declared(above: Sequence[Sequence[Any]]) -> tuple[float, ...]:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
+    """Whether most of the cells that are not empty are units, formats of dates, or words that stand for none."""
     given = [cell.strip("[]() ") for cell in cells if cell]
     dates = re.compile(r"[ymdhs:./\- tfZ]+", re.IGNORECASE)
-    return bool(given) and all(is_unit(cell) or dates.fullmatch(cell) for cell in given)
+    good = sum(cell.lower() in UNITLESS or is_unit(cell) or dates.fullmatch(cell) is not None for cell in given)
+    return 2 * good > len(given)
 
 
 def _rows(lines: Sequence[tuple[int, str]], mark: str | None, where: str) -> list[list[str]]:

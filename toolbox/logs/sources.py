@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from toolbox.files.mat import read_mat
 from toolbox.files.reading import TEXT, content, opened
 from toolbox.logs.grids import Column, Source, named, of_rows, of_text
 from toolbox.logs.sizes import check_hdf, check_memory, check_parquet, check_sheets, texts_of_parquet
+from toolbox.logs.witsml import of_witsml
 
 EXTRA = "pip install 'stickslip-toolbox[data]'"
 
@@ -25,14 +26,11 @@ NO_TABLE = "must be a table in text, a sheet (xlsx), parquet, LAS or MAT file, b
 LONGEST = 10_000
 """Characters of the longest line in the head of a LAS file: the time to take one apart grows with the square of its length."""
 
-WITSML = (
-    "is WITSML, which is not read: write the text of its `mnemonicList` as the first line of a CSV file, that of its `unitList` as the second, "
-    "and those of its `data` below, and read that"
-)
 
+def from_file(path: Path, decimal: str | None = None, names: Sequence[str] = ()) -> Source:
+    """The columns of a file.
 
-def from_file(path: Path, decimal: str | None = None) -> Source:
-    """The columns of a file. Raises SceneError where it cannot be read, and ImportError that names the extra where its library is not there."""
+    names: headings that are asked for. Raises SceneError where it cannot be read, and ImportError that names the extra where its library is not there."""
     kind, where = path.suffix.lower(), f"File `{path}`"
     if kind == ".mat":
         return _of_mat(path)
@@ -40,18 +38,28 @@ def from_file(path: Path, decimal: str | None = None) -> Source:
     if not held.strip():
         raise SceneError(f"{where} must hold a table, but it is empty.")
     if kind in (".xlsx", ".xls", ".ods", ".parquet"):
-        return _by_pandas(path, kind, held)
+        return _by_pandas(path, kind, held, names)
+    held = _marked(held)
     if b"\0\0\0\0" in held:
         raise SceneError(f"{where} {NO_TABLE}.")
     text = decoded(held)
     start = text.lstrip()[:4000].lower()
-    if kind == ".xml" or start.startswith(("<?xml", "<log", "<witsml")):
-        raise SceneError(f"{where} {WITSML if 'witsml' in start or '<log' in start else 'is XML, which is not read: save it as CSV'}.")
+    if kind == ".xml" or start.startswith(("<?xml", "<log", "<witsml", "<!")):
+        return of_witsml(text, where, names)
     if kind == ".las" or start.startswith("~v"):
         return _of_las(path, text)
     if "\0" in text:
         raise SceneError(f"{where} {NO_TABLE}.")
-    return of_text(text, where, decimal)
+    return of_text(text, where, decimal, names)
+
+
+def _marked(held: bytes) -> bytes:
+    """Bytes with the mark of UTF-16 where every other one of the first is zero."""
+    head = held[:400]
+    for first, mark in ((1, b"\xff\xfe"), (0, b"\xfe\xff")):
+        if len(head) > 8 and len(held) % 2 == 0 and not any(head[first::2]) and all(head[1 - first :: 2]):
+            return mark + held
+    return held
 
 
 def decoded(held: bytes) -> str:
@@ -65,11 +73,12 @@ def decoded(held: bytes) -> str:
 
 
 def from_mapping(given: Mapping[str, Any]) -> Source:
-    """Columns of a mapping of names to values, whose numbers are SI where their name has no unit."""
+    """Columns of a mapping of names to values, whose numbers are SI where their name has no unit; those of a matrix `log` are `log.0`, `log.1` and so on."""
     columns = []
     for heading, cells in given.items():
         name, unit = named(heading) if "[" in heading else (heading, None)
-        columns.append(Column(name, unit, cells))
+        matrix = isinstance(cells, np.ndarray) and cells.ndim == 2 and cells.dtype.kind in "iuf" and 1 < cells.shape[1] < cells.shape[0]
+        columns += [Column(f"{name}.{i}", unit, cells[:, i]) for i in range(cells.shape[1])] if matrix else [Column(name, unit, cells)]
     return Source(columns, "given data", bare=True)
 
 
@@ -101,7 +110,7 @@ def _plain(cells: Any) -> Any:
     return array
 
 
-def _by_pandas(path: Path, kind: str, held: bytes) -> Source:
+def _by_pandas(path: Path, kind: str, held: bytes, names: Sequence[str]) -> Source:
     try:
         import pandas
 
@@ -119,7 +128,7 @@ def _by_pandas(path: Path, kind: str, held: bytes) -> Source:
         raise SceneError(f"File `{path}` must hold a table, but its sheets are empty.")
     name, sheet = max(full.items(), key=lambda pair: pair[1].size)
     with understood(path, "a sheet"):
-        source = of_rows(sheet.astype(object).where(sheet.notna(), None).values.tolist(), f"File `{path}`, sheet `{name}`,")
+        source = of_rows(sheet.astype(object).where(sheet.notna(), None).values.tolist(), f"File `{path}`, sheet `{name}`,", names=names)
     source.notes.insert(0, f"sheet `{name}`" + (f" of {len(sheets)}, the largest" if len(sheets) > 1 else ""))
     return source
 

@@ -92,6 +92,13 @@ class Estimate:
     sticking: float
 
 
+def check_string(plant: HybridSystem) -> None:
+    """Raise SceneError if a plant has no top drive or no bit."""
+    for name in ("top.torque", "top.speed", "bit.speed", "bit.torque"):
+        if not plant.has_signal(name) and name not in plant.inputs:
+            raise SceneError(f"Argument `loop` must be a drill string with a rock, but it has no `{name}`.")
+
+
 class EnsembleFilter:
     """An ensemble of strings that follows a rig: `step` at every sample, in a stream or over a log.
 
@@ -130,9 +137,7 @@ class EnsembleFilter:
 
     def _places(self, plant: HybridSystem) -> None:
         """Rows of the states and places of the numbers that differ between members."""
-        for name in ("top.torque", "top.speed", "bit.speed", "bit.torque"):
-            if not plant.has_signal(name) and name not in plant.inputs:
-                raise SceneError(f"Argument `loop` must be a drill string with a rock, but it has no `{name}`.")
+        check_string(plant)
         try:
             inertia, stiffness, twist = (plant._parameter(f"chain.{name}") for name in ("inertia", "stiffness", "stiffness"))
             plant.parameter("bit.weight")

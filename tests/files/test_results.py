@@ -53,7 +53,19 @@ from toolbox.probability import (
     predict,
     uncertain_onset,
 )
-from toolbox.robustness import Group, LowestSetPoints, Machine, Margins, SmallestError, Windows, WorstCase, smallest_error, windows
+from toolbox.robustness import (
+    Answers,
+    Group,
+    LowestSetPoints,
+    Machine,
+    Margins,
+    SmallestError,
+    Windows,
+    WorstCase,
+    answers,
+    smallest_error,
+    windows,
+)
 from toolbox.robustness.charts import StabilityChart, stability_chart
 from toolbox.robustness.describing import DescribingFunction, describing_function
 from toolbox.robustness.responses import FrequencyResponse, frequency_response
@@ -97,6 +109,12 @@ def of_lowest_set_point():
     loop = closed_loop(RIG, Sampled(SoftTorque(), 0.01, 0.03))
     quiet = Group("nominal", (Machine("nominal"),), noise=0.0, phases=(0.0,))
     return lowest_set_point(loop, StiffPI(), [quiet], protocols=["takeover"], bounds=("80 rpm", "110 rpm"), step="10 rpm", long_run=False)
+
+
+def of_answers():
+    return answers(
+        {"soft torque": closed_loop(RIG, SoftTorque(reference="100 rpm"))}, StiffPI(), bounds=(9.0, 12.0), step=1.5, phases=1, duration=30.0
+    )
 
 
 def of_smallest_error():
@@ -204,6 +222,7 @@ def of_validation():
 MADE = {
     Sweep: of_sweep, Onset: of_onset, SeverityMap: of_severity_map,
     Comparison: of_comparison, Margins: of_margins, WorstCase: of_worst_case, LowestSetPoints: of_lowest_set_point,
+    Answers: of_answers,
     SmallestError: of_smallest_error, WorkPrecision: of_work_precision, Tuned: of_tuning, Fit: of_fit, Chance: of_chance, Posterior: of_posterior,
     Schedule: of_schedule, Windows: of_windows, Estimates: of_estimate, Basin: of_basin,
     Prediction: of_prediction, ModelComparison: of_model_comparison, UncertainOnset: of_uncertain_onset,

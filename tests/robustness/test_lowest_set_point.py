@@ -173,7 +173,7 @@ def test_lifts_are_counted_and_their_price_is_told():
     [
         (closed_loop(PLANT, SoftTorque()), {}, "one sampled law that drives `top.torque`"),
         (closed_loop(PLANT), {}, "one sampled law"),
-        (LOOP, {"groups": ["robus"]}, "There is no group `robus`: did you mean `robust`"),
+        (LOOP, {"groups": ["combind"]}, "There is no group `combind`: did you mean `combined`"),
         (LOOP, {"protocols": ["straight"]}, "There is no protocol `straight`"),
         (LOOP, {"step": -1.0}, "step"),
         (LOOP, {"executor": 2}, "Argument `executor` must be a concurrent.futures.Executor"),

@@ -1,8 +1,7 @@
 """Words for writing a part of a plant: states, quantities and set-valued contacts.
 
-Why set-valued, not tanh: dry friction at rest is whatever force keeps the contact at rest, up to a bound. A regularised law creeps instead of
-sticking and lowers the break-away force, so a controller designed on it can park a bit that the real machine would have to break free.
-Here a contact carries one integer mode, and force alone decides when it leaves stick.
+Why set-valued, not tanh: dry friction at rest is whatever force keeps the contact at rest, up to a bound. A regularised law creeps and lowers the break-away
+force: a controller designed on it can park a bit that the real machine would have to break free. Here force alone decides when a contact leaves stick.
 """
 
 from __future__ import annotations
@@ -456,8 +455,7 @@ def length(column: ca.SX, beside: ca.SX | float = 0.0) -> ca.SX:
 class Hysteresis(Element):
     """A two-position switch with memory: `output` becomes 1 when `signal` rises to `high` and 0 when it falls to `low` < high.
 
-    Between the two it keeps what it was; `start`, "low" or "high", says what it was at the beginning. The signal may depend on states, parameters and
-    time. With low = high it is a plain switch, and chatters without end where both sides lead back to it: that is a `Relay`.
+    Between the two it keeps what it was, `start` ("low" or "high") at first. With low = high it chatters where both sides lead back to it: that is a `Relay`.
     """
 
     legend: Mapping[int, str] = {0: "low", 1: "high"}

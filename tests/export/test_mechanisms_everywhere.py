@@ -26,7 +26,7 @@ from toolbox import (
 )
 from toolbox.errors import GrazingError
 from toolbox.inputs import sine
-from toolbox.measuring import measures
+from toolbox.measuring import metrics
 from toolbox.simulation import TimeStepping
 
 DURATION, TIGHT = 6.0, 1e-10
@@ -80,7 +80,7 @@ def test_lanes_end_where_single_runs_end(name):
     loop = LOOPS[name]
     number = inertia(loop)
     values = [part * loop.plant.parameter(number) for part in (0.7, 1.0, 1.3)]
-    found = sweep(loop, {number: values}, DURATION, metrics={"end": measures.final("shaft.speed")}, accuracy=TIGHT)
+    found = sweep(loop, {number: values}, DURATION, metrics={"end": metrics.final("shaft.speed")}, accuracy=TIGHT)
     single = [simulate(loop.but(parameters={number: value}), DURATION, accuracy=TIGHT)["shaft.speed"][-1] for value in values]
     np.testing.assert_allclose(found["end"], single, rtol=0, atol=1e-8)
 

@@ -457,7 +457,7 @@ def test_what_is_no_cycle_is_said_to_be_none():
     with pytest.raises(SceneError, match="table"):
         limit_cycle(closed_loop(plant, inputs={"block.force": step(0.0, 1.0, 3.0)}), 60.0)
     cycle = limit_cycle(closed_loop(compose(BlockOnBelt()), start={"block.position": 1.2}), 60.0)
-    with pytest.raises(SceneError, match="span"):
+    with pytest.raises(SceneError, match="bounds"):
         follow(cycle, "block.belt_speed", (0.3, 0.5))
     with pytest.raises(SceneError, match="`block.position` must be an input or a parameter for `follow`, but it is a start value"):
         follow(cycle, "block.position", (0.0, 0.5))

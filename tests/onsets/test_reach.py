@@ -51,3 +51,18 @@ def test_the_advice_says_what_reaches_the_stick_slip_and_what_does_not(found):
 
 def test_a_free_point_has_nothing_to_reach(loop):
     assert onset(loop.at("top.reference", 11.0), "top.reference", (10.5, 12.0), values=3).reached == ()
+
+
+@pytest.mark.slow
+def test_stick_slip_over_the_sample_time_ends_below_the_shortest_at_which_a_takeover_keeps_sticking():
+    """Stick-slip under constant commands is taken over at 150 ms: one phase of it keeps sticking for 3000 s, none does at 140 ms."""
+    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+    loop = closed_loop(rig, Sampled(SoftTorque(reference="95 rpm"), "10 ms"))
+    lasting = {}
+    for period in (0.14, 0.15):
+        at = loop.at("softtorque.sample_time", period)
+        runs = [simulate(at.but(start=taken_over(at, start)), 3000.0) for start in under_held_commands(at)]
+        lasting[period] = any(run.time_in("bit", "stick", after=2900.0) > 0.0 for run in runs)
+    assert lasting == {0.14: False, 0.15: True}
+    found = onset(loop, "softtorque.sample_time", ("100 ms", "300 ms"), values=5)
+    assert 0.14 < found.end < 0.15

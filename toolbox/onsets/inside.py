@@ -19,6 +19,7 @@ from toolbox.measuring.judge import NONE, NOT_DECIDED, STANDS, STICKS, Judged
 from toolbox.modelling.steady_point import Equilibrium
 from toolbox.onsets.carried import Carried
 from toolbox.onsets.growth import begun_at
+from toolbox.onsets.reach import HELD, held_starts
 from toolbox.onsets.results import Border
 from toolbox.onsets.search import OnsetSearch
 from toolbox.simulation.run_state import RunState
@@ -41,6 +42,8 @@ class Inside(Carried[float]):
         Steady states with the judged contact stuck; None where a law has no continuous form.
     became
         {value: what stick-slip that was led there turned into}.
+    held
+        Values at which the controllers took over the stick-slip under constant commands.
     remembered
         Where stick-slip ended that lives on where it is led in smaller steps; None where there is none.
     """
@@ -49,6 +52,7 @@ class Inside(Carried[float]):
     rest: EquilibriumBranch | None
     became: dict[float, str] = field(default_factory=dict)
     remembered: float | None = None
+    held: set[float] = field(default_factory=set)
 
     @staticmethod
     def of(search: OnsetSearch) -> Inside:
@@ -91,6 +95,11 @@ class Inside(Carried[float]):
                         if self.tried(value, self.search.walked(begin, before, value)).regime == STICKS:
                             break
         for value in values:
+            if value not in self.cycling and value not in self.held:
+                self.held.add(value)
+                for begin in held_starts(self.search, value):
+                    if self.tried(value, begin, begun=HELD).regime == STICKS:
+                        break
             if value in self.cycling and self.found[value].regime != STICKS:
                 self.found[value] = self.search.run(value, self.cycling[value])[0]
             self.standstill(value)

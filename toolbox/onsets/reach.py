@@ -14,7 +14,7 @@ import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
 from toolbox.measuring.judge import STICKS
-from toolbox.onsets.carried import DAMPED, Carried, Place
+from toolbox.onsets.carried import DAMPED, Carried, JudgedRuns, Place
 from toolbox.onsets.motions import moved, slip_rows, swings
 from toolbox.onsets.results import Reached
 from toolbox.onsets.takeover import taken_over, under_held_commands
@@ -52,7 +52,7 @@ def _starts(carried: Carried[Place], value: Place) -> Iterator[tuple[str, float,
     for begun, begin in carried.starts(value):
         if not begun.startswith("the swing"):
             yield begun, math.nan, begin
-    yield from ((HELD, math.nan, begin) for begin in held_starts(carried, value))
+    yield from ((HELD, math.nan, begin) for begin in held_starts(carried.search, value))
     smooth = search.branch(value)
     if smooth is None:
         return
@@ -68,9 +68,9 @@ def _starts(carried: Carried[Place], value: Place) -> Iterator[tuple[str, float,
             yield KICKED, size, moved(smooth.state, point.plant, size * abs(search.steady(value)[0]) * motion)
 
 
-def held_starts(carried: Carried[Place], value: Place) -> Iterator[RunState]:
+def held_starts(search: JudgedRuns[Place], value: Place) -> Iterator[RunState]:
     """States in which the controllers take over the stick-slip of the plant whose commands were held at their values in smooth running."""
-    loop = carried.search.at(value).loop
+    loop = search.at(value).loop
     with contextlib.suppress(SceneError, SimulationError):
         for start in under_held_commands(loop):
-            yield Request(loop.but(start=taken_over(loop, start)), 0.0, accuracy=carried.search.base.accuracy).checked().start
+            yield Request(loop.but(start=taken_over(loop, start)), 0.0, accuracy=search.base.accuracy).checked().start

@@ -146,7 +146,7 @@ class OwnStickSlip:
             return Found([], "stick-slip of its own was not looked for, because no judge tells whether it lasts")
         carried = Carried(search=settled.runs)
         end = carried.seek(HERE)
-        for begin in itertools.chain(held_starts(carried, HERE), _from_below(loop)) if end is None else ():
+        for begin in itertools.chain(held_starts(carried.search, HERE), _from_below(loop)) if end is None else ():
             if carried.tried(HERE, begin).regime == STICKS:
                 end = carried.cycling[HERE]
                 break

@@ -21,7 +21,7 @@ class BrakeMPC(BrakeLaw):
     """Plans `horizon` forces so that speed and angle follow the plan of the stop, within the limits and below the force at which the pad groans.
 
         n_(k+1) = n_k + alpha (u_k - n_k),   w_(k+1) = w_k - (2 r mu h / I) n_(k+1),   z_(k+1) = z_k + h (w_(k+1) - w_p)
-        min sum_k ((w_k - w_p) / speed_size)^2 + (z_k / angle_size)^2 + ((u_k - u_(k-1)) / move_size)^2 + priority (excess + excess^2 / 2)
+        min sum_k ((w_k - w_p) / speed_size)^2 + (z_k / angle_size)^2 + ((u_k - u_(k-1)) / move_size)^2 + violation_cost (excess + excess^2 / 2)
         n_k <= margin N_0 exp(q w_k) + excess,   lowest <= u_k <= highest,   |u_k - u_(k-1)| <= force_rate h
 
     alpha = 1 - exp(-h / lag) of the actuator, whose `lag` is read from the plant; mu = T / (2 r n), averaged over `filter_time`. The border of groan is
@@ -40,7 +40,7 @@ class BrakeMPC(BrakeLaw):
     speed_size: Quantity = quantity(0.2, "rad/s", "deviation of the speed that counts", above=0)
     angle_size: Quantity = quantity(0.05, "rad", "deviation of the angle that counts", above=0)
     move_size: Quantity = quantity(100.0, "N", "change of the force within a period that counts", above=0)
-    priority: Quantity = quantity(1e5, "1", "cost of passing the border of groan by 1000 N", above=0)
+    violation_cost: Quantity = quantity(1e5, "1", "cost of passing the border of groan by 1000 N", above=0)
     filter_time: Quantity = quantity(0.1, "s", "time over which the friction is averaged", at_least=0)
     lag: OptionalQuantity = quantity(None, "s", "time constant of the actuator", at_least=0)
     solver: str = "daqp"
@@ -161,7 +161,7 @@ class PlannedStop(Remembering):
         above[0] += self.last / UNIT
         if self.slack:
             low[N], high[N] = 0.0, np.inf
-            H[N, N], g[N] = law.priority, law.priority
+            H[N, N], g[N] = law.violation_cost, law.violation_cost
             around = np.maximum(np.append(self.speeds[1:], self.speeds[-1]) if self.planned else wish[1:], 0.0)
             border = law.margin * law.border * np.exp(law.growth * around) / UNIT
             self.rows[N:, :N] = self.forced - (law.growth * border)[:, None] * S

@@ -85,8 +85,8 @@ class PlannedLinear(PredictiveLaw):
         H[:N, :N] += final.T @ P @ final
         G[:N] += final.T @ P @ off
         for i in range(slacks):
-            H[N + i, N + i] = law.priority
-        linear = np.append(np.zeros(N), np.full(slacks, law.priority))
+            H[N + i, N + i] = law.violation_cost
+        linear = np.append(np.zeros(N), np.full(slacks, law.violation_cost))
         # bounds of the unknowns, then of the rows: moves, speed, twist
         low = np.append(np.full(N, self.lowest / unit), np.zeros(slacks))
         high = np.append(np.full(N, self.highest / unit), np.full(slacks, np.inf))

@@ -37,7 +37,7 @@ class NonlinearMPC(Predictive):
     `matched` is False, which is the textbook's tanh, weighed as the textbook does, and a trap.
 
     While the bit is at rest (estimated below `rest_speed`), only the top speed is weighed until the predicted release, so that the string is wound up. A
-    turning bit is kept above `slowest` times the set-point, and a prediction in which it sticks again costs `priority` for each sample.
+    turning bit is kept above `slowest` times the set-point, and a prediction in which it sticks again costs `violation_cost` for each sample.
 
     `adapt` tells whether the strength of the rock, a factor on its torque between 0.5 and 2, is estimated. Once the bit has turned for three samples,
     `RockFilter` estimates it with the states (it may wander by `strength_process_noise` in a second); before that it follows from the torque that the
@@ -118,7 +118,7 @@ class PlannedNonlinear(PredictiveLaw):
         limits += [(twist_row(model), -law.highest_twist, law.highest_twist)] if law.highest_twist is not None else []
         count = len(limits)
         rows, (low, high) = np.array([row for row, _, _ in limits]), np.array([bounds for _, *bounds in limits]).T.copy()
-        numbers = np.array([0.0, 0.0, law.torque_size, law.move_size, law.priority, self.lowest, self.highest, self.rate, np.inf])
+        numbers = np.array([0.0, 0.0, law.torque_size, law.move_size, law.violation_cost, self.lowest, self.highest, self.rate, np.inf])
         self.weights = condensing.Weights(
             numbers,
             np.zeros(n),
@@ -135,11 +135,11 @@ class PlannedNonlinear(PredictiveLaw):
         H, sides = np.zeros((width, width)), np.zeros((many, width))
         sides[:N, :N] = np.eye(N) - np.eye(N, k=-1)
         for i in range(count):
-            H[N + i, N + i] = law.priority
+            H[N + i, N + i] = law.violation_cost
             sides[N + 2 * i * N : N + (2 * i + 1) * N, N + i] = -1.0
             sides[N + (2 * i + 1) * N : N + (2 * i + 2) * N, N + i] = 1.0
         g, low, high = np.zeros(width), np.full(width + many, -np.inf), np.full(width + many, np.inf)
-        g[N:], low[N:width] = law.priority, 0.0
+        g[N:], low[N:width] = law.violation_cost, 0.0
         self.filled = condensing.Program(H, g, sides, low, high, np.empty((n, N)), np.empty((n, N)), np.empty(N))
         self.program = QuadraticProgram(np.eye(width), sides, law.solver, warm=law.warm)
         self._clear()

@@ -29,7 +29,7 @@ class Predictive(TorqueLimits):
     It minimises, over the plan, squares of deviations in units of their sizes (Bryson): top speed and bit speed from `reference`, torque from the steady
     torque, torque from one sample to the next; with the Riccati solution as cost of what comes after the horizon. Limits of torque and of its rate
     are kept exactly. Limits of speed and twist hold for the predicted string and, with `soft`, give way where they must, at a cost per unit that
-    no other gain can outweigh (`priority`); without `soft` they may leave no answer.
+    no other gain can outweigh (`violation_cost`); without `soft` they may leave no answer.
 
     measures: `sensors`, with their noise; from these a stationary Kalman filter estimates the states and the torque of the rock, so that a
     constant torque that the model does not know leaves no error. The field `reference` is the point of the design and the default of the signal
@@ -58,7 +58,7 @@ class Predictive(TorqueLimits):
     highest_speed: OptionalQuantity = quantity(None, "rad/s", "highest top speed", above=0, typical_range=(0.05, 40.0))
     highest_twist: OptionalQuantity = quantity(None, "rad", "highest twist of the string, either way", above=0)
     soft: bool = True
-    priority: Quantity = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)
+    violation_cost: Quantity = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)
     torque_process_noise: Quantity = quantity(2000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
     drive_process_noise: Quantity = quantity(
         400.0, "N m s^1/2", "white noise that stands for the error of the drive's torque and inertia", at_least=0

@@ -58,6 +58,9 @@ ENTRIES = (
     Entry("Sweep SeverityMap", "errors", "failures", "{run: message} of the runs that failed"),
     Entry("WorkPrecision", "truths", "references", "runs of the highest accuracy"),
     Entry("WorkPrecision", "disagreement", "reference_error", "difference between the references"),
+    Entry("Prediction", "cover", "coverage", "share of the measured samples within the band"),
+    Entry("Knowledge", "strength", "rock_strength", "deviation of the logarithm of the strength of the rock"),
+    Entry("LinearMPC NonlinearMPC BrakeMPC", "priority", "violation_cost", "cost of a limit that is passed"),
     # checkpoints and progress
     Entry("severity_map chance posterior compare_models windows sweep", "out", "checkpoint", "file or folder from which a stopped search continues"),
     Entry("tune", "journal", "checkpoint", "file from which a stopped search continues"),

@@ -138,7 +138,7 @@ answer = {
     "known": known,
     "truth": synthetic.TRUTH,
     "late": late,
-    "cover": {"before": shown.cover["bit.speed"], "after": again.cover["bit.speed"]},
+    "cover": {"before": shown.coverage["bit.speed"], "after": again.coverage["bit.speed"]},
     "lowest": lowest,
     "lowest of the truth": {drive: value * 30 / math.pi for drive, value in truth.lowest(0.95).items()},
 }

@@ -31,7 +31,7 @@ def test_an_ensemble_that_went_astray_is_widened_by_half_of_what_was_known():
     made.step(PERIOD, 9e3, 8.0)
     before, made.surprise = made.logs, 2.0 * ASTRAY
     made.step(0.0, 9e3, 8.0)
-    wider = (made.logs - before) / (0.5 * np.array([known.inertia, known.inertia, known.stiffness, known.strength]))
+    wider = (made.logs - before) / (0.5 * np.array([known.inertia, known.inertia, known.stiffness, known.rock_strength]))
     assert np.abs(wider.mean(axis=0)).max() < 5.0 / math.sqrt(2000) and np.abs(wider.std(axis=0) - 1.0).max() < 5.0 / math.sqrt(4000)
     assert made.surprise == 1.0
     after = made.logs
@@ -109,8 +109,8 @@ def test_what_is_no_drill_string_is_refused():
         EnsembleFilter(compose(BlockOnBelt()))
     with pytest.raises(SceneError, match="`members` must be"):
         EnsembleFilter(RIG, members=2)
-    with pytest.raises(SceneError, match="`strength` must be above 0"):
-        EnsembleFilter(RIG, Knowledge(strength=0.0, load=0.0))
+    with pytest.raises(SceneError, match="`rock_strength` must be above 0"):
+        EnsembleFilter(RIG, Knowledge(rock_strength=0.0, load=0.0))
     with pytest.raises(SceneError, match="must have `top.speed`"):
         estimate(RIG, {"time": np.arange(4.0), "top.torque": np.ones(4)})
 

@@ -30,9 +30,9 @@ def test_a_band_of_95_percent_covers_about_95_of_100_samples_where_the_model_is_
     exact = {"belt.friction.static": Normal(1.0, 1e-6)}
     right = predict(closed_loop(TRUE), exact, {"block.position": NOISE}, recording=measured(), draws=400)
     known = int(np.isfinite(measured().signals["block.position"]).sum())
-    assert abs(right.cover["block.position"] - 0.95) < 4 * math.sqrt(0.95 * 0.05 / known)
+    assert abs(right.coverage["block.position"] - 0.95) < 4 * math.sqrt(0.95 * 0.05 / known)
     wrong = predict(closed_loop(TRUE), {"belt.friction.static": Normal(0.8, 1e-6)}, {"block.position": NOISE}, recording=measured())
-    assert wrong.cover["block.position"] < 0.7
+    assert wrong.coverage["block.position"] < 0.7
 
 
 def test_the_band_of_the_motion_is_that_of_its_quantiles():
@@ -40,7 +40,7 @@ def test_the_band_of_the_motion_is_that_of_its_quantiles():
     assert found.low["block.position"][0] == pytest.approx(0.02, abs=0.01)
     assert found.median["block.position"][0] == pytest.approx(0.1, abs=0.015)
     assert found.high["block.position"][0] == pytest.approx(0.18, abs=0.01)
-    assert math.isnan(found.cover["block.position"]) and found.time.size == 501
+    assert math.isnan(found.coverage["block.position"]) and found.time.size == 501
 
 
 def test_a_prediction_prints_draws_and_goes_to_a_file(tmp_path):

@@ -28,6 +28,7 @@ from toolbox.prediction.rollout import Rollout
 from toolbox.prediction.rollout_loop import MOTION_KINDS, advance_interval
 from toolbox.steady_states.hopf import hopf_points
 from toolbox.translation.compiled import Compiled
+from toolbox.vocabulary import Renamed
 
 LONGEST = 0.02
 """Longest step of the prediction [s]; a longer time between samples is taken in several."""
@@ -50,7 +51,7 @@ HARDER = np.linspace(0.4, 2.0, 9)
 
 
 @dataclass(frozen=True)
-class Knowledge:
+class Knowledge(Renamed):
     """What is known of the machine and of the measurement. Numbers of the machine are log-normal around the declared ones.
 
     One setting serves stick-slip and smooth running; that of the measurement should be what it is.
@@ -60,16 +61,16 @@ class Knowledge:
     torque_noise: Quantity = quantity(20.0, "N m", "standard deviation of the measured torque at each step", at_least=0)
     inertia: Quantity = quantity(0.034, "1", "deviation of the logarithm of the inertias of drive and string", at_least=0)
     stiffness: Quantity = quantity(0.034, "1", "deviation of the logarithm of the stiffness", at_least=0)
-    strength: Quantity = quantity(0.045, "1", "deviation of the logarithm of the strength of the rock", at_least=0)
+    rock_strength: Quantity = quantity(0.045, "1", "deviation of the logarithm of the strength of the rock", at_least=0)
     load: Quantity = quantity(0.004, "1", "deviation of what weight and rock vary in a second, in parts of them", at_least=0)
     lasting: Quantity = quantity(200.0, "s", "time in which the spread of the numbers of the string goes back to what was known", above=0)
     rock: Quantity = quantity(60.0, "s", "time in which the strength of the rock changes", above=0)
 
     def check(self) -> None:
         """Raise SceneError where nothing of the rock is unknown: members that are alike learn nothing."""
-        if self.strength == 0 and self.load == 0:
+        if self.rock_strength == 0 and self.load == 0:
             raise SceneError(
-                "Argument `strength` must be above 0 where `load` is 0, because members that are alike learn nothing, but it is 0."
+                "Argument `rock_strength` must be above 0 where `load` is 0, because members that are alike learn nothing, but it is 0."
             )
 
 
@@ -169,7 +170,7 @@ class EnsembleFilter:
         n, known = self.members, self.knowledge
         self.count = 0
         self.rng = self._stream()
-        self.deviations = np.array([known.inertia, known.inertia, known.stiffness, known.strength])
+        self.deviations = np.array([known.inertia, known.inertia, known.stiffness, known.rock_strength])
         self.logs = self.deviations * self.rng.standard_normal((n, 4))
         self.load, self.surprise, self.time = np.zeros(n), 1.0, 0.0
         self.states: FloatArray | None = None

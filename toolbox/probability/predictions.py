@@ -37,7 +37,7 @@ SHOWN = 501
 
 @dataclass(frozen=True)
 class Prediction(Told, Result):
-    """Bands on signals over time, as `predict` returns them: `print(found)`, `found.cover`, `found.plot()`.
+    """Bands on signals over time, as `predict` returns them: `print(found)`, `found.coverage`, `found.plot()`.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Prediction(Told, Result):
     display_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def cover(self) -> dict[str, float]:
+    def coverage(self) -> dict[str, float]:
         """{signal: part of the measured samples within the band}; nan where none was measured."""
         found = {}
         for name, low in self.low.items():
@@ -86,7 +86,7 @@ class Prediction(Told, Result):
         rows: list[tuple[str, ...]] = [("signal", "unit", "lowest", "highest", "mean width", "measured", "cover")]
         for name, unit in self.units.items():
             factor, shown = reading(unit, self.display_units)[:2]
-            low, high, cover = self.low[name] * factor, self.high[name] * factor, self.cover[name]
+            low, high, cover = self.low[name] * factor, self.high[name] * factor, self.coverage[name]
             count = int(np.isfinite(self.measured.get(name, np.empty(0))).sum())
             told = (f"{each:.4g}" for each in (low.min(), high.max(), (high - low).mean()))
             rows.append((name, shown, *told, str(count) if count else "-", f"{cover:.3f}" if count else "-"))

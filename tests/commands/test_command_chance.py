@@ -180,13 +180,11 @@ def test_the_drive_table_takes_machines_that_are_drawn(rig, capsys):
         "soft torque",
         "--protocol",
         "takeover",
-        "--from",
-        "80 rpm",
-        "--to",
-        "120 rpm",
+        "--range",
+        "top.reference=80 rpm:120 rpm",
     ]
     text = rig.read_text() + '[[controllers]]\nlabel = "soft torque"\nlaw = "SoftTorque"\n'
     rig.write_text(text)
     assert main([*asked, "--step", "20 rpm", "--uncertainty", "bit.weight=90 kN +- 9 %", "--draws", "3"]) == 0
     printed = capsys.readouterr().out
-    assert "soft torque  drawn  direct" in printed and "soft torque  declared" not in printed
+    assert "soft torque  drawn  takeover" in printed and "soft torque  nominal" not in printed

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -258,19 +259,24 @@ CHAOTIC = {"alternating_load", "whirl"}
 """Scenes whose error estimate is above 1: two runs of them differ."""
 
 STIFF = {"elastic_slider"}
+REDUNDANT = {"valve_spool"}
+"""Scenes in which a body rests against a stop and on a friction at once: how both share the force is not unique, and their modes with it."""
+
 MANY = {"elastic_face", "string_on_wall"}
 """Scenes of many contacts, which are no loops."""
 
 
 @compiled
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted({path.stem for path in Path("studies/scenes").glob("*.toml")} - CHAOTIC - STIFF - MANY))
+@pytest.mark.parametrize("name", sorted({path.stem for path in Path("studies/scenes").glob("*.toml")} - CHAOTIC - STIFF - MANY - REDUNDANT))
 def test_every_scene_of_equations_switches_as_it_does_in_simulate(tmp_path, name):
     scene = Scene.load(f"studies/scenes/{name}.toml")
     loop = scene[scene.cases[0].label]
     run = simulate(loop, method="explicit")
     found = CompiledMachine(export_c(loop, tmp_path / name, part="loop")[0])
-    same_switches(found.run(loop.duration), run, max(1e-9, 10.0 * run.accuracy))
+    followers = loop.system.leaders  # frictions on one slip are one element in C
+    listed = SimpleNamespace(events=[event for event in run.events if event.element not in followers])
+    same_switches(found.run(loop.duration), listed, max(1e-9, 10.0 * run.accuracy))
 
 
 @pytest.mark.slow

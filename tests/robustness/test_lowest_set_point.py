@@ -205,9 +205,9 @@ def test_the_command_writes_the_table_and_goes_on_where_it_was(tmp_path, capsys)
     assert "cell 1 of 1: softer PI, 100 Hz, nominal, takeover, 100 rpm: holds" in progress
     assert progress.startswith("constant torque takes no part")  # said before the first run
     assert {each.name for each in (tmp_path / "drives").iterdir()} == {
-        "drives.txt",
-        "drives.csv",
-        "drives.png",
+        "setpoints.txt",
+        "setpoints.csv",
+        "setpoints.png",
         "scene.toml",
         "cells.jsonl",
         "origin.json",

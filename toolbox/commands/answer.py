@@ -99,7 +99,7 @@ def run(given: argparse.Namespace) -> int:
         phases=given.phases,
         duration=number("--duration", plain(given.duration), "s", above=0),
         title=scene.title,
-        checkpoint=None if given.out is None else Path(given.out) / "answers.jsonl",
+        checkpoint=None if given.out is None else Path(given.out) / "answer.jsonl",
         callback=tell,
     )
-    return answer(given, "answers", found, scene, "^Stick-slip of ", "Tables, data and figure are", last=False)
+    return answer(given, "answer", found, scene, "^Stick-slip of ", "Tables, data and figure are", last=False)

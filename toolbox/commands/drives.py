@@ -19,7 +19,7 @@ from toolbox.commands.schedule import law_of
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain, ranges, show, side_by_side
 from toolbox.errors import SceneError, SimulationError
 
-FILES = ("drives.txt", "drives.csv", "drives.png", "scene.toml")
+FILES = ("setpoints.txt", "setpoints.csv", "setpoints.png", "scene.toml")
 
 TAKES_PART = "be one law of `top.torque` to take part"
 """What a controller must."""
@@ -124,11 +124,13 @@ def run(given: argparse.Namespace) -> int:
     given.found = {"table": found, "failed": {label: str(error) for label, error in failures.items()}}
     text = "\n".join([scene.title, *([str(found)] if found else []), *(f"{label}: {error}" for label, error in failures.items())]) + "\n"
     if given.out and found is not None:
-        with results(given, drawn_as(FILES, given.format), earlier("drives.txt", "Lowest set-points at which", FILES), last=False) as made:
-            (made / "drives.txt").write_text(text, encoding="utf-8")
-            found.save(made / "drives.csv")
+        with results(
+            given, drawn_as(FILES, given.format), earlier("setpoints.txt", "Lowest set-points at which", FILES), last=False
+        ) as made:
+            (made / "setpoints.txt").write_text(text, encoding="utf-8")
+            found.save(made / "setpoints.csv")
             scene.save(made / "scene.toml")
-            figures.draw_found(found, scene.title, made / f"drives.{given.format}")
+            figures.draw_found(found, scene.title, made / f"setpoints.{given.format}")
     show(text.rstrip("\n"))
     if given.out:
         print(f"\nTable, figure and what is known of single set-points are in {given.out}")

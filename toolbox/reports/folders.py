@@ -179,7 +179,13 @@ def _short(onset: Onset, label: str) -> str:
 
 def _drives(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
     """The lowest set-points with what they leave and what they cost; all columns stand in the appendix."""
-    lines = [line for line in text_of(folder / "drives.txt").strip().splitlines()[1:] if not line.startswith("Holds for: ")]
+    lines = [
+        line
+        for line in text_of(next(folder / name for name in ("setpoints.txt", "drives.txt") if (folder / name).is_file()))
+        .strip()
+        .splitlines()[1:]
+        if not line.startswith("Holds for: ")
+    ]
     rows = [re.split(r" {2,}", line.strip()) for line in lines[1:]]
     if not rows or not set(DRIVES) <= {each.partition(" [")[0] for each in rows[0]}:
         return preformatted("\n".join(lines)), ()
@@ -192,7 +198,7 @@ DRIVES = ("controller", "group", "protocol", "lowest", "disk margin", "recovery"
 """Columns of the lowest set-points that answer."""
 
 ALL: Sequence[Kind] = (
-    _one("Answers for every controller", "answers", Answers),
+    _one("Answers for every controller", "answer", Answers),
     Kind("study.txt", "Study", "comparison", _study),
     Kind("onset.txt", "Onset of stick-slip", "onset", _onset),
     _one("Onset of stick-slip of machines that are drawn", "drawn_onset", UncertainOnset),
@@ -209,6 +215,7 @@ ALL: Sequence[Kind] = (
         "margins",
         _loaded("margins.txt", (Margins, "[0-9][0-9]_*_margins.npz"), (SmallestError, "[0-9][0-9]_*_error.npz")),
     ),
+    Kind("setpoints.txt", "Lowest set-points", "setpoints", _drives),
     Kind("drives.txt", "Lowest set-points", "drives", _drives),
     _one("Tuning", "tune", Tuned),
     _one("Calibration", "fit", Fit),
@@ -219,4 +226,4 @@ ALL: Sequence[Kind] = (
     Kind("tradeoff.csv", "Error against time", "tradeoff"),
     Kind("sweep.csv", "Sweep", "sweep"),
 )
-"""What the commands write; the last two are of earlier versions, which kept no text."""
+"""What the commands write; `drives.txt` and the last two are of earlier versions."""

@@ -8,8 +8,8 @@
 # \mu_c)\,\gamma\,e^{-\gamma\omega}$. A drive that holds the speed stiffly reflects every wave. One that gives way takes energy out of the
 # string, up to what its impedance allows, and one that knows a model of the string can spend its torque where it counts, as long as the model is
 # right. A law is therefore reported by the lowest set-point at which it *ends* an existing stick-slip, from several phases of its cycle, on the
-# rig it was designed for and on rigs that are 20 % off (`studies.protocol`). It takes over at the set-point (*direct*), or the set-point is lifted
-# first and lowered again, as drillers do (*raised*).
+# rig it was designed for and on rigs that are 20 % off (`studies.protocol`). It takes over at the set-point (*takeover*), or the set-point is lifted
+# first and lowered again, as drillers do (*ramp*).
 
 # %%
 from dataclasses import replace
@@ -41,7 +41,7 @@ for label, row in found.items():
     print(f"{label:28}" + "".join(f"{row[column]:18.0f}" for column in columns))
 
 # %% [markdown]
-# All laws measure the top speed alone and know that their commands come 30 ms late. *Declared*: no noise. *Robust*: one error at a time (inertia
+# All laws measure the top speed alone and know that their commands come 30 ms late. *nominal*: no noise. *one_at_a_time*: one error at a time (inertia
 # of the drive, of the bit, stiffness and weight 20 % off, or commands 60 ms late), noise of 0.01 rad/s. `nan`: not even the highest set-point.
 # Here only **whole set-points**, two phases and one seed were tried, and five of the laws: `python -m studies drives` makes the whole table.
 

@@ -259,16 +259,13 @@ CHAOTIC = {"alternating_load", "whirl"}
 """Scenes whose error estimate is above 1: two runs of them differ."""
 
 STIFF = {"elastic_slider"}
-REDUNDANT = {"valve_spool"}
-"""Scenes in which a body rests against a stop and on a friction at once: how both share the force is not unique, and their modes with it."""
-
 MANY = {"elastic_face", "string_on_wall"}
 """Scenes of many contacts, which are no loops."""
 
 
 @compiled
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted({path.stem for path in Path("studies/scenes").glob("*.toml")} - CHAOTIC - STIFF - MANY - REDUNDANT))
+@pytest.mark.parametrize("name", sorted({path.stem for path in Path("studies/scenes").glob("*.toml")} - CHAOTIC - STIFF - MANY))
 def test_every_scene_of_equations_switches_as_it_does_in_simulate(tmp_path, name):
     scene = Scene.load(f"studies/scenes/{name}.toml")
     loop = scene[scene.cases[0].label]

@@ -16,7 +16,7 @@ SCENES = [
 ]
 
 # motion that forgets its start, so that any error becomes as large as the motion, or grows for a long time; a bit that loses contact cut by cut; squeal that
-# grows from beside steady sliding
+# grows from beside steady sliding; a crank that turns over its dead centres by little
 SENSITIVE = {
     ("popp_rudolph", 1e-6),
     ("elastic_pad", 1e-3),
@@ -25,6 +25,7 @@ SENSITIVE = {
     ("whirl", 1e-3),
     ("whirl", 1e-6),
     ("drag_bit", 1e-3),
+    ("crank_slider", 1e-3),
 }
 
 
@@ -67,6 +68,13 @@ def test_every_case_of_a_scene_does_so_over_its_whole_length(root, name, accurac
     truth.cache_clear()
 
 
+REFUSED = {
+    "hoisting": "has two", "shoe_brake": "the same both ways", "gear_stage": "follows from the states", "valve_spool": "cannot be smoothed",
+    "backlash": "cannot be smoothed",
+}  # fmt: skip
+"""{scene: words of the reason why a method refuses it}."""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["time-stepping", "smoothed"])
 @pytest.mark.parametrize("name", SCENES)
@@ -79,7 +87,8 @@ def test_the_other_methods_keep_a_loose_accuracy_or_say_that_they_cannot(root, n
         assert failed.run.difference(exact) <= 10 * failed.run.error
         return
     except SceneError as refused:
-        assert name == "hoisting" and "has two" in str(refused)
+        assert method == "smoothed" or name == "hoisting"
+        assert REFUSED.get(name, "nothing") in str(refused)
         return
     made = run.difference(exact)
     assert made < 10 * 1e-2

@@ -186,10 +186,10 @@ def test_a_row_of_bristles_slips_by_regions_and_converges_to_the_rounded_contact
 def test_a_drive_that_gives_way_or_knows_the_string_ends_stick_slip_far_below_one_that_holds_the_speed(answer):
     found = answer("07")
     lowest, swing = found["lowest"], found["swing of the bit on the light drive"]
-    assert lowest["LQG, tuned"]["declared, direct"] <= 4.0 < 8.0 < lowest["stiff PI"]["declared, direct"]
-    assert lowest["LQG, tuned"]["robust, raised"] <= 4.0 < lowest["soft torque"]["robust, raised"]
-    assert lowest["LQG, tuned"]["robust, direct"] <= 8.0
-    assert not lowest["LQG"]["robust, direct"] <= 8.0  # or none at all
+    assert lowest["LQG, tuned"]["nominal, takeover"] <= 4.0 < 8.0 < lowest["stiff PI"]["nominal, takeover"]
+    assert lowest["LQG, tuned"]["one_at_a_time, ramp"] <= 4.0 < lowest["soft torque"]["one_at_a_time, ramp"]
+    assert lowest["LQG, tuned"]["one_at_a_time, takeover"] <= 8.0
+    assert not lowest["LQG"]["one_at_a_time, takeover"] <= 8.0  # or none at all
     assert swing["LQG"] > 0.2 > 0.05 > swing["LQG, tuned"]
 
 

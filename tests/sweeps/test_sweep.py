@@ -377,7 +377,7 @@ from toolbox import Sampled, closed_loop, compose, sweep
 if __name__ == "__main__":
     plant = compose(wells.JANSEN_2, BitRock())
     loop = closed_loop(plant, Sampled(StiffPI(), 0.01))
-    sweep(loop, {"bit.weight": np.linspace(50e3, 110e3, 500)}, duration=60.0, out="OUT")
+    sweep(loop, {"bit.weight": np.linspace(50e3, 110e3, 500)}, duration=60.0, checkpoint="OUT")
 """
 
 
@@ -419,7 +419,7 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path, monkeypatch):
         ("budget", {"method": EventExact(budget=Budget(events=1e6))}),
     ):
         with pytest.raises(SceneError, match=f"other .*`{word}`"):
-            loop, rest = together(plant, **{"duration": 60.0, "controller": law, "out": folder, **other})
+            loop, rest = together(plant, **{"duration": 60.0, "controller": law, "checkpoint": folder, **other})
             sweep(loop, weights, **rest)
     with pytest.raises(SceneError, match="other `vary`"):
         sweep(closed_loop(plant, law), {"bit.weight": np.linspace(50e3, 111e3, 500)}, duration=60.0, checkpoint=folder)

@@ -150,7 +150,10 @@ def _peak(plant: HybridSystem, template: SmoothSystem, name: str, width: float) 
     if law.reverse() is not law:
         raise SceneError(f"The peak of `{name}` is matched for a law that is the same both ways: smooth it with `matched=False`.")
     v, w = ca.SX.sym("v"), ca.SX.sym("w")
-    function = template.once(("peak", name), lambda: ca.Function("peak", [v, w, plant.p], _pieces(law, v, w)))
+    pieces = _pieces(law, v, w)
+    if ca.which_depends(ca.vertcat(*pieces), plant.x, 1, True).count(True):
+        raise SceneError(f"The peak of `{name}` follows from the states, as of frictions on one slip: smooth it with `matched=False`.")
+    function = template.once(("peak", name), lambda: ca.Function("peak", [v, w, plant.p], pieces))
     return missing_peak(lambda grid: function(grid[None, :], width, plant.values), width)
 
 

@@ -265,13 +265,17 @@ class Carried(Generic[Place]):
     calm: dict[Place, Judged] = field(default_factory=dict)
     begun: set[tuple[Place, str]] = field(default_factory=set)
 
-    def starts(self, value: Place) -> Iterator[tuple[str, RunState]]:
-        """(what it is, state) from which stick-slip may start: smooth running with the contact stopped, rest, smooth running in which each mode swings."""
-        search, smooth = self.search, self.search.branch(value)
-        stopped: RunState | None = search.stopped(value)
+    def still_starts(self, value: Place) -> Iterator[tuple[str, RunState]]:
+        """(what it is, state) of the starts with a contact at rest: smooth running with the contact stopped, and rest."""
+        stopped: RunState | None = self.search.stopped(value)
         if stopped is not None:
             yield STOPPED, stopped
-        yield "rest", search.base.start
+        yield "rest", self.search.base.start
+
+    def starts(self, value: Place) -> Iterator[tuple[str, RunState]]:
+        """(what it is, state) from which stick-slip may start: the starts with a contact at rest, and smooth running in which each mode swings."""
+        yield from self.still_starts(value)
+        search, smooth = self.search, self.search.branch(value)
         if smooth is None:
             return
         with contextlib.suppress(SceneError):

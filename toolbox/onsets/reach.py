@@ -49,9 +49,7 @@ def reached_from(carried: Carried[Place], value: Place) -> tuple[Reached, ...]:
 def _starts(carried: Carried[Place], value: Place) -> Iterator[tuple[str, float, RunState]]:
     """(what it is, size of the kick or nan, state) of every start at a place."""
     search = carried.search
-    for begun, begin in carried.starts(value):
-        if not begun.startswith("the swing"):
-            yield begun, math.nan, begin
+    yield from ((begun, math.nan, begin) for begun, begin in carried.still_starts(value))
     yield from ((HELD, math.nan, begin) for begin in held_starts(carried.search, value))
     smooth = search.branch(value)
     if smooth is None:

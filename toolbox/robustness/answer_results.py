@@ -51,7 +51,7 @@ class ControllerAnswer:
     ----------
     starts
         {start: runs at the set-point of the scene}: `takeover`, `step`, `ramp` and `connection`.
-    standard_errors
+    errors
         Takeovers on plants with one number wrong at a time.
     own_period
         Period of the loop's own stick-slip at that set-point [s]; nan if none was found.

@@ -175,6 +175,7 @@ class _Question:
     place: int = 0
     journal: Journal | None = None
     known: dict[tuple[float | None, ...], Any] = field(default_factory=dict, compare=False)
+    taken: dict[float, list[ClosedLoop]] = field(default_factory=dict, compare=False)
 
     @cached_property
     def contact(self) -> str:
@@ -219,8 +220,10 @@ class _Question:
     def _loops(self, start: str, loop: ClosedLoop, value: float) -> Iterator[ClosedLoop]:
         """The loops whose runs are judged from a kind of start."""
         if start == "takeover":
-            found = TakenOver(self.initial, self.phases).on(loop)
-            yield from () if found.note else (loop.but(start=each) for each in found.values)
+            if value not in self.taken:  # the initial controller runs once for each set-point
+                found = TakenOver(self.initial, self.phases).on(loop)
+                self.taken[value] = [] if found.note else [loop.but(start=each) for each in found.values]
+            yield from self.taken[value]
         elif start == "step":
             yield loop.but(start={})
         elif start == "ramp":

@@ -10,19 +10,16 @@ sample (`controllers.bumpless`); of a continuous controller with one state, such
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from toolbox.arguments import whole
 from toolbox.errors import SimulationError
 from toolbox.measuring.judge import STICKS
-from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.closed_loop import ClosedLoop, value_at
 from toolbox.modelling.closing import described
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.onsets.carried import Carried
@@ -33,7 +30,6 @@ from toolbox.robustness.set_points import at_set_point
 from toolbox.scenes.judged import judged_contact, judged_speed, set_point
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.simulate import simulate
-from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.steady_loop import smooth_start
 
 Starts = Sequence[Mapping[str, Any]]
@@ -107,7 +103,7 @@ class TakenOver:
         """
         contact = judged_contact(loop)
         aim = reference_of(loop, judged_speed(loop, contact))
-        initial = self.initial_controller if aim is None else _at(self.initial_controller, aim)
+        initial = self.initial_controller if aim is None else at_set_point(self.initial_controller, aim)
         alone = loop.bare.but(controllers=(initial,), inputs={}, start={})
         run = simulate(alone.but(inputs={name: value for name, value in loop.inputs.items() if _takes(alone, name)}), self.duration)
         if len(releases_of(run, contact)) < 2 or run.time_in(contact, "stick", after=0.8 * self.duration) == 0.0:
@@ -154,7 +150,7 @@ class OwnStickSlip:
             period = next(judged.interval for _, judged, _ in carried.rounds[HERE] if judged.regime == STICKS)
             run = settled.runs.base.again(start=end, duration=1.001 * period, longest_step=period / 32)
             points = [run.at(float(end.time + period * k / self.phases)) for k in range(self.phases)]
-            return Found([_whole(point, run) for point in points], period=period)
+            return Found([{name: value_at(point, name, size) for name, _, size in run.last.layout} for point in points], period=period)
         return Found([], f"no stick-slip of its own was found, begun from {TRIED}")
 
 
@@ -182,18 +178,6 @@ def _from_below(loop: ClosedLoop) -> Iterator[RunState]:
 
 Start = SmoothRunning | TakenOver | OwnStickSlip
 """Where judged runs start."""
-
-
-def _whole(point: Any, run: Trajectory) -> dict[str, Any]:
-    """All that a loop and its controllers remember at an instant of a run, by name."""
-    return {name: np.squeeze(point[name]) if size is None else np.ravel(point[name]) for name, _, size in run.last.layout}
-
-
-def _at(initial: Controller | Sampled, reference: float) -> Controller | Sampled:
-    """A controller with a set-point."""
-    if isinstance(initial, Sampled):
-        return dataclasses.replace(initial, law=at_set_point(initial.law, reference))
-    return at_set_point(initial, reference)
 
 
 def _takes(loop: ClosedLoop, name: str) -> bool:

@@ -10,6 +10,7 @@ import pytest
 from controllers import SoftTorque, StiffPI
 from models import BitRock, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, onset, simulate, worst_case
+from toolbox.commands.command_line import main
 from toolbox.robustness import Answers, TakenOver, answers
 
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20e3}
@@ -108,3 +109,9 @@ def test_mistakes_are_told(loop):
         answers({}, StiffPI())
     with pytest.raises(SceneError, match="no controller `hard`"):
         _ = Answers("", "", "", "", 0.0, (0.0, 1.0), 1.0, {}, {}, "")["hard"]
+
+
+def test_the_command_searches_the_set_point_alone(root, capsys):
+    scene = str(root / "studies/scenes/jansen_2.toml")
+    assert main(["answer", scene, "--range", "bit.weight=60 kN:90 kN"]) == 2
+    assert "the set-point `top.reference`, but it gives that of `bit.weight`" in capsys.readouterr().err

@@ -56,7 +56,7 @@ def add(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Answer for every controller. Returns the exit code."""
     from toolbox.robustness.answer_results import Answers
-    from toolbox.robustness.answer_table import answers
+    from toolbox.robustness.answer_table import answers, knob_of
     from toolbox.scenes.scene import Scene
     from toolbox.sweeps.store import folder_of
 
@@ -73,11 +73,9 @@ def run(given: argparse.Namespace) -> int:
     bounds = None
     if given.knob is not None:
         ((name, bounds),) = ranges("--range", [given.knob]).items()
-        own = scene[labels[0]].number(name).name
-        if own != "top.reference" and not own.endswith("reference"):
-            raise SceneError(
-                f"Argument `--range` must give the range of the set-point, such as `top.reference`, but it gives that of `{own}`."
-            )
+        knob, own = knob_of(scene[labels[0]]), scene[labels[0]].number(name).name
+        if own != knob:
+            raise SceneError(f"Argument `--range` must give the range of the set-point `{knob}`, but it gives that of `{own}`.")
     shares = wrong_numbers("--uncertainty", given.uncertainty)
     whole = next((name for name, share in shares.items() if isinstance(share, tuple)), None)
     if whole is not None:

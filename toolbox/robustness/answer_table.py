@@ -117,7 +117,7 @@ def answers(
     if not isinstance(loops, Mapping) or not loops:
         raise SceneError(f"Argument `loops` must map at least one label to a loop, but it is {loops!r}.")
     first = next(iter(loops.values()))
-    name = _knob(first)
+    name = knob_of(first)
     free = first.number(name)
     low, high = (math.nan, math.nan) if bounds is None else free.span(bounds, "bounds")
     grid = math.nan if bounds is None else (high - low) / 40.0 if step is None else number("step", step, free.unit, above=0)
@@ -134,7 +134,7 @@ def answers(
     questions: dict[str, _Question] = {}
     for k, (label, loop) in enumerate(loops.items()):
         try:
-            questions[label] = _Question(loop, _knob(loop), initial_controller, phases, lasts, k, journal)
+            questions[label] = _Question(loop, knob_of(loop), initial_controller, phases, lasts, k, journal)
             found = _with(found, label, questions[label].at_set_point(uncertainty))
         except (SceneError, SimulationError) as error:
             found = dataclasses.replace(found, failed={**found.failed, label: str(error)})
@@ -155,7 +155,7 @@ def _with(found: Answers, label: str, entry: ControllerAnswer) -> Answers:
     return dataclasses.replace(found, entries={**found.entries, label: entry})
 
 
-def _knob(loop: ClosedLoop) -> str:
+def knob_of(loop: ClosedLoop) -> str:
     """The name of the set-point of a loop. Raises SceneError if there is none."""
     name = set_point(loop.system, judged_speed(loop, judged_contact(loop)))
     if name is None:

@@ -28,7 +28,7 @@ from toolbox.robustness.groups import LASTING, NAMES, Group, machine_groups
 from toolbox.robustness.set_points import PROTOCOLS, SETTLING, Outcome, Trial
 from toolbox.scenes.situation import Situation
 from toolbox.sweeps.executors import check_executor
-from toolbox.vocabulary import Renamed, now_or_near
+from toolbox.vocabulary import NOW, Renamed, now_or_near
 
 ABOVE = (0.3, 0.8, 2.0)
 """How far above a border [rad/s] it is confirmed."""
@@ -249,6 +249,14 @@ class LowestSetPoints(Result):
     step: float
     display_units: Mapping[str, str] = field(default_factory=dict)
     situation: str = ""
+
+    def check_loaded(self) -> None:
+        """Give groups and protocols of a file of an earlier version their names now."""
+        places = (("group", 1), ("protocol", 2))
+        for key in list(self.entries):
+            entry = self.entries.pop(key)
+            now = {place: NOW.get((word, key[place]), key[place]) for word, place in places}
+            self.entries[key[0], now[1], now[2]] = entry
 
     def __getitem__(self, key: tuple[str, ...]) -> SetPointLimit:
         """The entry of (label, group) or (label, group, protocol); the protocol is `takeover` if none is given."""

@@ -61,9 +61,14 @@ def refuse(package: str, name: str, where: str = "", caller: str = "") -> NoRetu
 
 
 def place_of(package: str, public: Collection[str], name: str) -> str:
-    """Return the sentence that says from which room or public module of a package to import a name; empty if none has it."""
+    """Return the sentence that says from which room or public module of a package, or of the package around a room, to import a name; empty if none has it."""
     from pkgutil import iter_modules  # here, because few programs need it
 
+    around = package.rpartition(".")[0]
+    if around:  # a room: what it has not may have moved to another one
+        public, package = public_names(sys.modules[around]), around
+        if name in public:
+            return f"`{name}` is in `{package}`: write `from {package} import {name}`."
     rooms = [room.name for room in iter_modules(sys.modules[package].__path__) if room.ispkg]
     modules = {
         place: import_module(place) for place in (f"{package}.{each}" for each in (*rooms, *sorted(public))) if find_spec(place) is not None

@@ -13,7 +13,7 @@ FLOORS = (
     "version",
     "errors", "vocabulary", "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "translation", "stepping",
     "simulation", "contacts", "measuring", "prediction", "steady_states", "logs",
-    "scenes", "lanes", "orbits", "sweeps", "onsets", "robustness", "calibration", "probability", "tuning", "export", "reports", "authoring",
+    "scenes", "lanes", "orbits", "sweeps", "onsets", "robustness", "calibration", "probability", "tuning", "drilling", "export", "reports", "authoring",
     "page", "commands", "face",
 )  # fmt: skip
 """Rooms from the ground up."""

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import count_of, number, numbers
+from toolbox.drilling.depth_windows import closed_at
 from toolbox.errors import SceneError
 from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
@@ -28,7 +29,6 @@ from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.closing import described
 from toolbox.modelling.components import numbers_of, rebuilt
 from toolbox.modelling.laws import Controller, Sampled
-from toolbox.robustness.depth_windows import closed_at
 from toolbox.robustness.margins import disk_margin
 from toolbox.robustness.starts import TakenOver
 from toolbox.robustness.worst_case import Trials, percent
@@ -163,8 +163,8 @@ class Schedule(Told, Result):
         return headings, [[depth, *row.tolist()] for depth, row in zip(self.depths, self.gains, strict=True)]
 
     def plot(self, axes: Any = None) -> Any:
-        """Gains and disk margin over depth; see `toolbox.tuning.figures.schedule_diagram`. Returns the axes."""
-        from toolbox.tuning.figures import schedule_diagram
+        """Gains and disk margin over depth; see `toolbox.drilling.figures.schedule_diagram`. Returns the axes."""
+        from toolbox.drilling.figures import schedule_diagram
 
         deep, *read = (reading(unit, self.display_units) for unit in ("m", *self.units))
         labels = [f"{name} [{each.unit}]" for name, each in zip(self.names, read, strict=True)]

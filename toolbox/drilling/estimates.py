@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 
 from toolbox.calibration.recording import Recording
+from toolbox.drilling.ensemble import SEEN, EnsembleFilter, Estimate, Knowledge, check_string
+from toolbox.drilling.torque_swing import CALM as CALM_TORQUE
+from toolbox.drilling.torque_swing import ENOUGH, SWINGS, swinging, too_slow, torque_swing
 from toolbox.errors import SceneError
 from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
@@ -19,10 +22,6 @@ from toolbox.logs.flaws import local_spacing
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.probability.ensemble import SEEN, EnsembleFilter, Estimate, Knowledge, check_string
-from toolbox.probability.pictures import picture
-from toolbox.probability.torque_swing import CALM as CALM_TORQUE
-from toolbox.probability.torque_swing import ENOUGH, SWINGS, swinging, too_slow, torque_swing
 
 SEVERE, CALM = 0.85, 0.6
 """Severity from which on a bit that has stuck is evidence of stick-slip, below which it is over: half-range over the mean, 1 where it just stops."""
@@ -171,7 +170,11 @@ class Estimates(Told, Result):
             [int(each) if k == ends or k == ends + 2 else each for k, each in enumerate(row)] for row in np.stack(values, 1).tolist()
         ]
 
-    plot = picture("estimate_diagram", "Draw the estimates that are known with their bands of 95 %, and when there was stick-slip")
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the estimates that are known with their bands of 95 %, and when there was stick-slip; returns the axes."""
+        from toolbox.drilling.figures import estimate_diagram
+
+        return estimate_diagram(self, axes)
 
     def check_loaded(self) -> None:
         """Raise ValueError where what was read does not fit together."""

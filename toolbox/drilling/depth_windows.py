@@ -137,8 +137,8 @@ class Windows(Told, Result):
         return headings, rows
 
     def plot(self, axes: Any = None) -> Any:
-        """The window of every depth, one picture each; see `toolbox.robustness.figures.window_diagram`. Returns the axes."""
-        from toolbox.robustness.figures import window_diagram
+        """The window of every depth, one picture each; see `toolbox.drilling.figures.window_diagram`. Returns the axes."""
+        from toolbox.drilling.figures import window_diagram
 
         first, second, deep = (reading(unit, self.display_units) for unit in (*self.units, "m"))
         labels = [f"{name} [{read.tail.strip() or '1'}]" for name, read in zip(self.names, (first, second), strict=True)]

@@ -1,6 +1,6 @@
 """The lowest set-point that a law of a drill string holds: on the declared machine, on others, under a weight that varies, for half an hour.
 
-How a law is tried at a set-point is told in `toolbox.robustness.set_points`, on which machines in `toolbox.robustness.groups`.
+How a law is tried at a set-point is told in `toolbox.drilling.set_points`, on which machines in `toolbox.drilling.groups`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import checked_range, number, numbers
+from toolbox.drilling.groups import LASTING, NAMES, Group, machine_groups
+from toolbox.drilling.set_points import PROTOCOLS, SETTLING, Outcome, Trial
 from toolbox.errors import SceneError
 from toolbox.files.printing import columns, shown
 from toolbox.files.results import HeadedRows, Result
@@ -24,8 +26,6 @@ from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import told_growth
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Controller
-from toolbox.robustness.groups import LASTING, NAMES, Group, machine_groups
-from toolbox.robustness.set_points import PROTOCOLS, SETTLING, Outcome, Trial
 from toolbox.scenes.situation import Situation
 from toolbox.sweeps.executors import check_executor
 from toolbox.vocabulary import NOW, Renamed, now_or_near
@@ -322,7 +322,7 @@ class LowestSetPoints(Result):
         ax
             Axes to draw into; a figure of its own by default.
         """
-        from toolbox.robustness.figures import set_point_diagram
+        from toolbox.drilling.figures import set_point_diagram
 
         factor, unit = reading("rad/s", self.display_units)
         rows = [(label, group, way, each.speed * factor, each.highest * factor) for (label, group, way), each in self.entries.items()]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from toolbox.errors import SceneError
 from toolbox.modelling import inputs as shapes
-from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop, closed_loop
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.probability.distributions import Draws, drawn
 from toolbox.vocabulary import Renamed, new_names_only
 
 NAMES = ("nominal", "noisy", "one_at_a_time", "combined", "other_rocks", "varying_weight")
@@ -146,3 +148,45 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, dela
     )
     groups.append(Group("varying_weight", varying, SEEDS[:COURSES], noise, (0.0, 0.5), 600.0))
     return {group.name: group for group in groups}
+
+
+@new_names_only
+def drawn_group(
+    loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, draws: int = 72, *, phases: Sequence[float] = (0.0, 0.5), seed: int = 0
+) -> Group:
+    """Machines whose numbers are drawn, as a group for `lowest_set_point`: a set-point that frees them all is free with a probability.
+
+    If all of 72 draws are free, a machine is free with 95 %, by the two-sided bound of 95 % of Clopper and Pearson; 59 draws show it by a bound to one side.
+
+    Parameters
+    ----------
+    loop
+        A loop, or a plant, with the declared numbers; none of those that are drawn may be zero.
+    uncertainty
+        What is not known, as `drawn` takes it.
+    draws
+        Number of machines.
+    phases
+        Phases of the cycle, in parts of its period, at which a law takes over on each.
+    seed
+        Of the random numbers.
+
+    Returns
+    -------
+    Group
+        The machines, by the name `drawn`.
+
+    Raises
+    ------
+    SceneError
+        As `drawn`, and for a number that is zero as it is declared.
+    """
+    loop = as_loop(loop)
+    made = drawn(loop, uncertainty, draws, seed)
+    declared = [loop.number(name).value for name in made.names]
+    if 0.0 in declared:
+        raise SceneError(f"Argument `uncertainty` must name numbers that are not zero, but `{made.names[declared.index(0.0)]}` is.")
+    machines = []
+    for k, row in enumerate(made.points.tolist()):
+        machines.append(Machine(f"draw {k + 1}", tuple((name, v / at) for name, v, at in zip(made.names, row, declared, strict=True))))
+    return Group("drawn", tuple(machines), phases=tuple(phases))

@@ -98,7 +98,7 @@ WEIGHTS = (
 
 @new_names_only
 def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, delay: float = 0.03) -> dict[str, Group]:
-    """Groups of machines for a drill string with a chain of inertias and a rock, by name.
+    """Return the groups of plants for `lowest_set_point`, for a drill string with a chain of inertias and a rock.
 
         nominal          as declared, no noise
         noisy            weight + 10 %, noise, 20 seeds
@@ -107,7 +107,38 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, dela
         other_rocks      half the decay of the friction with speed; 3 seeds; only for a rock with an exponential law
         varying_weight   a weight that varies in time: `WEIGHTS`, 10 seeds, 2 phases, judged for 600 s
 
-    noise: of the measured top speed [rad/s].  delay: by how much commands come later than declared [s] on one machine of `one_at_a_time`.
+    Parameters
+    ----------
+    machine
+        The drill string, or a loop around it.
+    noise
+        Standard deviation of the noise of the measured top speed [rad/s].
+    delay
+        Additional delay of the commands [s] on one plant of `one_at_a_time`.
+
+    Returns
+    -------
+    dict of {name: Group}
+        The groups.
+
+    Raises
+    ------
+    SceneError
+        If the machine is no drill string with a chain of inertias and a rock.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.robustness import machine_groups
+    >>> for name, group in machine_groups(compose(wells.JANSEN_2, BitRock(weight="97 kN"))).items():
+    ...     print(f"{name:15} {len(group.machines)} plants")
+    nominal         1 plants
+    noisy           1 plants
+    one_at_a_time   11 plants
+    combined        3 plants
+    other_rocks     1 plants
+    varying_weight  4 plants
     """
     names = list((machine if isinstance(machine, ClosedLoop) else closed_loop(machine)).bare.numbers())
 

@@ -1,4 +1,4 @@
-"""Docstrings of the public functions and classes: each function has an example that runs, its parameters are described where they stand, and its first line is a command."""
+"""Docstrings of what is public: every function has an example that runs, describes its parameters where they stand, and begins with a verb."""
 
 import ast
 import doctest
@@ -22,6 +22,8 @@ ROOT = Path(__file__).parents[2]
 ROOMS = [importlib.import_module(f"toolbox.{path.parent.name}") for path in sorted(Path(toolbox.__file__).parent.glob("*/__init__.py"))]
 FACES = [toolbox, models, controllers, controllers.observers, *(room for room in ROOMS if hasattr(room, "__all__"))]
 
+OWN = ("toolbox", "models", "controllers")
+
 CLASSES_WITHOUT_EXAMPLE = 202
 """Public classes whose docstring has no example: a number that may only fall."""
 
@@ -35,9 +37,8 @@ def reached(face, found):
         if inspect.ismodule(thing):
             if thing is not toolbox.authoring:
                 reached(thing, found)
-        elif inspect.isfunction(thing) or inspect.isclass(thing):
-            if thing.__module__.partition(".")[0] in ("toolbox", "models", "controllers"):
-                found.setdefault(f"{thing.__module__}.{thing.__qualname__}", thing)
+        elif (inspect.isfunction(thing) or inspect.isclass(thing)) and thing.__module__.startswith(OWN):
+            found.setdefault(f"{thing.__module__}.{thing.__qualname__}", thing)
     return found
 
 
@@ -64,7 +65,7 @@ def examples(text):
 
 
 class Near(doctest.OutputChecker):
-    """The same words, and numbers that differ by no more than one in the last digit that the docstring shows: no example rests on the last bit of a processor."""
+    """The same words, and numbers within one of the last digit shown: no example rests on the last bit of a processor."""
 
     def check_output(self, want, got, optionflags):
         words = [" ".join(NUMBER.sub("#", text).split()) for text in (want, got)]

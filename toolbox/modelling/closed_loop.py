@@ -3,7 +3,7 @@
     loop = closed_loop(rig, SoftTorque(reference="45 rpm"), sample_time="10 ms", inputs={...}, parameters={...}, start={...})
     simulate(loop, "200 s");  onset(loop, "top.reference", ("30 rpm", "130 rpm"));  margins(loop);  print(loop)
 
-A law is designed once, on the declared plant; parameters and perturbations change the plant only, so that robustness is real. A loop never changes: `at`
+A law is designed once, on the nominal plant; parameters and perturbations change the plant only, so that robustness is real. A loop never changes: `at`
 and `closed_loop(loop, ...)` give another one.
 """
 
@@ -103,7 +103,7 @@ class ClosedLoop(Printed):
 
     @cached_property
     def designed(self) -> list[Any]:
-        """The laws as designed on the declared plant, in order."""
+        """The laws as designed on the nominal plant, in order."""
         return designed_laws(self.plant, self.controllers)
 
     def but(self, **changes: Any) -> ClosedLoop:

@@ -74,7 +74,7 @@ def onset(
     is also searched beyond both ends of the range, and its limit cycle is followed to the value at which it is no
     longer stable. A loop with a sampled controller has no such cycle. For it, and if no cycle is found, the borders
     come from runs that begin inside stick-slip and follow the parameter in small steps. A controller keeps its design
-    on the declared plant while a parameter of the plant varies.
+    on the nominal plant while a parameter of the plant varies.
 
     Parameters
     ----------

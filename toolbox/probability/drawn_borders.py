@@ -138,7 +138,7 @@ class UncertainOnset(Told, Result):
         shows = len(self.points) >= least_draws(0.95, self.confidence)
         lowest = self.lowest() if shows else dict.fromkeys(self.borders, math.nan)
         rows: list[tuple[str, ...]] = [
-            ("law", f"free with 95 % from [{read.unit}]", "median", "5 % .. 95 %", "smooth running lost", "moves with")
+            ("controller", f"free with 95 % from [{read.unit}]", "median", "5 % .. 95 %", "smooth running lost", "moves with")
         ]
         for label, borders in self.borders.items():
             ends = np.quantile(borders, (0.05, 0.95), method="inverted_cdf") * read.factor

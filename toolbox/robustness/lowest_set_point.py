@@ -1,4 +1,4 @@
-"""The lowest set-point that a law of a drill string holds: on the declared machine, on others, under a weight that varies, for half an hour.
+"""The lowest set-point that a law of a drill string holds: on the nominal plant, on others, under a weight that varies, for half an hour.
 
 How a law is tried at a set-point is told in `toolbox.robustness.set_points`, on which machines in `toolbox.robustness.groups`.
 """
@@ -28,7 +28,7 @@ from toolbox.robustness.groups import LASTING, NAMES, Group, machine_groups
 from toolbox.robustness.set_points import PROTOCOLS, SETTLING, Outcome, Trial
 from toolbox.scenes.situation import Situation
 from toolbox.sweeps.executors import check_executor
-from toolbox.vocabulary import Renamed, now_or_near
+from toolbox.vocabulary import NOW, Renamed, now_or_near
 
 ABOVE = (0.3, 0.8, 2.0)
 """How far above a border [rad/s] it is confirmed."""
@@ -37,7 +37,7 @@ UNTRIED = "not tried below"
 APART = 1.0
 """How far apart set-points [rad/s] are tried, from the highest down, where that does not hold."""
 HELP = 0.5
-"""How far below the border of the declared machine [rad/s] those of others are looked for."""
+"""How far below the border of the nominal plant [rad/s] those of others are looked for."""
 
 
 class Cells:
@@ -250,6 +250,14 @@ class LowestSetPoints(Result):
     display_units: Mapping[str, str] = field(default_factory=dict)
     situation: str = ""
 
+    def check_loaded(self) -> None:
+        """Give groups and protocols of a file of an earlier version their names now."""
+        places = (("group", 1), ("protocol", 2))
+        for key in list(self.entries):
+            entry = self.entries.pop(key)
+            now = {place: NOW.get((word, key[place]), key[place]) for word, place in places}
+            self.entries[key[0], now[1], now[2]] = entry
+
     def __getitem__(self, key: tuple[str, ...]) -> SetPointLimit:
         """The entry of (label, group) or (label, group, protocol); the protocol is `takeover` if none is given."""
         key = key if len(key) == 3 else (*key, PROTOCOLS[0])
@@ -410,7 +418,7 @@ def lowest_set_point(
 
     Notes
     -----
-    The numbers hold for the declared plant, noise and seeds. A controller in Python begins at rest, and is hundreds
+    The numbers hold for the nominal plant, noise and seeds. A controller in Python begins at rest, and is hundreds
     of times slower.
 
     Examples

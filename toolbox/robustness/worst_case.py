@@ -49,7 +49,7 @@ class Outcome:
     Attributes
     ----------
     error
-        The model error in words; "declared" where there is none.
+        The model error in words; "nominal" where there is none.
     start, seed
         Index of the start, and seed of the noise.
     stuck
@@ -196,7 +196,7 @@ def worst_case(
     Parameters
     ----------
     loop
-        A loop. A controller is designed on the declared plant, and errors of parameters do not change its design. The
+        A loop. A controller is designed on the nominal plant, and errors of parameters do not change its design. The
         target of the mean speed is the `reference` of the loop.
     duration
         Length of a run [s].
@@ -338,11 +338,11 @@ class Trials:
         return Situation.of(self.loop, self._begins, lasts, plants=plants)
 
     def starts(self, error: str, factors: Mapping[str, float]) -> Starts:
-        """The start values of the runs of an error: smooth running is that of the declared machine, stick-slip that of the machine itself."""
+        """The start values of the runs of an error: smooth running is that of the nominal plant, stick-slip that of the machine itself."""
         if self.start is None:
             return [taken_over(self.loop, start) for start in self.given]
         shared = isinstance(self.start, SmoothRunning)
-        key = "declared" if shared else error
+        key = "nominal" if shared else error
         if key not in self.begun:
             self.begun[key] = self.start.on(self.loop if shared else self.machine(factors))
         return self.begun[key].values
@@ -377,7 +377,7 @@ class Trials:
                 found.append(dataclasses.replace(outcome, more={name: numbers[f"further {name}"] for name in more}))
         order = {label: i for i, label in enumerate(cases)}
         found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
-        plants = "the nominal plant" if list(cases) == ["declared"] else f"the nominal plant and {len(cases) - 1} with errors"
+        plants = "the nominal plant" if list(cases) == ["nominal"] else f"the nominal plant and {len(cases) - 1} with errors"
         return WorstCase(all_described(loop.controllers), self.way, tuple(found), seconds, str(self.situation(plants)))
 
     @cached_property
@@ -416,8 +416,8 @@ class Trials:
 
 
 def cases_of(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
-    """{error in words: {name: factor}}, the declared machine first. Raises SceneError for factors that are no numbers > 0."""
-    found: dict[str, dict[str, float]] = {"declared": {}}
+    """{error in words: {name: factor}}, the nominal plant first. Raises SceneError for factors that are no numbers > 0."""
+    found: dict[str, dict[str, float]] = {"nominal": {}}
     rows = [{name: factor} for name, given in mapping("uncertainty", errors).items() for factor in _factors(name, given)]
     rows += [{name: _factor(name, factor) for name, factor in mapping("corners", corner).items()} for corner in corners]
     for row in rows:

@@ -110,7 +110,7 @@ def hopf_points(
     """Find every Hopf point of smooth running in a range of one parameter or input.
 
     At a Hopf point a pair of poles crosses the imaginary axis. The points come in order and are exact to round-off. A
-    controller keeps the design that it has on the declared plant. Values without a steady state are skipped. If
+    controller keeps the design that it has on the nominal plant. Values without a steady state are skipped. If
     smooth running ends inside the range, its end is one more value that is examined. Range: a pair of poles whose
     frequency is below 1e-9 of the fastest pole counts as two real poles and gives no Hopf point, for example under a
     slow creep on rock. A larger mass that does not matter there makes it visible.

@@ -258,14 +258,14 @@ def schedule(
         starts = None if initial_controller is None else TakenOver(initial_controller, PHASES, duration)
         closed = loop.but(controllers=(_law_at(base, places, every, depth),))
         trials = Trials.of(closed, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))
-        outcomes = trials.of_cases({"declared": {}})
+        outcomes = trials.of_cases({"nominal": {}})
         worst, way = outcomes.worst, trials.way
         there = trials.situation("")
         situation = str(
             dataclasses.replace(there, plants="the nominal plant at each depth", design="numbers of the controller between those of depths")
         )
         failed = sum(outcome.excess > 1.0 or math.isnan(outcome.excess) for outcome in outcomes.outcomes)
-        settled = trials.known.get("declared")
+        settled = trials.known.get("nominal")
         found.append(
             CheckedDepth(
                 depth, depth in places, disk_margin(closed), math.nan if settled is None else settled.rate, failed,

@@ -99,7 +99,7 @@ class BrakeLaw(Controller):
             return self.border * (ca if isinstance(speed, ca.SX) else np).exp(self.growth * speed)
         if not isinstance(speed, ca.SX):
             return np.asarray(self.border_forces)[np.searchsorted(self.border_speeds, speed, side="right") - 1]
-        force = self.border_forces[0]
+        force: Any = self.border_forces[0]
         for begin, beyond in zip(self.border_speeds[1:], self.border_forces[1:], strict=True):
             force = ca.if_else(speed >= begin, beyond, force)
         return force

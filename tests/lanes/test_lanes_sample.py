@@ -327,7 +327,9 @@ def test_runs_with_sample_times_and_delays_of_their_own_switch_as_runs_alone_do(
     draw = np.random.default_rng(3)
     varied = {name: loop.number(name).value * draw.uniform(0.4, 1.7, 21) for name in names}
     assert len(varied) >= 2
-    task, *_ = sweep_task(loop, listed(table(varied)), duration, start=None, metrics={"end": metrics.final("bit.speed")}, method="explicit", accuracy=1e-6)
+    task, *_ = sweep_task(
+        loop, listed(table(varied)), duration, start=None, metrics={"end": metrics.final("bit.speed")}, method="explicit", accuracy=1e-6
+    )
     made = Lanes(with_room(task.run, task.clocks), ())
     starts = np.tile(made.work.x[: task.run.system.x.numel()], (21, 1))
     found = made.run(task.numbers, starts, task.memories, task.held, clocks=task.clocks, most_events=3000)

@@ -13,10 +13,10 @@ from typing import Any
 
 from toolbox.arguments import number, whole
 from toolbox.commands import figures
-from toolbox.commands.chance import add_uncertain, uncertain_of
 from toolbox.commands.recording import results
 from toolbox.commands.schedule import law_of
 from toolbox.commands.terminal import check_some, common, drawn_as, earlier, plain, ranges, show, side_by_side
+from toolbox.commands.uncertainty import add_uncertain, uncertain_of
 from toolbox.errors import SceneError, SimulationError
 
 FILES = ("setpoints.txt", "setpoints.csv", "setpoints.png", "scene.toml")

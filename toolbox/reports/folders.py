@@ -18,7 +18,6 @@ from toolbox.errors import SceneError
 from toolbox.files.origin import ORIGIN, Origin
 from toolbox.files.printing import table
 from toolbox.files.reading import text_of
-from toolbox.onsets import study
 from toolbox.onsets.comparison import Comparison
 from toolbox.onsets.results import Onset
 from toolbox.onsets.severity_map import SeverityMap
@@ -32,6 +31,7 @@ from toolbox.robustness.joint_errors import SmallestError
 from toolbox.robustness.margins import Margins
 from toolbox.scenes.contact_scene import load_scene
 from toolbox.scenes.scene import Scene
+from toolbox.scenes.verdict_table import failures, in_cells, judged_by, read_table
 from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.results import Sweep
@@ -128,9 +128,9 @@ SHOWN = {"_phase": "phase plane", "_margins": "margins", "_error": "smallest err
 def _study(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:
     if scene is None:
         raise SceneError(f"Folder `{folder}` must hold the scene of its study, but there is no `scene.toml` with equations.")
-    rows = study.read_table(folder / "table.csv")
-    head, *cells = study.in_cells(scene, rows, times=False)
-    return table(study.judged_by(scene), head, cells), tuple(f"{row.controller} {row.verdict}" for row in rows if row.failed)
+    rows = read_table(folder / "table.csv")
+    head, *cells = in_cells(scene, rows, times=False)
+    return table(judged_by(scene), head, cells), tuple(failures(rows))
 
 
 def _onset(folder: Path, scene: Scene | None) -> tuple[str, tuple[str, ...]]:

@@ -30,6 +30,7 @@ from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.drive import drive_of
 from toolbox.modelling.laws import names
 from toolbox.steady_states.linear import linearise
 from toolbox.steady_states.linear_loop import zero_order_hold
@@ -91,8 +92,8 @@ def performance_limit(
     loop: ClosedLoop,
     at: Mapping[str, NumberOrText],
     *,
-    measured_signals: str | Sequence[str] = "top.speed",
-    actuated_signals: str = "top.torque",
+    measured_signals: str | Sequence[str] | None = None,
+    actuated_signals: str | None = None,
     period: NumberOrText | None = None,
     delay: NumberOrText = 0.0,
 ) -> PerformanceLimit:
@@ -105,9 +106,9 @@ def performance_limit(
     at
         Where the plant runs steadily, {signal: value}, such as {"top.speed": 3.0}.
     measured_signals
-        What laws may read.
+        What laws may read; by default the speed of the drive.
     actuated_signals
-        The one input that they drive; a part such as a drive with lags stands between, as it does in runs.
+        The one input that they drive, by default the force or torque of the drive; a part such as a drive with lags stands between, as it does in runs.
     period
         Sample time [s]; None for continuous laws.
     delay
@@ -124,6 +125,8 @@ def performance_limit(
         If there is no steady running, more than one input is driven, or a delay is given without a period.
     """
     plant = loop.unsampled().system
+    measured_signals = drive_of(plant)[0] if measured_signals is None else measured_signals
+    actuated_signals = drive_of(plant)[1] if actuated_signals is None else actuated_signals
     if not isinstance(actuated_signals, str):
         raise SceneError(
             f"Argument `actuated_signals` must be the name of one input, but it is {actuated_signals!r}: with several the limits are not known in this form."

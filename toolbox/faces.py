@@ -25,15 +25,29 @@ import lazy_loader
 
 
 def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Return the `__getattr__`, `__dir__` and `__all__` of a package with a stub file of its public names.
+    """Return `__getattr__`, `__dir__` and `__all__` for a package whose public names stand in a stub file.
 
-    A name that is public in a room of the package, or in one of its public modules, is refused with the line that imports it from there: an import statement
-    by ImportError, what asks for an attribute, as `hasattr` does, by AttributeError.
+    If a name is public in a room of the package, or in one of its public modules, it is refused with the line that
+    imports it from there: an import statement by ImportError, access to an attribute, such as `hasattr`, by
+    AttributeError.
 
     Parameters
     ----------
     package, file
-        `__name__` and `__file__` of the package that calls it.
+        `__name__` and `__file__` of the package.
+
+    Returns
+    -------
+    function, function, list of str
+        `__getattr__`, `__dir__` and `__all__`.
+
+    Examples
+    --------
+    >>> import toolbox.page
+    >>> from toolbox.authoring import face
+    >>> __getattr__, __dir__, __all__ = face(toolbox.page.__name__, toolbox.page.__file__)
+    >>> print(len(__all__), "names")
+    2 names
     """
     find, names, listed = lazy_loader.attach_stub(package, file)
     public = frozenset(listed)

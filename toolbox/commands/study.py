@@ -49,6 +49,7 @@ def run(given: argparse.Namespace) -> int:
     """Study a scene. Returns the exit code."""
     from toolbox.onsets import study
     from toolbox.scenes.verdict_table import table, write_table
+    from toolbox.steady_states.instability import instability
 
     scene = loaded(given)
     stems = file_stems(scene.labels)
@@ -75,6 +76,7 @@ def run(given: argparse.Namespace) -> int:
         scene.save(folder / "scene.toml")
         warning = scene.needs().warning
         notes += [warning] if warning else []
+        notes += [f"{label}: {unstable}" for label in scene.labels if (unstable := instability(scene[label]))]
         (folder / "study.txt").write_text("\n\n".join([table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
     show("\n\n".join([table(scene, rows), *notes]))
     print(f"\nFigures, trajectories, table and scene are in {given.out}")

@@ -100,7 +100,7 @@ WEIGHTS = (
 
 @new_names_only
 def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, delay: float = 0.03) -> dict[str, Group]:
-    """Groups of machines for a drill string with a chain of inertias and a rock, by name.
+    """Return the groups of plants for `lowest_set_point`, for a drill string with a chain of inertias and a rock.
 
         nominal          as declared, no noise
         noisy            weight + 10 %, noise, 20 seeds
@@ -109,7 +109,38 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, dela
         other_rocks      half the decay of the friction with speed; 3 seeds; only for a rock with an exponential law
         varying_weight   a weight that varies in time: `WEIGHTS`, 10 seeds, 2 phases, judged for 600 s
 
-    noise: of the measured top speed [rad/s].  delay: by how much commands come later than declared [s] on one machine of `one_at_a_time`.
+    Parameters
+    ----------
+    machine
+        The drill string, or a loop around it.
+    noise
+        Standard deviation of the noise of the measured top speed [rad/s].
+    delay
+        Additional delay of the commands [s] on one plant of `one_at_a_time`.
+
+    Returns
+    -------
+    dict of {name: Group}
+        The groups.
+
+    Raises
+    ------
+    SceneError
+        If the machine is no drill string with a chain of inertias and a rock.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.drilling import machine_groups
+    >>> for name, group in machine_groups(compose(wells.JANSEN_2, BitRock(weight="97 kN"))).items():
+    ...     print(f"{name:15} {len(group.machines)} plants")
+    nominal         1 plants
+    noisy           1 plants
+    one_at_a_time   11 plants
+    combined        3 plants
+    other_rocks     1 plants
+    varying_weight  4 plants
     """
     names = list((machine if isinstance(machine, ClosedLoop) else closed_loop(machine)).bare.numbers())
 
@@ -154,32 +185,45 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, dela
 def drawn_group(
     loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, draws: int = 72, *, phases: Sequence[float] = (0.0, 0.5), seed: int = 0
 ) -> Group:
-    """Machines whose numbers are drawn, as a group for `lowest_set_point`: a set-point that frees them all is free with a probability.
+    """Draw plants with uncertain numbers, as a group for `lowest_set_point`.
 
-    If all of 72 draws are free, a machine is free with 95 %, by the two-sided bound of 95 % of Clopper and Pearson; 59 draws show it by a bound to one side.
+    A set-point that frees all of them from stick-slip frees a plant with some probability. If all of 72 draws are
+    free, a plant is free with 95 %, by the two-sided bound of 95 % of Clopper and Pearson. 59 draws show it by a
+    one-sided bound.
 
     Parameters
     ----------
     loop
-        A loop, or a plant, with the declared numbers; none of those that are drawn may be zero.
+        A loop, or a plant, with the declared numbers. No number that is drawn may be zero.
     uncertainty
-        What is not known, as `drawn` takes it.
+        {name: distribution} of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +-
+        8 kN" with the standard deviation of a normal distribution. Or `Draws` of numbers that are known together.
     draws
-        Number of machines.
+        Number of plants.
     phases
-        Phases of the cycle, in parts of its period, at which a law takes over on each.
+        Phases of the cycle at which a controller takes over on each plant, as fractions of its period.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
 
     Returns
     -------
     Group
-        The machines, by the name `drawn`.
+        The plants, under the name `drawn`.
 
     Raises
     ------
     SceneError
-        As `drawn`, and for a number that is zero as it is declared.
+        If a name is unknown or a sample time, a value is no distribution, more than half of a distribution is out of
+        the bounds of its number, or a declared number is zero.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.drilling import drawn_group
+    >>> group = drawn_group(compose(wells.JANSEN_2, BitRock()), {"bit.weight": "97 kN +- 8 kN"})
+    >>> print(group.name, len(group.machines))
+    drawn 72
     """
     loop = as_loop(loop)
     made = drawn(loop, uncertainty, draws, seed)

@@ -157,20 +157,21 @@ def distribution(name: str, given: Any) -> Distribution:
 
 @new_names_only
 def drawn(loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, runs: int, seed: int = 0) -> Variations:
-    """Draw what is uncertain, as a design for `sweep`.
+    """Draw uncertain numbers, as a design for `sweep`.
 
     Parameters
     ----------
     loop
-        A loop, or a plant, whose numbers they are.
+        A loop, or a plant, with these numbers.
     uncertainty
-        {name: distribution}, of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text "97 kN +- 8 kN", whose second number is the standard
-        deviation of a normal distribution; or `Draws` of numbers that are known together, such as `found.drawn` of a posterior, and
-        `found.drawn.also({"bit.weight": "97 kN +- 8 kN"})` with others beside them. A distribution is cut at the bounds of its number.
+        {name: distribution} of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +-
+        8 kN" with the standard deviation of a normal distribution. Or `Draws` of numbers that are known together,
+        such as `found.drawn` of a posterior; `found.drawn.also({"bit.weight": "97 kN +- 8 kN"})` adds others. A
+        distribution is cut at the bounds of its number.
     runs
         Number of draws, >= 1.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
 
     Returns
     -------
@@ -180,7 +181,17 @@ def drawn(loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, runs: 
     Raises
     ------
     SceneError
-        If a name is unknown or a sample time, if what is given is no distribution, or if more than half of it lies out of the bounds of the number.
+        If a name is unknown or a sample time, a value is no distribution, or more than half of a distribution is out
+        of the bounds of its number.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.probability import drawn
+    >>> design = drawn(compose(wells.JANSEN_2, BitRock()), {"bit.weight": "97 kN +- 8 kN"}, runs=1000)
+    >>> print(f"{design.points.mean() / 1e3:.0f} kN")
+    97 kN
     """
     loop = as_loop(loop)
     whole("runs", runs, 1)

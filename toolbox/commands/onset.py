@@ -101,6 +101,7 @@ def run(given: argparse.Namespace) -> int:
         check_some(failures, labels)
         found = Comparison(onsets, {label: str(failures[label]) for label in labels if label in failures})
         given.found = {"title": scene.title, "onsets": onsets, "failed": found.failures}
+        given.failures = found.failures
         text = "\n\n".join([scene.title, *(str(each) for each in onsets.values()), str(found)]) + "\n"
         if folder is not None:
             (folder / "onset.txt").write_text(text, encoding="utf-8")

@@ -22,27 +22,59 @@ FOLDER = Path(__file__).parent
 ROOT = FOLDER.parent
 PACKAGES = ("toolbox", "models", "controllers")
 THEMES = {
-    "plant": ("Plant", "Parts, contacts and control laws, what they become when they are composed, and inputs in time.", "modelling"),
-    "simulate": (
-        "Simulate",
-        "Runs of a plant: methods, results, scenes, the page that turns their numbers, spectrograms and films, what accuracy costs, errors.",
-        "simulation contacts scenes files errors page figures",
+    "plant": ("Plants, contacts and controllers", "Parts, contacts and controllers, and the plant or loop that they form.", "modelling"),
+    "inputs": ("Inputs in time", "Shapes of inputs: steps, ramps, sines, noise.", "toolbox.inputs"),
+    "simulate": ("Simulate", "Runs of a plant: methods, their accuracy and cost, results.", "simulation"),
+    "figures": (
+        "Figures and pages",
+        "Figures of runs, spectrograms, films, and the page that changes numbers of a loop.",
+        "toolbox.plot figures page",
     ),
-    "measure": ("Measure", "Numbers of a run, energy, and parameters from measurements.", "measuring calibration"),
-    "analyse": (
-        "Analyse",
-        "Steady states, borders of stick-slip, cycles, maps, sweeps and chances.",
-        "steady_states onsets orbits sweeps probability",
+    "scenes": ("Scenes", "Scenes with several controllers, files, units and comparisons.", "scenes files"),
+    "contacts": ("Bodies with many contacts", "Elastic bodies with many contacts, simulated in time steps.", "contacts"),
+    "errors": ("Errors and warnings", "What the toolbox raises, and what each error means.", "toolbox.errors errors"),
+    "measure": ("Metrics of a run", "Numbers of a run: severity, stick phases, settling, energy.", "measuring"),
+    "calibration": ("Calibration", "Parameters from measurements.", "calibration"),
+    "steady_states": (
+        "Steady states and stability",
+        "Steady states, linear systems, Hopf points, impedances and vibration modes.",
+        "steady_states",
     ),
-    "design": ("Design", "Laws that are tuned and judged: margins, limits, worst cases.", "tuning robustness drilling"),
-    "report": ("Report", "Results on one page.", "reports"),
-    "export": ("Export", "Laws as C, FMU and python-control systems, and the way back.", "export"),
+    "cycles": ("Onset, cycles and maps", "Borders of stick-slip, limit cycles, their branches and derivatives of runs.", "onsets orbits"),
+    "sweeps": ("Sweeps", "Many runs over several numbers.", "sweeps"),
+    "probability": ("Probabilities", "Chance of stick-slip, posteriors from measurements, predictions.", "probability"),
+    "robustness": ("Robustness", "Margins, frequency responses, worst cases and limits.", "robustness"),
+    "drilling": ("Drilling", "Set-points, windows, gains over depth and estimates for drill strings.", "drilling"),
+    "tune": ("Tuning", "Gains by search.", "tuning"),
+    "report": ("Reports", "Results on one page.", "reports"),
+    "export": ("Export", "Controllers and plants as C, FMU and python-control systems, and the way back.", "export"),
 }
-"""{page: (title, what it holds, rooms whose public names stand on it)}; a test says when a name has no page."""
+"""{page: (title, contents, rooms or modules whose public names stand on it)}; a test says when a name has no page."""
 SHELVES = {
-    "models": ("Models", "Physics: one mechanism per file. Numbers are SI, or text with a unit."),
-    "controllers": ("Controllers", "Control laws and observers. Numbers are SI, or text with a unit."),
+    "models": {
+        "strings": ("Drill strings", "sections pipe_sizes shaft drill_string tabulated_string axial top_drive wells"),
+        "boreholes": ("Boreholes, torque and drag", "survey torque_and_drag wall_friction lateral"),
+        "bits": ("Bits and rocks", "bit_rock smooth_bit_rock hysteretic_bit_rock drag_bit elastic_rock"),
+        "friction": ("Friction laws", "friction bristles rate_and_state bristle_contact dither"),
+        "blocks": ("Blocks, sliders and closed forms", "belt sliders bar torsional_pendulum damper oscillators closed_forms"),
+        "brakes": ("Brakes and disks", "disc_brake shoe_brake squeal disks disk_stack"),
+        "mechanisms": ("Mechanisms", "cranks gears gear_stage backlash overrunning_drive hand_arm"),
+        "hydraulics": ("Flow and valves", "flow_line valve_spool"),
+        "elastic": ("Elastic bodies", "elastic"),
+    },
+    "controllers": {
+        "top_drive": ("Controllers of a top drive", "pi soft_torque z_torque active_damping held_speed pipe"),
+        "state_feedback": ("Optimal and robust control", "lqr lqg h_infinity"),
+        "sliding_modes": ("Sliding modes", "sliding_mode implicit_sliding_mode super_twisting"),
+        "predictive": ("Predictive control", "linear_mpc nonlinear_mpc"),
+        "brake_controllers": ("Controllers of a brake", "brake_law brake_force brake_mpc brake_pi brake_sliding_mode"),
+        "dither": ("Dither", "dither"),
+        "around": ("Controllers around others", "lifting on_estimates"),
+        "observers": ("Observers", "observers"),
+    },
 }
+"""{package: {page: (title, files or folders of the package whose public names stand on it)}}."""
+SHELF_SAYS = "Numbers are SI, or text with a unit."
 AUTHORS = {
     "toolbox.authoring": "What parts, laws and packages of your own build on, beside the names of `toolbox` itself. "
     "It changes only with a line in the changelog.",
@@ -152,6 +184,31 @@ def names_of_rooms() -> dict[str, list[str]]:
         module = importlib.import_module(place)
         found.setdefault(room, []).extend(each for each in public_of(place) if getattr(module, each.rpartition(".")[2]) not in on_face)
     return found
+
+
+def names_of_shelf(package: str) -> dict[str, list[str]]:
+    """{page: public names of `models` or `controllers` on it}, by the file in which each is written. Raises KeyError for a file without a page."""
+    page_of = {file: page for page, (_, files) in SHELVES[package].items() for file in files.split()}
+    found: dict[str, list[str]] = {page: [] for page in SHELVES[package]}
+    module = importlib.import_module(package)
+    for dotted in sorted(public_of(package), key=str.lower):
+        thing = getattr(module, dotted.rpartition(".")[2])
+        home = (thing.__name__ if inspect.ismodule(thing) else thing.__module__).split(".")[1]
+        found[page_of[home]].append(dotted)
+    return found
+
+
+def index_page(pages: Mapping[str, tuple[str, str]]) -> str:
+    """The first page of the reference: {page: (title, contents)} as a table."""
+    lines = [
+        "# Reference",
+        "",
+        "Public functions and classes by subject. The search box finds a name.",
+        "",
+        "| page | contents |",
+        "|---|---|",
+    ]
+    return "\n".join([*lines, *(f"| [{title}]({page}.md) | {says} |" for page, (title, says) in pages.items()), ""])
 
 
 def scene_page() -> str:
@@ -528,15 +585,37 @@ def pages() -> dict[Path, str]:
     """{path: text} of every generated page."""
     folder = FOLDER / "reference"
     rooms = names_of_rooms()
+    listed = [name for names in rooms.values() for name in names]
+    apart = [word for _, _, words in THEMES.values() for word in words.split() if word.startswith("toolbox.")]
+
+    def of(word: str) -> list[str]:
+        """Names of a module that has a page of its own, or of a room without those."""
+        if word in apart:
+            return [name for name in listed if name.rpartition(".")[0] == word]
+        return [name for name in rooms.get(word, []) if name.rpartition(".")[0] not in apart]
+
+    told = {page: (title, says) for page, (title, says, _) in THEMES.items()}
     references = {
-        folder / f"{page}.md": reference_page(title, says, [name for room in rooms_of.split() for name in rooms[room]])
-        for page, (title, says, rooms_of) in THEMES.items()
+        page: (title, says, [name for word in words.split() for name in of(word)]) for page, (title, says, words) in THEMES.items()
     }
-    shelves = [*((name, *words) for name, words in SHELVES.items()), *((name, name, says) for name, says in AUTHORS.items())]
-    for place, title, says in shelves:
-        references[folder / f"{place.rpartition('.')[2]}.md"] = reference_page(title, says, sorted(public_of(place), key=str.lower))
+    for package, shelf in SHELVES.items():
+        for page, names in names_of_shelf(package).items():
+            words = ", ".join(f"`{name.rpartition('.')[2]}`" for name in names)
+            told[page] = (shelf[page][0], words)
+            references[page] = (shelf[page][0], SHELF_SAYS, names)
+    for name, says in AUTHORS.items():
+        told[name.rpartition(".")[2]] = ("For authors of packages", "Checks, tables, compiled helpers.")
+        references[name.rpartition(".")[2]] = (name, says, sorted(public_of(name), key=str.lower))
+    written = {folder / f"{page}.md": reference_page(*words) for page, words in references.items()}
     drives = {FOLDER / "concepts" / "drive_table.md": drive_page()}
-    return {FOLDER / "sources.md": sources_page(), folder / "scene.md": scene_page(), **drives, **references}
+    told["scene"] = ("Keys of a scene file", "All keys with unit, default and meaning.")
+    return {
+        FOLDER / "sources.md": sources_page(),
+        folder / "scene.md": scene_page(),
+        folder / "index.md": index_page(told),
+        **drives,
+        **written,
+    }
 
 
 def main() -> None:

@@ -53,13 +53,15 @@ def test_a_part_has_a_table_of_its_fields():
 
 
 TYPED = """
-    WOB, TOB, ROP, BHA, DLS, SSI, MSE, RPM, HWDP, MWD, drawworks, auto-driller, top drive, rotary table, dogleg, torque and drag, hook load, side force,
-    friction factor, weight on bit, rate of penetration, bit bounce, whirl, HFTO, impedance matching, tripping, mud weight, drill collar, LAS, PDC, UCS, stuck pipe,
-    judder, groan, squeal, creep groan, NVH, caliper, brake pad, disk brake, drum brake, clutch, Stribeck, mu-v, friction coefficient, mode coupling, complex eigenvalue,
-    negative damping, chatter, hunting, dead time, latency, windup, anti-windup, set point, setpoint, phase margin, gain margin, delay margin, disk margin, Bode, Nyquist,
-    transfer function, state space, sampling time, sample time, saturation, rate limit, feedforward, observer, Kalman, PID, MPC, LQG, gain scheduling, operating point,
-    linearize, root locus, natural frequency, settling time, overshoot, limit cycle, identification, confidence interval, outlier, resume, checkpoint, Monte Carlo,
-    parameter sweep, uncertainty, FMU, Simulink, Matlab, Excel, reinforcement learning, tutorial, license, changelog, citation, stick slip
+    WOB, TOB, ROP, BHA, DLS, SSI, MSE, RPM, HWDP, MWD, drawworks, auto-driller, top drive, rotary table, dogleg, torque and drag, hook
+    load, side force, friction factor, weight on bit, rate of penetration, bit bounce, whirl, HFTO, impedance matching, tripping, mud
+    weight, drill collar, LAS, PDC, UCS, stuck pipe, judder, groan, squeal, creep groan, NVH, caliper, brake pad, disk brake, drum
+    brake, clutch, Stribeck, mu-v, friction coefficient, mode coupling, complex eigenvalue, negative damping, chatter, hunting, dead
+    time, latency, windup, anti-windup, set point, setpoint, phase margin, gain margin, delay margin, disk margin, Bode, Nyquist,
+    transfer function, state space, sampling time, sample time, saturation, rate limit, feedforward, observer, Kalman, PID, MPC, LQG,
+    gain scheduling, operating point, linearize, root locus, natural frequency, settling time, overshoot, limit cycle, identification,
+    confidence interval, outlier, resume, checkpoint, Monte Carlo, parameter sweep, uncertainty, FMU, Simulink, Matlab, Excel,
+    reinforcement learning, tutorial, license, changelog, citation, stick slip
 """
 """What a driller, a brake engineer and a student of control type into the search box."""
 

@@ -306,8 +306,10 @@ ended for half an hour.
 
 """
 DRIVES_RULES = """
-A drive that raises its set-point while the bit sticks (`Lifting`) holds half the speed of soft torque or less on the nominal plant, and hardly more with one error
-of the plant, except H-infinity. With a varying weight its advantage is a quarter. The price is a recovery of about half a minute, in which the bit turns at four to
+A drive that raises its set-point while the bit sticks (`Lifting`) holds half the speed of soft torque or less on the nominal plant, and
+hardly more with one error
+of the plant, except H-infinity. With a varying weight its advantage is a quarter. The price is a recovery of about half a minute, in which
+the bit turns at four to
 five times the set-point.
 
 ![Lowest set-points of 26 drives: nominal plant, one error, three errors; bit speed after a takeover at 40 rpm](../figures/drives.png)

@@ -23,7 +23,15 @@ from toolbox.modelling import OptionalQuantities
 
 @dataclass(frozen=True)
 class DrillString(TorsionalChain):
-    """A torsional chain made from tables by `DrillString.from_tables`; `depth` says where its inertias are."""
+    """A torsional chain made from tables by `DrillString.from_tables`; `depth` says where its inertias are.
+
+    Examples
+    --------
+    >>> from models import DrillString
+    >>> from toolbox import compose
+    >>> print(compose(DrillString()))
+    HybridSystem(DrillString): 3 states (chain.twist, chain.speed); contacts: none; inputs: top.torque [N m], bit.torque [N m]
+    """
 
     depth: OptionalQuantities = quantity(None, "m", "measured depth of every inertia, for profiles", at_least=0)
 

@@ -16,7 +16,7 @@ from toolbox.files.printing import columns as lines_of
 from toolbox.files.results import HeadedRows, Result
 from toolbox.files.tables import heading
 from toolbox.files.units import NumberOrText
-from toolbox.logs.flaws import KINDS, Flaw, below_zero, increasing, is_null, local_spacing, marked, spacing, without_strays
+from toolbox.logs.flaws import KINDS, NULLS, Flaw, below_zero, increasing, is_null, local_spacing, marked, spacing, without_strays
 from toolbox.logs.grids import Source
 from toolbox.modelling.hybrid_system import HybridSystem
 
@@ -90,7 +90,7 @@ class Recording(Result):
         nulls
             Further numbers that mean that there is no value, in the unit of the log.
         keep
-            Kinds of flaws that are data here, such as "clipped" for a drive at its limit: clipped, drop-out, reversed, outlier.
+            Kinds of flaws that are data here, such as "clipped" for a drive at its limit: null, clipped, drop-out, reversed, outlier.
         decimal
             "," or ".", where the log does not say it.
 
@@ -180,8 +180,10 @@ class Recording(Result):
         stretches = self.windows(names, max_gap)
         if len(stretches) != 1:
             found = ", ".join(f"{self.begin + begin:.6g} .. {self.begin + end:.6g} s" for begin, end in stretches[:8])
+            lost = ", ".join(f"{self._told(name)} of `{name}`" for name in names if self._told(name))
+            kept = f" Left out were {lost}: {self._remedy(names)}." if lost and self._remedy(names) else ""
             raise SceneError(
-                f"The data must hold {what} without gaps, but it is there in {len(stretches)} stretches: choose among the windows {found}{remedy}."
+                f"The data must hold {what} without gaps, but it is there in {len(stretches)} stretches: choose among the windows {found}{remedy}.{kept}"
             )
 
     @property
@@ -290,9 +292,19 @@ class Recording(Result):
             rows.append([name, self.units.get(name, ""), f"{good.size}", *ends, self._told(name) or "none"])
         lines += lines_of(rows, left=(0, 1, 5))
         told = self._told("time")
-        return "\n".join([*lines, f"  time: {told}" if told else "  time: increases, no gaps"])
+        lines.append(f"  time: {told}" if told else "  time: increases, no gaps")
+        return "\n".join(lines + ([f"  {self._remedy()}"] if self._remedy() else []))
 
     __repr__ = __str__
+
+    def _remedy(self, channels: Sequence[str] | None = None) -> str:
+        """How samples that were left out of channels, by default of all, are kept where they are data; empty if none were that can be kept."""
+        kinds = {flaw.kind for flaw in self.flaws if flaw.channel != "time" and flaw.channel in (channels or self.signals)}
+        asked = [kind for kind in KINDS if kind in kinds]
+        if not asked:
+            return ""
+        options = " ".join(f"--keep {kind}" for kind in asked)
+        return f"samples that were left out are kept, where they are data, by {options} (in Python Recording.of(..., keep={asked!r}))"
 
     def _told(self, channel: str) -> str:
         words = []
@@ -365,7 +377,7 @@ def _recording(
         if said:
             notes.append(f"`{column.name}`: {said}")
         raw = raw[::-1] if turned else raw
-        none = is_null(raw, (*nulls, *column.nulls))
+        none = is_null(raw, (*nulls, *column.nulls), () if "null" in keep else NULLS)
         if unit is None and not source.bare and wanted != "1":
             raise SceneError(
                 f"{here} must name its unit, such as `{column.name} [{wanted}]`: write so there, or where you say which column is `{signal}`."

@@ -55,6 +55,25 @@ def figure_format(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def log_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments `--column` and `--keep` of a command that reads a log."""
+    parser.add_argument(
+        "--column",
+        metavar="SIGNAL=HEADING",
+        action="append",
+        default=[],
+        help="what a signal, or time, is called in the data; with a unit or a format of dates where the data have none, as in 'time=Time [DD/MM/YYYY]'; may be "
+        "repeated",
+    )
+    parser.add_argument(
+        "--keep",
+        metavar="KIND",
+        action="append",
+        default=[],
+        help="a kind of flaw whose samples are data here: null, clipped, drop-out, reversed or outlier; may be repeated",
+    )
+
+
 def asked_otherwise(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments `--law` and `--hold` of a command that looks at a machine under another law, or under other inputs, than those of its scene."""
     parser.add_argument(

@@ -171,7 +171,7 @@ def local_spacing(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def marked(values: np.ndarray, kinds: tuple[str, ...] = KINDS) -> dict[str, np.ndarray]:
     """{kind: where} of a channel whose nulls are nan: samples that are no data, each of one kind."""
     found: dict[str, np.ndarray] = {}
-    values, levels = values.copy(), _of_levels(values)
+    values, levels = values.copy(), of_levels(values)
     kept = np.zeros(values.size, bool)
     for kind, rule in (("clipped", _clipped), ("drop-out", _dropped), ("reversed", _reversed), ("outlier", _outliers)) if kinds else ():
         there = rule(values) if not levels or kind == "clipped" else _only_once(values, rule(values))
@@ -262,7 +262,7 @@ def _span(values: np.ndarray) -> float:
     return float(high - low)
 
 
-def _of_levels(values: np.ndarray) -> bool:
+def of_levels(values: np.ndarray) -> bool:
     """Whether a channel goes from level to level, as steps, pulses and set points do: it mostly stays exactly where it is, and else goes far."""
     finite = values[np.isfinite(values)]
     steps = np.abs(np.diff(finite))

@@ -97,7 +97,11 @@ def test_an_input_that_is_a_line_between_its_samples_stays_one():
     time = np.arange(0.0, 6.0, 0.02)
     force = 4.0 * np.sin(3.0 * time)
     run = simulate(true, time[-1], inputs={"axis.force": (time, force)}, output_times=time)
-    log = {"time": time, "axis.force": force, "axis.position": run["axis.position"] + 1e-5 * np.random.default_rng(0).standard_normal(time.size)}
+    log = {
+        "time": time,
+        "axis.force": force,
+        "axis.position": run["axis.position"] + 1e-5 * np.random.default_rng(0).standard_normal(time.size),
+    }
     found = fit(compose(Axis(mass=1.5, viscous=1.5, friction=Coulomb(0.8, 0.8))), log, ["axis.mass", "axis.viscous"], starts=1,
                 window=(0.0, 6.0))  # fmt: skip
     assert found.held == {}

@@ -245,13 +245,13 @@ class LeastSquares:
         ratio = (squares[1] - squares[0]) * (n - 2) / squares[0] if n > 2 and squares[0] > 0.0 else math.inf
         return law if fisher.sf(ratio, 1, n - 2) > 0.05 else ""
 
-    def _as_one(
-        self, values: np.ndarray, law: str, scales: Mapping[str, float], first: float | None = None
-    ) -> tuple[np.ndarray, Resting]:
+    def _as_one(self, values: np.ndarray, law: str, scales: Mapping[str, float], first: float | None = None) -> tuple[np.ndarray, Resting]:
         """The optimum with static friction equal to kinetic, and how the numbers move there; first: where it is searched from, their mean by default."""
         pair = tuple(self.names.index(f"{law}{word}") for word in ("static", "kinetic"))
         level = values.copy()
-        level[list(pair)] = np.clip(values[list(pair)].mean() if first is None else first, self.low[list(pair)].max(), self.high[list(pair)].min())
+        level[list(pair)] = np.clip(
+            values[list(pair)].mean() if first is None else first, self.low[list(pair)].max(), self.high[list(pair)].min()
+        )
         rest = Resting({}, level, pair)
         ways = rest.directions
         heard = np.asarray((self._weighed(self.misfit.slopes(level, self._size(level)), scales) @ ways != 0).any(axis=0))

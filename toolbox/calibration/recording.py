@@ -191,7 +191,9 @@ class Recording(Result):
         self.unbroken(measured, words, 2 if max_gap is None else max_gap, remedy)
         good = {name: np.isfinite(self.signals[name]) for name in measured}
         tables = {name: (self.time[good[name]], self.signals[name][good[name]]) for name in measured}
-        return {name: (np.repeat(t, 2)[1:], np.repeat(v, 2)[:-1]) if name in (self.held or ()) else (t, v) for name, (t, v) in tables.items()}
+        return {
+            name: (np.repeat(t, 2)[1:], np.repeat(v, 2)[:-1]) if name in (self.held or ()) else (t, v) for name, (t, v) in tables.items()
+        }
 
     def unbroken(self, names: Sequence[str], what: str, max_gap: int = 2, remedy: str = "") -> None:
         """Raise SceneError where the named signals have a gap; it names the windows without one, in times of the whole recording.

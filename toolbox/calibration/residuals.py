@@ -118,7 +118,9 @@ class Simulated(Misfit):
         for name, value in self.loop.values.items():
             if name in coarse.signals and isinstance(value, Table):
                 good = np.isfinite(coarse.signals[name])
-                middle = 0.5 * self.recording.interval if name in (self.recording.held or ()) else 0.0  # of the times for which a sample stands
+                middle = (
+                    0.5 * self.recording.interval if name in (self.recording.held or ()) else 0.0
+                )  # of the times for which a sample stands
                 fewer[name] = Table(coarse.time[good] + middle, coarse.signals[name][good])
         accuracy = max(self.accuracy, TRIAL_ACCURACY)
         return Simulated(self.loop.but(inputs={**self.loop.inputs, **fewer}), coarse, self.numbers, accuracy, self.shifts)
@@ -249,7 +251,9 @@ class Simulated(Misfit):
     def start_slopes(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """Return derivatives of `model` with respect to the start of every state, shape (nt, states); none if a run has no exact ones."""
         names = [
-            name if size is None else f"{name}.{i}" for name, (_, size, _) in self.plant.states.items() for i in range(1 if size is None else size)
+            name if size is None else f"{name}.{i}"
+            for name, (_, size, _) in self.plant.states.items()
+            for i in range(1 if size is None else size)
         ]
         if self.exact:
             try:

@@ -180,7 +180,11 @@ class Fit(Told, Result):
             lines += left.lines(self.display_units)
         lines += begins_apart(self.residuals, self.initial_mismatch, self.display_units, "free the start values of its states")
         for name, gain in self.held.items():
-            why = "as declared" if gain == np.inf else f"as the data say (log-likelihood {gain:+.3g}; --linear {name} or `held=` says otherwise)"
+            why = (
+                "as declared"
+                if gain == np.inf
+                else f"as the data say (log-likelihood {gain:+.3g}; --linear {name} or `held=` says otherwise)"
+            )
             lines.append(f"  {name} is held between its samples, {why}")
         if len(self.names) > 1:
             i, k = max(itertools.combinations(range(len(self.names)), 2), key=lambda pair: abs(self.correlation[pair]))

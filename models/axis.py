@@ -2,8 +2,8 @@
 
     m v' = F - F_0 - R(v)                    R: friction of the law, times 1 + q |P| under a load P that is transmitted
 
-F_0 is a constant force beside friction: the zero of a sensor or an amplifier, or a weight. A recorder may see the speed behind a filter, T y' = v - y. At steady
-speed the force is the resistance R + F_0, which is a signal of its own. Source: textbook; the form is that of A. Janot, P.-O. Vandanjon, M. Gautier,
+F_0 is a constant force beside friction: the zero of a sensor or an amplifier, or a weight. A recorder may see the speed behind a filter, T y' = v - y. At
+steady speed the force is the resistance R + F_0, which is a signal of its own. Source: textbook; the form is that of A. Janot, P.-O. Vandanjon, M. Gautier,
 Control Eng. Practice 21 (2013) 1191-1204.
 """
 

@@ -147,7 +147,9 @@ def fit(
     def misfit_of(recording: Recording) -> tuple[Any, np.ndarray, np.ndarray]:
         """The misfit of a recording, and the bounds of its numbers."""
         parts, begins = _parts(recording, windows)
-        known = [_from_start(make.numbers(part), window) for part, window in zip(parts, windows or [None], strict=True)]
+        known = [
+            _from_start(make.numbers(part), window) for part, window in zip(parts, windows or list[Window | None]([None]), strict=True)
+        ]
         limits = [_bounds(numbers, own, ranges) for numbers, own in zip(known, called, strict=True)]
         each = [make.misfit(part, numbers, *ends) for part, numbers, ends in zip(parts, known, limits, strict=True)]
         misfit = each[0] if called == [names] else Together(each, called, begins)
@@ -163,7 +165,7 @@ def fit(
     misfit, lowest, highest = misfit_of(recording)
     found = searched(misfit, lowest, highest, np.array([number.value for number in misfit.numbers]), search.starts)
     undecided = [name for name in recording.signals if name in make.plant.inputs] if on is None and recording.held is None else []
-    best, other, chosen = EVIDENCE, (misfit, lowest, highest), ()
+    best, other, chosen = EVIDENCE, (misfit, lowest, highest), tuple[str, ...]()
     for these in dict.fromkeys([tuple(undecided), *((name,) for name in undecided)]) if undecided else ():
         tried = misfit_of(recording.holding(these))
         gain = evidence(found, tried[0])
@@ -180,7 +182,7 @@ def fit(
     if again is not None:
         found = dataclasses.replace(again, agreeing=found.agreeing, starts=found.starts, held=dict.fromkeys(chosen, best))
     elif on is None:
-        found = dataclasses.replace(found, held={name: math.inf for name in recording.held or ()})
+        found = dataclasses.replace(found, held=dict.fromkeys(recording.held or (), math.inf))
     typed = [in_si(ranges[name], unit, name) for name, unit in zip(found.names, found.units, strict=True) if name in ranges]
     return dataclasses.replace(found, display_units={**loop.display_units, **asked_units(typed)})
 

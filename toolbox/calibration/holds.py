@@ -56,7 +56,7 @@ def fitted_evidence(found: Fit, held: Fit) -> float:
     for fit in (found, held):
         model, measured = fit.misfit.model(fit.values), fit.misfit.measured
         rows.append(np.concatenate([(model[each.signal] - measured[each.signal]) / (each.rms or 1.0) for each in found.residuals]))
-    return likelihood(*rows, found.values.size)
+    return likelihood(rows[0], rows[1], found.values.size)
 
 
 def likelihood(straight: np.ndarray, other: np.ndarray, numbers: int) -> float:

@@ -61,7 +61,7 @@ class Fit(Told, Result):
     initial_mismatch
         {signal: how far from the model its first samples are}, where the simulation begins elsewhere than the machine did.
     held
-        {measured input: by how much the log-likelihood is greater with the input held between its samples}, of those that are held; infinite if it was declared.
+        {measured input that is held between its samples: by how much the log-likelihood is greater than with straight lines}; infinite if it was declared.
     equal
         The law whose static friction the data cannot tell from the kinetic one, such as "bit.friction."; empty where they can.
     """
@@ -183,7 +183,7 @@ class Fit(Told, Result):
             why = (
                 "as declared"
                 if gain == np.inf
-                else f"as the data say (log-likelihood {gain:+.3g}; --linear {name} or `held=` says otherwise)"
+                else f"as the data say (log-likelihood {gain:+.3g}; `held=()`, or --held none, draws straight lines)"
             )
             lines.append(f"  {name} is held between its samples, {why}")
         if len(self.names) > 1:

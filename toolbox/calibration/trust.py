@@ -12,7 +12,6 @@ import numpy as np
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.unit_systems import reading
 
-
 COHERENT = 0.99
 """Correlation of neighbouring residuals from which on they are no noise, but a part of the motion that the model lacks."""
 

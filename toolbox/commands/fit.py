@@ -11,7 +11,7 @@ from typing import Any
 from toolbox.arguments import number, numbers, whole
 from toolbox.commands import figures
 from toolbox.commands.recording import results
-from toolbox.commands.terminal import common, drawn_as, earlier, log_arguments, pairs, plain, ranges, show, span
+from toolbox.commands.terminal import common, drawn_as, earlier, held_of, hold_argument, log_arguments, pairs, plain, ranges, show, span
 from toolbox.errors import SceneError
 
 FIT_FILES = ("fit.txt", "fit.csv", "fit.npz", "fit.png", "scene.toml")
@@ -49,6 +49,7 @@ def add(commands: Any) -> None:
         "--range", metavar="NAME=LOW:HIGH", action="append", default=[], help="a number to fit, between two values; may be repeated"
     )
     log_arguments(calibration)
+    hold_argument(calibration)
     calibration.add_argument("--contact", metavar="NAME", help="fit the law of this contact to the measured loop, without simulation")
     calibration.add_argument(
         "--window", metavar="BEGIN:END", action="append", default=[], help="times [s] of the data that are used; may be repeated"
@@ -75,7 +76,8 @@ def add(commands: Any) -> None:
     )
     calibration.add_argument("--starts", type=int, default=4, metavar="N", help="searches from different values (4)")
     calibration.set_defaults(
-        action=run, spelled={"free": "--free", "ranges": "--range", "columns": "--column", "keep": "--keep", "data": "DATA"}
+        action=run,
+        spelled={"free": "--free", "ranges": "--range", "columns": "--column", "keep": "--keep", "held": "--held", "data": "DATA"},
     )
 
 
@@ -127,6 +129,7 @@ def run(given: argparse.Namespace) -> int:
             window=windows or None,
             contact=given.contact,
             starts=Search(starts, robust=robust),
+            held=held_of(given),
         )
         given.found = found
         text = f"{scene.title}\n\n{found}\n\n{recording}\n"

@@ -74,6 +74,22 @@ def log_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def hold_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare the argument `--held` of a command that fits to a log."""
+    parser.add_argument(
+        "--held",
+        metavar="SIGNAL",
+        action="append",
+        help="a measured input that keeps each value until the next sample, as the commands of a drive do, or none; by default the data say which; "
+        "may be repeated",
+    )
+
+
+def held_of(given: argparse.Namespace) -> list[str] | None:
+    """Return the inputs of `--held`: None if the data are to say, and none of them for `--held none`."""
+    return [] if given.held == ["none"] else given.held
+
+
 def asked_otherwise(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments `--law` and `--hold` of a command that looks at a machine under another law, or under other inputs, than those of its scene."""
     parser.add_argument(

@@ -69,7 +69,18 @@ class LoadDither(Controller):
 
 @dataclass(frozen=True, kw_only=True)
 class NormalDither(LoadDither):
-    """Sine of one frequency: wave = sin(2 pi frequency t). Continuous or sampled."""
+    """Sine of one frequency: wave = sin(2 pi frequency t). Continuous or sampled.
+
+    Examples
+    --------
+    >>> from controllers import NormalDither
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), NormalDither()))
+    Closed loop: TorsionalChain, BitRock
+      NormalDither, continuous: mean 97 kN, depth 0.5, frequency 1 Hz
+      bit.weight has no effect, because the input bit.weight takes its place
+    """
 
     frequency: Quantity = quantity(1.0, "Hz", "frequency of the dither", above=0)
 
@@ -86,7 +97,18 @@ class NormalDither(LoadDither):
 
 @dataclass(frozen=True, kw_only=True)
 class SquareDither(NormalDither):
-    """Square wave, +1 in the first half of every period; sampled only, so that its jumps fall on samples. As an input: `toolbox.inputs.square`."""
+    """Square wave, +1 in the first half of every period; sampled only, so that its jumps fall on samples. As an input: `toolbox.inputs.square`.
+
+    Examples
+    --------
+    >>> from controllers import SquareDither
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SquareDither(), "10 ms")))
+    Closed loop: TorsionalChain, BitRock
+      SquareDither, sampled every 10 ms: mean 97 kN, depth 0.5, frequency 1 Hz
+      bit.weight has no effect, because the input bit.weight takes its place
+    """
 
     def continuous(self, signal):
         raise SceneError("SquareDither jumps: give `sample_time`, or use the input `square`.")
@@ -97,7 +119,18 @@ class SquareDither(NormalDither):
 
 @dataclass(frozen=True, kw_only=True)
 class SweptDither(NormalDither):
-    """Sine whose frequency swings by `span` about `frequency` within every `sweep_time`: f(t) = frequency + span sin(2 pi t / sweep_time)."""
+    """Sine whose frequency swings by `span` about `frequency` within every `sweep_time`: f(t) = frequency + span sin(2 pi t / sweep_time).
+
+    Examples
+    --------
+    >>> from controllers import SweptDither
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SweptDither()))
+    Closed loop: TorsionalChain, BitRock
+      SweptDither, continuous: mean 97 kN, depth 0.5, frequency 1 Hz, span 0.4 Hz, sweep_time 20 s
+      bit.weight has no effect, because the input bit.weight takes its place
+    """
 
     span: Quantity = quantity(0.4, "Hz", "swing of the frequency either way", at_least=0)
     sweep_time: Quantity = quantity(20.0, "s", "period of the sweep", above=0)
@@ -116,6 +149,16 @@ class PhasedDither(LoadDither):
 
     size < 0 where the contact slips slower while the signal rises, as a block on a belt that moves with it. `unit` is that of the plant's signal `speed`
     unless given.
+
+    Examples
+    --------
+    >>> from controllers import PhasedDither
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> print(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), PhasedDither(reference="60 rpm")))
+    Closed loop: TorsionalChain, BitRock
+      PhasedDither, continuous: mean 97 kN, depth 0.5, reference 60 rpm, size 9.549 rpm
+      bit.weight has no effect, because the input bit.weight takes its place
     """
 
     speed: str = "bit.speed"
@@ -197,7 +240,7 @@ def dither_map(
     offset: float = 0.0,
     **arguments: Any,
 ) -> DitherMap:
-    """Map the swing of a signal under an alternating load, load = mean (1 + depth sin) - offset, by simulation.
+    """Map the amplitude of a signal under an alternating load, load = mean (1 + depth sin) - offset, by simulation.
 
     Each run lasts `periods` natural periods, of which the second half counts.
 
@@ -206,26 +249,39 @@ def dither_map(
     plant
         The plant.
     load
-        The input that alternates.
+        Name of the input that alternates.
     mean
-        Its mean.
+        Its mean, in SI.
     natural
-        Natural frequency [Hz] that frequencies are parts of.
+        Natural frequency [Hz], the unit of `ratios`.
     contact, signal
-        The contact to judge, and the signal whose swing is mapped.
-    ratios, depths
-        Frequencies in parts of `natural`, and depths of the alternation.
+        Names of the contact that is judged and of the signal whose amplitude is mapped.
+    ratios
+        Frequencies of the alternation as multiples of `natural`.
+    depths
+        Amplitudes of the alternation as fractions of `mean`.
     periods
         Length of a run in natural periods.
     offset
-        Force that is given otherwise and that the dither rides on, as with `brake.disturbance`.
+        Part of the load that another input gives, as with `brake.disturbance`.
     arguments
         Further arguments of `simulate`.
 
     Returns
     -------
     DitherMap
-        The swing at every frequency and depth.
+        The amplitude at every frequency and depth.
+
+    Examples
+    --------
+    >>> from controllers import dither_map
+    >>> from models import oscillators
+    >>> from toolbox import compose
+    >>> judged = {"contact": "belt", "signal": "block.position"}
+    >>> found = dither_map(compose(oscillators.LEINE), "block.load", 10.0, 0.159, **judged, ratios=[0.5, 3.3], depths=[0.0, 0.8])
+    >>> print(found.swing.round(2))
+    [[1.   1.  ]
+     [0.41 0.01]]
     """
     mean, natural = number("mean", mean, "N", above=0), number("natural", natural, "Hz", above=0)
     duration = periods / natural

@@ -21,10 +21,31 @@ from toolbox.modelling import OptionalQuantities, Relay
 
 
 def parabolic_shares(n: int) -> tuple[float, ...]:
-    """Compute the parts of the load that equal strips of a rounded (parabolic) contact carry, in order across it; they add up to 1.
+    """Compute the fractions of the load that equal strips of a rounded (parabolic) contact carry.
 
-    The pressure 3/4 (1 - s^2), -1 <= s <= 1, is integrated over each strip. Raises SceneError for fewer than 1 bristle. Source: textbook, Winkler foundation
-    under a parabolic punch.
+    The fractions are in order across the contact and add up to 1. The pressure 3/4 (1 - s^2), -1 <= s <= 1, is
+    integrated over each strip. Source: textbook, Winkler foundation under a parabolic punch.
+
+    Parameters
+    ----------
+    n
+        Number of strips, >= 1.
+
+    Returns
+    -------
+    tuple of float
+        The fractions, shape (n,).
+
+    Raises
+    ------
+    SceneError
+        If n < 1.
+
+    Examples
+    --------
+    >>> from models import parabolic_shares
+    >>> print([round(share, 3) for share in parabolic_shares(5)])
+    [0.104, 0.248, 0.296, 0.248, 0.104]
     """
     whole("n", n, 1)
 
@@ -61,6 +82,14 @@ class BristleContact(Component):
     A load that varies must stay above 0; where it falls by more than 1e4 of itself per second a bristle may be left "beyond" its bound. One coefficient mu:
     without inertia a bristle would jump from a static to a lower kinetic bound. Source: textbook (Jenkins element, Iwan model). The stiffness is an
     assumption.
+
+    Examples
+    --------
+    >>> from models import BristleContact
+    >>> from toolbox import compose
+    >>> plant = compose(BristleContact())
+    >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
+    16 states, 16 contacts
     """
 
     n: int = 16

@@ -13,18 +13,61 @@ from toolbox.authoring import NumberOrText, number
 
 
 def uniform_wear_radius(inner: NumberOrText, outer: NumberOrText) -> float:
-    """Compute the effective radius of a worn annulus, whose pressure goes as 1/r: R = (R_o + R_i) / 2 [m].
+    """Compute the effective radius of a worn friction ring, whose pressure is proportional to 1/r: R = (R_o + R_i) / 2.
 
-    The torque is mu N R. Raises SceneError unless 0 <= inner < outer. Source: textbook.
+    The torque is mu N R. Source: textbook.
+
+    Parameters
+    ----------
+    inner, outer
+        Inner and outer radius [m], 0 <= inner < outer.
+
+    Returns
+    -------
+    float
+        Effective radius R [m].
+
+    Raises
+    ------
+    SceneError
+        Unless 0 <= inner < outer.
+
+    Examples
+    --------
+    >>> from models import uniform_wear_radius
+    >>> print(f"{uniform_wear_radius('80 mm', '120 mm') * 1e3:.2f} mm")
+    100.00 mm
     """
     inner, outer = _annulus(inner, outer)
     return (outer + inner) / 2
 
 
 def uniform_pressure_radius(inner: NumberOrText, outer: NumberOrText) -> float:
-    """Compute the effective radius of a new annulus under uniform pressure: R = (2/3) (R_o^3 - R_i^3) / (R_o^2 - R_i^2) [m].
+    """Compute the effective radius of a new friction ring under uniform pressure: R = (2/3) (R_o^3 - R_i^3) / (R_o^2 -
+    R_i^2).
 
-    The torque is mu N R; R is never less than the radius of uniform wear. Raises SceneError unless 0 <= inner < outer. Source: textbook.
+    The torque is mu N R. R is never less than the radius for uniform wear. Source: textbook.
+
+    Parameters
+    ----------
+    inner, outer
+        Inner and outer radius [m], 0 <= inner < outer.
+
+    Returns
+    -------
+    float
+        Effective radius R [m].
+
+    Raises
+    ------
+    SceneError
+        Unless 0 <= inner < outer.
+
+    Examples
+    --------
+    >>> from models import uniform_pressure_radius
+    >>> print(f"{uniform_pressure_radius('80 mm', '120 mm') * 1e3:.2f} mm")
+    101.33 mm
     """
     inner, outer = _annulus(inner, outer)
     return 2 / 3 * (outer**2 + outer * inner + inner**2) / (outer + inner)  # free of cancellation for a thin ring
@@ -47,6 +90,14 @@ class TwoDisks(Component):
     A reconstruction: only the abstract of J. A. Larsson and K. Farhang (2016) is public. The equations and the defaults (a stop from `disks.rotor_speed` = 2
     rad/s) are chosen to show what it reports: cycles that start near the period of the stator and end near three times as much. From up to 4 rad/s every
     cycle is computable; from 6 rad/s on the motion of the stator dies to round-off before its damping turns negative, and `run.error` is of order one.
+
+    Examples
+    --------
+    >>> from models import TwoDisks
+    >>> from toolbox import compose
+    >>> plant = compose(TwoDisks())
+    >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
+    3 states, 1 contacts
     """
 
     rotor_inertia: Quantity = quantity(20.0, "kg m2", "inertia of the rotor", above=0)
@@ -95,6 +146,14 @@ class PressedDisks(Component):
     Friction does not act back on the axial motion. A reconstruction, as `TwoDisks`: axial masses, contact, gap and torsion are a set that shows what the
     abstract reports in a stop from 10 rad/s with the force ramped up in 50 ms; the mount of the stator in axial direction (k_a, c_a) is an assumption on top
     of it.
+
+    Examples
+    --------
+    >>> from models import PressedDisks
+    >>> from toolbox import compose
+    >>> plant = compose(PressedDisks())
+    >>> print(plant.x.numel(), "states,", len(plant.elements), "contacts")
+    7 states, 2 contacts
     """
 
     rotor_inertia: Quantity = quantity(5.0, "kg m2", "inertia of the rotor", above=0)

@@ -10,10 +10,11 @@ sample (`controllers.bumpless`); of a continuous controller with one state, such
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from toolbox.arguments import whole
@@ -26,11 +27,22 @@ from toolbox.onsets.carried import Carried
 from toolbox.onsets.coming_to import HERE, Settled
 from toolbox.onsets.reach import held_starts
 from toolbox.onsets.takeover import acting_at, cycle_phases, reference_of, releases_of, taken_over
-from toolbox.robustness.set_points import at_set_point
 from toolbox.scenes.judged import judged_contact, judged_speed, set_point
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.simulate import simulate
 from toolbox.steady_states.steady_loop import smooth_start
+
+
+def at_set_point(law: Any, reference: float) -> Any:
+    """A law, and the laws inside of it, with that set-point [rad/s]; what is no dataclass is returned as it is."""
+    if not dataclasses.is_dataclass(law):
+        return law
+    changed = {each.name: at_set_point(getattr(law, each.name), reference) for each in dataclasses.fields(law) if each.init}
+    changed = {name: value for name, value in changed.items() if isinstance(value, Controller) and value is not getattr(law, name)}
+    if isinstance(law, Controller) and hasattr(law, "reference"):
+        changed["reference"] = reference
+    return replace(law, **changed) if changed else law
+
 
 Starts = Sequence[Mapping[str, Any]]
 """Start values {state of the plant, memory or held command of a controller: value}, one mapping per run."""
@@ -47,7 +59,18 @@ class Found:
 
 @dataclass(frozen=True)
 class SmoothRunning:
-    """Start at smooth running, with the commands and the memory that the controllers have there."""
+    """Start at smooth running, with the commands and the memory that the controllers have there.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose, worst_case
+    >>> from toolbox.robustness import SmoothRunning
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SoftTorque(reference="60 rpm"), "10 ms"))
+    >>> print(worst_case(loop, "60 s", starts=SmoothRunning()).survives)
+    True
+    """
 
     @property
     def words(self) -> str:
@@ -122,6 +145,16 @@ class OwnStickSlip:
     ----------
     phases
         Number of instants of the cycle, at equal parts of its period.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose, worst_case
+    >>> from toolbox.robustness import OwnStickSlip
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SoftTorque(reference="60 rpm"), "10 ms"))
+    >>> print(worst_case(loop, "60 s", starts=OwnStickSlip()).survives)
+    False
     """
 
     phases: int = 4

@@ -1,0 +1,321 @@
+"""The table that answers the user's question: does each controller end stick-slip on this plant, from which start, and from which set-point on?
+
+Every column names its start, because a controller can end the stick-slip of another one and yet begin to stick after a start from rest, or keep a stick-slip
+of its own that few starts reach. All columns are judged alike: a run holds if the judge of `toolbox.measuring.judge` finds that it comes to smooth running,
+however long that takes; a run that no judge can tell holds if its contact does not stick in the last 30 % of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import mapping, number, numbers
+from toolbox.drilling.answer_results import RAMP, STARTS, Answers, ControllerAnswer, Counted
+from toolbox.drilling.set_points import limits_of
+from toolbox.errors import SceneError, SimulationError
+from toolbox.files.journal import Journal, fingerprint
+from toolbox.files.unit_systems import asked_in
+from toolbox.files.units import NumberOrText
+from toolbox.measuring.judge import SMOOTH
+from toolbox.modelling import inputs as shapes
+from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.inputs import Table
+from toolbox.modelling.laws import Controller, Sampled
+from toolbox.onsets.coming_to import Settled
+from toolbox.onsets.onset import onset
+from toolbox.robustness.starts import OwnStickSlip, TakenOver
+from toolbox.robustness.worst_case import Trials, cases_of
+from toolbox.scenes.judged import judged_contact, judged_speed, set_point
+from toolbox.scenes.situation import Situation
+from toolbox.simulation.simulate import simulate
+from toolbox.steady_states.steady_loop import smooth_start
+
+WEIGHT = "bit.weight"
+"""The number that a connection takes away for a while."""
+
+OFF, AWAY, RAMPS = 10.0, 90.0, (10.0, 20.0, 60.0)
+"""A connection: the weight goes off within 10 s, stays off for 90 s, and comes on again within each of these times [s]."""
+
+ERRORS = len(STARTS)
+"""Number of the question about plants with errors; those about the own stick-slip and the costs follow."""
+
+PEAKS = ("top_peak", "bit_peak", "torque_peak")
+"""Costs of the takeovers."""
+
+
+def answers(
+    loops: Mapping[str, ClosedLoop],
+    initial_controller: Controller | Sampled,
+    *,
+    bounds: tuple[NumberOrText, NumberOrText] | None = None,
+    step: NumberOrText | None = None,
+    uncertainty: Mapping[str, Any] | None = None,
+    phases: int = 4,
+    duration: NumberOrText = 200.0,
+    title: str = "",
+    checkpoint: str | Path | None = None,
+    callback: Callable[[Answers], None] | None = None,
+) -> Answers:
+    """Answer for each controller of a plant whether it ends stick-slip, from which start and from which set-point on.
+
+    Each controller is designed once, at the set-point of its loop, which is then turned like a knob. At that set-point it takes over the stick-slip of the
+    initial controller, starts from rest by a step and by a ramp of the set-point, and goes through a connection: weight off, 90 s without, and on again in 10,
+    20 and 60 s. Its own stick-slip is looked for from many starts. With `bounds` the lowest set-point that holds is searched for each of these starts.
+
+    Parameters
+    ----------
+    loops
+        {label: loop} of one plant with different controllers.
+    initial_controller
+        The controller whose stick-slip is taken over, such as `StiffPI()`.
+    bounds, step
+        Range of set-points that is searched, and distance of its grid, numbers in SI or text with units; no search by default. The step is 1/40 of the range
+        by default.
+    uncertainty
+        {number: share, or several factors} as in `worst_case`; by default 10 % of the weight to either side, if the plant has one.
+    phases
+        Number of instants of the cycle at which a controller takes over.
+    duration
+        Time for which a run lasts at least [s]; what it has not decided by then is carried on.
+    title
+        What the plant is called.
+    checkpoint
+        Path of a file (JSON lines) in which the outcomes of single set-points are kept, so that a search that was stopped goes on.
+    callback
+        Called with the answers so far after each controller, first without and then with its lowest set-points.
+
+    Returns
+    -------
+    Answers
+        Verdicts, lowest set-points and costs of each controller.
+
+    Raises
+    ------
+    SceneError
+        If a loop has no set-point, a range is none, no loop is given, or `checkpoint` holds anything but an earlier search with these arguments.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque, StiffPI
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> from toolbox.drilling import answers
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> loop = closed_loop(rig, Sampled(SoftTorque(reference="9 rad/s", lowest_torque=0.0), "10 ms", delay="30 ms"))
+    >>> found = answers({"soft torque": loop}, StiffPI(), phases=2)
+    >>> found["soft torque"].starts["takeover"].passed
+    True
+    """
+    if not isinstance(loops, Mapping) or not loops:
+        raise SceneError(f"Argument `loops` must map at least one label to a loop, but it is {loops!r}.")
+    first = next(iter(loops.values()))
+    name = knob_of(first)
+    free = first.number(name)
+    low, high = (math.nan, math.nan) if bounds is None else free.span(bounds, "bounds")
+    grid = math.nan if bounds is None else (high - low) / 40.0 if step is None else number("step", step, free.unit, above=0)
+    lasts = number("duration", duration, "s", above=0)
+    asked = {**first.display_units, **({} if bounds is None else {free.unit: asked_in(numbers("bounds", bounds, free.unit), free.unit)})}
+    design = "each controller designed once, at the set-point of the scene, which is turned like a knob"
+    situation = Situation.of(first, "", f"{lasts:g} s at least, carried on until the regime is decided", design=design)
+    situation = dataclasses.replace(situation, start="started as the head of each column says")
+    found = Answers(
+        title or first.title, type(getattr(initial_controller, "law", initial_controller)).__name__, free.name, free.unit, free.value, (low, high), grid,
+        {}, {}, str(situation), asked,
+    )  # fmt: skip
+    journal = None if checkpoint is None else _journal(Path(checkpoint), loops, initial_controller, phases, lasts, uncertainty)
+    questions: dict[str, _Question] = {}
+    for k, (label, loop) in enumerate(loops.items()):
+        try:
+            questions[label] = _Question(loop, knob_of(loop), initial_controller, phases, lasts, k, journal)
+            found = _with(found, label, questions[label].at_set_point(uncertainty))
+        except (SceneError, SimulationError) as error:
+            found = dataclasses.replace(found, failed={**found.failed, label: str(error)})
+        if callback is not None:
+            callback(found)
+    for label in [] if bounds is None else list(found.entries):
+        try:
+            lowest, end = questions[label].lowest(low, high, grid)
+            found = _with(found, label, dataclasses.replace(found.entries[label], lowest=lowest, own_end=end))
+        except (SceneError, SimulationError) as error:
+            found = dataclasses.replace(found, failed={**found.failed, label: str(error)})
+        if callback is not None:
+            callback(found)
+    return found
+
+
+def _with(found: Answers, label: str, entry: ControllerAnswer) -> Answers:
+    return dataclasses.replace(found, entries={**found.entries, label: entry})
+
+
+def knob_of(loop: ClosedLoop) -> str:
+    """The name of the set-point of a loop. Raises SceneError if there is none."""
+    name = set_point(loop.system, judged_speed(loop, judged_contact(loop)))
+    if name is None:
+        raise SceneError("Argument `loops` must hold loops with a set-point, such as `top.reference`, but one has none.")
+    return name
+
+
+@dataclass(frozen=True)
+class _Question:
+    """One controller: its loop, the set-point that is turned, and the runs that are asked."""
+
+    loop: ClosedLoop
+    knob: str
+    initial: Controller | Sampled
+    phases: int
+    duration: float
+    place: int = 0
+    journal: Journal | None = None
+    known: dict[tuple[float | None, ...], Any] = field(default_factory=dict, compare=False)
+    taken: dict[float, list[ClosedLoop]] = field(default_factory=dict, compare=False)
+
+    @cached_property
+    def contact(self) -> str:
+        return judged_contact(self.loop)
+
+    @cached_property
+    def speed(self) -> str:
+        return judged_speed(self.loop, self.contact)
+
+    def at_set_point(self, uncertainty: Mapping[str, Any] | None) -> ControllerAnswer:
+        """The answers at the set-point of the loop."""
+        value = float(self.loop.number(self.knob).value)
+        starts = {name: self.counted(name, value) for name in STARTS}
+        own = float(self._kept(ERRORS + 1, value, lambda: [OwnStickSlip(1).on(self.loop).period])[0])
+        errors = Counted(*self._kept(ERRORS, value, lambda: self._errors(uncertainty)))
+        peaks = dict(zip(PEAKS, self._kept(ERRORS + 2, value, lambda: self._peaks(value)), strict=True))
+        limits = [abs(limit) for law in self.loop.designed for limit in limits_of(law).values()]
+        return ControllerAnswer(starts, errors, own, torque_limit=max(limits, default=math.nan) or math.nan, **peaks)
+
+    def counted(self, start: str, value: float) -> Counted:
+        """How many runs from a kind of start hold at a set-point."""
+
+        def found() -> list[Any]:
+            said = [self._fails(loop) for loop in self._loops(start, self.loop.at(self.knob, value), value)]
+            nothing = "no stick-slip to end" if start == "takeover" else "-"
+            return [sum(not each for each in said), len(said), next((each for each in said if each), "" if said else nothing)]
+
+        return Counted(*self._kept(STARTS.index(start), value, found))
+
+    def _kept(self, question: int, value: float, find: Callable[[], list[Any]]) -> list[Any]:
+        """What was found for a question at a set-point: once, and from the checkpoint where that knows it."""
+        key = (float(self.place), float(question), float(value))
+        known = self.known if self.journal is None else self.journal.known
+        if key not in known:
+            result = find()
+            if self.journal is None:
+                self.known[key] = result
+            else:
+                self.journal.add(key, result)
+        return known[key]
+
+    def _loops(self, start: str, loop: ClosedLoop, value: float) -> Iterator[ClosedLoop]:
+        """The loops whose runs are judged from a kind of start."""
+        if start == "takeover":
+            if value not in self.taken:  # the initial controller runs once for each set-point
+                found = TakenOver(self.initial, self.phases).on(loop)
+                self.taken[value] = [] if found.note else [loop.but(start=each) for each in found.values]
+            yield from self.taken[value]
+        elif start == "step":
+            yield loop.but(start={})
+        elif start == "ramp":
+            yield loop.but(inputs={**loop.inputs, self.knob: shapes.ramp(0.02 * value, value, 0.0, RAMP)}, start={})
+        elif WEIGHT in self.loop.numbers() and not math.isnan(weight := float(self.loop.number(WEIGHT).value)):
+            begin = smooth_start(loop)
+            for ramp in RAMPS:
+                times = np.cumsum([20.0, OFF, AWAY, ramp])
+                course = (0.0, *times.tolist()), (weight, weight, 1e-3 * weight, 1e-3 * weight, weight)
+                yield loop.but(inputs={**loop.inputs, WEIGHT: course}, start=begin)
+
+    def _fails(self, loop: ClosedLoop) -> str:
+        """Why a run does not come to smooth running; empty if it does."""
+        end = max((float(value.times[-1]) for value in loop.values.values() if isinstance(value, Table)), default=0.0)
+        try:
+            run = simulate(loop, end + self.duration)
+        except SimulationError as error:
+            return str(error)
+        settled = Settled.of(loop, self.contact, self.speed, end + 0.5 * self.duration)
+        judged = None if settled is None else settled.judged(run)
+        if judged is not None:
+            return "" if judged.regime == SMOOTH else judged.regime
+        stuck = run.time_in(self.contact, "stick", after=run.end - 0.3 * self.duration)
+        return f"stuck {stuck:.3g} s of the last {0.3 * self.duration:.3g} s" if stuck > 0.0 else ""
+
+    def _errors(self, uncertainty: Mapping[str, Any] | None) -> list[Any]:
+        """(held, runs, why) of takeovers on plants with one number wrong at a time, the nominal one left out."""
+        wanted = ({WEIGHT: "10 %"} if WEIGHT in self.loop.numbers() else {}) if uncertainty is None else mapping("uncertainty", uncertainty)
+        trials = Trials.of(self.loop, self.duration, starts=TakenOver(self.initial, self.phases), after=None)
+        held, runs, why = 0, 0, ""
+        for error, factors in cases_of(wanted, ()).items():
+            if not factors:
+                continue
+            machine = trials.machine(factors)
+            for begin in trials.starts(error, factors):
+                said = self._fails(machine.but(start=begin))
+                held, runs, why = held + (not said), runs + 1, why or (said and f"{error}: {said}")
+        return [held, runs, why]
+
+    def _peaks(self, value: float) -> list[float]:
+        """The largest speeds and command of the takeovers, in the order of `PEAKS`."""
+        peaks = dict.fromkeys(PEAKS, math.nan)
+        commands = [name for name in self.loop.plant.inputs if name not in self.loop.system.inputs]
+        signals = {"top_peak": "top.speed", "bit_peak": self.speed, "torque_peak": commands[0] if commands else ""}
+        for loop in self._loops("takeover", self.loop.at(self.knob, value), value):
+            run = simulate(loop, self.duration)
+            for peak, signal in signals.items():
+                if signal and loop.system.has_signal(signal):
+                    peaks[peak] = float(np.fmax(peaks[peak], np.abs(run[signal]).max()))
+        return list(peaks.values())
+
+    def lowest(self, low: float, high: float, step: float) -> tuple[dict[str, float], float]:
+        """({start: lowest set-point from which on every one that was tried holds}, set-point at which the own stick-slip ends)."""
+        found = {name: self._lowest(name, low, high, step) for name in STARTS if self.counted(name, high).runs or name == "takeover"}
+        return found, float(self._kept(ERRORS + 3, high, lambda: [self._own_end(low, high)])[0])
+
+    def _own_end(self, low: float, high: float) -> float:
+        """The set-point at which the loop's own stick-slip ends; nan if it has none in the range, inf if it lasts to its end."""
+        borders = onset(self.loop, self.knob, (low, high), values=9)
+        return math.inf if borders.cycling[-1] else max((border.value for border in borders.ends), default=math.nan)
+
+    def _lowest(self, start: str, low: float, high: float, step: float) -> float:
+        """The lowest set-point on the grid by bisection, confirmed at the three above it; nan if the highest fails."""
+
+        def holds(k: int) -> bool:
+            return self.counted(start, low + k * step).passed
+
+        bottom, top = -1, int((high - low) / step + 1e-9)
+        if not holds(top):
+            return math.nan
+        while True:
+            upper = top
+            while upper - bottom > 1:
+                middle = (bottom + upper) // 2
+                bottom, upper = (bottom, middle) if holds(middle) else (middle, upper)
+            broken = [k for k in range(upper + 1, min(upper + 4, top + 1)) if not holds(k)]
+            if not broken:
+                return low + upper * step
+            bottom = broken[-1]
+
+
+def _journal(
+    path: Path, loops: Mapping[str, ClosedLoop], initial: Any, phases: int, duration: float, uncertainty: Mapping[str, Any] | None
+) -> Journal:
+    """The checkpoint of a search with these arguments."""
+    told = {
+        label: fingerprint((loop.plant.parts, loop.controllers, dict(loop.inputs), dict(loop.parameters))) for label, loop in loops.items()
+    }
+    others = {
+        "initial controller": fingerprint(initial),
+        "phases": str(phases),
+        "duration": repr(duration),
+        "uncertainty": fingerprint(uncertainty),
+    }
+    return Journal(path, told | others, lambda result: isinstance(result, list), "checkpoint")

@@ -41,6 +41,17 @@ class Recording(Result):
         How the log was read, in words.
     begin
         Time [s] in the whole recording at which this part of it begins.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.calibration import Recording
+    >>> time = np.linspace(0.0, 20.0, 401)
+    >>> log = Recording.of({"time": time, "top.speed": 6.0 + np.sin(time)}, compose(wells.JANSEN_2, BitRock()))
+    >>> print(log.time.size, "samples every", round(log.interval, 3), "s")
+    401 samples every 0.05 s
     """
 
     time: np.ndarray

@@ -26,9 +26,11 @@ from toolbox import (
     quantity,
     simulate,
     state,
+    sweep,
     time,
 )
 from toolbox.inputs import sine
+from toolbox.measuring import metrics
 from toolbox.modelling import OneWayClutch, Relay
 
 METHODS = pytest.mark.parametrize("method", ["event", "taylor", "explicit", "stiff"])
@@ -460,6 +462,43 @@ def test_only_a_ring_whose_friction_falls_is_refused_and_the_one_that_falls_is_n
     with refused("`rub0`, `rub1`, `rub2`", "ring", "static friction of `rub0` is above its kinetic", "not unique", "bristle"):
         part(ring((1.0, 1.0, 0.5), kinetic=0.9))
     simulate(part(ring((1.0, 1.0, 0.5))), 0.1)
+
+
+@dataclass(frozen=True)
+class Plates(Component):
+    """Two plates on the ground that rub on each other, the friction of the first with its own numbers: a ring."""
+
+    static: Quantity = quantity(0.8, "N", "static friction of the first plate", at_least=0)
+    kinetic: Quantity = quantity(0.8, "N", "kinetic friction of the first plate", at_least=0)
+
+    def equations(self, signal):
+        v, u = state("shaft.speed", "m/s"), state("plate.speed", "m/s")
+        laws = (Coulomb(self.static, self.kinetic), Coulomb(1.5, 1.5), Coulomb(1.1, 1.1))
+        first, second, between = (
+            DryFriction(*named, law) for named, law in zip((("first", v), ("second", u), ("between", v - u)), laws, strict=True)
+        )
+        flow = {v: 3.0 + first.force + between.force, u: second.force - between.force}
+        return Equations(flow=flow, elements=[first, second, between])
+
+
+def test_a_ring_is_asked_again_where_its_numbers_change():
+    """The first plate slides at 3 - 0.8 - 1.1 N on 1 kg, the other one stays: 1.1 N on it are less than its bound of 1.5 N."""
+    plant = compose(Plates())
+    loop = closed_loop(plant)
+    what = ("ring", "static friction of `first` is above its kinetic", "not unique")
+    for change in (
+        lambda: plant.with_parameters({"shaft.kinetic": 0.5}),
+        lambda: simulate(plant, 1.0, parameters={"shaft.kinetic": 0.5}),
+        lambda: simulate(loop.at("shaft.static", 0.9), 1.0),
+        lambda: loop.but(inputs={"shaft.kinetic": sine(0.5, 0.1, 1.0)}).kinds,
+    ):
+        with refused(*what):
+            change()
+    found = sweep(loop, {"shaft.kinetic": np.array([0.8, 0.5])}, 1.0, metrics={"speed": metrics.final("shaft.speed")})
+    assert found["speed"][0] == pytest.approx(3.0 - 0.8 - 1.1)
+    assert list(found.failures) == [1] and all(word in found.failures[1] for word in what)
+    both = plant.with_parameters({"shaft.static": 0.5, "shaft.kinetic": 0.5})
+    assert simulate(both, 1.0)["shaft.speed"][-1] == pytest.approx(3.0 - 0.5 - 1.1)
 
 
 @METHODS

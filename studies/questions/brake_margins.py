@@ -46,7 +46,7 @@ LABELS = ("constant force, eased", "PI, eased", "sliding mode, eased", "MPC", "c
 
 def _errors(names: Mapping[str, Sequence[str]]) -> dict[str, dict[str, float]]:
     """{words: factors of parameters} of one error at a time, both ways, after the declared machine."""
-    found: dict[str, dict[str, float]] = {"declared": {}}
+    found: dict[str, dict[str, float]] = {"nominal": {}}
     for word, parameters in names.items():
         for sign in (-1.0, 1.0):
             found[f"{word} {100 * sign * PART:+.0f} %"] = dict.fromkeys(parameters, 1.0 + sign * PART)
@@ -172,7 +172,7 @@ def ways_table() -> str:
     for label in EASED:
         cells = []
         for margin in MARGINS:
-            pair = [shortest(label, margin, machines) for machines in ({"declared": {}}, STOPS)]
+            pair = [shortest(label, margin, machines) for machines in ({"nominal": {}}, STOPS)]
             cells.append(" / ".join("none" if math.isnan(each.length) else f"{each.length:.2f} {each.ended}" for each in pair))
         lines.append(f"{label:<26}" + "".join(f"{cell:>28}" for cell in cells))
     return "\n".join(lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -124,7 +125,7 @@ def check_rings(system: HybridSystem) -> None:
                 f"{words}, and the static friction of `{weaker[0]}` is above its kinetic friction: nothing decides how they share a force at rest, and which "
                 f"of them gives way first, so that the motion is not unique. Let static and kinetic friction of each be equal, {remedy}"
             )
-        if not system.once(("motions", *ring), lambda ring=ring: motions_of(form.gain, ring, ca.vertcat(system.t, system.x))):
+        if not system.once(("motions", *ring), partial(motions_of, form.gain, ring, ca.vertcat(system.t, system.x))):
             raise SceneError(
                 f"{words} whose slips have too many motions, or change their ratios with the states: the toolbox does not follow such a ring. Instead, {remedy}"
             )

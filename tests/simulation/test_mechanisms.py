@@ -11,6 +11,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from models import Coulomb, GaussianStribeck, TwoWay, Viscous
+from studies.benchmarks import mechanisms
 from studies.benchmarks.mechanism_reference import Clutch, Friction, Reference, Stop
 from tests.mechanisms import BrakedShaft, Overrunning, Spool
 from toolbox import (
@@ -577,3 +578,33 @@ def test_bodies_that_a_locked_clutch_ties_together_break_away_together(method, m
     for element in ("first", "second"):
         assert times(run, element, "slip+")[-1] == pytest.approx(leaves, abs=1e-7)
         assert run.at(end).modes[element] == "slip+"
+
+
+@METHODS
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-6, 1e-9])
+def test_a_body_that_comes_to_rest_against_one_at_rest_holds_with_its_static_friction(method, accuracy):
+    """The wagon b leans on a, and both rest. It is pulled away by p = t / 2 - 1: it stays until p = 0.9 at 3.8 s, then v' = p - 0.5.
+
+    Both move at w' = -(0.4 + 0.5 + 1 - t / 2) / 2 until they rest, 1 - 0.95 t + t^2 / 8 = 0.
+    """
+
+    def equations(signal):
+        a, b, v, u = state("a.x", "m"), state("b.x", "m"), state("a.v", "m/s"), state("b.v", "m/s")
+        touch = UnilateralContact("touch", a - b, v - u, restitution=0.0)
+        first, second = DryFriction("first", v, Coulomb(5.0, 0.4)), DryFriction("second", u, Coulomb(0.9, 0.5))
+        return Equations(
+            flow={a: v, b: u, v: first.force - touch.force, u: time / 2 - 1 + second.force + touch.force}, elements=[first, second, touch]
+        )
+
+    run = simulate(closed_loop(part(equations), start={"a.v": 1.0, "b.v": 1.0}), 5.0, method=method, accuracy=accuracy)
+    rest = (0.95 - math.sqrt(0.95**2 - 0.5)) / 0.25
+    for element in ("first", "second"):
+        assert times(run, element, "stick") == pytest.approx([rest], abs=1e-7)
+    assert times(run, "second", "slip+") == pytest.approx([3.8], abs=1e-7)
+    assert run["b.v"][-1] == pytest.approx((5.0**2 - 3.8**2) / 4 - 1.5 * 1.2, abs=1e-7)
+
+
+@pytest.mark.parametrize(("seed", "number"), [(7011, 61), (7012, 131), (555, 83)])
+def test_drawn_mechanisms_whose_contacts_hold_each_other_move_as_gauss_says(seed, number):
+    """A stop that ties a body to one at rest, a clutch that an impact locks, and one that ties two frictions: by all methods."""
+    assert list(mechanisms.examine(seed, number)) == [("right", "")]

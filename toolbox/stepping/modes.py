@@ -361,7 +361,7 @@ def _cannot_hold(w, t, i):
 
 def _come_to_rest(w, t, again):
     """Put frictions whose slip has ended at zero slip; one that begins at zero and goes the other way than its mode, and that no force holds, does so."""
-    ended = False
+    ended, rests = False, False
     for i in range(w.ints[layout.NE]):
         if w.kind[i] == layout.FRICTION and w.before[i] != 0.0 and w.fired[2 * i]:
             if w.loader[i] == layout.PASSES:
@@ -372,11 +372,26 @@ def _come_to_rest(w, t, again):
                 continue
             w.m[i] = 0.0  # its slip has been projected to zero already, in two directions it is now
             w.zero[i] = True
+            rests = True
             if two_directions(w, i):
                 w.m[i + 1] = 0.0
                 ended = True
     if ended:
         project(w, t)
+    if rests and w.ints[layout.COUPLED] == 1:
+        _rest_with_others(w, t)
+
+
+def _rest_with_others(w, t):
+    """Put frictions at rest whose slip what has just come to rest holds at zero, as that of a body that a closed stop ties to another one at rest."""
+    ne = w.ints[layout.NE]
+    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):
+        slides = w.kind[i] == layout.FRICTION and w.m[i] != 0.0 and not w.zero[i] and w.lever[i] == 0 and not flies(w, i)
+        if slides and w.loader[i] != layout.SECOND and not two_directions(w, i):
+            still = abs(w.z[ne + i]) <= HELD * abs(w.z[4 * ne + i])
+            if still and abs(w.z[i]) <= 1e-9 * guard_size(w, 2 * i):
+                w.m[i], w.zero[i] = 0.0, True
 
 
 def _release(w):

@@ -121,6 +121,14 @@ class HybridSystem(Renamed):
         {unit: unit that was typed} in the scene that the plant is of; None without one.
     must_hold
         Raises SceneError for numbers with which the forces of the plant cannot act as they must; None where nothing is asked.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> print(rig.x.numel(), "states, inputs", *rig.inputs)
+    3 states, inputs top.torque bit.weight
     """
 
     parts: tuple[Component, ...]

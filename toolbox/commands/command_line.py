@@ -67,9 +67,9 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
         given = _parsed(arguments)
         from toolbox.commands import environment  # here, because `--version`, the help and the completion of a word need none of it
         from toolbox.commands.terminal import printing
-        from toolbox.files.atomic import check_folder
         from toolbox.files.reading import noted
         from toolbox.files.unit_systems import units
+        from toolbox.files.writable import check_folder
 
         given.line = shlex.join(["stickslip", *(sys.argv[1:] if arguments is None else arguments)])
         words = given.words(given)

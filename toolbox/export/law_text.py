@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from toolbox.compilation.work_layout import NOT_FINITE
 from toolbox.errors import SceneError
 from toolbox.export.casadi_text import casadi_text
 from toolbox.export.refusals import Refusals
-from toolbox.files.atomic import replaced_together
+from toolbox.files.atomic import replaced
 
 OUTSIDE = 12
 """What a step of a law returns for gains that are refused; `NOT_FINITE` is that of a machine."""
@@ -75,6 +76,15 @@ def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Functio
     texts = (_header(declared), _source(declared, functions, step or _step(declared, functions[0])))
     replaced_together(dict(zip((h, c), texts, strict=True)))
     return declared
+
+
+def replaced_together(texts: Mapping[Path, str]) -> None:
+    """Write several files of text, each in the place of the one that is there, all of them or none. Raises SceneError where one cannot be written."""
+    with contextlib.ExitStack() as places:
+        for path, text in texts.items():
+            file = places.enter_context(replaced(path))
+            file.write(text.encode())
+            file.flush()  # a full disk shows before the first one takes its place
 
 
 def c_paths(path: str | Path) -> tuple[Path, Path]:

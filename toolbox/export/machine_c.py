@@ -470,7 +470,7 @@ def _readme(made: Machine) -> str:
 
 def written_machine(loop: ClosedLoop, path: str | Path, duration: Any, accuracy: float | None) -> tuple[Path, Path]:
     """Write a machine into a folder; see `toolbox.export_c`."""
-    from toolbox.files.atomic import replaced_together
+    from toolbox.export.law_text import replaced_together
 
     folder = Path(path)
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", folder.name):

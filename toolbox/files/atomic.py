@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import errno
 import os
 import shutil
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import IO, Any
 
 from toolbox.errors import SceneError
 from toolbox.files.interrupts import GATE, temporary, undivided
+from toolbox.files.writable import check_folder
 
 
 @contextlib.contextmanager
@@ -67,15 +67,6 @@ def replaced(path: Path, durable: bool = False) -> Iterator[IO[bytes]]:
             os.replace(name, path)
     if durable:
         _sync(path.parent)
-
-
-def replaced_together(texts: Mapping[Path, str]) -> None:
-    """Write several files of text, each in the place of the one that is there, all of them or none. Raises SceneError where one cannot be written."""
-    with contextlib.ExitStack() as places:
-        for path, text in texts.items():
-            file = places.enter_context(replaced(path))
-            file.write(text.encode())
-            file.flush()  # a full disk shows before the first one takes its place
 
 
 @contextlib.contextmanager
@@ -136,22 +127,6 @@ def whole_folder(path: Path, names: Sequence[str], left_by: Callable[[Path], set
             GATE.placed = last
 
 
-def check_folder(path: Path) -> Path:
-    """The lowest folder that there is on the way to one that is to be written, or it itself.
-
-    Raises SceneError where nothing can be written there: who asks before a long work does not lose what comes of it.
-    """
-    path = path.absolute()
-    if os.path.lexists(path) and not path.is_dir():
-        raise SceneError(f"Argument `--out` must be a folder, but `{path}` is something else.")
-    ground = next(place for place in (path, *path.parents) if place.exists())
-    if not ground.is_dir() or not os.access(ground, os.W_OK | os.X_OK):
-        frozen = os.name == "posix" and os.statvfs(ground).f_flag & os.ST_RDONLY
-        reason = os.strerror(errno.ENOTDIR if not ground.is_dir() else errno.EROFS if frozen else errno.EACCES)
-        raise SceneError(f"Argument `--out` must be a folder that can be written, but `{path}` cannot: {reason}.")
-    return ground
-
-
 def _sync(folder: Path) -> None:
     """Force the names in a folder to disk, where the system can."""
     if os.name == "posix":
@@ -187,8 +162,7 @@ def _exchanged(one: Path, other: Path) -> bool:
     return False
 
 
-LINK_ITSELF: dict[str, Any] = {"follow_symlinks": False} if os.link in os.supports_follow_symlinks else {}
-"""Of `os.link`, that a symbolic link is linked and not its target; Windows does so anyway, and Python refuses to be told there."""
+LINK_ITSELF: dict[str, Any] = {"follow_symlinks": False} if os.link in os.supports_follow_symlinks else {}  # Windows does so untold
 
 
 def _carry(source: Path, target: Path, without: Collection[str] = ()) -> None:

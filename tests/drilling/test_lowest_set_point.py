@@ -207,6 +207,7 @@ def test_the_command_writes_the_table_and_goes_on_where_it_was(tmp_path, capsys)
     assert {each.name for each in (tmp_path / "drives").iterdir()} == {
         "setpoints.txt",
         "setpoints.csv",
+        "setpoints.npz",
         "setpoints.png",
         "scene.toml",
         "cells.jsonl",

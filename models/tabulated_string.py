@@ -21,7 +21,7 @@ from toolbox.modelling import OptionalQuantities
 
 @dataclass(frozen=True)
 class DrillString(TorsionalChain):
-    """A torsional chain made from tables by `DrillString.from_tables`; `depth` says where its inertias are.
+    """A torsional chain from tables, made by `DrillString.from_tables`. `depth` gives the depths of its inertias.
 
     Examples
     --------

@@ -74,7 +74,7 @@ class TorqueDrag(Result):
 
     @property
     def drag(self) -> float:
-        """What friction along the hole adds to the hook load [N], negative where the string is lowered."""
+        """Contribution of friction along the hole to the hook load [N], negative while the string is lowered."""
         return float(self.tension[0] - self.hanging[0])
 
     def __str__(self) -> str:
@@ -99,7 +99,7 @@ class TorqueDrag(Result):
         return heads, [[*map(float, row[:-1]), int(row[-1])] for row in rows]
 
     def plot(self, label: str = "", axes: Any = None) -> Any:
-        """Draw tension and torque over depth, each where the motion changes it, with the part that is stuck shaded.
+        """Draw tension and torque over depth, each if the motion changes it. The stuck part is shaded.
 
         Parameters
         ----------

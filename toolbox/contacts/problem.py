@@ -126,11 +126,11 @@ class ContactProblem:
             )
 
     def unit(self, name: str) -> str:
-        """The unit of an input; of an output where no input has its name."""
+        """Return the unit of an input, or of an output if no input has this name."""
         return self.units.get(name, "N" if name in self.forces else "m/s" if name in self.surface else "m")
 
     def output_unit(self, name: str) -> str:
-        """The unit of an output; an input of the same name has that of `units`, such an output is in m."""
+        """Return the unit of an output. If an input has the same name, `units` holds the unit of the input and the output is in m."""
         return "m" if name in self.forces or name in self.surface else self.unit(name)
 
     @property
@@ -170,7 +170,7 @@ class ContactBody:
         fields_in_si(self)
 
     def check(self) -> None:
-        """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
+        """Raise SceneError if fields contradict each other. Bounds that are declared with `quantity` are checked without this method."""
 
     def problem(self) -> ContactProblem:
         """The matrices, contacts, inputs and outputs that the fields describe."""

@@ -88,7 +88,7 @@ def _key(trial: Trial, group: Group, reference: float, way: str) -> str:
 
 @dataclass(frozen=True)
 class SetPointLimit(Renamed):
-    """The lowest set-point that a law holds on a group of machines, and what it costs there.
+    """The lowest set-point of a controller on a group of plants, with the cost of a recovery there.
 
     Attributes
     ----------
@@ -133,7 +133,7 @@ class SetPointLimit(Renamed):
 
     @property
     def range(self) -> tuple[float, ...]:
-        """The lowest set-point and, where there is one, the highest [rad/s]."""
+        """The lowest set-point and, if there is one, the highest [rad/s]."""
         return (self.speed,) if math.isnan(self.highest) else (self.speed, self.highest)
 
 
@@ -227,7 +227,8 @@ def borders(
 
 @dataclass(frozen=True)
 class LowestSetPoints(Result):
-    """Lowest set-points of laws on groups of machines: `print(found)` shows the table, `found["soft torque", "one_at_a_time"].speed` is one of it.
+    """Lowest set-points of controllers on groups of plants: `print(found)` shows the table, `found["soft torque", "one_at_a_time"].speed` is a
+    single set-point.
 
     Attributes
     ----------

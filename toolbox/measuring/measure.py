@@ -119,7 +119,7 @@ def stuck_ratio(run: Recorded, element: str, after: NumberOrText = 0.0, until: N
 
 @dataclass(frozen=True)
 class StickSlipPeriod:
-    """One cycle of stick-slip [s]: it slips from the release at `start` for `slip`, then sticks for `stick`, until the next release."""
+    """One cycle of stick-slip [s]: slip for `slip` from the release at `start`, then stick for `stick`, until the next release."""
 
     start: float
     slip: float
@@ -329,7 +329,7 @@ def settling(
     until: NumberOrText | None = None,
     size: NumberOrText | None = None,
 ) -> float:
-    """Measure the time after which a signal stays close to its target for the rest of the window.
+    """Measure the time until a signal enters a band around its target and stays in it.
 
     "Close" means |signal - target| <= band * size. The last crossing of the band is located to round-off in time.
 

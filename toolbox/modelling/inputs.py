@@ -74,7 +74,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Shape:
-    """A formula of time with coefficients: another coefficient never recompiles. Its other fields are those of a `Table`."""
+    """A formula of time with coefficients. A new coefficient needs no compilation. The other fields are the fields of a `Table`."""
 
     kind: str
     coefficients: tuple[float, ...]
@@ -94,7 +94,8 @@ class Shape:
 
 @dataclass(frozen=True)
 class Typed:
-    """A shape whose values were typed with units, such as `ramp("35 rpm", "60 rpm", "60 s", "80 s")`; it is made where the signal that it drives is known."""
+    """A shape whose values were typed with units, such as `ramp("35 rpm", "60 rpm", "60 s", "80 s")`. The values are converted when the driven
+    signal is known."""
 
     shape: Callable[..., Any]
     numbers: Mapping[str, Any]

@@ -185,7 +185,7 @@ class SeverityMap(Told, Result):
         return rows
 
     def border(self, name: str, along: float) -> FloatArray:
-        """Return where a border crosses a value of the second number: values of the first one, in increasing order.
+        """Return the crossings of a border with a value of the second number: values of the first number, in increasing order.
 
         Between the values of the grid a border is a straight line, so that one which is bent is off by more than `resolution` there.
 

@@ -100,7 +100,7 @@ class Rollout:
         return twin
 
     def modes(self, state: np.ndarray) -> np.ndarray:
-        """Modes that the slips of a state say: 0 where a slip is exactly zero."""
+        """Return the modes for the slips of a state: 0 if a slip is exactly zero."""
         if not self.contacts:
             return np.zeros(0)
         if self.slip is not None:

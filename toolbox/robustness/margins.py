@@ -75,7 +75,7 @@ class Margins(Told, Result):
 
     @property
     def disk_margin(self) -> float:
-        """The disk margin of all commands together, alpha [1]; 0 where the loop is unstable, nan where there is no linear loop."""
+        """The disk margin of all commands together, alpha [1]; 0 if the loop is unstable, nan if there is no linear loop."""
         return self.joint.disk_margin if self.joint is not None else self.loops[0].disk_margin
 
     @property

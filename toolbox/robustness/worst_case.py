@@ -123,7 +123,7 @@ class WorstCase(Told, Result):
 
     @property
     def by_error(self) -> dict[str, Outcome]:
-        """{error: its worst outcome}, in the order in which errors were tried."""
+        """{error: worst outcome}, in the order of the trials."""
         found: dict[str, Outcome] = {}
         for outcome in self.outcomes:
             known = found.get(outcome.error)

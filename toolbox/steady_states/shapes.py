@@ -49,7 +49,7 @@ class ModeShapes(Result):
 
     @property
     def damping(self) -> FloatArray:
-        """Damping ratios [1], negative where a mode grows."""
+        """Damping ratios [1], negative for a mode that grows."""
         return -self.poles.real / np.abs(self.poles)
 
     def __str__(self) -> str:
@@ -68,7 +68,7 @@ class ModeShapes(Result):
         return heads, np.column_stack([self.frequencies, self.poles.real, self.shapes]).tolist()
 
     def plot(self, most: int = 5, ax: Any = None) -> Any:
-        """Draw the slowest modes over depth, or over the entries where it is not known, the first at the top; returns the axes.
+        """Draw the slowest modes over depth, or over the entries if the depth is not known, the first at the top. Returns the axes.
 
         Parameters
         ----------

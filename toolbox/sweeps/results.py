@@ -26,7 +26,7 @@ _LEFT = (0, 3, 5)
 
 @dataclass(frozen=True)
 class Sweep(Told, Result):
-    """Result of a sweep: `found["severity"]` is an array of its shape, nan where a run failed.
+    """Result of a sweep: `found["severity"]` is an array with the shape of the design, nan for a failed run.
 
     Attributes
     ----------
@@ -170,7 +170,7 @@ class Sweep(Told, Result):
 
     @classmethod
     def load(cls, path: str | Path) -> Sweep:
-        """Read what `save` wrote, or what a finished sweep left with `out=`.
+        """Read a sweep from a file of `save`, or from the `checkpoint` folder of a finished sweep.
 
         Raises SceneError for anything else, and for a sweep that is not finished.
         """
@@ -193,7 +193,7 @@ class Sweep(Told, Result):
         return {**notes, **pairs, "points": "points", "axes": axes, "shape": shape, "measures": metrics, "errors": errors}
 
     def check_loaded(self) -> None:
-        """Raise ValueError or TypeError where what was read does not fit together."""
+        """Raise ValueError or TypeError if the loaded arrays do not fit together."""
         kinds = {"title": "text", "names": "texts", "units": "texts", "metric_units": "by name", "display_units": "by name"}
         check_notes(self, {**kinds, **dict.fromkeys(("duration", "accuracy", "seconds"), "number")})
         shapes: dict[str, Shape] = {"points": ("f", self.runs, len(self.names))}

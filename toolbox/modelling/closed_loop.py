@@ -34,9 +34,9 @@ from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.number_kinds import former_name
 from toolbox.modelling.numbers import Number, number_of, numbers_in
+from toolbox.modelling.numbers_in_words import given_as, numbers_of
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.modelling.steady_point import Equilibrium
-from toolbox.modelling.told_numbers import given_as, numbers_of
 from toolbox.vocabulary import new_names_only, refuse_former_names
 
 

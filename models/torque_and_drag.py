@@ -352,7 +352,7 @@ def _stepped(slope: Callable[[int, int, float], tuple[float, float]], k: int, pu
 
 @dataclass(frozen=True)
 class TorqueDragOperations(Result):
-    """Torque and drag of one string in the operations of a rig; `found["picking up"]` is the `TorqueDrag` of one of them.
+    """Torque and drag of one string in the operations of a rig. `found["picking up"]` is the `TorqueDrag` of this operation.
 
     Attributes
     ----------

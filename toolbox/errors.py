@@ -120,7 +120,19 @@ class SceneError(ValueError):
 
 
 class NoSteadyState(SceneError):
-    """A plant that has no steady state at the numbers asked, or none that was found."""
+    """A plant that has no steady state at the numbers asked, or none that was found.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, equilibrium
+    >>> from toolbox.errors import NoSteadyState
+    >>> try:
+    ...     equilibrium(closed_loop(compose(wells.JANSEN_2, BitRock()), inputs={"top.torque": 1.0}), mode={"bit": "slip+"})
+    ... except NoSteadyState as error:
+    ...     print(len(str(error)) > 20)
+    True
+    """
 
 
 class UnusualValue(UserWarning):

@@ -93,7 +93,7 @@ def test_the_rates_tell_a_text_that_points_from_one_that_names():
     points = "What was made small. It is that of which the law where it acts knows."
     names = "Objectives that were minimised, and their units."
     assert flagged(points) and not flagged(names)
-    assert rates([points])[0] > 40 and rates([points, names])[1] == pytest.approx(50)
+    assert rates([points])[0] > 30 and rates([points, names])[1] == pytest.approx(50)
 
 
 @pytest.mark.parametrize("name", MOST)

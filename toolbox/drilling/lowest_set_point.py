@@ -303,7 +303,7 @@ class LowestSetPoints(Result):
 
     @property
     def answer_rows(self) -> list[tuple[str, ...]]:
-        """The columns of `rows` that answer: what holds with which margin, how fast it recovers, and what fails below."""
+        """The columns of `rows` for the answer: set-point and margin, recovery time, and the failure below the set-point."""
         told = [k for k in ANSWERING if k < 3 or {row[k] for row in self.rows[1:]} != {"-"}]
         return [tuple(row[k] for k in told) for row in self.rows]
 

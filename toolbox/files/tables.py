@@ -27,7 +27,14 @@ _HEADING = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
 
 @dataclass(frozen=True)
 class Column:
-    """A column that a table may have: its name, its SI unit (None for text), its other names, and whether cells may be blank."""
+    """A column that a table may have: its name, its SI unit (None for text), its other names, and whether cells may be blank.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import Column
+    >>> print(Column("OD", "m", also=("outer diameter",)).also)
+    ('outer diameter',)
+    """
 
     name: str
     unit: str | None

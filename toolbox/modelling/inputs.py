@@ -43,6 +43,14 @@ class Table:
         Values as they were typed.
     shape, numbers
         The function of this module that made the table, and its numbers by name; empty for one that was given as it is.
+
+    Examples
+    --------
+    >>> from models import Block
+    >>> from toolbox import compose, simulate
+    >>> run = simulate(compose(Block()), "10 s", inputs={"block.force": ([0.0, 5.0, 10.0], [0.0, 2.0, 0.0])})
+    >>> print(f"{run.at(2.5)['block.force']:.1f} N")
+    1.0 N
     """
 
     times: np.ndarray

@@ -58,6 +58,14 @@ class Cycle(Told):
         Number of Newton steps.
     period_error
         The last change of the period [s].
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, limit_cycle
+    >>> cycle = limit_cycle(compose(BlockOnBelt()), settle="60 s")
+    >>> print(f"period {cycle.period:.3f} s")
+    period 12.001 s
     """
 
     run: Trajectory

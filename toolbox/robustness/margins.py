@@ -48,6 +48,15 @@ class Margins(Told, Result):
         The linear loop, for other tools.
     display_units
         {unit: unit that was typed}: the units in which `print` answers.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, margins
+    >>> found = margins(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm")))
+    >>> print(f"{found.disk_margin:.2f}")
+    0.41
     """
 
     title: str

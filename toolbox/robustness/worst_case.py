@@ -96,6 +96,15 @@ class WorstCase(Told, Result):
         Time that the runs took [s].
     situation
         The situation that the verdict holds for, in one line.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose, worst_case
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="60 kN")), Sampled(SoftTorque(reference="120 rpm"), "10 ms"))
+    >>> print(len(worst_case(loop, "60 s", uncertainty={"bit.weight": "10 %"}).outcomes), "runs")
+    3 runs
     """
 
     title: str

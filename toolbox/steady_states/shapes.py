@@ -34,6 +34,16 @@ class ModeShapes(Result):
         Measured depth of every entry [m]; None where the part of the state has no `depth`.
     display_units
         {unit: unit that was typed}.
+
+    Examples
+    --------
+    >>> from controllers import StiffPI
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.steady_states import mode_shapes
+    >>> found = mode_shapes(closed_loop(compose(wells.NAVARRO_LOPEZ_4, BitRock()), StiffPI(reference="120 rpm")))
+    >>> print(found.damping.round(3))
+    [0.1   0.122 0.202]
     """
 
     state: str

@@ -48,6 +48,14 @@ class Sweep(Told, Result):
         Wall time [s], without the runs that were there already; 0 in a sweep that was loaded, because files do not hold it.
     display_units
         {unit: unit that was typed}: the units in which the report answers.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, sweep
+    >>> found = sweep(compose(BlockOnBelt()), {"block.mass": [1.0, 2.0]}, "60 s", metrics="stuck_ratio")
+    >>> print(found["stuck_ratio"].round(2))
+    [0.6  0.58]
     """
 
     title: str

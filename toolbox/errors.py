@@ -177,6 +177,13 @@ class GrazingError(SimulationError):
     """An event at which a run has no derivative: a guard touches zero without crossing, or two guards reach zero at one instant."""
 
 
+def listed(names: Iterable[str], most: int = 30) -> str:
+    """Return names between marks for a message, at most so many, and each in at most a hundred characters: a file may hold any number of any length."""
+    names = list(names)
+    told = ", ".join(f"`{name if len(name) <= 100 else name[:100] + '...'}`" for name in names[:most])
+    return told + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
 def suggest(name: str, known: Iterable[str]) -> str:
     """Return the end of an error message about an unknown name: the most similar known names.
 
@@ -206,4 +213,4 @@ def suggest(name: str, known: Iterable[str]) -> str:
         return "did you mean " + " or ".join(f"`{word}`" for word in near) + "?"
     if not known:
         return "none is known."
-    return "known are " + ", ".join(f"`{word}`" for word in known[:30]) + ("." if len(known) <= 30 else ", ...")
+    return f"known are {listed(known)}."

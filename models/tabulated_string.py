@@ -182,7 +182,7 @@ class DrillString(TorsionalChain):
         ----------
         tables
             {argument of `from_tables`: value}: sections, survey, friction, friction_factors, mud_density, weight_on_bit and end_depth are read.
-        **changes
+        changes
             Arguments of `torque_drag_operations` in place of what the tables say.
 
         Returns

@@ -469,7 +469,7 @@ def torque_drag_operations(
     Raises
     ------
     SceneError
-        As `torque_drag` does.
+        If a table is bad, an argument is out of range, or an operation moves nothing.
 
     Examples
     --------
@@ -479,7 +479,7 @@ def torque_drag_operations(
     >>> pipe = Section(length="2000 m", outer="5 in", inner="4.276 in")
     >>> found = torque_drag_operations([pipe], survey, [("1200 m", 0.2), ("2000 m", 0.3)])
     >>> print(f"{found['picking up'].tension[0] / 1e3:.0f} kN")
-    492 kN
+    491 kN
     """
     load = number("weight_on_bit", weight_on_bit, "N", at_least=0)
     rock = number("bit_torque", bit_torque, "N m", at_least=0)

@@ -178,6 +178,7 @@ def groan_border(plant: HybridSystem) -> GroanBorder:
 
     Examples
     --------
+    >>> from controllers import groan_border
     >>> from models import DiscBrake, Tabulated
     >>> from toolbox import compose
     >>> table = Tabulated(speeds=(0.0, 0.24, 0.6, 1.2), coefficients=(0.45, 0.42, 0.38, 0.38), static=0.45)
@@ -185,7 +186,8 @@ def groan_border(plant: HybridSystem) -> GroanBorder:
     Border of groan, force of one pad
          0.000 to    2.000 rad/s  800.0 N
          2.000 to    5.000 rad/s  900.0 N
-         5.000 to      inf rad/s  no border
+         5.000 to   10.000 rad/s  no border
+        10.000 to      inf rad/s  no border
     """
     try:
         law = plant.element("pad").law

@@ -18,7 +18,8 @@ from toolbox.modelling import OptionalQuantity, Remembering
 
 @dataclass(frozen=True, kw_only=True)
 class BrakeMPC(BrakeLaw):
-    """Plans `horizon` forces so that speed and angle follow the plan of the stop, within the limits and below the force at which the pad groans.
+    """Predictive control of a stop: plans `horizon` forces so that speed and angle follow the plan, within the limits and below the force at
+    which the pad groans.
 
         n_(k+1) = n_k + alpha (u_k - n_k),   w_(k+1) = w_k - (2 r mu h / I) n_(k+1),   z_(k+1) = z_k + h (w_(k+1) - w_p)
         min sum_k ((w_k - w_p) / speed_size)^2 + (z_k / angle_size)^2 + ((u_k - u_(k-1)) / move_size)^2 + violation_cost (excess + excess^2 / 2)

@@ -176,7 +176,7 @@ class PhasedDither(LoadDither):
             raise SceneError("Argument `size` must not be 0.")
 
     def design(self, plant: HybridSystem) -> Any:
-        """The law with the mean load, and with the unit of the speed where it is not given."""
+        """Return the controller with the mean load, and with the unit of the speed if they are not given."""
         law = super().design(plant)
         return law if self.unit is not None else replace(law, unit=plant.unit(self.speed))
 

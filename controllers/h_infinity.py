@@ -62,7 +62,7 @@ class HInfinity(TorqueLimits):
     worst: OptionalQuantity = quantity(None, "1", "the norm that is kept; filled in by design")
 
     def design(self, plant):
-        """The law for the plant. Raises SceneError where there is none."""
+        """Return the controller designed on the plant. Raises SceneError if no such controller exists."""
         if self.matrices is not None:
             return self
         model, x, u, A = drilling_point(plant, self.reference)
@@ -94,7 +94,7 @@ class HInfinity(TorqueLimits):
         )  # fmt: skip
 
     def check_period(self, period):
-        """Raise SceneError where samples are too far apart for the steps of K, free or cut by its limits: poles that decay would grow."""
+        """Raise SceneError if the samples are too far apart for the steps of K, free or cut by its limits: decaying poles would grow."""
         if self.matrices is None:
             return
         n = self.order

@@ -106,11 +106,12 @@ class Lifting(Controller):
 
     @property
     def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What the inner law drives, and the weight where some is taken off."""
+        """The outputs of the inner controller, and the weight if some of the weight is taken off."""
         return self.law.actuated_signals if self.relief is None else (*self.law.actuated_signals, "bit.weight")
 
     def design(self, plant: HybridSystem) -> Controller:
-        """The law with inner law and observer designed on the plant, and with the period and impedance of its string where they are not given."""
+        """Return the controller with inner controller and observer designed on the plant, and with the period and impedance of its string if
+        they are not given."""
         filled: dict[str, Any] = {}
         if self.string_period is None or self.string_impedance is None:
             string = lumped_string(plant, "Lifting", "`string_period` and `string_impedance`")

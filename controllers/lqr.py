@@ -58,7 +58,7 @@ class LQR(TorqueLimits):
     slope: OptionalQuantities = quantity(None, "1", "change of x_0 and u_0 per rad/s of set-point; filled in by design")
 
     def design(self, plant):
-        """The law with gain and operating point of the plant, where they are not given."""
+        """Return the controller with gain and operating point of the plant, if they are not given."""
         if self.gain is not None:
             return self
         from scipy.linalg import solve_continuous_are

@@ -13,7 +13,7 @@ from toolbox.modelling import Observed, Observer
 
 @dataclass(frozen=True)
 class OnEstimates(Observed):
-    """`toolbox.modelling.Observed` for a `StringObserver`, at the instant at which a command arrives, and without a bump at its start.
+    """`toolbox.modelling.Observed` for a `StringObserver`, at the arrival time of a command, and with a bumpless start.
 
     Where commands reach the plant `late` samples later, the estimates are carried on to that instant under the commands that are on their way: the law
     acts on the string that its command will meet, and its own loop has no delay but for what the model lacks (O. J. M. Smith, Chem. Eng. Progress 53

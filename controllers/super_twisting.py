@@ -82,7 +82,7 @@ class ImpedanceSuperTwisting(SuperTwisting):
     impedance: OptionalQuantity = quantity(None, "N m s/rad", "impedance Z", above=0)
 
     def design(self, plant):
-        """The law with inertia, drag and impedance read from the plant where they are not given."""
+        """Return the controller with inertia, drag and impedance from the plant, if they are not given."""
         law = super().design(plant)
         if law.impedance is not None:
             return law

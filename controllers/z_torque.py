@@ -64,7 +64,7 @@ class ZTorque(TorqueLimits):
         return cls(**(numbers | others))
 
     def design(self, plant):
-        """The law with what is not given read from the chain of the plant."""
+        """Return the controller with missing numbers taken from the chain of the plant."""
         if None not in (self.impedance, self.integral, self.inertia):
             return self
         string = lumped_string(plant, "ZTorque", "`impedance`, `integral` and `inertia`")

@@ -220,7 +220,7 @@ class Absorber(Component):
 
     @staticmethod
     def max_negative_damping(mass_ratio: float) -> float:
-        """Negative damping ratio of a block up to which `Absorber.tuned(block, e)` keeps it still: sqrt(e) / 2.
+        """Return the negative damping ratio of a block up to which `Absorber.tuned(block, e)` keeps the block still: sqrt(e) / 2.
 
         On a belt: sliding is stable while -N mu'(v_belt) - c < 2 m w_n times this. Raises SceneError unless e > 0.
         """

@@ -125,7 +125,8 @@ class WhirlingCollar(Component):
         return -self.radius / self.gap
 
     def rolling_speed(self, weight: float = 0.0, torque: float = 0.0, friction: float | None = None) -> float:
-        """Lowest steady speed [rad/s] at which rolling backward along a rigid wall lasts; inf where friction is too low for any.
+        """Return the lowest steady speed [rad/s] at which backward rolling along a rigid wall persists. inf if friction is too low at every
+        speed.
 
             w^2 = mu k_l gap/(mu m R_co^2/gap - m e sqrt(1 + mu^2) - c_h R_co^2)
 

@@ -153,7 +153,7 @@ class Section:
 
     @property
     def contact_radius(self) -> float:
-        """Radius at which it rubs on its hole [m]: that of the tool joints where there are some."""
+        """Radius of contact with the borehole [m]: the radius of the tool joints if the section has tool joints."""
         return (self.outer if self.tool_joint is None else max(self.outer, self.tool_joint.outer)) / 2
 
     def weight(self, mud_density: float = 0.0) -> float:

@@ -73,7 +73,8 @@ class SquealingPad(Component):
         )
 
     def flutter_friction(self) -> float:
-        """The coefficient of friction at which sliding steadily becomes unstable by flutter; inf where no friction in this direction does it.
+        """Return the coefficient of friction at which steady sliding becomes unstable by flutter. inf if no coefficient in this direction
+        does.
 
             mu = [(k_xx - k_yy)^2 + 4 k_xy^2 + 2 (c^2 / m) (k_xx + k_yy)] / (4 |k_xy| k_c)
 

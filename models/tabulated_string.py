@@ -23,7 +23,7 @@ from toolbox.modelling import OptionalQuantities
 
 @dataclass(frozen=True)
 class DrillString(TorsionalChain):
-    """A torsional chain made from tables by `DrillString.from_tables`; `depth` says where its inertias are.
+    """A torsional chain from tables, made by `DrillString.from_tables`. `depth` gives the depths of its inertias.
 
     Examples
     --------
@@ -182,7 +182,7 @@ class DrillString(TorsionalChain):
         ----------
         tables
             {argument of `from_tables`: value}: sections, survey, friction, friction_factors, mud_density, weight_on_bit and end_depth are read.
-        **changes
+        changes
             Arguments of `torque_drag_operations` in place of what the tables say.
 
         Returns

@@ -76,7 +76,7 @@ class TopDrive(Component):
 
     @property
     def signal_limits(self):
-        """The limits of the torque of the motor, and of that on the string where nothing stands between them, for whoever draws them."""
+        """Return the limits of the motor torque, and of the torque on the string if nothing lies between them, for figures."""
         if self.torque_limit is None:
             return {}
         motor = (-self.torque_limit, self.torque_limit)

@@ -80,7 +80,7 @@ class TorqueDrag(Result):
 
     @property
     def drag(self) -> float:
-        """What friction along the hole adds to the hook load [N], negative where the string is lowered."""
+        """Contribution of friction along the hole to the hook load [N], negative while the string is lowered."""
         return float(self.tension[0] - self.hanging[0])
 
     def __str__(self) -> str:
@@ -105,7 +105,7 @@ class TorqueDrag(Result):
         return heads, [[*map(float, row[:-1]), int(row[-1])] for row in rows]
 
     def plot(self, label: str = "", axes: Any = None) -> Any:
-        """Draw tension and torque over depth, each where the motion changes it, with the part that is stuck shaded.
+        """Draw tension and torque over depth, each if the motion changes it. The stuck part is shaded.
 
         Parameters
         ----------
@@ -352,7 +352,7 @@ def _stepped(slope: Callable[[int, int, float], tuple[float, float]], k: int, pu
 
 @dataclass(frozen=True)
 class TorqueDragOperations(Result):
-    """Torque and drag of one string in the operations of a rig; `found["picking up"]` is the `TorqueDrag` of one of them.
+    """Torque and drag of one string in the operations of a rig. `found["picking up"]` is the `TorqueDrag` of this operation.
 
     Attributes
     ----------
@@ -469,7 +469,7 @@ def torque_drag_operations(
     Raises
     ------
     SceneError
-        As `torque_drag` does.
+        If a table is bad, an argument is out of range, or an operation moves nothing.
 
     Examples
     --------
@@ -479,7 +479,7 @@ def torque_drag_operations(
     >>> pipe = Section(length="2000 m", outer="5 in", inner="4.276 in")
     >>> found = torque_drag_operations([pipe], survey, [("1200 m", 0.2), ("2000 m", 0.3)])
     >>> print(f"{found['picking up'].tension[0] / 1e3:.0f} kN")
-    492 kN
+    491 kN
     """
     load = number("weight_on_bit", weight_on_bit, "N", at_least=0)
     rock = number("bit_torque", bit_torque, "N m", at_least=0)

@@ -105,7 +105,7 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 class SceneError(ValueError):
-    """A plant, a scene or an argument that cannot be simulated as it stands; the message names the argument and what must hold.
+    """A plant, a scene or an argument that cannot be simulated in its present form. The message names the argument and the condition.
 
     Examples
     --------
@@ -120,18 +120,30 @@ class SceneError(ValueError):
 
 
 class NoSteadyState(SceneError):
-    """A plant that has no steady state at the numbers asked, or none that was found."""
+    """A plant that has no steady state at the numbers asked, or none that was found.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, equilibrium
+    >>> from toolbox.errors import NoSteadyState
+    >>> try:
+    ...     equilibrium(closed_loop(compose(wells.JANSEN_2, BitRock()), inputs={"top.torque": 1.0}), mode={"bit": "slip+"})
+    ... except NoSteadyState as error:
+    ...     print(len(str(error)) > 20)
+    True
+    """
 
 
 class UnusualValue(UserWarning):
-    """A number that is outside of what its field calls usual, as where it was meant in another unit; the message names both readings.
+    """A number outside of the typical range of its field, for example because another unit was meant. The message names both readings.
 
     `warnings.simplefilter("ignore", UnusualValue)` is for those who mean it.
     """
 
 
 class SimulationError(RuntimeError):
-    """A run that could not be finished. `run` is the trajectory up to the failure (None where nothing was computed)."""
+    """A run that could not be finished. `run` is the trajectory up to the failure (None if nothing was computed)."""
 
     def __init__(self, message: str, run: Any = None):
         super().__init__(message)
@@ -162,7 +174,7 @@ class AccuracyError(SimulationError):
 
 
 class GrazingError(SimulationError):
-    """An event at which a run has no derivative: a guard that touches zero without crossing it, or two that reach zero at one instant."""
+    """An event at which a run has no derivative: a guard touches zero without crossing, or two guards reach zero at one instant."""
 
 
 def listed(names: Iterable[str], most: int = 30) -> str:

@@ -18,7 +18,7 @@ from toolbox.modelling import Observer, OptionalQuantity
 
 @dataclass(frozen=True, kw_only=True)
 class MovingHorizon(Observer):
-    """Observer that fits the last `window` periods, with what is known of the bit: it does not turn backwards and its rock does not drive it.
+    """Observer that fits the last `window` periods under two constraints: the bit does not turn backwards, and its rock does not drive it.
 
         min |z_(k-N) - z-_(k-N)|^2_P + sum_(j=k-N)^(k-1) |w_j|^2_Q + sum_(j=k-N)^k |y_j - C z_j|^2_R   over z_(k-N), w
         z_(j+1) = F z_j + G u_j + w_j,   bit speed >= lowest_speed,   T >= lowest_torque at every j

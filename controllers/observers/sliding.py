@@ -32,7 +32,7 @@ class SlidingObserver(StringObserver):
         return self.size * ca.fmin(ca.fmax(error / self.layer, -1), 1) + self.reaching * error
 
     def slope(self):
-        """What reaches large errors, where the switching part is bounded."""
+        """Return the slope of the correction for large errors, at which the switching part is bounded."""
         return self.reaching
 
     def gains(self, A, B, row):

@@ -125,7 +125,7 @@ class ElasticBody:
         return found if self.nodes is None else found[np.lexsort(np.round(self.nodes[found].T, 12)[::-1])]
 
     def clamped(self, nodes: str | Iterable[int], axes: str = AXES) -> ElasticBody:
-        """The body with nodes, or all nodes of a face, held along axes such as "z" or "xyz" (those that the body has)."""
+        """Return the body with nodes, or all nodes of a face, held along axes such as "z" or "xyz" (axes of the body)."""
         chosen = self.on(nodes) if isinstance(nodes, str) else self._nodes(nodes)
         columns = [self._axis(axis) for axis in axes if axes != AXES or AXES.index(axis) < self.entries.shape[1]]
         held = self.entries[chosen][:, columns]

@@ -145,7 +145,7 @@ class ElasticPad(Component):
         return found[np.argsort(-found.real)]
 
     def flutter_friction(self, up_to: float = 2.0, tolerance: float = 1e-6) -> float:
-        """The smallest coefficient of friction, up to `up_to`, at which steady sliding becomes unstable; inf where none does.
+        """Return the smallest coefficient of friction, up to `up_to`, at which steady sliding becomes unstable. inf if no coefficient does.
 
         Found by a scan in 200 steps and halving, with the poles as they are, so that an instability narrower than a step may be missed.
         Without damping the poles of a stable pad lie on the imaginary axis; growth counts above 1e-7 of the fastest pole.

@@ -135,7 +135,7 @@ class ReducedBody:
         return self.ports.index(port)
 
     def indices(self, start: str) -> list[int]:
-        """The coordinates of the ports `start.0`, `start.1` and so on, in order; raises SceneError where there is none."""
+        """Return the coordinates of the ports `start.0`, `start.1` and so on, in order. Raises SceneError if no port has such a name."""
         found: list[int] = []
         while f"{start}.{len(found)}" in self.ports:
             found.append(self.ports.index(f"{start}.{len(found)}"))
@@ -146,7 +146,8 @@ class ReducedBody:
 
     @functools.cached_property
     def moved(self) -> ReducedBody:
-        """The body without modes that nothing on its ports can move, such as those that a symmetry keeps at rest: round-off alone would be their motion."""
+        """Return the body without modes that no force on its ports can move, such as modes that a symmetry keeps at rest: their motion would
+        be round-off."""
         p, size = len(self.ports), np.sqrt(np.diag(self.mass))
         links = np.abs(self.mass / np.outer(size, size)) + np.abs(self.damping) / max(np.abs(self.damping).max(), 1e-300)
         links += np.abs(self.stiffness) / np.abs(self.stiffness).max()

@@ -2,7 +2,6 @@
 
 import ast
 import doctest
-import importlib
 import inspect
 import json
 import re
@@ -13,46 +12,16 @@ from pathlib import Path
 
 import pytest
 
-import controllers
-import models
-import toolbox
-from toolbox.faces import public_names
+from tests.public import PUBLIC, docstring
 
 ROOT = Path(__file__).parents[2]
-ROOMS = [importlib.import_module(f"toolbox.{path.parent.name}") for path in sorted(Path(toolbox.__file__).parent.glob("*/__init__.py"))]
-FACES = [toolbox, models, controllers, controllers.observers, *(room for room in ROOMS if hasattr(room, "__all__"))]
-
-OWN = ("toolbox", "models", "controllers")
-
-CLASSES_WITHOUT_EXAMPLE = 114
+CLASSES_WITHOUT_EXAMPLE = 90
 """Public classes whose docstring has no example: a number that may only fall."""
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?")
 
-
-def reached(face, found):
-    """Add {module and name: thing} of the public names of a face, and of the modules among them."""
-    for name in public_names(face):
-        thing = getattr(face, name)
-        if inspect.ismodule(thing):
-            if thing is not toolbox.authoring:
-                reached(thing, found)
-        elif (inspect.isfunction(thing) or inspect.isclass(thing)) and thing.__module__.startswith(OWN):
-            found.setdefault(f"{thing.__module__}.{thing.__qualname__}", thing)
-    return found
-
-
-PUBLIC = {}
-for each in FACES:
-    reached(each, PUBLIC)
 FUNCTIONS = {name: thing for name, thing in PUBLIC.items() if inspect.isfunction(thing)}
 CLASSES = {name: thing for name, thing in PUBLIC.items() if inspect.isclass(thing)}
-
-
-def docstring(thing):
-    """The docstring of a function, or of a class itself: not that of an ancestor."""
-    text = vars(thing).get("__doc__") if inspect.isclass(thing) else thing.__doc__
-    return inspect.cleandoc(text or "")
 
 
 def section(text, name):
@@ -171,5 +140,5 @@ def test_the_first_line_of_a_public_function_or_method_is_a_command():
     assert len(methods) <= METHODS_WITHOUT_VERB, f"{len(methods)} methods begin without a verb: {', '.join(methods)}"
 
 
-METHODS_WITHOUT_VERB = 107
+METHODS_WITHOUT_VERB = 74
 """Public methods whose docstring does not begin with a verb in the imperative: a number that may only fall."""

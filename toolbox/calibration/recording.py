@@ -24,7 +24,8 @@ from toolbox.modelling.laws import names as names_of
 
 @dataclass(frozen=True)
 class Recording(Result):
-    """Signals of a machine at measured times: `print(recording)` tells what was found, `recording.plot()` draws it, `recording.save("log.npz")` keeps it.
+    """Signals of a machine at measured times: `print(recording)` lists flaws, `recording.plot()` draws the signals, `recording.save("log.npz")`
+    saves them.
 
     Attributes
     ----------
@@ -76,7 +77,7 @@ class Recording(Result):
         return heads, np.column_stack([self.time, *self.signals.values()]).tolist()
 
     def check_loaded(self) -> None:
-        """Raise ValueError where what was read does not fit together."""
+        """Raise ValueError if the loaded arrays do not fit together."""
         if any(values.shape != self.time.shape for values in self.signals.values()):
             raise ValueError("its signals do not have as many samples as its times")
 
@@ -180,7 +181,7 @@ class Recording(Result):
         return [(float(self.time[places[a]]), float(self.time[places[b - 1]])) for a, b in itertools.pairwise(edges) if b - a >= 3]
 
     def driving(self, plant: HybridSystem, max_gap: int | None = None) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Return what was measured of the inputs of a plant, as {input: (times, values)} of the samples that are data; a held one has a jump at each.
+        """Return the measured inputs of a plant, as {input: (times, values)} without flawed samples. A held input jumps at each sample.
 
         Parameters
         ----------
@@ -207,7 +208,7 @@ class Recording(Result):
         }
 
     def unbroken(self, names: Sequence[str], what: str, max_gap: int = 2, remedy: str = "") -> None:
-        """Raise SceneError where the named signals have a gap; it names the windows without one, in times of the whole recording.
+        """Raise SceneError if the named signals have a gap. The message names the windows without a gap, in times of the whole recording.
 
         what: the signals are, in words;  remedy: beside a choice among these windows.
         """
@@ -227,7 +228,7 @@ class Recording(Result):
 
     @property
     def gap(self) -> float:
-        """Time between neighbours [s] from which on they are no neighbours, by the spacing of the whole recording."""
+        """Time between neighbouring samples [s] that counts as a gap, from the spacing of the whole recording."""
         return spacing(self.time)[1]
 
     @property
@@ -260,7 +261,8 @@ class Recording(Result):
         return replace(self, time=times, signals=signals, notes=(*self.notes, f"resampled every {interval:g} s"))
 
     def shift(self, name: str, against: str, max_lag: NumberOrText = 5.0) -> float:
-        """By how much [s] a channel comes later than another: where their changes correlate most, between samples by a parabola.
+        """Return the delay [s] of one channel relative to another: the shift with the highest correlation of their changes, between samples
+        by a parabola.
 
         It is the shift of a clock where both channels follow the same thing; between a cause and its effect it holds the delay of the machine, too.
 
@@ -300,7 +302,7 @@ class Recording(Result):
         return float(step * (lags[best] + (0.5 * (left - right) / bend if bend else 0.0)))
 
     def shifted(self, shifts: Mapping[str, NumberOrText]) -> Recording:
-        """The recording with channels moved earlier by their shifts {name: s}, on the same times; nan where they were not measured then."""
+        """Return the recording with channels moved earlier by their shifts {name: s}, on the same times; nan at times without a measurement."""
         signals = dict(self.signals)
         for name, value in shifts.items():
             seconds = number(f"shifts.{name}", value, "s")
@@ -353,7 +355,7 @@ class Recording(Result):
         return {flaw.kind: flaw.count for flaw in self.flaws if flaw.channel == channel}
 
     def plot(self) -> Any:
-        """Draw every channel over time, with what was left out. Returns the axes."""
+        """Draw every channel over time, with the samples that were left out. Returns the axes."""
         from toolbox.calibration.figures import recorded  # here, because matplotlib is slow to import
 
         return recorded(self)

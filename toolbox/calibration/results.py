@@ -115,14 +115,14 @@ class Fit(Told, Result):
 
     @property
     def parameters(self) -> dict[str, float]:
-        """{name: estimate} of those that are parameters of the plant."""
+        """{name: estimate} of the estimated parameters of the plant."""
         loop = self._machine.loop
         taken = [each.name for each in self.misfit.numbers if each.is_parameter or (each.is_input and each.name not in loop.inputs)]
         return {name: self[name] for name in taken if loop.plant.has_parameter(name)}
 
     @property
     def loop(self) -> ClosedLoop:
-        """The calibrated loop, driven by what was measured."""
+        """The calibrated loop with the measured inputs."""
         return self._machine.at(self.values)
 
     @property
@@ -214,7 +214,7 @@ class Fit(Told, Result):
         return lines
 
     def check_loaded(self) -> None:
-        """Raise ValueError where the arrays do not fit to the names."""
+        """Raise ValueError if the arrays do not fit the names."""
         k = len(self.names)
         if not (self.values.shape == self.standard_errors.shape == (k,) and self.covariance.shape == (k, k) and len(self.units) == k):
             raise ValueError("its arrays do not fit to its names")

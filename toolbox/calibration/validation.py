@@ -21,7 +21,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 
 @dataclass(frozen=True)
 class Validation(Result):
-    """What a machine does beside what was measured: `print(validation)`, `validation.plot()`, `validation.save("beside.npz")`.
+    """Comparison of simulation and measurement: `print(validation)`, `validation.plot()`, `validation.save("beside.npz")`.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Validation(Result):
         return ["signal", "unit", "rms", "part of its range"], [[each.signal, each.unit, each.rms, each.part] for each in self.residuals]
 
     def plot(self) -> Any:
-        """Draw what was measured against what is simulated, and the difference below. Returns the axes."""
+        """Draw measured and simulated signals, and their difference below. Returns the axes."""
         from toolbox.calibration.figures import fitted  # here, because matplotlib is slow to import
 
         return fitted(self.panels, self.display_units)

@@ -31,6 +31,12 @@ class Window:
         `bit.weight[2]` in the fit; numbers that no window owns are common to all.
     start
         {free number that is its own: value at which the search begins here}, in SI; by default the value in the loop.
+
+    Examples
+    --------
+    >>> from toolbox.calibration import Window
+    >>> print(Window(0.5, 8.0, own="belt.deflection").end)
+    8.0
     """
 
     begin: NumberOrText
@@ -61,6 +67,12 @@ class Search:
         they are at most a twentieth of a signal: a few with the wrong sign would move an estimate by many of its intervals. None keeps all.
     accuracy
         Accuracy of the runs, as in `simulate`.
+
+    Examples
+    --------
+    >>> from toolbox.calibration import Search
+    >>> print(Search(starts=8, seed=1).starts, "starts")
+    8 starts
     """
 
     starts: int = 4
@@ -85,6 +97,12 @@ class MeasuredContact:
         The contact.
     still
         Slip speeds up to this count as stick; by default a hundredth of the largest.
+
+    Examples
+    --------
+    >>> from toolbox.calibration import MeasuredContact
+    >>> print(MeasuredContact("bit", still=0.05).still)
+    0.05
     """
 
     name: str

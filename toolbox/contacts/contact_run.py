@@ -61,7 +61,8 @@ def _law_named(name: str) -> type[FrictionLaw]:
 
 @dataclass
 class ContactRun:
-    """What `step_contacts` returns, at t instants. `run["back"]` is the displacement (t,) of an output of the problem [m], `run["back.speed"]` its speed [m/s].
+    """Result of `step_contacts` at t instants. `run["back"]` is the displacement (t,) of an output of the problem [m], `run["back.speed"]` its
+    speed [m/s].
 
     Attributes
     ----------
@@ -141,18 +142,18 @@ class ContactRun:
         return (self.modes == _code(mode)) @ self.problem.areas / self.problem.areas.sum()
 
     def last(self, mode: str = "stick") -> float:
-        """The last instant at which a contact is in a mode; nan where none ever is."""
+        """Return the last instant at which a contact is in a mode; nan if no contact ever is."""
         found = np.flatnonzero((self.modes == _code(mode)).any(axis=1))
         return float(self.time[found[-1]]) if found.size else float("nan")
 
     def first(self, mode: str) -> float:
-        """The first instant at which all contacts are in a mode; nan where they never are."""
+        """Return the first instant at which all contacts are in a mode; nan if they never are."""
         found = np.flatnonzero((self.modes == _code(mode)).all(axis=1))
         return float(self.time[found[0]]) if found.size else float("nan")
 
     @property
     def events(self) -> list[Event]:
-        """Changes of mode in order, at the end of the step in which they happen; the element is `contact.i`."""
+        """Changes of mode in order, each at the end of its step. The element is `contact.i`."""
         steps, contacts = np.nonzero(np.diff(self.modes.astype(int), axis=0))
         return [
             Event(float(self.time[i + 1]), f"contact.{c}", LEGEND[int(self.modes[i, c])], LEGEND[int(self.modes[i + 1, c])])
@@ -160,7 +161,7 @@ class ContactRun:
         ]
 
     def audit(self) -> dict[str, float]:
-        """The balance of energy over the run [J]: what was put in, stored and taken, the rest that is missing, and the largest of them as `size`.
+        """Return the energy balance of the run [J]: energy put in, stored and taken, the missing rest, and the largest of them as `size`.
 
         supplied = stored + friction + damping + impacts + stepping + missing. `missing` is round-off; `stepping` is the error of the time stepping,
         which falls with the step.
@@ -240,7 +241,7 @@ class ContactRun:
 
     @staticmethod
     def load(path: str | Path) -> ContactRun:
-        """Read what `save` wrote: all but `error`, which asks for another run.
+        """Read a run from a file of `save`, without `error`, which needs another run.
 
         Parameters
         ----------
@@ -305,7 +306,8 @@ class ContactRun:
         return write_table(path, list(columns), np.column_stack(list(columns.values())).tolist())
 
     def plot(self) -> Any:
-        """Draw shares and contact forces over time and, where places are known, the face at four instants, between which as many contacts change their mode.
+        """Draw shares and contact forces over time and, if places are known, the face at four instants with equal numbers of mode changes
+        between them.
 
         Pressure and traction are drawn at the last of these instants, the energy that friction has taken at the end. Returns the axes.
         """

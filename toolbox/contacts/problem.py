@@ -66,6 +66,16 @@ class ContactProblem:
     ------
     SceneError
         For arrays that are not finite or do not fit each other, matrices that are not symmetric, a negative mass, and laws with breaks.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import Coulomb
+    >>> from toolbox.contacts import ContactProblem, press_contacts
+    >>> down, along = np.array([[1.0, 0.0]]), np.array([[[0.0, 1.0]]])
+    >>> block = ContactProblem(np.eye(2), np.diag([0.0, 100.0]), along, Coulomb(0.5, 0.5), normal=down, forces={"press": down[0]})
+    >>> print(press_contacts(block, {"press": 20.0}).normal[0], "N")
+    [20.] N
     """
 
     mass: Any
@@ -126,11 +136,11 @@ class ContactProblem:
             )
 
     def unit(self, name: str) -> str:
-        """The unit of an input; of an output where no input has its name."""
+        """Return the unit of an input, or of an output if no input has this name."""
         return self.units.get(name, "N" if name in self.forces else "m/s" if name in self.surface else "m")
 
     def output_unit(self, name: str) -> str:
-        """The unit of an output; an input of the same name has that of `units`, such an output is in m."""
+        """Return the unit of an output. If an input has the same name, `units` holds the unit of the input and the output is in m."""
         return "m" if name in self.forces or name in self.surface else self.unit(name)
 
     @property
@@ -170,7 +180,7 @@ class ContactBody:
         fields_in_si(self)
 
     def check(self) -> None:
-        """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
+        """Raise SceneError if fields contradict each other. Bounds that are declared with `quantity` are checked without this method."""
 
     def problem(self) -> ContactProblem:
         """The matrices, contacts, inputs and outputs that the fields describe."""

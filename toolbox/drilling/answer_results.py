@@ -78,7 +78,7 @@ class ControllerAnswer:
 
 @dataclass(frozen=True)
 class Answers(Told, Result):
-    """Answers for the controllers of one plant: `print(found)` shows them, `found["soft torque"].lowest["takeover"]` is one of them.
+    """Answers for the controllers of one plant: `print(found)` shows them, `found["soft torque"].lowest["takeover"]` is a single answer.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ class Answers(Told, Result):
 
     @property
     def price_rows(self) -> list[tuple[str, ...]]:
-        """The table of what the takeover costs, as text."""
+        """Return the table of the costs of the takeover, as text."""
         speed, torque = reading("rad/s", self.display_units), reading("N m", self.display_units)
         lines: list[tuple[str, ...]] = [
             ("controller", f"top peak [{speed.unit}]", f"bit peak [{speed.unit}]", f"torque peak [{torque.unit}]", "of its limit")

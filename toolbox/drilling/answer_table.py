@@ -64,7 +64,7 @@ def answers(
     checkpoint: str | Path | None = None,
     callback: Callable[[Answers], None] | None = None,
 ) -> Answers:
-    """Answer for each controller of a plant whether it ends stick-slip, from which start and from which set-point on.
+    """Judge for each controller of a plant if it ends stick-slip, after which starts and above which set-point.
 
     Each controller is designed once, at the set-point of its loop, which is then turned like a knob. At that set-point it takes over the stick-slip of the
     initial controller, starts from rest by a step and by a ramp of the set-point, and goes through a connection: weight off, 90 s without, and on again in 10,

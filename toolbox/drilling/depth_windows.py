@@ -160,7 +160,7 @@ def windows(
     shape: tuple[int, int] = (13, 7),
     checkpoint: str | Path | None = None,
 ) -> Windows:
-    """Find the speed and weight windows in which a controller keeps a well free of stick-slip, over its depth.
+    """Find the windows of speed and weight without stick-slip for a controller, over the depth of a well.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ HARDER = np.linspace(0.4, 2.0, 9)
 
 @dataclass(frozen=True)
 class Knowledge(Renamed):
-    """What is known of the machine and of the measurement. Numbers of the machine are log-normal around the declared ones.
+    """Prior knowledge of machine and measurement. Numbers of the machine are log-normal around the nominal numbers.
 
     One setting serves stick-slip and smooth running; that of the measurement should be what it is.
     """
@@ -67,7 +67,7 @@ class Knowledge(Renamed):
     rock: Quantity = quantity(60.0, "s", "time in which the strength of the rock changes", above=0)
 
     def check(self) -> None:
-        """Raise SceneError where nothing of the rock is unknown: members that are alike learn nothing."""
+        """Raise SceneError if nothing about the rock is uncertain: identical members learn nothing."""
         if self.rock_strength == 0 and self.load == 0:
             raise SceneError(
                 "Argument `rock_strength` must be above 0 where `load` is 0, because members that are alike learn nothing, but it is 0."
@@ -235,7 +235,7 @@ class EnsembleFilter:
         return self._told()
 
     def forgotten(self) -> Estimate:
-        """Forget how the bit swung, of which nothing was seen over a long gap; returns what is known without it."""
+        """Forget the oscillation of the bit after a long gap without measurements, and return the remaining estimate."""
         self.filled, self.since = 0, 0.0
         return self._told()
 

@@ -177,7 +177,7 @@ class Estimates(Told, Result):
         return estimate_diagram(self, axes)
 
     def check_loaded(self) -> None:
-        """Raise ValueError where what was read does not fit together."""
+        """Raise ValueError if the loaded arrays do not fit together."""
         if {*self.mean} != {*UNITS} or {*self.deviation} != {*UNITS} or any(each.shape != self.time.shape for each in self.mean.values()):
             raise ValueError("its rows do not fit together")
 

@@ -71,7 +71,8 @@ class CheckedDepth:
 
 @dataclass(frozen=True)
 class Schedule(Told, Result):
-    """Gains over depth, and what they do: `print(found)` shows the table, `found.to_csv(path)` writes that for the drive, `found.plot()` draws both.
+    """Gains over depth with their checks: `print(found)` shows the table, `found.to_csv(path)` writes the gains for the drive, `found.plot()`
+    draws both.
 
     Attributes
     ----------

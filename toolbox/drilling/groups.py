@@ -63,7 +63,8 @@ class Machine(Renamed):
 
 @dataclass(frozen=True)
 class Group:
-    """Machines that a law must do well on, with seeds of the noise and phases of the cycle (in parts of its period) at which it takes over.
+    """Plants on which a controller is judged, with seeds of the noise and phases of the cycle (as fractions of its period) at which it takes
+    over.
 
     noise: standard deviation of the measured top speed [rad/s], 0 for none.  judged: length of the judged window [s].  margin: disk margin that a border has to
     leave on the declared machine and on each of the group, where the law has a slope; a border that has to last is raised until it does.

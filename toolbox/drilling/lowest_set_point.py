@@ -92,7 +92,7 @@ def _key(trial: Trial, group: Group, reference: float, way: str) -> str:
 
 @dataclass(frozen=True)
 class SetPointLimit(Renamed):
-    """The lowest set-point that a law holds on a group of machines, and what it costs there.
+    """The lowest set-point of a controller on a group of plants, with the cost of a recovery there.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class SetPointLimit(Renamed):
 
     @property
     def range(self) -> tuple[float, ...]:
-        """The lowest set-point and, where there is one, the highest [rad/s]."""
+        """The lowest set-point and, if there is one, the highest [rad/s]."""
         return (self.speed,) if math.isnan(self.highest) else (self.speed, self.highest)
 
 
@@ -231,7 +231,8 @@ def borders(
 
 @dataclass(frozen=True)
 class LowestSetPoints(Result):
-    """Lowest set-points of laws on groups of machines: `print(found)` shows the table, `found["soft torque", "one_at_a_time"].speed` is one of it.
+    """Lowest set-points of controllers on groups of plants: `print(found)` shows the table, `found["soft torque", "one_at_a_time"].speed` is a
+    single set-point.
 
     Attributes
     ----------
@@ -302,7 +303,7 @@ class LowestSetPoints(Result):
 
     @property
     def answer_rows(self) -> list[tuple[str, ...]]:
-        """The columns of `rows` that answer: what holds with which margin, how fast it recovers, and what fails below."""
+        """The columns of `rows` for the answer: set-point and margin, recovery time, and the failure below the set-point."""
         told = [k for k in ANSWERING if k < 3 or {row[k] for row in self.rows[1:]} != {"-"}]
         return [tuple(row[k] for k in told) for row in self.rows]
 

@@ -83,7 +83,7 @@ class Result(Printed):
 
     @classmethod
     def load(cls: type[Self], path: str | Path) -> Self:
-        """Read what `save` wrote into an npz file.
+        """Read a result from an npz file of `save`.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class Result(Printed):
         raise KeyError("result")
 
     def check_loaded(self) -> None:
-        """Raise ValueError where what was read does not fit together."""
+        """Raise ValueError if the loaded arrays do not fit together."""
 
 
 def as_data(value: Any) -> Any:

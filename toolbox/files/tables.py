@@ -31,7 +31,14 @@ _HEADING = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
 
 @dataclass(frozen=True)
 class Column:
-    """A column that a table may have: its name, its SI unit (None where it holds text) and other names it goes by; whether cells may be blank."""
+    """A column that a table may have: its name, its SI unit (None for text), its other names, and whether cells may be blank.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import Column
+    >>> print(Column("OD", "m", also=("outer diameter",)).also)
+    ('outer diameter',)
+    """
 
     name: str
     unit: str | None
@@ -42,7 +49,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of a table, {column: number in SI or text}, which know where they stand, so that an error can name the place."""
+    """Rows of a table, {column: number in SI or text}. Each row knows its place, so that an error can name it."""
 
     path: Path
     rows: tuple[Mapping[str, Any], ...]

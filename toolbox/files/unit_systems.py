@@ -50,6 +50,16 @@ class units:
     ------
     SceneError
         If there is no such system.
+
+    Examples
+    --------
+    >>> import toolbox
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose, equilibrium, closed_loop
+    >>> rest = equilibrium(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), inputs={"top.torque": 12e3}))
+    >>> with toolbox.units("oilfield"):
+    ...     print("klbf" in str(rest))
+    True
     """
 
     def __init__(self, system: str):
@@ -82,7 +92,30 @@ class Reading(NamedTuple):
 
 
 def reading(unit: str, display_units: Mapping[str, str] | None = None) -> Reading:
-    """How numbers in a unit of the toolbox are read: in the chosen system, else in the unit of `asked` {unit: unit of the question}, else as they are."""
+    """Return factor and unit in which numbers of an SI unit are shown.
+
+    This is the unit of the chosen system (`toolbox.units`), else the unit in which values were typed, else the SI
+    unit.
+
+    Parameters
+    ----------
+    unit
+        The SI unit, such as "rad/s".
+    display_units
+        {SI unit: unit in which values were typed}.
+
+    Returns
+    -------
+    Reading
+        The factor and the unit.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import reading
+    >>> factor, shown = reading("rad/s", {"rad/s": "rpm"})
+    >>> print(f"{10.0 * factor:.1f} {shown}")
+    95.5 rpm
+    """
     chosen = _SYSTEM.get()
     other = (display_units or {}).get(unit) if chosen is None else SYSTEMS[chosen].get(unit)
     return Reading(1.0, unit) if other in (None, unit) else Reading(1.0 / _size(other, unit), other)

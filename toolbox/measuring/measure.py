@@ -119,7 +119,16 @@ def stuck_ratio(run: Recorded, element: str, after: NumberOrText = 0.0, until: N
 
 @dataclass(frozen=True)
 class StickSlipPeriod:
-    """One cycle of stick-slip [s]: it slips from the release at `start` for `slip`, then sticks for `stick`, until the next release."""
+    """One cycle of stick-slip [s]: slip for `slip` from the release at `start`, then stick for `stick`, until the next release.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, measure, simulate
+    >>> cycle = measure.cycles(simulate(compose(BlockOnBelt()), "60 s"), "belt")[-1]
+    >>> print(f"period {cycle.period:.2f} s")
+    period 12.00 s
+    """
 
     start: float
     slip: float
@@ -263,7 +272,35 @@ def mean_square(run: Recorded, signal: str, target: float = 0.0, *, after: Numbe
 
 
 def rubbing_speed(run: Recorded, contact: str | None = None) -> str:
-    """The speed of what rubs at a contact, by default at the only one, else the slip there. Raises SceneError if there are several contacts, or none."""
+    """Return the name of the speed signal of a contact, such as "bit.speed".
+
+    If the plant has no such speed, the slip of the contact is named.
+
+    Parameters
+    ----------
+    run
+        The run.
+    contact
+        Name of the contact. By default the only contact of the run.
+
+    Returns
+    -------
+    str
+        Name of the signal.
+
+    Raises
+    ------
+    SceneError
+        If no contact is given, and the run has none or several.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose, measure, simulate
+    >>> run = simulate(compose(wells.JANSEN_2, BitRock()), "10 s", inputs={"top.torque": "11 kN m"})
+    >>> print(f"{measure.rubbing_speed(run)} ends at {run[measure.rubbing_speed(run)][-1]:.2f} rad/s")
+    bit.speed ends at 0.00 rad/s
+    """
     if contact is None:
         if len(run.contacts) != 1:
             known = ", ".join(f"`{name}`" for name in run.contacts) or "none"
@@ -340,7 +377,7 @@ def settling(
     until: NumberOrText | None = None,
     size: NumberOrText | None = None,
 ) -> float:
-    """Measure the time after which a signal stays close to its target for the rest of the window.
+    """Measure the time until a signal enters a band around its target and stays in it.
 
     "Close" means |signal - target| <= band * size. The last crossing of the band is located to round-off in time.
 

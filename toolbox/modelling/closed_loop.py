@@ -42,7 +42,8 @@ from toolbox.vocabulary import new_names_only, refuse_former_names
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop(Printed):
-    """A plant, its laws, and what acts on them; `closed_loop` makes it, every verb takes it, `print` shows the numbers that the laws took.
+    """A plant with its controllers, inputs, parameters and start. `closed_loop` makes a loop, all functions take it, and `print` shows the
+    numbers of the controllers.
 
     Two loops are equal where their plants, laws and numbers are; functions are equal where they are the same one.
 
@@ -150,7 +151,7 @@ class ClosedLoop(Printed):
 
     @cached_property
     def continuous(self) -> ClosedLoop:
-        """The same loop with every law in its continuous form, also where it runs sampled.
+        """Return the same loop with every controller in its continuous form, also if it runs sampled.
 
         Raises SceneError for a law without one, such as a Python callable.
         """
@@ -161,7 +162,7 @@ class ClosedLoop(Printed):
         return self if inner == self.controllers else self.with_controllers(inner)
 
     def unsampled(self) -> ClosedLoop:
-        """The loop itself, where no law samples; raises SceneError for a sample time, of which a continuous form knows nothing."""
+        """Return the loop itself if no controller samples. Raises SceneError for a sample time, which a continuous form does not use."""
         if self.sampled:
             raise SceneError(
                 "Argument `loop` must hold laws in their continuous form, but it holds a sampled one, whose sample time and delay would be left out: "
@@ -194,7 +195,7 @@ class ClosedLoop(Printed):
         return bool(ca.depends_on(ca.vertcat(self.system.switching.field, *laws), self.system.t))
 
     def constant_inputs(self, word: str) -> dict[str, float]:
-        """The inputs as numbers; raises SceneError for one that varies in time, where `word` says what needs constants."""
+        """Return the inputs as numbers. Raises SceneError if an input varies in time; `word` names the function that needs constants."""
         moving = next((name for name, value in self.values.items() if not isinstance(value, float)), None)
         if moving is not None:
             raise SceneError(
@@ -203,19 +204,19 @@ class ClosedLoop(Printed):
         return dict(self.values)
 
     def target(self, signal: str) -> float | None:
-        """The value that a signal is to reach, which is that of `reference`; None where nothing is said."""
+        """Return the value that a signal is to reach: the value of `reference`. None if no target is given."""
         if isinstance(self.reference, str) and self.reference in self.numbers():
             return self.number(self.reference).value
         return None if self.reference is None else number("reference", self.reference, self.system.signal_unit(signal))
 
     @cached_property
     def display_units(self) -> Mapping[str, str]:
-        """{unit: unit in which it was typed}, in which reports and figures answer."""
+        """{SI unit: unit that was typed}, the units of reports and figures."""
         return {**self.plant.display_units, **asked_units(self.inputs, self.parameters, fields=(self.controllers,))}
 
     @property
     def title(self) -> str:
-        """Its label, else the kinds of its parts."""
+        """The label of the loop, else the classes of its parts."""
         kinds = [type(law_of(part)).__name__ for part in self.plant.parts]
         return self.label or ", ".join([*kinds, *(described(law).partition(",")[0] for law in self.controllers)])
 
@@ -232,7 +233,8 @@ class ClosedLoop(Printed):
         return {name: number.overridden for name, number in known if number is not None and number.overridden is not None}
 
     def number(self, name: str) -> Number:
-        """The number of that name, or of the only name that ends so: `proportional`. Raises SceneError where there is none, with the nearest that there is."""
+        """Return the number with this name, or with the only name that ends so: `proportional`. Raises SceneError for an unknown name, with
+        the most similar names."""
         found = number_of(self, name)
         if found is not None:
             return found
@@ -256,7 +258,8 @@ class ClosedLoop(Printed):
         raise SceneError(f"There is no number `{name}` in this loop: {suggest(name, known)}")
 
     def free(self, name: str) -> Number:
-        """The number of that name, to be varied; raises SceneError where there is none, and where an input takes its place, so that nothing would change."""
+        """Return the number with this name, which is to vary. Raises SceneError if the name is unknown, or if an input overrides the number,
+        so that nothing would change."""
         number = self.number(name)
         if number.overridden is not None:
             given = number.overridden in self.system.inputs
@@ -265,7 +268,8 @@ class ClosedLoop(Printed):
         return number
 
     def acting(self, name: str, verb: str, also: Callable[[Number], bool] = lambda number: False) -> Number:
-        """An input, a parameter where it acts, or a number of which `also` holds, for a verb that needs slopes by it; raises SceneError for any other."""
+        """Return an input, a parameter of the equations, or a number for which `also` is true, for functions that need derivatives. Raises
+        SceneError for any other number."""
         number = self.free(name)
         if not (number.kind.has_slope or also(number)):
             raise SceneError(f"Argument `{name}` must be an input or a parameter for `{verb}`, but {number.kind.why}.")
@@ -353,7 +357,8 @@ class ClosedLoop(Printed):
 
     @property
     def controller_names(self) -> list[str]:
-        """Each law with its clock and the numbers that it took on this machine, those that one types into the drive, in the units of the question."""
+        """Each controller with its sample time and the numbers that it takes on this plant, as an engineer types them into a drive, in the
+        units that were typed."""
         laws = zip(self.controllers, map(law_of, self.closed.system.parts[len(self.closed.plant.parts) :]), strict=True)
         known = [
             (given, law if isinstance(law, Controller) else getattr(given, "law", None)) for given, law in laws

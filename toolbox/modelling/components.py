@@ -21,7 +21,7 @@ from toolbox.vocabulary import Renamed
 
 @dataclass
 class Update:
-    """What a sampled law does at a sample.
+    """The update of a sampled controller at a sample.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Update:
 
 @dataclass
 class Equations:
-    """What a part adds to a plant; the method `equations` of a `Component` returns it.
+    """The equations that a part adds to a plant. The method `equations` of a `Component` returns them.
 
     Energy and power are written from the physics, not from the flow, so that the energy audit can compare the two. States are given as signals automatically.
 
@@ -96,7 +96,7 @@ class Component(Renamed, Declared):
         )
 
     def check(self) -> None:
-        """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
+        """Raise SceneError if fields contradict each other. Bounds that are declared with `quantity` are checked without this method."""
 
     @property
     def signal_limits(self) -> Mapping[str, tuple[float | None, float | None]]:

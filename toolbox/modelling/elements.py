@@ -26,7 +26,14 @@ time = ca.SX.sym("time")
 
 
 class State(ca.SX):
-    """A named state of a part: a casadi symbol that remembers its name, unit and size."""
+    """A named state of a part: a casadi symbol that remembers its name, unit and size.
+
+    Examples
+    --------
+    >>> from toolbox import state
+    >>> print(state("chain.speed", "rad/s", size=4).length)
+    4
+    """
 
     begin: Any = 0.0  # where a run starts unless it is told otherwise
     __hash__ = object.__hash__  # a vector SX has no hash of its own; a state is identified by itself

@@ -165,7 +165,7 @@ class HybridSystem(Renamed):
 
     @property
     def display_units(self) -> Mapping[str, str]:
-        """{unit: unit that was typed}: the units in which answers about the plant are given, those of its scene, else those of the fields of its parts."""
+        """{SI unit: unit that was typed}, the units of answers about the plant: the units of its scene, else of the fields of its parts."""
         return self._typed if self.told is None else self.told
 
     def __repr__(self) -> str:
@@ -219,7 +219,7 @@ class HybridSystem(Renamed):
         return self.once(name, lambda: ca.Function(name, symbols, [ca.densify(expression)], names, [output]))
 
     def once(self, key: Any, make: Callable[[], Any]) -> Any:
-        """What `make` returns, made once for all plants of this structure."""
+        """Return the result of `make`, which is called once for all plants of this structure."""
         if key not in self.cache:
             self.cache[key] = make()
         return self.cache[key]
@@ -401,7 +401,7 @@ class HybridSystem(Renamed):
         return twin
 
     def mapped(self, change: Callable[[ca.SX], ca.SX]) -> HybridSystem:
-        """A copy with all its expressions changed, of which nothing is made yet."""
+        """Return a copy with all expressions changed and nothing compiled yet."""
         twin = copy.copy(self)
         twin.flow, twin.elements = change(self.flow), tuple(element.mapped(change) for element in self.elements)
         twin.signals = {name: (change(expression), unit) for name, (expression, unit) in self.signals.items()}

@@ -43,6 +43,14 @@ class Table:
         Values as they were typed.
     shape, numbers
         The function of this module that made the table, and its numbers by name; empty for one that was given as it is.
+
+    Examples
+    --------
+    >>> from models import Block
+    >>> from toolbox import compose, simulate
+    >>> run = simulate(compose(Block()), "10 s", inputs={"block.force": ([0.0, 5.0, 10.0], [0.0, 2.0, 0.0])})
+    >>> print(f"{run.at(2.5)['block.force']:.1f} N")
+    1.0 N
     """
 
     times: np.ndarray
@@ -74,7 +82,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Shape:
-    """A formula of time with coefficients: another coefficient never recompiles. Its other fields are those of a `Table`."""
+    """A formula of time with coefficients. A new coefficient needs no compilation. The other fields are the fields of a `Table`."""
 
     kind: str
     coefficients: tuple[float, ...]
@@ -94,7 +102,8 @@ class Shape:
 
 @dataclass(frozen=True)
 class Typed:
-    """A shape whose values were typed with units, such as `ramp("35 rpm", "60 rpm", "60 s", "80 s")`; it is made where the signal that it drives is known."""
+    """A shape whose values were typed with units, such as `ramp("35 rpm", "60 rpm", "60 s", "80 s")`. The values are converted when the driven
+    signal is known."""
 
     shape: Callable[..., Any]
     numbers: Mapping[str, Any]

@@ -62,7 +62,8 @@ class Controller(Component):
         raise SceneError(f"{type(self).__name__} has no sampled form: {self._instead('continuous', 'leave out `sample_time`')}.")
 
     def check_period(self, period: float) -> None:
-        """Raise SceneError where the sampled form of the designed law does not bear a sample time [s]; by default it bears any."""
+        """Raise SceneError if the sampled form of the designed controller does not work with a sample time [s]. By default every sample time
+        is allowed."""
 
     def _instead(self, form: str, remedy: str) -> str:
         """What to do where one form is missing; form: the other one."""
@@ -450,7 +451,7 @@ def _told(name: str, known: Iterable[str], sampled: Sampled, plant: HybridSystem
 
 @dataclass(frozen=True)
 class Takeover(Controller):
-    """One sampled law until a time and another from then on: a drive that is switched on in the middle of a run.
+    """Two sampled controllers, one until a time and the other afterwards: a drive that is switched on in the middle of a run.
 
     The memory of `after` stays at its start values until then; that of `before`, recorded as `before.<name>`, stops. What only one of them gives is recorded
     throughout. There is no continuous form. Where one of them is designed as a callable, such as a predictive law, the whole is one, and `run.laws[0].inside`
@@ -472,7 +473,7 @@ class Takeover(Controller):
 
     @property
     def actuated_signals(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What the law after drives, which the one before drives, too, or a part of it."""
+        """The outputs of the second controller. The first controller drives all or some of them."""
         return self.after.actuated_signals
 
     def design(self, plant: HybridSystem) -> Controller:

@@ -54,11 +54,11 @@ class Observer(Controller):
     estimates: ClassVar[tuple[str, ...]] = ()
 
     def estimator(self, plant: HybridSystem) -> Estimator | None:
-        """For an observer that no expression holds, such as one that optimises: its object for the plant."""
+        """Return the object of an observer that is no casadi expression, such as an optimising observer, for the plant."""
         return None
 
     def design(self, plant: HybridSystem) -> Observer:
-        """The observer with what it knows of the plant filled in; by default itself."""
+        """Return the observer with missing numbers taken from the plant. By default returns itself."""
         return self
 
 

@@ -10,7 +10,7 @@ from toolbox.arguments import FloatArray
 
 
 class Remembering:
-    """An object that tells what it remembers, and takes it back: a law in Python, or a part of one.
+    """Protocol of an object whose memory can be saved and restored: a controller in Python, or a part of a controller.
 
     `remembers` names the attributes on which its next answers depend, and no others: numbers, truth values, arrays of constant shape, or parts that tell their
     own memory. Truth values and whole numbers are rounded where they are set.
@@ -19,14 +19,14 @@ class Remembering:
     remembers: ClassVar[tuple[str, ...]] = ()
 
     def get_memory(self) -> FloatArray:
-        """What it remembers now, one attribute after the other."""
+        """Return the present memory, one attribute after the other."""
         parts = [getattr(self, name) for name in self.remembers]
         return np.concatenate(
             [np.empty(0), *[np.ravel(part.get_memory() if offers_memory(part) else part).astype(float) for part in parts]]
         )
 
     def set_memory(self, values: FloatArray) -> None:
-        """Remember what `get_memory` told, at this sample or another."""
+        """Restore a memory that `get_memory` returned at this sample or another."""
         place = 0
         for name in self.remembers:
             part = getattr(self, name)

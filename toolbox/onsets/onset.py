@@ -63,7 +63,7 @@ def onset(
     perturbation: float = 1e-3,
     accuracy: float | None = None,
 ) -> Onset:
-    """Find where smooth running, stick-slip and standstill begin and end over one parameter or input.
+    """Find the values of one parameter or input at which smooth running, stick-slip and standstill begin and end.
 
     Use it to find the lowest set-point, or the highest weight on bit, at which a machine runs smoothly, and the
     margin of the operating point to this border. The result also holds the Hopf points of smooth running.

@@ -109,6 +109,16 @@ class SeverityMap(Told, Result):
         What the reader of the map should know.
     display_units
         {unit: unit that was typed}: the units in which report and figure answer.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, severity_map
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> found = severity_map(loop, {"top.reference": (4.0, 12.0), "bit.weight": (60e3, 100e3)}, shape=(3, 3), halvings=0)
+    >>> print(found.runs > 9, found.sticking.severity.shape)
+    True (3, 3)
     """
 
     title: str
@@ -185,7 +195,7 @@ class SeverityMap(Told, Result):
         return rows
 
     def border(self, name: str, along: float) -> FloatArray:
-        """Return where a border crosses a value of the second number: values of the first one, in increasing order.
+        """Return the crossings of a border with a value of the second number: values of the first number, in increasing order.
 
         Between the values of the grid a border is a straight line, so that one which is bent is off by more than `resolution` there.
 

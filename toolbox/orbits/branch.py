@@ -17,7 +17,7 @@ from toolbox.orbits.orbit import Cycle
 
 @dataclass(frozen=True)
 class Bifurcation:
-    """A point of a branch at which the kind of the cycle changes: its kind, the value of the parameter, and the cycle there.
+    """A point of a branch at which the kind of the cycle changes, with its kind, the value of the parameter, and the cycle.
 
     Where switches change, the cycle is the last one before the change.
     """
@@ -60,7 +60,7 @@ class Branch:
 
     @property
     def loop(self) -> ClosedLoop:
-        """The loop of the first cycle; that of each one is its own `loop`, with its value of the parameter."""
+        """The loop of the first cycle. Each cycle has its own `loop`, with its value of the parameter."""
         return self.cycles[0].loop
 
     @property
@@ -78,7 +78,8 @@ class Branch:
         return np.array([cycle.extremes(signal) for cycle in self.cycles])
 
     def plot(self, signal: str | None = None, ax: Any = None) -> Any:
-        """Draw the bifurcation diagram: the largest and the smallest value of a signal, solid where stable and dashed where not, with bifurcations marked.
+        """Draw the bifurcation diagram: the largest and the smallest value of a signal, solid if stable and dashed if not, with bifurcations
+        marked.
 
         Parameters
         ----------

@@ -58,6 +58,14 @@ class Cycle(Told):
         Number of Newton steps.
     period_error
         The last change of the period [s].
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, limit_cycle
+    >>> cycle = limit_cycle(compose(BlockOnBelt()), settle="60 s")
+    >>> print(f"period {cycle.period:.3f} s")
+    period 12.001 s
     """
 
     run: Trajectory
@@ -72,7 +80,7 @@ class Cycle(Told):
 
     @property
     def loop(self) -> ClosedLoop:
-        """The loop whose motion it is, with the numbers at which the cycle was found."""
+        """The loop of this motion, with the numbers at which the cycle was found."""
         return self.run.run.loop
 
     @property
@@ -87,12 +95,13 @@ class Cycle(Told):
 
     @property
     def stable(self) -> bool:
-        """Whether all multipliers lie inside the unit circle: the cycle attracts what starts near it, as one that loses no energy does not."""
+        """Whether all multipliers lie inside the unit circle, so that the cycle attracts its neighbourhood. A cycle without energy loss does
+        not."""
         return bool(np.abs(self.multipliers).max(initial=0.0) < 1.0 - ON_CIRCLE)
 
     @property
     def signature(self) -> tuple[tuple[str, str, str], ...]:
-        """The switches of one period, in a form that does not depend on where it starts."""
+        """The switches of one period, in a form that is independent of the start."""
         return signature_of(self.run)
 
     def extremes(self, signal: str) -> tuple[float, float]:
@@ -118,7 +127,7 @@ class Cycle(Told):
 
     @property
     def main_signal(self) -> str:
-        """The signal that is judged, where the loop says one, else the speed of what rubs, such as the bit, else the one that says most."""
+        """The judged signal if the loop names one, else the speed of the rubbing part, such as the bit, else the most important signal."""
         speeds = [f"{contact}.speed" for contact in self.run.contacts if f"{contact}.speed" in self.run.names]
         return self.loop.signal or next(iter([*speeds, *self.run.main_signals]))
 

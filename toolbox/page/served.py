@@ -315,7 +315,7 @@ class Page:
         return found
 
     def warm(self) -> None:
-        """Run and map what the page shows first, so that all that is to be compiled is compiled before somebody waits for it; ends with the page."""
+        """Run and map the first view of the page, so that all code is compiled before a user waits. Ends with the page."""
         told: dict[str, Any] = {"page": "", "setting": {"label": next(iter(self.loops)), "changes": {}, "disturbance": ""}}
         with contextlib.suppress(SceneError, SimulationError):
             self._answer("run", told)
@@ -374,7 +374,7 @@ def _newest(known: dict[str, object], page: str) -> object:
 
 
 def explore(loop: ClosedLoop | HybridSystem | Scene, duration: NumberOrText | None = None, *, port: int | None = None) -> Page:
-    """Serve a web page on which the numbers of a loop can be changed while it is simulated.
+    """Serve a web page that changes numbers of a loop and simulates the loop at once.
 
     The page shows traces, phase plane, spectrum, poles, the verdict with its reason, and the operating point on a map
     of two numbers with both borders of stick-slip. A notebook shows the page in a frame, and `print` gives its

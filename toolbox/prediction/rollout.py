@@ -52,6 +52,17 @@ class Rollout:
         Number of Runge-Kutta steps per interval.
     regularisation
         What `regularised` returns; None for exact modes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.authoring import Rollout
+    >>> rollout = Rollout(compose(wells.JANSEN_2, BitRock()), ["top.torque"], interval=0.1, steps=2)
+    >>> states, modes = rollout.states(np.array([15.0, 10.0, 10.0]), np.full((5, 1), 12e3))
+    >>> print(states[-1].round(2), modes[-1])
+    [15.34 10.13  8.83] [1.]
     """
 
     def __init__(
@@ -100,7 +111,7 @@ class Rollout:
         return twin
 
     def modes(self, state: np.ndarray) -> np.ndarray:
-        """Modes that the slips of a state say: 0 where a slip is exactly zero."""
+        """Return the modes for the slips of a state: 0 if a slip is exactly zero."""
         if not self.contacts:
             return np.zeros(0)
         if self.slip is not None:

@@ -90,13 +90,13 @@ class Basin(Told, Result):
 
     @property
     def share(self) -> float:
-        """Part of the disturbances from which the working point comes back, among those that are known."""
+        """Fraction of the known disturbances after which the machine returns to the operating point."""
         known = int((self.outcomes != NONE).sum())
         return float((self.outcomes == SMOOTH).sum()) / known if known else math.nan
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Bounds of the share by Clopper and Pearson; what is not known widens them to both sides."""
+        """Bounds of the share by Clopper and Pearson. Undecided runs widen them to both sides."""
         back, unknown = int((self.outcomes == SMOOTH).sum()), int((self.outcomes == NONE).sum())
         low, high = clopper_pearson(back, back + unknown, self.outcomes.size, self.confidence)
         return float(low), float(high)
@@ -126,7 +126,7 @@ class Basin(Told, Result):
     plot = picture("basin_diagram", "Draw the disturbances over the first two states, or over the one with what they came to")
 
     def check_loaded(self) -> None:
-        """Raise ValueError where what was read does not fit together."""
+        """Raise ValueError if the loaded arrays do not fit together."""
         if self.starts.shape != (self.outcomes.size, len(self.names)) or self.ranges.shape != (len(self.names), 2):
             raise ValueError("its arrays do not fit together")
 
@@ -142,8 +142,7 @@ def basin(
     confidence: float = 0.95,
     seed: int = 0,
 ) -> Basin:
-    """Estimate the fraction of a range of states from which the machine returns to smooth running, and the smallest
-    disturbance from which it does not.
+    """Estimate the probability of a return to smooth running after a random disturbance, and the smallest disturbance without return.
 
     Parameters
     ----------

@@ -128,7 +128,7 @@ class LogNormal(Distribution):
 
 @dataclass(frozen=True)
 class Draws:
-    """Numbers that are known together, as draws of their joint distribution, such as those of a posterior.
+    """Draws of the joint distribution of several numbers, such as the draws of a posterior.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class Draws:
     others: Mapping[str, Any] = field(default_factory=dict)
 
     def also(self, others: Mapping[str, Any]) -> Draws:
-        """These draws, and further numbers {name: distribution} that are known independently of them."""
+        """Return these draws with further independent numbers {name: distribution}."""
         return Draws(self.values, {**self.others, **others})
 
 

@@ -91,7 +91,7 @@ class UncertainOnset(Told, Result):
     display_units: Mapping[str, str] = field(default_factory=dict)
 
     def lowest(self, free: float = 0.95) -> dict[str, float]:
-        """Return for each law the lowest value at which a machine is free with a probability, by its bound.
+        """Return for each controller the lowest value at which a machine is free with a given probability, by its bound.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class UncertainOnset(Told, Result):
         return {label: float(max(np.sort(values)[draws - 1 - most], self.bounds[0])) for label, values in self.borders.items()}
 
     def moved_by(self, label: str) -> dict[str, float]:
-        """{what was drawn: its rank correlation with the border of a law}, the strongest first; nan where the border does not vary."""
+        """Return {drawn number: its rank correlation with the border of a controller}, the strongest first; nan if the border does not vary."""
         from scipy.stats import spearmanr
 
         borders, found = self.borders[label], {}
@@ -172,7 +172,7 @@ class UncertainOnset(Told, Result):
     plot = picture("onset_diagram", "Draw the chance of being free over the set-point for each law, with its bounds")
 
     def check_loaded(self) -> None:
-        """Raise ValueError where what was read does not fit together."""
+        """Raise ValueError if the loaded arrays do not fit together."""
         rows = [*self.borders.values(), *self.smooth.values()]
         if self.points.shape[1:] != (len(self.names),) or any(each.shape != (len(self.points),) for each in rows):
             raise ValueError("its arrays do not fit together")
@@ -192,8 +192,7 @@ def uncertain_onset(
     confidence: float = 0.95,
     seed: int = 0,
 ) -> UncertainOnset:
-    """Find from which set-point on a machine is free of stick-slip, if some of its numbers are known as distributions
-    only.
+    """Find the set-point above which a machine is free of stick-slip, if some of its numbers are known as distributions only.
 
     A run begins at the start of its loop, for example from rest with a bit that sticks. Between neighbouring values a
     machine is taken to have one border.

@@ -48,7 +48,7 @@ class ModelComparison(Told, Result):
 
     @property
     def probabilities(self) -> dict[str, float]:
-        """{label: probability of the model, where all were equally likely before}."""
+        """{label: probability of the model, with equal probabilities before the measurement}."""
         logs = np.array([each.evidence for each in self.posteriors.values()])
         weights = np.exp(logs - logs.max())
         return dict(zip(self.posteriors, (weights / weights.sum()).tolist(), strict=True))
@@ -83,7 +83,7 @@ class ModelComparison(Told, Result):
     plot = picture("comparison_diagram", "Draw evidence and score of each model below the best")
 
     def check_loaded(self) -> None:
-        """Raise ValueError where what was read does not fit together."""
+        """Raise ValueError if the loaded arrays do not fit together."""
         for each in self.posteriors.values():
             each.check_loaded()
         if {*self.scores} != {*self.posteriors} or any(each.shape != (len(self.left_out),) for each in self.scores.values()):

@@ -47,7 +47,7 @@ SHOWN = 8
 
 @dataclass(frozen=True)
 class Posterior(Told, Result):
-    """What is known of numbers after a measurement: `print(found)`, `found["bit.weight"]`, `found.plot()`.
+    """Distribution of numbers after a measurement: `print(found)`, `found["bit.weight"]`, `found.plot()`.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Posterior(Told, Result):
 
     @property
     def drawn(self) -> Draws:
-        """The draws as what is known of these numbers together, for `chance`, `drawn` and `sweep`."""
+        """The draws as joint distribution of these numbers, for `chance`, `drawn` and `sweep`."""
         return Draws({name: self[name].tolist() for name in self.names})
 
     def _told(self) -> list[str | Rows]:
@@ -124,7 +124,7 @@ class Posterior(Told, Result):
     plot = picture("corner_diagram", "Draw the unknowns one by one and in pairs")
 
     def check_loaded(self) -> None:
-        """Raise ValueError where what was read does not fit together."""
+        """Raise ValueError if the loaded arrays do not fit together."""
         if self.points.shape != (len(self.likelihoods), len(self.names)) or {*self.priors} != {*self.names}:
             raise ValueError("its draws do not fit to its unknowns")
 

@@ -108,7 +108,7 @@ class Prediction(Told, Result):
     plot = picture("prediction_diagram", "Draw the bands with what was measured, one panel per signal")
 
     def check_loaded(self) -> None:
-        """Raise ValueError where what was read does not fit together."""
+        """Raise ValueError if the loaded arrays do not fit together."""
         rows = [*self.low.values(), *self.median.values(), *self.high.values(), *self.measured.values()]
         if {*self.low} != {*self.units} or {*self.high} != {*self.units} or any(each.shape != self.time.shape for each in rows):
             raise ValueError("its rows do not fit together")

@@ -71,7 +71,7 @@ class Chance(Told, Result):
 
     @property
     def chances(self) -> dict[str, FloatArray]:
-        """{label: part of the runs in stick-slip or standstill, among those that are known}; nan where none is."""
+        """{label: fraction of the decided runs in stick-slip or standstill}; nan if no run is decided."""
         found = {}
         for label, outcomes in self.outcomes.items():
             known = (outcomes != NONE).sum(axis=-1)
@@ -232,7 +232,7 @@ class Chance(Told, Result):
     plot = picture("chance_diagram", "Draw the chances, one panel per law over two numbers, curves with their bounds over one")
 
     def check_loaded(self) -> None:
-        """Raise ValueError where what was read does not fit together."""
+        """Raise ValueError if the loaded arrays do not fit together."""
         size = tuple(axis.size for axis in self.axes)
         shapes = {each.shape for each in (*self.outcomes.values(), *self.severities.values())}
         labels = set(self.labels)

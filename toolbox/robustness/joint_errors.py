@@ -145,7 +145,7 @@ class SmallestError(Told, Result):
 
     @property
     def values(self) -> dict[str, float]:
-        """{number: its value [SI] in the smallest error that breaks the machine}; empty where there is none."""
+        """{number: its value [SI] in the smallest error that breaks the machine}; empty if no error does."""
         return {number.name: number.value(part) for number, part in zip(self.numbers, self.error, strict=bool(self.error))}
 
     @property

@@ -48,6 +48,15 @@ class Margins(Told, Result):
         The linear loop, for other tools.
     display_units
         {unit: unit that was typed}: the units in which `print` answers.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, margins
+    >>> found = margins(closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm")))
+    >>> print(f"{found.disk_margin:.2f}")
+    0.41
     """
 
     title: str
@@ -75,7 +84,7 @@ class Margins(Told, Result):
 
     @property
     def disk_margin(self) -> float:
-        """The disk margin of all commands together, alpha [1]; 0 where the loop is unstable, nan where there is no linear loop."""
+        """The disk margin of all commands together, alpha [1]; 0 if the loop is unstable, nan if there is no linear loop."""
         return self.joint.disk_margin if self.joint is not None else self.loops[0].disk_margin
 
     @property

@@ -19,7 +19,7 @@ from toolbox.robustness.margins import Margins, margins
 
 @dataclass(frozen=True)
 class FrequencyResponse(Result):
-    """What a loop that is broken at its commands answers to them: L(i w) of negative feedback, of each command with the others closed.
+    """Frequency response of a loop that is broken at its commands: L(i w) of negative feedback, of each command with the others closed.
 
     Attributes
     ----------

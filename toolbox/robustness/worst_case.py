@@ -96,6 +96,15 @@ class WorstCase(Told, Result):
         Time that the runs took [s].
     situation
         The situation that the verdict holds for, in one line.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose, worst_case
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="60 kN")), Sampled(SoftTorque(reference="120 rpm"), "10 ms"))
+    >>> print(len(worst_case(loop, "60 s", uncertainty={"bit.weight": "10 %"}).outcomes), "runs")
+    3 runs
     """
 
     title: str
@@ -123,7 +132,7 @@ class WorstCase(Told, Result):
 
     @property
     def by_error(self) -> dict[str, Outcome]:
-        """{error: its worst outcome}, in the order in which errors were tried."""
+        """{error: worst outcome}, in the order of the trials."""
         found: dict[str, Outcome] = {}
         for outcome in self.outcomes:
             known = found.get(outcome.error)

@@ -50,7 +50,7 @@ class ContactScene(Labelled):
 
     @staticmethod
     def load(path: str | Path) -> ContactScene:
-        """The checked scene of a TOML file. Raises one SceneError naming the file and what is wrong in it."""
+        """Read and check the scene in a TOML file. Raises one SceneError that names the file and the fault."""
         path = Path(path)
         try:
             scene = ContactScene(**_read(path))
@@ -60,7 +60,7 @@ class ContactScene(Labelled):
         return scene
 
     def run(self, label: str) -> ContactRun:
-        """Run one case, by its label. Raises what `step_contacts` raises, and SceneError where the body has no state of rest to begin from."""
+        """Run one case, given by its label. Raises the errors of `step_contacts`, and SceneError if the body has no state of rest as a start."""
         case, problem = self.case(label), self._problem()
         rest = self._rest(problem, case)
         return step_contacts(problem, self.duration, step=self.step, inputs=self._inputs(case), controller=case.controller, start=rest)

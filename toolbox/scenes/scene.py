@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scene(Labelled):
-    """A plant, the controllers to be compared on it, and what to look at; everything in SI.
+    """A plant with the controllers that are compared, and the signals and times that are judged. Everything is in SI.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class Scene(Labelled):
 
     @staticmethod
     def load(path: str | Path, *, depth: float | str | None = None) -> Scene:
-        """The checked scene of a TOML file. Raises one SceneError naming the file and what is wrong in it.
+        """Read and check the scene in a TOML file. Raises one SceneError that names the file and the fault.
 
         Parameters
         ----------
@@ -242,13 +242,13 @@ class Scene(Labelled):
 
     @property
     def display_units(self) -> dict[str, str]:
-        """{unit: unit that was typed}: the units in which a study of the scene answers."""
+        """{SI unit: unit that was typed}, the units of a study of the scene."""
         laws = tuple(case.law for case in self.cases)
         inputs = (self.inputs, *(case.inputs for case in self.cases))
         return asked_units(self.reference, self.standstill, inputs, self.parameters, fields=(laws, self.parts))
 
     def run(self, label: str) -> Trajectory:
-        """Simulate one case, by its label. Raises what `simulate` raises, and SceneError where there is no such case."""
+        """Simulate one case, given by its label. Raises the errors of `simulate`, and SceneError for an unknown label."""
         return simulate(self[label])
 
     @property
@@ -265,12 +265,12 @@ class Scene(Labelled):
 
     @property
     def metrics(self) -> dict[str, tuple[str, ...]]:
-        """What the verdict measures, and the signals and elements that each measure reads."""
+        """The metrics of the verdict, with the signals and elements that each metric reads."""
         stuck = {"stuck": (self.element,)} if self.element is not None else {}
         return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
 
     def needs(self, metrics: Mapping[str, Sequence[str]] | None = None) -> Dependencies:
-        """Find which parts of the plant the measures depend on, under any of the controllers, and what the other parts cost.
+        """Find the parts of the plant on which the metrics depend, under any of the controllers, and the cost of the other parts.
 
         Parameters
         ----------

@@ -75,7 +75,7 @@ class WorkPrecision(Told, Result):
     references: tuple[str, str]
 
     def cheapest(self, error: float) -> Point | None:
-        """Return the fastest run whose error is at most this, or None where there is none.
+        """Return the fastest run with at most this error, or None if no run reaches it.
 
         Raises SceneError below the difference of the references, where the error of a run is not known.
         """
@@ -98,7 +98,8 @@ class WorkPrecision(Told, Result):
         return [self.title, truth, Rows(rows, indent="")]
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw time against error on logarithmic axes, one line per method and plant; errors in the grey band are below what is known."""
+        """Draw time against error on logarithmic axes, one line per method and plant. Errors in the grey band are below the uncertainty of
+        the reference."""
         from toolbox.scenes.figures import work_precision
 
         return work_precision(self, ax=ax)
@@ -121,7 +122,7 @@ def work_precision(
     repeats: int = 5,
     **former: Any,
 ) -> WorkPrecision:
-    """Measure error against computing time for every method and every one of its settings.
+    """Measure error against computing time for all methods and settings.
 
     The reference solution is computed twice.
 

@@ -13,7 +13,7 @@ from toolbox.modelling.elements import Quantity, quantity
 
 @dataclass(frozen=True)
 class Budget:
-    """What a run may spend before it ends in a `BudgetError`, which holds the trajectory so far.
+    """Limits on the cost of a run. At a limit the run ends with a `BudgetError`, which holds the trajectory so far.
 
     Raises SceneError, when a run is given it, for anything but positive numbers, whole ones for steps and events.
 

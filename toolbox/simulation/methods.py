@@ -99,6 +99,15 @@ class EventExact(Method):
 
     These are Taylor series or explicit formulas (`toolbox.simulation.method_choice`), or linearly implicit ones where they prove cheaper
     (`toolbox.simulation.stiffness`).
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import Budget, compose, simulate
+    >>> from toolbox.simulation import EventExact
+    >>> run = simulate(compose(BlockOnBelt()), "60 s", method=EventExact(budget=Budget(seconds=60)))
+    >>> print(len(run.events), "events")
+    11 events
     """
 
     text: ClassVar[str] = "event"
@@ -116,7 +125,16 @@ class EventExact(Method):
 
 @dataclass(frozen=True)
 class Explicit(Method):
-    """Adaptive explicit steps that end exactly on every switch."""
+    """Adaptive explicit steps that end exactly on every switch.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.simulation import EventExact, Explicit
+    >>> print(len(simulate(compose(BlockOnBelt()), "60 s", method=Explicit()).events), "events")
+    11 events
+    """
 
     text: ClassVar[str] = "explicit"
     in_lanes: ClassVar[bool] = True
@@ -135,6 +153,14 @@ class TaylorSeries(Method):
         Order of the series, from 6 to 30; None takes the one that the accuracy asks for.
     budget
         What a run may spend at most, as in every method.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.simulation import TaylorSeries
+    >>> print(len(simulate(compose(BlockOnBelt()), "60 s", method=TaylorSeries()).events), "events")
+    11 events
     """
 
     text: ClassVar[str] = "taylor"
@@ -155,7 +181,16 @@ class TaylorSeries(Method):
 
 @dataclass(frozen=True)
 class Implicit(Method):
-    """Adaptive linearly implicit steps that end exactly on every switch, for stiff plants."""
+    """Adaptive linearly implicit steps that end exactly on every switch, for stiff plants.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.simulation import Implicit
+    >>> print(len(simulate(compose(BlockOnBelt()), "60 s", method=Implicit()).events), "events")
+    11 events
+    """
 
     text: ClassVar[str] = "stiff"
 
@@ -169,6 +204,15 @@ class TimeStepping(Method):
     """Fixed steps with implicit contact forces; no switch is located (see `toolbox.compilation.moreau_jean`).
 
     step: length of a step [s]; None refines it until the accuracy is met.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.simulation import TimeStepping
+    >>> run = simulate(compose(BlockOnBelt()), "10 s", method=TimeStepping(step=1e-3))
+    >>> print(run.time.size, "times")
+    10001 times
     """
 
     text: ClassVar[str] = "time-stepping"
@@ -210,6 +254,15 @@ class Smoothing(Method):
         Tolerance of the integrator; None takes one that resolves the width.
     budget
         What a run may spend at most, as in every method.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, measure, simulate
+    >>> from toolbox.simulation import Smoothing
+    >>> run = simulate(compose(BlockOnBelt()), "40 s", method=Smoothing(width=1e-3))
+    >>> print(f"{measure.extent(run, 'block.position', after='20 s').maximum:.3f} m")
+    1.129 m
     """
 
     text: ClassVar[str] = "smoothed"

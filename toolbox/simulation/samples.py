@@ -20,7 +20,16 @@ from toolbox.modelling.input_kinds import ExpressionKey
 
 
 class Event(NamedTuple):
-    """A switch of an element: time [s], name of the element, and its mode before and after."""
+    """A switch of an element: time [s], name of the element, and its mode before and after.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> event = simulate(compose(BlockOnBelt()), "60 s").events[0]
+    >>> print(f"{event.time:.3f} s: {event.element} from {event.before} to {event.after}")
+    0.262 s: belt from slip- to stick
+    """
 
     time: float
     element: str

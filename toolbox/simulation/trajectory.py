@@ -176,7 +176,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return data
 
     def end_before(self, event: int) -> None:
-        """Forget the events of the instant of this one, counted from 0, and what came after them: a run that a budget ends."""
+        """Forget the events from one instant on, counted from 0, for a run that a budget ends."""
         times, index, modes = self._event_arrays
         first = int(np.searchsorted(times, times[event]))
         for i, (before, _, _) in zip(index[first:][::-1], modes[first:][::-1], strict=True):
@@ -213,7 +213,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def display_units(self) -> Mapping[str, str]:
-        """{unit: unit that was typed}: the units in which reports and figures of this run answer."""
+        """{SI unit: unit that was typed}, the units of reports and figures of this run."""
         return self.run.display_units
 
     @property
@@ -268,7 +268,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @property
     def main_signals(self) -> list[str]:
-        """Names of the signals that say most, which a plot shows: speeds first, then what drives and resists."""
+        """Names of the most important signals, which a plot shows: speeds first, then driving and resisting forces or torques."""
         from toolbox.simulation.main_signals import main_signals
 
         return main_signals(self)
@@ -309,7 +309,8 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         return legend[int(self._last_mode[place])]
 
     def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> Samples[Any]:
-        """Signals at times within the recorded steps that begin at the nodes `row`; at the end of a step what it came to, before any switch there."""
+        """Return signals at times within the recorded steps that begin at the nodes `row`. At the end of a step the value is the value before
+        a switch."""
         following = np.minimum(row + 1, self.time.size - 1)
         ends = (times == self.time[following]) & (row < following)
         known = np.where(ends, following, row)
@@ -337,7 +338,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @cached_property
     def anchors(self) -> Trajectory:
-        """The same run with nodes from which steps lead to every state between them (itself, unless output times were given)."""
+        """The same run with nodes from which steps lead to every state between them (the run itself, unless output times were given)."""
         if self.run.output_times is None:
             return self
         laws = [Replay(answers) for answers in self.answers]  # what a Python law answered is repeated, not asked again
@@ -420,7 +421,7 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
 
     @staticmethod
     def load(path: str | Path) -> SavedRun:
-        """Read what `save` wrote: a run that can be plotted, measured, compared and tabled. Raises SceneError for a file that `save` did not write."""
+        """Read a run from a file of `save`. The run can be plotted, measured, compared and tabled. Raises SceneError for any other file."""
         return SavedRun.read(Path(path))
 
     def __repr__(self) -> str:

@@ -34,6 +34,16 @@ class ModeShapes(Result):
         Measured depth of every entry [m]; None where the part of the state has no `depth`.
     display_units
         {unit: unit that was typed}.
+
+    Examples
+    --------
+    >>> from controllers import StiffPI
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.steady_states import mode_shapes
+    >>> found = mode_shapes(closed_loop(compose(wells.NAVARRO_LOPEZ_4, BitRock()), StiffPI(reference="120 rpm")))
+    >>> print(found.damping.round(3))
+    [0.1   0.122 0.202]
     """
 
     state: str
@@ -49,7 +59,7 @@ class ModeShapes(Result):
 
     @property
     def damping(self) -> FloatArray:
-        """Damping ratios [1], negative where a mode grows."""
+        """Damping ratios [1], negative for a mode that grows."""
         return -self.poles.real / np.abs(self.poles)
 
     def __str__(self) -> str:
@@ -68,7 +78,7 @@ class ModeShapes(Result):
         return heads, np.column_stack([self.frequencies, self.poles.real, self.shapes]).tolist()
 
     def plot(self, most: int = 5, ax: Any = None) -> Any:
-        """Draw the slowest modes over depth, or over the entries where it is not known, the first at the top; returns the axes.
+        """Draw the slowest modes over depth, or over the entries if the depth is not known, the first at the top. Returns the axes.
 
         Parameters
         ----------

@@ -30,6 +30,13 @@ class Variations:
         Values along each axis of a grid.
     display_units
         {name: unit in which its values were typed}, of those that were.
+
+    Examples
+    --------
+    >>> from toolbox.sweeps import grid
+    >>> design = grid({"bit.weight": [90e3, 100e3], "top.reference": [8.0, 10.0, 12.0]})
+    >>> print(design.names, design.points.shape)
+    ('bit.weight', 'top.reference') (6, 2)
     """
 
     names: tuple[str, ...]

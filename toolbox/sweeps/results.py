@@ -26,7 +26,7 @@ _LEFT = (0, 3, 5)
 
 @dataclass(frozen=True)
 class Sweep(Told, Result):
-    """Result of a sweep: `found["severity"]` is an array of its shape, nan where a run failed.
+    """Result of a sweep: `found["severity"]` is an array with the shape of the design, nan for a failed run.
 
     Attributes
     ----------
@@ -48,6 +48,14 @@ class Sweep(Told, Result):
         Wall time [s], without the runs that were there already; 0 in a sweep that was loaded, because files do not hold it.
     display_units
         {unit: unit that was typed}: the units in which the report answers.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, sweep
+    >>> found = sweep(compose(BlockOnBelt()), {"block.mass": [1.0, 2.0]}, "60 s", metrics="stuck_ratio")
+    >>> print(found["stuck_ratio"].round(2))
+    [0.6  0.58]
     """
 
     title: str
@@ -170,7 +178,7 @@ class Sweep(Told, Result):
 
     @classmethod
     def load(cls, path: str | Path) -> Sweep:
-        """Read what `save` wrote, or what a finished sweep left with `out=`.
+        """Read a sweep from a file of `save`, or from the `checkpoint` folder of a finished sweep.
 
         Raises SceneError for anything else, and for a sweep that is not finished.
         """
@@ -193,7 +201,7 @@ class Sweep(Told, Result):
         return {**notes, **pairs, "points": "points", "axes": axes, "shape": shape, "measures": metrics, "errors": errors}
 
     def check_loaded(self) -> None:
-        """Raise ValueError or TypeError where what was read does not fit together."""
+        """Raise ValueError or TypeError if the loaded arrays do not fit together."""
         kinds = {"title": "text", "names": "texts", "units": "texts", "metric_units": "by name", "display_units": "by name"}
         check_notes(self, {**kinds, **dict.fromkeys(("duration", "accuracy", "seconds"), "number")})
         shapes: dict[str, Shape] = {"points": ("f", self.runs, len(self.names))}

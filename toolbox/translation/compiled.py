@@ -159,7 +159,7 @@ class Compiled:
 
     @property
     def shipped_name(self) -> str:
-        """The name of the file of its object code in a package: of its text and of what makes code of it."""
+        """Return the file name of its object code in a package, made from its text and its compiler."""
         return hashlib.sha256(f"{machine()}\n{self.text}".encode()).hexdigest()[:32] + ".o"
 
     @cached_property

@@ -120,12 +120,12 @@ class Tuned(Told, Result):
         return self.trials[0]
 
     def counted(self, trial: Trial) -> tuple[float, ...]:
-        """What counts of a trial: every objective over the scenes."""
+        """Return the values of a trial that count: every objective over the scenes."""
         return counted_over(trial, self.over)
 
     @property
     def front(self) -> tuple[Trial, ...]:
-        """Pareto front: the trials that no other trial dominates, sorted by the first objective; empty where nothing could be simulated."""
+        """Pareto front: the trials that no other trial dominates, sorted by the first objective. Empty if no trial could be simulated."""
         points = [(self.counted(trial), trial) for trial in self.trials]
         kept = [points[i] for i in front_of(np.array([values for values, _ in points]))]
         return tuple(trial for _, trial in sorted(kept, key=lambda pair: pair[0]))
@@ -150,7 +150,7 @@ class Tuned(Told, Result):
 
     @property
     def law(self) -> Controller | Sampled:
-        """The best law, ready for `simulate(..., controller=law)`: with its period, delay and sensors where it is sampled."""
+        """The best controller, ready for `simulate(..., controller=law)`: with period, delay and sensors if it is sampled."""
         return self.law_of(self.best)
 
     def law_of(self, trial: Trial) -> Controller | Sampled:
@@ -172,7 +172,7 @@ class Tuned(Told, Result):
         return self.loop
 
     def applied(self, scene: Scene, label: str) -> Scene:
-        """Return a scene in which the case of that label stands twice: as given, and next to it with the best numbers as "<label>, tuned"."""
+        """Return a scene in which the case with this label stands twice: as given, and with the best numbers as "<label>, tuned"."""
         cases = []
         for case in scene.cases:
             cases.append(case)

@@ -47,6 +47,17 @@ class Recording(Result):
         between samples. None: not declared, so that `fit` finds out.
     display_units
         {SI unit: unit of the log}, for those who want to answer in the units of the log.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.calibration import Recording
+    >>> time = np.linspace(0.0, 20.0, 401)
+    >>> log = Recording.of({"time": time, "top.speed": 6.0 + np.sin(time)}, compose(wells.JANSEN_2, BitRock()))
+    >>> print(log.time.size, "samples every", round(log.interval, 3), "s")
+    401 samples every 0.05 s
     """
 
     time: np.ndarray

@@ -156,7 +156,7 @@ def identify(
     """
     part = offered(plant)() if isinstance(plant, str) else plant
     if not (isinstance(part, Component) and hasattr(part, "friction") and hasattr(part, "prefix")):
-        raise SceneError(f"Argument `plant` must be \"Axis\", \"Joint\" or such a part, but it is {plant!r}: for any other plant use `fit`.")
+        raise SceneError(f'Argument `plant` must be "Axis", "Joint" or such a part, but it is {plant!r}: for any other plant use `fit`.')
     given = list(data) if isinstance(data, (list, tuple)) else [data]
     chosen = dict(columns or {})
     changes = {name: f"{part.prefix}.{signal}" in chosen for name, signal in (("filtered", "filtered_speed"), ("loaded", "load"))}
@@ -167,11 +167,15 @@ def identify(
     moving = [recording if held is None else recording.holding([name for name in names_of(held) if name in recording.signals])
               for recording, is_steady in read if not is_steady]  # fmt: skip
     if steady and moving:
-        raise SceneError("Argument `data` must hold steady points or recordings over time, but it holds both: identify one after the other.")
+        raise SceneError(
+            "Argument `data` must hold steady points or recordings over time, but it holds both: identify one after the other."
+        )
     work = _Steady(part, steady) if steady else _Moving(part, moving, held, shifts)
     found = work.simplest(friction, directions, names_of(known), confidence)
     units = {key: unit for recording, _ in read for key, unit in recording.display_units.items() if key != "s"}
-    return dataclasses.replace(found, display_units={**found.display_units, **units}, recordings=tuple(str(recording) for recording, _ in read))
+    return dataclasses.replace(
+        found, display_units={**found.display_units, **units}, recordings=tuple(str(recording) for recording, _ in read)
+    )
 
 
 def _read(data: Any, system: Any, part: Any, columns: Mapping[str, str] | None, keep: Sequence[str]) -> tuple[Recording, bool]:
@@ -195,7 +199,9 @@ def _read(data: Any, system: Any, part: Any, columns: Mapping[str, str] | None, 
             source.columns[k] = dataclasses.replace(column, name=resistance)
     size = int(np.size(source.columns[0].cells))
     source.columns.append(Column("time", "s", list(range(size))))
-    return read_channels((source, where, name), system, {**there, "time": "time"} if columns else None, (), ("clipped", "drop-out", "reversed", "outlier")), True
+    return read_channels(
+        (source, where, name), system, {**there, "time": "time"} if columns else None, (), ("clipped", "drop-out", "reversed", "outlier")
+    ), True
 
 
 class _Work:
@@ -233,7 +239,9 @@ class _Work:
                 else f"it cannot be told from friction in motion one way; it is part of that here. To tell it, {EXPERIMENTS['offset']}."
             )  # fmt: skip
         part = dataclasses.replace(part, **start)
-        viscous, one, coulomb, stribeck, two = (offered(name) for name in ("Viscous", "Hyperbolic", "Coulomb", "GaussianStribeck", "TwoWay"))
+        viscous, one, coulomb, stribeck, two = (
+            offered(name) for name in ("Viscous", "Hyperbolic", "Coulomb", "GaussianStribeck", "TwoWay")
+        )
         level, slope = about["level"], about["viscous"]
 
         def law(dry: Any) -> Any:
@@ -263,11 +271,18 @@ class _Work:
         """The fit with its curve and with the numbers that it hardly tells."""
         for name, value, error in zip(found.names, found.values, found.standard_errors, strict=True):
             word = name.rpartition(".")[2]
-            if name in found.parameters and word not in ("offset", "load_share") and np.isfinite(error) and found.factor * error > abs(value):
+            if (
+                name in found.parameters
+                and word not in ("offset", "load_share")
+                and np.isfinite(error)
+                and found.factor * error > abs(value)
+            ):
                 untold.setdefault(name, f"its interval holds 0. To tell it, {EXPERIMENTS[word]}.")
         for name in found.parameters:
             if name.endswith(".static") and f"{name.removesuffix('static')}kinetic" not in found.misfit.loop.plant.parameters:
-                untold[name] = f"it stands for static and kinetic friction, which the data do not tell apart. To tell them, {EXPERIMENTS['static']}."
+                untold[name] = (
+                    f"it stands for static and kinetic friction, which the data do not tell apart. To tell them, {EXPERIMENTS['static']}."
+                )
         if found.equal:
             untold[f"{found.equal}static"] = f"it is not told from the kinetic friction. To tell it, {EXPERIMENTS['static']}."
         own = {each.name: getattr(found, each.name) for each in dataclasses.fields(Fit)}
@@ -286,7 +301,9 @@ def _curve(found: Fit, points: np.ndarray) -> np.ndarray:
     """Speed, friction of the law, and both ends of its interval, over the speeds of the data."""
     numbers = [(i, name) for i, name in enumerate(found.names) if name in found.parameters]
     high, low = max(float(points[0].max(initial=0.0)), 0.0), min(float(points[0].min(initial=0.0)), 0.0)
-    speeds = np.concatenate([side * np.geomspace(1e-3, 1.0, POINTS // 2)[:: int(side)] * abs(end) for side, end in ((-1.0, low), (1.0, high)) if end])
+    speeds = np.concatenate(
+        [side * np.geomspace(1e-3, 1.0, POINTS // 2)[:: int(side)] * abs(end) for side, end in ((-1.0, low), (1.0, high)) if end]
+    )
 
     def friction(values: np.ndarray) -> np.ndarray:
         plant = found.misfit.loop.closed.plant.with_parameters({name: float(values[i]) for i, name in numbers})
@@ -316,8 +333,12 @@ class _Steady(_Work):
         for recording in recordings:
             for name in (f"{prefix}.speed", f"{prefix}.resistance"):
                 if name not in recording.signals:
-                    raise SceneError(f"Steady points must hold speed and force, but `{name}` is missing: they hold {', '.join(recording.signals)}.")
-        self.data = {name: np.concatenate([each.signals[name] for each in recordings]) for name in (f"{prefix}.speed", f"{prefix}.resistance")}
+                    raise SceneError(
+                        f"Steady points must hold speed and force, but `{name}` is missing: they hold {', '.join(recording.signals)}."
+                    )
+        self.data = {
+            name: np.concatenate([each.signals[name] for each in recordings]) for name in (f"{prefix}.speed", f"{prefix}.resistance")
+        }
         self.speed, self.force = self.data.values()
 
     def both_ways(self) -> bool:
@@ -340,7 +361,9 @@ class _Steady(_Work):
         data = {"time": np.arange(self.speed.size, dtype=float), **self.data}
         recording = Recording.of(data, compose(part), keep=("clipped", "drop-out", "reversed", "outlier"))
         still = 0.5 * float(np.abs(self.speed[self.speed != 0.0]).min())
-        return _told(part, recording, free, self.untold, contact=MeasuredContact(part.contact, still=still), starts=Search(8), confidence=confidence)
+        return _told(
+            part, recording, free, self.untold, contact=MeasuredContact(part.contact, still=still), starts=Search(8), confidence=confidence
+        )
 
     def points(self, found: Fit) -> np.ndarray:
         offset = found.misfit.loop.closed.plant.with_parameters(found.parameters).parts[0].offset
@@ -372,10 +395,20 @@ class _Moving(_Work):
                 f"To tell it, {EXPERIMENTS[part.body]}."
             )
         windows = [
-            Window(begin, begin + run.span, own=list(run.starts), start=run.starts) for run, begin in zip(self.runs, self.begins, strict=True)
+            Window(begin, begin + run.span, own=list(run.starts), start=run.starts)
+            for run, begin in zip(self.runs, self.begins, strict=True)
         ]
         starts = list(dict.fromkeys(name for run in self.runs for name in run.starts))
-        return _told(part, self.recording, [*free, *starts, *self.shifts], self.untold, window=windows, starts=Search(1), confidence=confidence, held=self.held)
+        return _told(
+            part,
+            self.recording,
+            [*free, *starts, *self.shifts],
+            self.untold,
+            window=windows,
+            starts=Search(1),
+            confidence=confidence,
+            held=self.held,
+        )
 
     def points(self, found: Fit) -> np.ndarray:
         fitted = found.misfit.loop.closed.plant.with_parameters(found.parameters).parts[0]
@@ -394,11 +427,15 @@ def _released(part: Any, found: Fit, silent: Sequence[str]) -> Any:
             model = misfit.model(changed)
         except (SceneError, SimulationError):
             return float("inf")
-        return sum(float(np.mean((model[name] - misfit.measured[name]) ** 2)) / float(np.var(misfit.measured[name])) for name in misfit.outputs)
+        return sum(
+            float(np.mean((model[name] - misfit.measured[name]) ** 2)) / float(np.var(misfit.measured[name])) for name in misfit.outputs
+        )
 
     best = min((1.02, 1.1, 1.3, 1.6, 2.0), key=left)
     numbers |= {name: best * numbers[name.removesuffix("static") + "kinetic"] for name in silent}
-    return misfit.loop.closed.plant.with_parameters({name: value for name, value in numbers.items() if misfit.loop.plant.has_parameter(name)}).parts[0]
+    return misfit.loop.closed.plant.with_parameters(
+        {name: value for name, value in numbers.items() if misfit.loop.plant.has_parameter(name)}
+    ).parts[0]
 
 
 def _told(part: Any, recording: Recording, free: Sequence[str], untold: dict[str, str], **options: Any) -> Fit:
@@ -424,10 +461,15 @@ def _told(part: Any, recording: Recording, free: Sequence[str], untold: dict[str
             for name in lost:
                 word = name.rpartition(".")[2]
                 if word in EXPERIMENTS:
-                    why = "it changes none of the measured signals" if error.mute else f"it is not told apart from {' and '.join(n for n in plain if n != name)}"
+                    why = (
+                        "it changes none of the measured signals"
+                        if error.mute
+                        else f"it is not told apart from {' and '.join(n for n in plain if n != name)}"
+                    )
                     untold[name] = f"{why}; it stays at its start. To tell it, {EXPERIMENTS[word]}."
                 free.remove(name)
                 if windows:
                     options["window"] = windows = [
-                        dataclasses.replace(w, own=[n for n in w.own if n != name], start={k: v for k, v in w.start.items() if k != name}) for w in windows
+                        dataclasses.replace(w, own=[n for n in w.own if n != name], start={k: v for k, v in w.start.items() if k != name})
+                        for w in windows
                     ]

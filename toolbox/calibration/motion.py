@@ -109,7 +109,11 @@ def together(runs: Sequence[Run], part: Any) -> tuple[Recording, list[float]]:
         for name in names
     }
     first = runs[0].recording
-    held = None if any(run.recording.held is None for run in runs) else tuple(dict.fromkeys(n for run in runs for n in run.recording.held or ()))
+    held = (
+        None
+        if any(run.recording.held is None for run in runs)
+        else tuple(dict.fromkeys(n for run in runs for n in run.recording.held or ()))
+    )
     time = np.concatenate([run.recording.time + begin for run, begin in zip(runs, begins, strict=True)])
     sources = ", ".join(dict.fromkeys(run.recording.source for run in runs))
     return Recording(time, signals, sources, first.units, held=held, display_units=first.display_units), begins

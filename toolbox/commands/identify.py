@@ -29,17 +29,28 @@ def add(commands: Any) -> None:
     verb.add_argument("data", type=Path, nargs="+", metavar="FILE", help="recordings: CSV, MAT, TOML, sheets")
     verb.add_argument("--plant", default="Axis", choices=("Axis", "Joint"), help="what moves: Axis (m, N) or Joint (rad, N m) (Axis)")
     verb.add_argument(
-        "--number", metavar="FIELD=VALUE", action="append", default=[], help="a number that is known, such as mass='2.5 kg'; may be repeated"
+        "--number",
+        metavar="FIELD=VALUE",
+        action="append",
+        default=[],
+        help="a number that is known, such as mass='2.5 kg'; may be repeated",
     )
     verb.add_argument(
-        "--shift", metavar="SIGNAL", action="append", default=[], help="a signal whose clock may be off; its delay is found; may be repeated"
+        "--shift",
+        metavar="SIGNAL",
+        action="append",
+        default=[],
+        help="a signal whose clock may be off; its delay is found; may be repeated",
     )
     verb.add_argument("--directions", action="store_true", help="find friction forwards and backwards apart")
     log_arguments(verb)
     hold_argument(verb)
     verb.add_argument("--out", type=Path, metavar="DIR", help="folder for report, table, arrays, friction curve and residuals")
     figure_format(verb)
-    verb.set_defaults(action=run, spelled={"data": "FILE", "columns": "--column", "keep": "--keep", "held": "--held", "known": "--number", "shifts": "--shift"})
+    verb.set_defaults(
+        action=run,
+        spelled={"data": "FILE", "columns": "--column", "keep": "--keep", "held": "--held", "known": "--number", "shifts": "--shift"},
+    )
 
 
 def run(given: argparse.Namespace) -> int:
@@ -52,7 +63,9 @@ def run(given: argparse.Namespace) -> int:
     values = {}
     for name, text in pairs("--number", "FIELD=VALUE", given.number):
         if not units.get(name):
-            raise SceneError(f"Argument `--number` must name a number of {given.plant}: {', '.join(n for n, unit in units.items() if unit)}; but it is `{name}`.")
+            raise SceneError(
+                f"Argument `--number` must name a number of {given.plant}: {', '.join(n for n, unit in units.items() if unit)}; but it is `{name}`."
+            )
         values[name] = number(f"--number {name}", plain(text), units[name])
     with results(given, drawn_as(FILES, given.format), earlier("identification.txt", "^Fit of ", FILES)) as folder:
         found = identify(

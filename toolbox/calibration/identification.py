@@ -2,10 +2,10 @@
 
     m v' = F - F_0 - R(v)
 
-Several recordings are fitted together by `fit`: coast-downs, steps, sines, steady speeds. Each stretch without a gap is a run of its own, which begins where the
-samples say. The search begins at the numbers of a regression of the force over speed and acceleration, so that nobody has to guess. Friction is the simplest law
-that the data do not contradict: one level and viscous friction; then with a static friction above it; then with a Stribeck curve. The next one counts where it is
-better by odds of 150 to 1 and more.
+Several recordings are fitted together by `fit`: coast-downs, steps, sines, steady speeds. Each stretch without a gap is a run of its own, which begins where
+the samples say. The search begins at the numbers of a regression of the force over speed and acceleration, so that nobody has to guess. Friction is the
+simplest law that the data do not contradict: one level and viscous friction; then with a static friction above it; then with a Stribeck curve. The next one
+counts where it is better by odds of 150 to 1 and more.
 A table without times holds steady points: the force is then the friction itself, and needs no simulation.
 """
 
@@ -33,6 +33,9 @@ from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
 from toolbox.modelling.laws import names as names_of
 from toolbox.scenes.catalogue import part as offered
+
+EVERY_KIND = ("clipped", "drop-out", "reversed", "outlier")
+"""Flaws of samples over time, which steady points have not."""
 
 POINTS = 60
 """Points of a friction curve."""
@@ -159,8 +162,10 @@ def identify(
         raise SceneError(f'Argument `plant` must be "Axis", "Joint" or such a part, but it is {plant!r}: for any other plant use `fit`.')
     given = list(data) if isinstance(data, (list, tuple)) else [data]
     chosen = dict(columns or {})
-    changes = {name: f"{part.prefix}.{signal}" in chosen for name, signal in (("filtered", "filtered_speed"), ("loaded", "load"))}
-    part = dataclasses.replace(part, **{name: True for name, there in changes.items() if there})
+    changes: dict[str, Any] = {
+        name: f"{part.prefix}.{signal}" in chosen for name, signal in (("filtered", "filtered_speed"), ("loaded", "load"))
+    }
+    part = dataclasses.replace(part, **{name: there for name, there in changes.items() if there})
     system = compose(part)
     read = [_read(each, system, part, columns, keep) for each in given]
     steady = [recording for recording, is_steady in read if is_steady]
@@ -199,9 +204,7 @@ def _read(data: Any, system: Any, part: Any, columns: Mapping[str, str] | None, 
             source.columns[k] = dataclasses.replace(column, name=resistance)
     size = int(np.size(source.columns[0].cells))
     source.columns.append(Column("time", "s", list(range(size))))
-    return read_channels(
-        (source, where, name), system, {**there, "time": "time"} if columns else None, (), ("clipped", "drop-out", "reversed", "outlier")
-    ), True
+    return read_channels((source, where, name), system, {**there, "time": "time"} if columns else None, (), EVERY_KIND), True
 
 
 class _Work:
@@ -359,7 +362,7 @@ class _Steady(_Work):
         if body not in known:
             self.untold[body] = f"steady speeds do not depend on it. To tell it, {EXPERIMENTS[part.body]}."
         data = {"time": np.arange(self.speed.size, dtype=float), **self.data}
-        recording = Recording.of(data, compose(part), keep=("clipped", "drop-out", "reversed", "outlier"))
+        recording = Recording.of(data, compose(part), keep=EVERY_KIND)
         still = 0.5 * float(np.abs(self.speed[self.speed != 0.0]).min())
         return _told(
             part, recording, free, self.untold, contact=MeasuredContact(part.contact, still=still), starts=Search(8), confidence=confidence
@@ -464,7 +467,7 @@ def _told(part: Any, recording: Recording, free: Sequence[str], untold: dict[str
                     why = (
                         "it changes none of the measured signals"
                         if error.mute
-                        else f"it is not told apart from {' and '.join(n for n in plain if n != name)}"
+                        else f"it is not told apart from {', '.join(n for n in plain if n != name)}"
                     )
                     untold[name] = f"{why}; it stays at its start. To tell it, {EXPERIMENTS[word]}."
                 free.remove(name)

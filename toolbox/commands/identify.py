@@ -64,7 +64,7 @@ def run(given: argparse.Namespace) -> int:
     for name, text in pairs("--number", "FIELD=VALUE", given.number):
         if not units.get(name):
             raise SceneError(
-                f"Argument `--number` must name a number of {given.plant}: {', '.join(n for n, unit in units.items() if unit)}; but it is `{name}`."
+                f"Argument `--number` must name a number of {given.plant}: {', '.join(n for n in units if units[n])}; but it is `{name}`."
             )
         values[name] = number(f"--number {name}", plain(text), units[name])
     with results(given, drawn_as(FILES, given.format), earlier("identification.txt", "^Fit of ", FILES)) as folder:

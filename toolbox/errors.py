@@ -173,6 +173,32 @@ class GrazingError(SimulationError):
     """An event at which a run has no derivative: a guard that touches zero without crossing it, or two that reach zero at one instant."""
 
 
+def listed(names: Iterable[str], most: int = 30) -> str:
+    """Return names between marks for an error message: a file may hold any number of names of any length.
+
+    Parameters
+    ----------
+    names
+        The names. A name of more than a hundred characters is cut.
+    most
+        Number of names that are told.
+
+    Returns
+    -------
+    str
+        The first names, and how many more there are.
+
+    Examples
+    --------
+    >>> from toolbox.errors import listed
+    >>> print(listed(["time", "bit.speed", "top.speed"], most=2))
+    `time`, `bit.speed` and 1 more
+    """
+    names = list(names)
+    told = ", ".join(f"`{name if len(name) <= 100 else name[:100] + '...'}`" for name in names[:most])
+    return told + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
 def suggest(name: str, known: Iterable[str]) -> str:
     """Return the end of an error message about an unknown name: the most similar known names.
 
@@ -202,4 +228,4 @@ def suggest(name: str, known: Iterable[str]) -> str:
         return "did you mean " + " or ".join(f"`{word}`" for word in near) + "?"
     if not known:
         return "none is known."
-    return "known are " + ", ".join(f"`{word}`" for word in known[:30]) + ("." if len(known) <= 30 else ", ...")
+    return f"known are {listed(known)}."

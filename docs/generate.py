@@ -59,7 +59,7 @@ SHELVES = {
         "friction": ("Friction laws", "friction bristles rate_and_state bristle_contact dither"),
         "blocks": ("Blocks, sliders and closed forms", "belt sliders bar torsional_pendulum damper oscillators closed_forms"),
         "brakes": ("Brakes and disks", "disc_brake shoe_brake squeal disks disk_stack"),
-        "mechanisms": ("Mechanisms", "cranks gears gear_stage backlash overrunning_drive hand_arm"),
+        "mechanisms": ("Mechanisms", "axis cranks gears gear_stage backlash overrunning_drive hand_arm"),
         "hydraulics": ("Flow and valves", "flow_line valve_spool"),
         "elastic": ("Elastic bodies", "elastic"),
     },

@@ -2,6 +2,8 @@ from . import closed_forms as closed_forms
 from . import oscillators as oscillators
 from . import wells as wells
 from .axial import AxialChain as AxialChain
+from .axis import Axis as Axis
+from .axis import Joint as Joint
 from .backlash import BacklashDrive as BacklashDrive
 from .bar import OscillatorOnBar as OscillatorOnBar
 from .belt import Absorber as Absorber

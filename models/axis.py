@@ -17,11 +17,11 @@ from models.friction import Coulomb, Viscous
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
 
 
-def _moved(signal, part, place, force_name, units, body):
-    """The equations of a body with friction. place: name of its position;  units: of position, speed and force;  body: its mass or inertia."""
-    length, speed, force = units
-    x, v = state(f"{part.prefix}.{place}", length), state(f"{part.prefix}.speed", speed)
-    drive = signal(f"{part.prefix}.{force_name}", force, default=0.0)
+def _moved(signal, part, length):
+    """The equations of a body with friction. length: unit of its position."""
+    (speed, force), body = part.units, getattr(part, part.body)
+    x, v = state(f"{part.prefix}.{part.place}", length), state(f"{part.prefix}.speed", speed)
+    drive = signal(f"{part.prefix}.{part.force}", force, default=0.0)
     load = 1.0
     if part.loaded:
         load = 1.0 + part.load_share * ca.fabs(signal(f"{part.prefix}.load", force, default=0.0))
@@ -60,10 +60,10 @@ class Axis(Component):
     friction: FrictionLaw = Viscous(Coulomb(1.0, 1.0), 1.0)
     loaded: bool = False
     filtered: bool = False
-    prefix, contact = "axis", "rail"
+    prefix, contact, body, place, force, units = "axis", "rail", "mass", "position", "force", ("m/s", "N")
 
     def equations(self, signal):
-        return _moved(signal, self, "position", "force", ("m", "m/s", "N"), self.mass)
+        return _moved(signal, self, "m")
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Joint(Component):
     friction: FrictionLaw = Viscous(Coulomb(0.1, 0.1), 0.1)
     loaded: bool = False
     filtered: bool = False
-    prefix, contact = "joint", "bearing"
+    prefix, contact, body, place, force, units = "joint", "bearing", "inertia", "angle", "torque", ("rad/s", "N m")
 
     def equations(self, signal):
-        return _moved(signal, self, "angle", "torque", ("rad", "rad/s", "N m"), self.inertia)
+        return _moved(signal, self, "rad")

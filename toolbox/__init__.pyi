@@ -1,6 +1,7 @@
 from . import authoring as authoring
 from . import errors as errors
 from .calibration.fit import fit as fit
+from .calibration.identification import identify as identify
 from .drilling.lowest_set_point import lowest_set_point as lowest_set_point
 from .errors import SceneError as SceneError
 from .errors import SimulationError as SimulationError

@@ -119,6 +119,14 @@ class SceneError(ValueError):
     """
 
 
+class Unidentifiable(SceneError):
+    """Numbers that data do not tell: `names` of them, `mute` if they change no measured signal, and the `values` {name: value} where a search ended."""
+
+    def __init__(self, message: str, names: Iterable[str] = (), mute: bool = False, values: Any = None):
+        super().__init__(message)
+        self.names, self.mute, self.values = tuple(names), mute, dict(values or {})
+
+
 class NoSteadyState(SceneError):
     """A plant that has no steady state at the numbers asked, or none that was found.
 

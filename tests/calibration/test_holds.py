@@ -1,19 +1,14 @@
 """Inputs that a digital drive holds between samples: found or declared, they give the numbers of the axis; drawn as straight lines they do not."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from models import Coulomb
+from studies.benchmarks.measured_cases import LEVEL, MASS, OFFSET, VISCOUS, emps
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, compose, fit, quantity, simulate, state
 from toolbox.calibration import Recording, Search
-
-MASS, VISCOUS, LEVEL, OFFSET = 95.1089, 203.5034, 20.3935, -3.1648
-"""Published numbers of the electro-mechanical positioning system: A. Janot, M. Gautier, M. Brunot, Data set and reference models of EMPS, 2019."""
-
-GAIN, POSITION_GAIN, SPEED_GAIN, STEP = 35.15065188248547, 160.18, 243.45, 1e-3
 
 
 @dataclass(frozen=True)
@@ -30,35 +25,9 @@ class Axis(Component):
         return Equations(flow={x: v, v: (force - self.offset - self.viscous * v + rail.force) / self.mass}, elements=[rail])
 
 
-def moved(x, v, force, duration):
-    """Where an axis is after a time of constant force: exponentials in slip, exact stops and exact rest."""
-    while duration > 0.0:
-        side = math.copysign(1.0, v) if v else (math.copysign(1.0, force) if abs(force) > LEVEL else 0.0)
-        if not side:
-            return x, 0.0
-        end, rate = (force - side * LEVEL) / VISCOUS, VISCOUS / MASS
-        stop = math.log(1.0 - v / end) / rate if v and v / end < 0.0 else math.inf
-        slid = min(stop, duration)
-        fall = -math.expm1(-rate * slid)
-        x, v = x + end * slid + (v - end) * fall / rate, 0.0 if stop <= duration else v + (end - v) * fall
-        duration -= slid
-    return x, v
-
-
 def lap(seconds=6.0):
-    """(time, force, position, speed at the start): a position loop at 1 kHz on a trapezoidal profile of speed, encoder of 50 nm, commands held for 1 ms."""
-    count = round(seconds / STEP)
-    time = np.arange(count) * STEP
-    wanted = np.cumsum(0.11 * np.clip(3.0 * np.sin(2.0 * np.pi * time / 3.1), -1.0, 1.0)) * STEP
-    x = v = before = last = 0.0
-    position, force = np.empty(count), np.empty(count)
-    for k in range(count):
-        position[k] = seen = round(x / 5e-8) * 5e-8
-        middle = 0.5 * (seen + before)
-        volts = SPEED_GAIN * (POSITION_GAIN * (wanted[k] - seen) - (middle - last) / STEP)
-        before, last, force[k] = seen, middle, GAIN * min(max(volts, -10.0), 10.0)
-        x, v = moved(x, v, force[k] - OFFSET, STEP)
-    return time, force, position
+    """(time, force, position) of the published axis in its loop."""
+    return tuple(emps(seconds).values())
 
 
 NAMES = ["axis.mass", "axis.viscous", "axis.offset", "rail.friction.static", "rail.friction.kinetic"]

@@ -16,7 +16,7 @@ from toolbox.calibration.residuals import residuals
 from toolbox.calibration.resting import Resting, resting
 from toolbox.calibration.results import Fit
 from toolbox.calibration.trust import correlated, residual_of, sampling_error
-from toolbox.errors import SceneError, SimulationError
+from toolbox.errors import SceneError, SimulationError, Unidentifiable
 from toolbox.messages import progress_bar
 
 SINGULAR = 1e-6
@@ -115,9 +115,12 @@ class LeastSquares:
         sizes = {name: float(np.std(each)) or 1.0 for name, each in misfit.measured.items()}
         weights = np.concatenate([np.full(left[name].size, scales[name] / sizes[name]) for name in left])
         per_part = _product(jacobian * weights[:, None], size[:, None] * ways)
-        heard = np.sqrt((per_part**2).mean(axis=0)) >= MUTE if rest.why or equal else np.ones(ways.shape[1], bool)
+        heard = np.sqrt((per_part**2).mean(axis=0)) >= MUTE
+        if not (rest.why or equal):  # the start of a run that begins at rest has no influence, which is no fault of the others
+            start = np.array([number.is_start for number in misfit.numbers])
+            heard |= (ways[~start] != 0.0).any(axis=0)
         labels = [" = ".join(name for name, part in zip(self.names, way, strict=True) if part) for way in ways.T[heard]]
-        condition = self._identifiable(labels, per_part[:, heard])
+        condition = self._identifiable(labels, per_part[:, heard], dict(zip(self.names, values.tolist(), strict=True)))
         ways, mute = ways[:, heard], np.asarray(ways[:, ~heard].any(axis=1))
         jacobian = _product(jacobian, ways)
         n, k = sum(int(np.count_nonzero(own)) for own in self._all_weights().values()), jacobian.shape[1]
@@ -408,15 +411,16 @@ class LeastSquares:
         model = self.misfit.model(values)
         return {name: model[name] - self.misfit.measured[name] for name in self.misfit.outputs}
 
-    def _identifiable(self, names: Sequence[str], per_part: np.ndarray) -> float:
+    def _identifiable(self, names: Sequence[str], per_part: np.ndarray, at: Mapping[str, float]) -> float:
         """Condition of the scaled Jacobian; raises SceneError where it is singular, and names what is to blame."""
         length = np.sqrt((per_part**2).mean(axis=0))
         mute = [name for name, size in zip(names, length, strict=True) if size < MUTE]
         if mute:
             words = " and ".join(f"`{name}`" for name in mute)
-            raise SceneError(
-                f"Argument `free` must hold numbers that the data depend on, but {words} changes none of the measured signals."
-            )
+            raise Unidentifiable(
+                f"Argument `free` must hold numbers that the data depend on, but {words} changes none of the measured signals.",
+                [each for name in mute for each in name.split(" = ")], True, at,
+            )  # fmt: skip
         square, directions = np.linalg.eigh(np.einsum("ni,nj->ij", per_part, per_part) / (length[:, None] * length * len(per_part)))
         singular = np.sqrt(np.maximum(square, 0.0))
         if singular[0] < SINGULAR * singular[-1]:
@@ -425,8 +429,9 @@ class LeastSquares:
             involved = [(name, part) for name, part in zip(names, direction, strict=True) if abs(part) > 0.05]
             words = " and ".join(f"`{name}`" for name, _ in involved)
             changes = ", ".join(f"{100 * part:+.3g} % of `{name}`" for name, part in involved)
-            raise SceneError(
+            raise Unidentifiable(
                 f"Argument `free` must hold numbers that the data can tell apart, but {words} cannot be: changes in the ratio {changes} "
-                f"leave every residual as it is (singular values {singular[0]:.1e} : {singular[-1]:.1e}). Fix all of them but one."
-            )
+                f"leave every residual as it is (singular values {singular[0]:.1e} : {singular[-1]:.1e}). Fix all of them but one.",
+                [each for name, _ in involved for each in name.split(" = ")], False, at,
+            )  # fmt: skip
         return float(singular[-1] / singular[0])

@@ -137,7 +137,7 @@ class Recording(Result):
             raise SceneError(f"Argument `keep` must hold kinds of flaws, but it has `{unknown[0]}`: {suggest(unknown[0], KINDS)}")
         if decimal not in (None, ",", "."):
             raise SceneError(f'Argument `decimal` must be "," or ".", but it is {decimal!r}.')
-        read = _recording(source_of(data, plant, columns, decimal), plant, columns, tuple(map(float, nulls)), keep)
+        read = read_channels(source_of(data, plant, columns, decimal), plant, columns, tuple(map(float, nulls)), keep)
         return read if held is None else read.holding(held)
 
     def holding(self, inputs: str | Sequence[str]) -> Recording:
@@ -374,9 +374,10 @@ def _at(times: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.where((t[after] - t[after - 1] <= longest) | exact, found, np.nan)
 
 
-def _recording(
+def read_channels(
     data: tuple[Source, str, str], plant: HybridSystem, columns: Mapping[str, str] | None, nulls: tuple[float, ...], keep: Sequence[str]
 ) -> Recording:
+    """Return the recording of columns that were read: (columns, what errors call them, what the recording calls them)."""
     source, where, name = data
     kinds = () if source.what == "run" else tuple(k for k in KINDS if k not in keep)
     columns_of = chosen(source, where, plant, columns)

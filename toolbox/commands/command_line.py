@@ -49,6 +49,7 @@ COMMANDS = {
     "schedule": ("schedule", "gains of a law over the depth of a well, checked there and halfway between"),
     "windows": ("windows", "at which speed and weight a law keeps a well smooth, over its depth"),
     "fit": ("fit", "parameters of a scene's plant from measured signals, with confidence intervals"),
+    "identify": ("identify", "friction and mass of an axis or a joint from recordings, with the friction curve"),
     "posterior": ("posterior", "what numbers of a machine may be, given what was measured, as draws, and the evidence of its laws"),
     "estimate": ("estimate", "bit speed, torque at the bit, severity and margin from a log of the surface, each with its uncertainty"),
     "torquedrag": ("torque_drag", "hook load, drag and torque of a drill string: rotating, picking up, slacking off, stuck"),

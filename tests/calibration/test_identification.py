@@ -1,0 +1,124 @@
+"""Identification from recordings alone: the numbers of the machine are found, and what the data do not tell has its sentence and its experiment."""
+
+import numpy as np
+import pytest
+
+from models import Coulomb, GaussianStribeck, Joint, Viscous
+from toolbox import SceneError, compose, identify, simulate
+from toolbox.calibration import Identification, Recording
+from toolbox.commands.command_line import main
+
+TIME = np.arange(0.0, 4.0, 0.005)
+TRUE = Joint(inertia=0.02, offset=0.05, friction=Viscous(Coulomb(0.3, 0.3), 0.05))
+TRUTH = {"joint.inertia": 0.02, "joint.offset": 0.05, "bearing.friction.dry.static": 0.3, "bearing.friction.viscous": 0.05}
+STEPS = np.where(TIME % 2.0 < 1.0, 1.0, -0.8)
+SINE = 1.2 * np.sin(4.0 * TIME)
+
+
+def log(torque=None, speed=0.0, seed=0, joint=TRUE, held=False):
+    """A recording of 200 Hz: torque, and speed with noise of 0.01 rad/s."""
+    plant, inputs = compose(joint), {}
+    if torque is not None:
+        data = {"time": TIME, "joint.torque": torque}
+        inputs = Recording.of(data, plant, held="joint.torque").driving(plant) if held else {"joint.torque": (TIME, torque)}
+    run = simulate(plant, TIME[-1], inputs=inputs, start={"joint.speed": speed}, output_times=TIME)
+    found = {"time": TIME, "joint.speed": run["joint.speed"] + 0.01 * np.random.default_rng(seed).standard_normal(TIME.size)}
+    return found if torque is None else {**found, "joint.torque": torque}
+
+
+def off(found, truth):
+    """Numbers that are farther from the truth than four standard errors, which one log of 16 000 has by chance."""
+    errors = dict(zip(found.names, found.standard_errors, strict=True))
+    return [name for name, value in truth.items() if not abs(found[name] - value) < 4.0 * errors[name]]
+
+
+def test_steady_points_give_stribeck_and_viscous_friction_together():
+    speed = np.linspace(0.005, 0.6, 21)
+    found = identify({"axis.speed": speed, "axis.force": 5.0 + 15.0 * np.exp(-((speed / 0.07) ** 2)) + 35.0 * speed})
+    named = {name.rpartition(".")[2]: value for name, value in zip(found.names, found.values, strict=True)}
+    assert named == pytest.approx({"static": 20.0, "kinetic": 5.0, "speed": 0.07, "viscous": 35.0})
+    assert set(found.untold) == {"axis.mass", "axis.offset"}
+    assert "accelerate by a measured force" in found.untold["axis.mass"] and "move both ways" in found.untold["axis.offset"]
+
+
+def test_steady_points_both_ways_give_friction_of_each_direction():
+    speed = np.linspace(0.1, 2.0, 15)
+    force = np.concatenate([0.138 + 0.2 * speed, -0.565 - 0.3 * speed])
+    found = identify({"joint.speed": np.concatenate([speed, -speed]), "joint.torque": force}, "Joint", directions=True)
+    assert found["bearing.friction.forward.dry.static"] == pytest.approx(0.138)
+    assert found["bearing.friction.backward.dry.static"] == pytest.approx(0.565)
+    assert found["bearing.friction.forward.viscous"] == pytest.approx(0.2)
+    assert found["bearing.friction.backward.viscous"] == pytest.approx(0.3)
+    assert "differs by direction" in found.untold["joint.offset"]
+
+
+def test_a_coast_down_and_a_sine_and_steps_together_give_the_joint():
+    found = identify([log(speed=20.0, seed=1), log(SINE, seed=2), log(STEPS, seed=3)], "Joint")
+    assert off(found, TRUTH) == [] and found.white
+    assert all(found.standard_errors[found.names.index(name)] < 1e-3 * value for name, value in TRUTH.items())
+    assert "raise the force slowly" in found.untold["bearing.friction.dry.static"]
+    speed, middle, low, high = found.curve
+    right = np.sign(speed) * (0.3 + 0.05 * np.abs(speed))
+    assert ((low <= right) & (right <= high)).mean() > 0.9 and (high >= middle).all()
+    assert np.abs(found.points[1] - np.sign(found.points[0]) * (0.3 + 0.05 * np.abs(found.points[0]))).max() < 0.05
+
+
+def test_a_coast_down_alone_gives_friction_over_the_inertia_and_says_so():
+    found = identify(log(speed=20.0), Joint(inertia=0.02))
+    assert "joint.inertia" not in found.names and "steps, or a sine of the largest torque" in found.untold["joint.inertia"]
+    assert found["bearing.friction.viscous"] == pytest.approx(0.05, rel=0.01)
+    assert found["bearing.friction.dry.static"] == pytest.approx(0.35, rel=0.01)  # the offset of 0.05 is part of it: motion is one way
+
+
+def test_a_gap_makes_two_runs_each_with_its_own_start():
+    data = log(SINE)
+    kept = (TIME < 1.7) | (TIME > 2.3)
+    found = identify({name: values[kept] for name, values in data.items()}, "Joint")
+    assert off(found, TRUTH) == []
+    assert {"joint.speed[1]", "joint.speed[2]"} <= set(found.names)
+
+
+def test_the_clock_of_the_torque_is_found_to_be_late():
+    data = log(SINE)
+    late = {**data, "joint.torque": np.interp(TIME - 0.02, TIME, SINE)}
+    found = identify(late, "Joint", shifts="joint.torque")
+    low, high = found.interval("joint.torque.shift")
+    assert low <= 0.02 <= high and high - low < 2e-3
+    assert found["joint.inertia"] == pytest.approx(0.02, rel=0.01)
+
+
+def test_a_stribeck_curve_is_found_where_there_is_one():
+    joint = Joint(inertia=0.5, friction=Viscous(GaussianStribeck(1.0, 0.5, 0.8), 0.05))
+    found = identify(log(2.0 * np.sin(1.5 * TIME) + 0.6 * np.sin(7.0 * TIME), joint=joint, seed=4), "Joint")
+    truth = {"joint.inertia": 0.5, "bearing.friction.dry.kinetic": 0.5, "bearing.friction.dry.speed": 0.8, "bearing.friction.viscous": 0.05}
+    assert off(found, truth) == []
+
+
+def test_two_files_and_one_command_give_the_friction_curve(tmp_path, capsys):
+    for name, data in (("steps", log(STEPS)), ("sine", log(SINE))):
+        rows = np.stack([data["time"], data["joint.speed"] * 30.0 / np.pi, data["joint.torque"]], axis=1)
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="t [s],speed [rpm],torque [N m]", comments="")
+    columns = [f"--column={signal}={label}" for signal, label in (("time", "t"), ("joint.speed", "speed"), ("joint.torque", "torque"))]
+    out = tmp_path / "found"
+    files = [str(tmp_path / "steps.csv"), str(tmp_path / "sine.csv")]
+    assert main(["identify", *files, "--plant", "Joint", *columns, "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "bearing.friction.viscous" in said and "rpm" in said  # the unit of the log
+    assert {path.name for path in out.iterdir()} >= {
+        "identification.txt",
+        "identification.csv",
+        "identification.npz",
+        "friction.png",
+        "residuals.png",
+    }
+    found = Identification.load(out / "identification.npz")
+    assert off(found, TRUTH) == [] and found.untold
+
+
+def test_what_cannot_be_identified_is_refused_with_what_must_be_there():
+    with pytest.raises(SceneError, match="must hold `joint.angle` or `joint.speed`"):
+        identify({"time": TIME, "joint.torque": SINE}, "Joint")
+    with pytest.raises(SceneError, match="for any other plant use `fit`"):
+        identify({"time": TIME}, Coulomb())
+    with pytest.raises(SceneError, match="both: identify one after the other"):
+        identify([log(SINE), {"joint.speed": TIME[1:], "joint.torque": TIME[1:]}], "Joint")

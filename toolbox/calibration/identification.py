@@ -1,0 +1,478 @@
+"""Identification: the friction of an axis, a joint or a valve from recordings of its motion, with what they tell and what they do not.
+
+    m v' = F - F_0 - R(v)
+
+Several recordings are fitted together by `fit`: coast-downs, steps, sines, steady speeds. Each stretch without a gap is a run of its own, which begins where
+the samples say. The search begins at the numbers of a regression of the force over speed and acceleration, so that nobody has to guess. Friction is the
+simplest law that the data do not contradict: one level and viscous friction; then with a static friction above it; then with a Stribeck curve. The next one
+counts where it is better by odds of 150 to 1 and more.
+A table without times holds steady points: the force is then the friction itself, and needs no simulation.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import FloatArray
+from toolbox.calibration.channels import TIMES, source_of
+from toolbox.calibration.fit import fit
+from toolbox.calibration.holds import EVIDENCE, fitted_evidence
+from toolbox.calibration.motion import Run, first_guess, friction_points, runs_of, together
+from toolbox.calibration.recording import Recording, read_channels
+from toolbox.calibration.results import Fit
+from toolbox.calibration.windows import MeasuredContact, Search, Window
+from toolbox.errors import SceneError, SimulationError, Unidentifiable
+from toolbox.files.printing import Rows
+from toolbox.logs.grids import Column
+from toolbox.modelling.components import Component
+from toolbox.modelling.composition import compose
+from toolbox.modelling.laws import names as names_of
+from toolbox.scenes.catalogue import part as offered
+
+EVERY_KIND = ("clipped", "drop-out", "reversed", "outlier")
+"""Flaws of samples over time, which steady points have not."""
+
+POINTS = 60
+"""Points of a friction curve."""
+
+EXPERIMENTS = {
+    "static": "raise the force slowly from rest until it moves, several times each way",
+    "kinetic": "move at steady speeds over the whole range",
+    "viscous": "move at steady speeds that differ by a factor of five or more",
+    "speed": "move at slow steady speeds, from creep to three times the speed at which friction is least",
+    "offset": "move both ways, by the same path",
+    "mass": "accelerate by a measured force: steps, or a sine of the largest force",
+    "inertia": "accelerate by a measured torque: steps, or a sine of the largest torque",
+    "filter_time": "record steps, or the speed without its filter",
+    "load_share": "repeat the test under two loads that differ much",
+    "shift": "record a step of the force, which marks the clocks of both channels",
+}
+"""{last word of a number: experiment that tells it}."""
+
+
+@dataclass(frozen=True)
+class Identification(Fit):
+    """Numbers that recordings tell, and those that they do not: a `Fit` with its friction curve; `print(found)`, `found.plot()`, `found.plot_residuals()`.
+
+    Attributes
+    ----------
+    untold
+        {number that the data do not tell: why, and which experiment would}.
+    points
+        Friction in the data: speed and force, shape (2, points).
+    curve
+        Friction of the law: speed, force and both ends of its interval, shape (4, points).
+    curve_units
+        Units of speed and force of both.
+    recordings
+        What was read, in words.
+    """
+
+    untold: Mapping[str, str] = field(default_factory=dict)
+    points: FloatArray = field(default_factory=lambda: np.zeros((2, 0)))
+    curve: FloatArray = field(default_factory=lambda: np.zeros((4, 0)))
+    curve_units: tuple[str, str] = ("m/s", "N")
+    recordings: tuple[str, ...] = ()
+
+    def _told(self) -> list[str | Rows]:
+        lines = [*super()._told()]
+        if self.untold:
+            lines += ["", "What the data do not tell:", *(f"  {name}: {why}" for name, why in self.untold.items())]
+        return [*lines, "", *self.recordings]
+
+    def plot(self) -> Any:
+        """Draw friction against speed: the points of the data, the law, and its interval. Returns the axes."""
+        from toolbox.calibration.figures import friction_curve  # here, because matplotlib is slow to import
+
+        return friction_curve(self)
+
+    def plot_residuals(self) -> Any:
+        """Draw what was measured against the model, and the residuals. Returns the axes."""
+        return super().plot()
+
+
+def identify(
+    data: Any,
+    plant: Any = "Axis",
+    *,
+    columns: Mapping[str, str] | None = None,
+    known: str | Sequence[str] = (),
+    shifts: str | Sequence[str] = (),
+    friction: Any = None,
+    directions: bool = False,
+    held: str | Sequence[str] | None = None,
+    keep: Sequence[str] = (),
+    confidence: float = 0.95,
+) -> Identification:
+    """Identify the friction and the mass of an axis or a joint from recordings, with intervals and the friction curve.
+
+    Parameters
+    ----------
+    data
+        A recording or several, each as `Recording.of` reads it: paths of logs, mappings, tables. They are fitted together. A
+        table without times holds steady points, speed and force.
+    plant
+        "Axis" (m, N) or "Joint" (rad, N m) of `models`, or such a part with numbers of its own, where the search begins.
+    columns
+        {signal: column}, such as {"time": "t", "axis.position": "pos [mm]", "axis.force": "F [N]"}, of all recordings. A column
+        that a recording does not have is left out. By default columns have the names of signals.
+    known
+        Numbers of the part that are known and stay, such as "axis.mass".
+    shifts
+        Signals whose clock may be off, such as "axis.force": how much later each was written is found.
+    friction
+        A friction law in place of the simplest one that the data do not contradict.
+    directions
+        Find friction forwards and backwards apart. A constant force beside friction is then no number of its own.
+    held
+        Inputs that are held between samples; see `fit`.
+    keep
+        Kinds of flaws that are data; see `Recording.of`.
+    confidence
+        Confidence level of the intervals.
+
+    Returns
+    -------
+    Identification
+        Numbers with intervals, residuals, the friction curve, and a sentence for each number that the data do not tell.
+
+    Raises
+    ------
+    SceneError
+        If a recording cannot be read, or holds neither speed nor position.
+    SimulationError
+        If the motion cannot be simulated.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from toolbox import identify
+    >>> speed = np.linspace(0.05, 0.6, 12)
+    >>> found = identify({"axis.speed": speed, "axis.force": 5.0 + 35.0 * speed}, known="axis.offset")
+    >>> print(round(found["rail.friction.viscous"], 3))
+    35.0
+    """
+    part = offered(plant)() if isinstance(plant, str) else plant
+    if not (isinstance(part, Component) and hasattr(part, "friction") and hasattr(part, "prefix")):
+        raise SceneError(f'Argument `plant` must be "Axis", "Joint" or such a part, but it is {plant!r}: for any other plant use `fit`.')
+    given = list(data) if isinstance(data, (list, tuple)) else [data]
+    chosen = dict(columns or {})
+    changes: dict[str, Any] = {
+        name: f"{part.prefix}.{signal}" in chosen for name, signal in (("filtered", "filtered_speed"), ("loaded", "load"))
+    }
+    part = dataclasses.replace(part, **{name: there for name, there in changes.items() if there})
+    system = compose(part)
+    read = [_read(each, system, part, columns, keep) for each in given]
+    steady = [recording for recording, is_steady in read if is_steady]
+    moving = [recording if held is None else recording.holding([name for name in names_of(held) if name in recording.signals])
+              for recording, is_steady in read if not is_steady]  # fmt: skip
+    if steady and moving:
+        raise SceneError(
+            "Argument `data` must hold steady points or recordings over time, but it holds both: identify one after the other."
+        )
+    work = _Steady(part, steady) if steady else _Moving(part, moving, held, shifts)
+    found = work.simplest(friction, directions, names_of(known), confidence)
+    units = {key: unit for recording, _ in read for key, unit in recording.display_units.items() if key != "s"}
+    return dataclasses.replace(
+        found, display_units={**found.display_units, **units}, recordings=tuple(str(recording) for recording, _ in read)
+    )
+
+
+def _read(data: Any, system: Any, part: Any, columns: Mapping[str, str] | None, keep: Sequence[str]) -> tuple[Recording, bool]:
+    """(recording, whether it holds steady points). Of the columns that are named those count that the recording has."""
+    if isinstance(data, Recording):
+        return data, False
+    source, where, name = source_of(data, system, columns, None)
+    heads = {" ".join(column.name.split()).casefold() for column in source.columns}
+    there = {
+        signal: label for signal, label in (columns or {}).items()
+        if any(head == label.casefold() or label.casefold().startswith(f"{head} [") for head in heads)
+    }  # fmt: skip
+    timed = "time" in there or source.index is not None or any(each in heads for each in TIMES)
+    if timed:
+        return read_channels((source, where, name), system, there or None if columns else None, (), keep), False
+    force, resistance = f"{part.prefix}.{part.force}", f"{part.prefix}.resistance"
+    label = there.pop(force, None)
+    there |= {} if label is None else {resistance: label}
+    for k, column in enumerate(source.columns):
+        if not columns and column.name == force:
+            source.columns[k] = dataclasses.replace(column, name=resistance)
+    size = int(np.size(source.columns[0].cells))
+    source.columns.append(Column("time", "s", list(range(size))))
+    return read_channels((source, where, name), system, {**there, "time": "time"} if columns else None, (), EVERY_KIND), True
+
+
+class _Work:
+    """Fits of one part to what was read, law by law."""
+
+    def __init__(self, part: Any):
+        self.part, self.untold = part, dict[str, str]()
+
+    def fitted(self, part: Any, known: Sequence[str], confidence: float) -> Fit:
+        """The fit of a part with all numbers free that are not known, as far as the data tell them."""
+        raise NotImplementedError
+
+    def both_ways(self) -> bool:
+        """Whether there is motion in both directions."""
+        raise NotImplementedError
+
+    def points(self, found: Fit) -> np.ndarray:
+        """Friction in the data."""
+        raise NotImplementedError
+
+    def guess(self) -> dict[str, float]:
+        """Mass, level, viscous and offset, about."""
+        raise NotImplementedError
+
+    def simplest(self, friction: Any, directions: bool, known: Sequence[str], confidence: float) -> Identification:
+        """The simplest law that the data do not contradict, with its curve."""
+        about, part = self.guess(), self.part
+        start = {part.body: about["mass"]} if f"{part.prefix}.{part.body}" not in known else {}
+        if f"{part.prefix}.offset" not in known:
+            start["offset"] = 0.0 if directions or not self.both_ways() else about["offset"]
+        if directions or not self.both_ways():
+            known = [*known, f"{part.prefix}.offset"]
+            self.untold[f"{part.prefix}.offset"] = (
+                "a constant force beside friction cannot be told from friction that differs by direction; it is part of that here" if self.both_ways()
+                else f"it cannot be told from friction in motion one way; it is part of that here. To tell it, {EXPERIMENTS['offset']}."
+            )  # fmt: skip
+        part = dataclasses.replace(part, **start)
+        viscous, one, coulomb, stribeck, two = (
+            offered(name) for name in ("Viscous", "Hyperbolic", "Coulomb", "GaussianStribeck", "TwoWay")
+        )
+        level, slope = about["level"], about["viscous"]
+
+        def law(dry: Any) -> Any:
+            return two(viscous(dry, slope), viscous(dry, slope)) if directions else viscous(dry, slope)
+
+        dry = one(level, 0.0), coulomb(1.05 * level, level), stribeck(1.6 * level, level, about["speed"])
+        laws = [law(each) for each in dry] if friction is None else [friction]
+        best, told = None, {}
+        for each in laws:
+            self.untold = dict(self.untold)
+            before, self.untold = self.untold, {}
+            try:
+                found = self.fitted(dataclasses.replace(part, friction=each), known, confidence)
+            except (SceneError, SimulationError):
+                if best is None:
+                    raise
+                found = None
+            if found is not None and (best is None or fitted_evidence(best, found) > EVIDENCE + (found.values.size - best.values.size)):
+                best, told = found, self.untold
+            self.untold = before
+            if best is not None and best.white:
+                break  # nothing is left that a richer law could explain
+        assert best is not None
+        return self._result(best, {**self.untold, **told})
+
+    def _result(self, found: Fit, untold: dict[str, str]) -> Identification:
+        """The fit with its curve and with the numbers that it hardly tells."""
+        for name, value, error in zip(found.names, found.values, found.standard_errors, strict=True):
+            word = name.rpartition(".")[2]
+            if (
+                name in found.parameters
+                and word not in ("offset", "load_share")
+                and np.isfinite(error)
+                and found.factor * error > abs(value)
+            ):
+                untold.setdefault(name, f"its interval holds 0. To tell it, {EXPERIMENTS[word]}.")
+        for name in found.parameters:
+            if name.endswith(".static") and f"{name.removesuffix('static')}kinetic" not in found.misfit.loop.plant.parameters:
+                untold[name] = (
+                    f"it stands for static and kinetic friction, which the data do not tell apart. To tell them, {EXPERIMENTS['static']}."
+                )
+        if found.equal:
+            untold[f"{found.equal}static"] = f"it is not told from the kinetic friction. To tell it, {EXPERIMENTS['static']}."
+        own = {each.name: getattr(found, each.name) for each in dataclasses.fields(Fit)}
+        points = self.points(found)
+        return Identification(**own, untold=untold, points=points, curve=_curve(found, points), curve_units=self.part.units)
+
+    def _asked(self, part: Any, known: Sequence[str]) -> list[str]:
+        """Numbers of a part that are free."""
+        idle = {f"{part.prefix}.{name}" for name, used in (("load_share", part.loaded), ("filter_time", part.filtered)) if not used}
+        system = compose(part)
+        idle |= {name for name in system.parameters if name.endswith(".decay") and not float(system.values[system.parameters[name].offset])}
+        return [name for name in system.parameters if name not in idle | {*known} and name not in system.inputs]
+
+
+def _curve(found: Fit, points: np.ndarray) -> np.ndarray:
+    """Speed, friction of the law, and both ends of its interval, over the speeds of the data."""
+    numbers = [(i, name) for i, name in enumerate(found.names) if name in found.parameters]
+    high, low = max(float(points[0].max(initial=0.0)), 0.0), min(float(points[0].min(initial=0.0)), 0.0)
+    speeds = np.concatenate(
+        [side * np.geomspace(1e-3, 1.0, POINTS // 2)[:: int(side)] * abs(end) for side, end in ((-1.0, low), (1.0, high)) if end]
+    )
+
+    def friction(values: np.ndarray) -> np.ndarray:
+        plant = found.misfit.loop.closed.plant.with_parameters({name: float(values[i]) for i, name in numbers})
+        law = plant.parts[0].friction
+        back = law.reverse()
+        return np.array([float(np.sign(v)) * float((law if v > 0 else back).sliding(abs(float(v)))) for v in speeds])
+
+    middle, slopes = friction(found.values), []
+    for i, _ in numbers:
+        step = np.zeros(found.values.size)
+        step[i] = 1e-4 * max(abs(found.values[i]), 1e-9)
+        word = found.names[i].rpartition(".")[2]
+        sign = -1.0 if word == "kinetic" else 1.0  # a kinetic friction is at most the static one
+        slopes.append((friction(found.values + sign * step) - middle) / (sign * step[i]))
+    places = [i for i, _ in numbers]
+    covariance = np.where(np.isfinite(found.covariance), found.covariance, 0.0)[np.ix_(places, places)]
+    wide = found.factor * np.sqrt(np.maximum(np.einsum("in,ij,jn->n", np.array(slopes), covariance, np.array(slopes)), 0.0))
+    return np.stack([speeds, middle, middle - wide, middle + wide])
+
+
+class _Steady(_Work):
+    """Steady points: friction itself, without simulation."""
+
+    def __init__(self, part: Any, recordings: Sequence[Recording]):
+        super().__init__(part)
+        prefix = part.prefix
+        for recording in recordings:
+            for name in (f"{prefix}.speed", f"{prefix}.resistance"):
+                if name not in recording.signals:
+                    raise SceneError(
+                        f"Steady points must hold speed and force, but `{name}` is missing: they hold {', '.join(recording.signals)}."
+                    )
+        self.data = {
+            name: np.concatenate([each.signals[name] for each in recordings]) for name in (f"{prefix}.speed", f"{prefix}.resistance")
+        }
+        self.speed, self.force = self.data.values()
+
+    def both_ways(self) -> bool:
+        return bool((self.speed > 0).any() and (self.speed < 0).any())
+
+    def guess(self) -> dict[str, float]:
+        side = np.sign(self.speed)
+        basis = np.stack([side, self.speed, *([np.ones(side.size)] if self.both_ways() else [])], axis=1)
+        level, slope, *offset = np.linalg.lstsq(basis, self.force, rcond=None)[0].tolist()
+        size = float(np.abs(self.force).max())
+        slow = float(np.quantile(np.abs(self.speed), 0.2))
+        return {"mass": getattr(self.part, self.part.body), "level": max(level, 0.1 * size), "viscous": max(slope, 0.01 * size / np.abs(self.speed).max()),
+                "offset": offset[0] if offset else 0.0, "speed": slow}  # fmt: skip
+
+    def fitted(self, part: Any, known: Sequence[str], confidence: float) -> Fit:
+        body = f"{part.prefix}.{part.body}"
+        free = [name for name in self._asked(part, known) if name != body]
+        if body not in known:
+            self.untold[body] = f"steady speeds do not depend on it. To tell it, {EXPERIMENTS[part.body]}."
+        data = {"time": np.arange(self.speed.size, dtype=float), **self.data}
+        recording = Recording.of(data, compose(part), keep=EVERY_KIND)
+        still = 0.5 * float(np.abs(self.speed[self.speed != 0.0]).min())
+        return _told(
+            part, recording, free, self.untold, contact=MeasuredContact(part.contact, still=still), starts=Search(8), confidence=confidence
+        )
+
+    def points(self, found: Fit) -> np.ndarray:
+        offset = found.misfit.loop.closed.plant.with_parameters(found.parameters).parts[0].offset
+        return np.stack([self.speed, self.force - float(offset)])
+
+
+class _Moving(_Work):
+    """Recordings over time, by simulation."""
+
+    def __init__(self, part: Any, recordings: Sequence[Recording], held: Any, shifts: str | Sequence[str]):
+        super().__init__(part)
+        self.held, self.shifts = held, [f"{name}.shift" for name in names_of(shifts)]
+        self.runs: list[Run] = [run for recording in recordings for run in runs_of(recording, part)]
+        self.recording, self.begins = together(self.runs, part)
+
+    def both_ways(self) -> bool:
+        top = max(float(np.abs(run.speed).max()) for run in self.runs)
+        return any((run.speed > 0.1 * top).any() for run in self.runs) and any((run.speed < -0.1 * top).any() for run in self.runs)
+
+    def guess(self) -> dict[str, float]:
+        return first_guess(self.runs, getattr(self.part, self.part.body), self.both_ways())
+
+    def fitted(self, part: Any, known: Sequence[str], confidence: float) -> Fit:
+        free, body = self._asked(part, known), f"{part.prefix}.{part.body}"
+        if body in free and not any(run.driven for run in self.runs):
+            free.remove(body)
+            self.untold[body] = (
+                f"without a measured force only friction over {part.body} is told, so it stays at {getattr(part, part.body):g}. "
+                f"To tell it, {EXPERIMENTS[part.body]}."
+            )
+        windows = [
+            Window(begin, begin + run.span, own=list(run.starts), start=run.starts)
+            for run, begin in zip(self.runs, self.begins, strict=True)
+        ]
+        starts = list(dict.fromkeys(name for run in self.runs for name in run.starts))
+        return _told(
+            part,
+            self.recording,
+            [*free, *starts, *self.shifts],
+            self.untold,
+            window=windows,
+            starts=Search(1),
+            confidence=confidence,
+            held=self.held,
+        )
+
+    def points(self, found: Fit) -> np.ndarray:
+        fitted = found.misfit.loop.closed.plant.with_parameters(found.parameters).parts[0]
+        return friction_points(self.runs, float(getattr(fitted, fitted.body)), float(fitted.offset))
+
+
+def _released(part: Any, found: Fit, silent: Sequence[str]) -> Any:
+    """The part with static frictions that the data do not feel where the motion is as it was measured: a little above the kinetic one, or far above."""
+    misfit, numbers = found.misfit, dict(found.parameters)
+
+    def left(factor: float) -> float:
+        changed = found.values.copy()
+        for name in silent:
+            changed[found.names.index(name)] = factor * numbers[name.removesuffix("static") + "kinetic"]
+        try:
+            model = misfit.model(changed)
+        except (SceneError, SimulationError):
+            return float("inf")
+        return sum(
+            float(np.mean((model[name] - misfit.measured[name]) ** 2)) / float(np.var(misfit.measured[name])) for name in misfit.outputs
+        )
+
+    best = min((1.02, 1.1, 1.3, 1.6, 2.0), key=left)
+    numbers |= {name: best * numbers[name.removesuffix("static") + "kinetic"] for name in silent}
+    return misfit.loop.closed.plant.with_parameters(
+        {name: value for name, value in numbers.items() if misfit.loop.plant.has_parameter(name)}
+    ).parts[0]
+
+
+def _told(part: Any, recording: Recording, free: Sequence[str], untold: dict[str, str], **options: Any) -> Fit:
+    """The fit of those numbers that the data tell; of all others `untold` gets a sentence, and they stay where the search left them."""
+    free = list(free)
+    while True:
+        windows = options.get("window")
+        try:
+            found = fit(compose(part), recording, free, **options)
+            silent = [name for name in found.unidentifiable if name.endswith(".static")]
+            if not silent:
+                return found
+            part = _released(part, found, silent)
+            for name in silent:
+                free.remove(name)
+                untold[name] = f"every break-away falls on a jump of the force, which passes it. To tell it, {EXPERIMENTS['static']}."
+        except Unidentifiable as error:
+            plain = [name.partition("[")[0] for name in error.names if name.partition("[")[0] in free]
+            order = [name for word in ("offset", "static", "speed", "viscous", "shift") for name in plain if name.endswith(f".{word}")]
+            lost = plain if error.mute else (order or plain)[:1]
+            if not lost or len(lost) == len(free):
+                raise
+            for name in lost:
+                word = name.rpartition(".")[2]
+                if word in EXPERIMENTS:
+                    why = (
+                        "it changes none of the measured signals"
+                        if error.mute
+                        else f"it is not told apart from {', '.join(n for n in plain if n != name)}"
+                    )
+                    untold[name] = f"{why}; it stays at its start. To tell it, {EXPERIMENTS[word]}."
+                free.remove(name)
+                if windows:
+                    options["window"] = windows = [
+                        dataclasses.replace(w, own=[n for n in w.own if n != name], start={k: v for k, v in w.start.items() if k != name})
+                        for w in windows
+                    ]

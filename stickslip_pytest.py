@@ -35,12 +35,12 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     """Register the marker."""
-    text = "repeat the test with each parameter of the plant raised and lowered by its part of the declared value, through the fixture `perturbed`"
+    text = "repeat the test with each parameter of the plant raised and lowered by its part of the nominal value, through the fixture `perturbed`"
     config.addinivalue_line("markers", f"{MARKER}(parts): {text}")
 
 
 def pytest_generate_tests(metafunc):
-    """One test per perturbation, and one for the declared machine."""
+    """One test per perturbation, and one for the nominal plant."""
     if "perturbed" not in metafunc.fixturenames:
         return
     marker = metafunc.definition.get_closest_marker(MARKER)
@@ -52,7 +52,7 @@ def pytest_generate_tests(metafunc):
             f'The fixture `perturbed` needs the marker `{MARKER}({{"bit.weight": 0.2}})` with parts > 0 by parameter, on {metafunc.definition.nodeid}.'
         )
     cases = [{}, *({name: sign * part} for name, part in parts.items() for sign in (1, -1))]
-    words = [", ".join(f"{name} {100 * part:+g} %" for name, part in case.items()) or "declared" for case in cases]
+    words = [", ".join(f"{name} {100 * part:+g} %" for name, part in case.items()) or "nominal" for case in cases]
     metafunc.parametrize("perturbed", cases, ids=words, indirect=True)
 
 

@@ -239,7 +239,7 @@ def dither_map(
     offset: float = 0.0,
     **arguments: Any,
 ) -> DitherMap:
-    """Map the swing of a signal under an alternating load, load = mean (1 + depth sin) - offset, by simulation.
+    """Map the amplitude of a signal under an alternating load, load = mean (1 + depth sin) - offset, by simulation.
 
     Each run lasts `periods` natural periods, of which the second half counts. The map judges a speed that is held: of a machine that dither may stop, such as a
     brake under a drive torque, hold the speed by `controller=HeldSpeed(reference=...)`. Points at which the contact stands are never recommended.
@@ -249,26 +249,28 @@ def dither_map(
     plant
         The plant.
     load
-        The input that alternates. Give an actuator as part of the plant and its command as load, to see what arrives of the dither.
+        Name of the input that alternates. Give an actuator as part of the plant and its command as load, to see what arrives of the dither.
     mean
-        Its mean.
+        Its mean, in SI.
     natural
-        Natural frequency [Hz] that frequencies are multiples of.
+        Natural frequency [Hz], the unit of `ratios`.
     contact, signal
-        The contact to judge, and the signal whose swing is mapped.
-    ratios, depths
-        Frequencies as multiples of `natural`, and depths of the alternation.
+        Names of the contact that is judged and of the signal whose amplitude is mapped.
+    ratios
+        Frequencies of the alternation as multiples of `natural`.
+    depths
+        Amplitudes of the alternation as fractions of `mean`.
     periods
         Length of a run in natural periods.
     offset
-        Force that is given otherwise and that the dither rides on, as with `brake.disturbance`.
+        Part of the load that another input gives, as with `brake.disturbance`.
     arguments
         Further arguments of `simulate`, such as `controller` and `start`.
 
     Returns
     -------
     DitherMap
-        The swing at every frequency and depth.
+        The amplitude at every frequency and depth; it prints as a table.
 
     Raises
     ------
@@ -277,6 +279,7 @@ def dither_map(
 
     Examples
     --------
+    >>> from controllers import dither_map
     >>> from models import oscillators
     >>> from toolbox import compose
     >>> block = compose(oscillators.LEINE)

@@ -1,5 +1,6 @@
 """What all tests share: figures without a screen, and the catalogue of a checkout that is not installed."""
 
+import functools
 import os
 import shutil
 import sys
@@ -37,9 +38,31 @@ def pytest_configure(config):
         settings.load_profile("quick")
     if not config.pluginmanager.has_plugin("stickslip_pytest"):  # an installation registers it
         config.pluginmanager.import_plugin("stickslip_pytest")
+    _refuse_former_column_heads()
     here = not config.getoption("numprocesses", None)  # tests run in this process, not in others that it starts
     if here and config.option.markexpr == "not slow" and not config.option.users_code:
         _compile_quickly()
+
+
+def _refuse_former_column_heads():
+    """Let every test fail that prints or writes a table in which a column has a former name (`toolbox.vocabulary`)."""
+    from toolbox.files import printing, tables  # before any module takes their functions
+    from toolbox.vocabulary import NOW
+
+    former = {old: now for (place, old), now in NOW.items() if place == "column"}
+
+    def checked(function, heads_of):
+        @functools.wraps(function)
+        def refusing(*args, **kwargs):
+            for word in heads_of(*args):
+                assert word not in former, f"the column `{word}` is now `{former[word]}`"
+            return function(*args, **kwargs)
+
+        return refusing
+
+    printing.columns = checked(printing.columns, lambda rows, *_: rows[0] if rows else ())
+    printing._grid = checked(printing._grid, lambda headings, *_: headings)
+    tables.write = checked(tables.write, lambda path, headings, *_: [word.split(" [")[0] for word in headings])
 
 
 def _compile_quickly():

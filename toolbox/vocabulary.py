@@ -118,6 +118,18 @@ ENTRIES = (
     Entry("SetPointLimit", "margin_declared", "margin_nominal", "disk margin of the nominal plant"),
     Entry("verdict", "free at last", "recovered", "verdict on a run that is free after several sticks"),
     Entry("verdict", "sticks once", "recovered after 1 stick", "verdict on a run that is free after one stick"),
+    # column heads of tables
+    Entry("column", "law", "controller", "controller that a row is about"),
+    Entry("column", "declared", "nominal", "nominal value of a parameter, or the plant with its nominal values"),
+    Entry("column", "real", "noisy", "noise, and 10 % more weight"),
+    Entry("column", "robust", "one_at_a_time", "one deviation on each plant"),
+    Entry("column", "corners", "combined", "three deviations at once"),
+    Entry("column", "rocks", "other_rocks", "other friction laws of the rock"),
+    Entry("column", "direct", "takeover", "the controller takes over, and the set-point stays"),
+    Entry("column", "raised", "ramp", "the set-point is raised, and ramps down after the takeover"),
+    Entry("column", "measure", "metric", "number that is read from a run"),
+    Entry("column", "way", "stopping distance", "distance until a brake has stopped"),
+    Entry("WrongNumber", "declared", "nominal", "value of the number on the nominal plant"),
     # commands
     Entry("stickslip", "drives", "setpoints", "command that prints the lowest set-points"),
     Entry("stickslip-onset stickslip-setpoints", "--from", "--range NAME=LOW:HIGH", "range of a parameter"),

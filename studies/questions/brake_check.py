@@ -3,7 +3,7 @@
 The plant is `brake_stops.c`, compiled here; the five control laws are written again below, from their formulas. Nothing of `toolbox`, `models` or
 `controllers` takes part. What agrees with it is the event location, the compiled laws, their sampling and delays, and the actuator.
 
-Twelve cells of the table of `python -m studies brakes`: stopping distances at 2.5 m/s2 of four laws with friction 20 % lower, as declared and 20 % higher. The
+Twelve cells of the table of `python -m studies brakes`: stopping distances at 2.5 m/s2 of four laws with friction 20 % lower, nominal and 20 % higher. The
 noise is another one, from numpy; the longest of two seeds is printed. Both agree within 0.1 m.
 
     python -m studies brake_check        (needs a C compiler, `cc`; a minute)

@@ -1,16 +1,16 @@
 """What is left of the borders of groan, and of the band of dither, on a machine that is a little different?
 
 Groan. The rows of `studies.questions.brakes` that are silent there, with the same actuator and noise: the highest deceleration up to which no pad groans,
-on the declared machine, and where friction, stiffness of the caliper, or the inertia that it brakes is 20 % more or less, one at a time. Each at eight phases
-of the roughness of the disc; the least of the eight counts. The laws are designed on the declared machine. Found by bisection on a grid of 0.1 m/s2
+on the nominal machine, and where friction, stiffness of the caliper, or the inertia that it brakes is 20 % more or less, one at a time. Each at eight phases
+of the roughness of the disc; the least of the eight counts. The laws are designed on the nominal machine. Found by bisection on a grid of 0.1 m/s2
 between 0.5 and 3 m/s2 and confirmed at three decelerations below the answer, because a law may groan at a lower one.
 
 Dither. A sine of the load at the frequency and depth that `studies.questions.dither` finds best. It begins inside the stick-slip cycle at eight phases of
-it, on the declared rig and where friction, stiffness, load, amplitude or frequency of the dither is 20 % more or less: the largest swing, in parts of
+it, on the nominal rig and where friction, stiffness, load, amplitude or frequency of the dither is 20 % more or less: the largest swing, in parts of
 that without dither on the same rig, after 80 natural periods. The band: frequencies, in parts of the natural one, at which the swing stays below a half
 at that depth; robust where it does so on every rig and at every phase.
 
-Distance. For every law that eases and several margins: the longest stopping distance from 30 km/h at 2.5 m/s2 (13.9 m planned), declared and over all errors,
+Distance. For every law that eases and several margins: the longest stopping distance from 30 km/h at 2.5 m/s2 (13.9 m planned), nominal and over all errors,
 at two phases; "groans" where a pad does.
 
 What comes out: Dither of Leine's block keeps the worst swing about a half (0.45 to 0.51) at 3.3 to 3.7 natural frequencies, whatever is 20 % off,
@@ -42,8 +42,8 @@ LABELS = ("constant force, eased", "PI, eased", "sliding mode, eased", "MPC", "c
 
 
 def _errors(names: Mapping[str, Sequence[str]]) -> dict[str, dict[str, float]]:
-    """{words: factors of parameters} of one error at a time, both ways, after the declared machine."""
-    found: dict[str, dict[str, float]] = {"declared": {}}
+    """{words: factors of parameters} of one error at a time, both ways, after the nominal machine."""
+    found: dict[str, dict[str, float]] = {"nominal": {}}
     for word, parameters in names.items():
         for sign in (-1.0, 1.0):
             found[f"{word} {100 * sign * PART:+.0f} %"] = dict.fromkeys(parameters, 1.0 + sign * PART)
@@ -163,13 +163,13 @@ def longest(label: str, margin: float, machines: Mapping[str, Mapping[str, float
 
 
 def distance_table() -> str:
-    """The stopping distances at 2.5 m/s2 over the margin, declared and over all errors, as text."""
+    """The stopping distances at 2.5 m/s2 over the margin, nominal and over all errors, as text."""
     head = f"{'distance [m], margin':<26}" + "".join(f"{margin:>18g}" for margin in MARGINS)
     lines = [head, "-" * len(head)]
     for label in EASED:
         cells = []
         for margin in MARGINS:
-            pair = [longest(label, margin, machines) for machines in ({"declared": {}}, STOPS)]
+            pair = [longest(label, margin, machines) for machines in ({"nominal": {}}, STOPS)]
             cells.append(" / ".join("groans" if math.isnan(each) else f"{each:.2f}" for each in pair))
         lines.append(f"{label:<26}" + "".join(f"{cell:>18}" for cell in cells))
     return "\n".join(lines)
@@ -217,7 +217,7 @@ def _start(rig: dither.Rig) -> dict[str, Any]:
 
 
 def swing(label: str, frequency: float, depth: float, factors: Mapping[str, float], phase: float) -> float:
-    """Swing under dither that begins at a phase of the cycle, in parts of that without; of that of the declared rig, where this one is calm by itself."""
+    """Swing under dither that begins at a phase of the cycle, in parts of that without; of that of the nominal rig, where this one is calm by itself."""
     rig = next(each for each in dither.RIGS if each.label == label)
     own = {word: factors.get(word, 1.0) for word in OWN}
     of_rig = tuple((name, factor) for name, factor in factors.items() if name not in OWN)

@@ -10,15 +10,15 @@ Groan: two or more releases of the pad from stick while the car is faster than 0
 every brake sticks a last time. Groan and stopping distance are columns of their own: a law may be silent and late, or loud and in time.
 
 Columns:
-    silent up to   highest deceleration [m/s2] of the grid 0.5, 0.6 ... 3 below the first one that groans; friction as declared, and 20 % higher
-    releases       at 2.5 m/s2: the worst of two seeds of noise; friction 20 % lower, as declared, 20 % higher
+    silent up to   highest deceleration [m/s2] of the grid 0.5, 0.6 ... 3 below the first one that groans; friction nominal, and 20 % higher
+    releases       at 2.5 m/s2: the worst of two seeds of noise; friction 20 % lower, nominal, 20 % higher
     distance       longest stopping distance [m] at 2.5 m/s2 on the same three machines; planned are 13.9 m
-    mean           mean deceleration [m/s2] until standstill, friction as declared
-    jerk           largest jerk [m/s3] in the last metre and at the halt, of the deceleration averaged over 50 ms, friction as declared
-    peak           highest pressure [bar], friction as declared
+    mean           mean deceleration [m/s2] until standstill, friction nominal
+    jerk           largest jerk [m/s3] in the last metre and at the halt, of the deceleration averaged over 50 ms, friction nominal
+    peak           highest pressure [bar], friction nominal
 
                                               silent to [m/s2]          releases            distance [m]   mean   jerk   peak
-    friction                                  declared   +20 %   -20 / 0 / +20 %         -20 / 0 / +20 %   m/s2   m/s3    bar
+    friction                                   nominal   +20 %   -20 / 0 / +20 %         -20 / 0 / +20 %   m/s2   m/s3    bar
     -------------------------------------------------------------------------------------------------------------------------
     constant force                                 2.1     1.8         1 / 2 / 2   18.17 / 14.70 / 12.39   2.46   49.0   15.6
     constant force, eased                         >= 3    >= 3         0 / 0 / 0   19.66 / 15.89 / 13.38   1.28    2.4   15.6
@@ -86,7 +86,7 @@ ACTUATOR = BrakeActuator(piston_area=PISTON)
 START, SLOWEST, COMMON = 30.0 / 3.6, 0.03, 2.5
 LOWEST, HIGHEST, STEP = 0.5, 3.0, 0.1
 FRICTION = ("pad.friction.static", "pad.friction.kinetic")
-OFF = {"-20 %": 0.8, "declared": 1.0, "+20 %": 1.2}
+OFF = {"-20 %": 0.8, "nominal": 1.0, "+20 %": 1.2}
 NOISE = {"disc.speed": 0.005, "brake.torque": 2.0, "pad.speed": 0.005}
 DELAY = 0.002
 VERDICT_SEEDS = (2001, 2002)
@@ -256,7 +256,7 @@ class Row:
 
 def row_of(contender: Contender) -> Row:
     """The line of one row."""
-    borders = {word: silent(contender, OFF[word]) for word in ("declared", "+20 %")}
+    borders = {word: silent(contender, OFF[word]) for word in ("nominal", "+20 %")}
     return Row(contender.label, borders, {word: worst(contender, COMMON, factor) for word, factor in OFF.items()})
 
 
@@ -268,13 +268,13 @@ def border_text(value: float) -> str:
 def table(rows: Sequence[Row]) -> str:
     """The rows as text."""
     head = f"{'':<40}{'silent to [m/s2]':>18}{'releases':>18}{'distance [m]':>24}{'mean':>7}{'jerk':>7}{'peak':>7}"
-    names = f"{'friction':<40}{'declared':>10}{'+20 %':>8}{'-20 / 0 / +20 %':>18}{'-20 / 0 / +20 %':>24}{'m/s2':>7}{'m/s3':>7}{'bar':>7}"
+    names = f"{'friction':<40}{'nominal':>10}{'+20 %':>8}{'-20 / 0 / +20 %':>18}{'-20 / 0 / +20 %':>24}{'m/s2':>7}{'m/s3':>7}{'bar':>7}"
     lines = [head, names, "-" * len(names)]
     for row in rows:
         releases = " / ".join(f"{stop.releases:d}" for stop in row.stops.values())
         distance = " / ".join(f"{stop.distance:.2f}" if math.isfinite(stop.standstill) else "rolls" for stop in row.stops.values())
-        own = row.stops["declared"]
-        borders = f"{border_text(row.silent['declared']):>10}{border_text(row.silent['+20 %']):>8}"
+        own = row.stops["nominal"]
+        borders = f"{border_text(row.silent['nominal']):>10}{border_text(row.silent['+20 %']):>8}"
         lines.append(f"{row.label:<40}{borders}{releases:>18}{distance:>24}{own.mean:>7.2f}{own.jerk:>7.1f}{own.peak:>7.1f}")
     return "\n".join(lines)
 
@@ -420,7 +420,7 @@ def picture(rows: Sequence[Row], path: Path) -> None:
         panel.set_xlabel("distance to the place of standstill [m]")
         marks = {
             "-20 %": {"marker": "v", "color": "0.6"},
-            "declared": {"marker": "o", "color": "black"},
+            "nominal": {"marker": "o", "color": "black"},
             "+20 %": {"marker": "^", "color": "0.35"},
         }
         columns = (("releases", "releases of the pad"), ("distance", "stopping distance [m]"))
@@ -432,7 +432,7 @@ def picture(rows: Sequence[Row], path: Path) -> None:
                 panel.plot([min(values), max(values)], [place, place], color="0.85", linewidth=3.0, zorder=1)
             for word, look in marks.items():
                 values = [getattr(row.stops[word], name) for row in rows]
-                panel.plot(values, places, linestyle="none", markersize=6, markerfacecolor=look["color"] if word == "declared" else "white",
+                panel.plot(values, places, linestyle="none", markersize=6, markerfacecolor=look["color"] if word == "nominal" else "white",
                            markeredgecolor=look["color"], marker=look["marker"], label=f"friction {word}".replace("-", "\N{MINUS SIGN}"), zorder=2)  # fmt: skip
             panel.set(xlabel=label, ylim=(-0.6, len(rows) - 0.4))
             if name == "releases":

@@ -36,7 +36,7 @@ def test_friction_that_is_off_leaves_what_is_free_on_every_machine(tmp_path, cap
     told = [line.strip() for line in text.partition("Share of the map that is free")[2].splitlines() if line.endswith("%")]
     lines = dict(line.rsplit("  ", 1) for line in told)
     shares = {words.strip(): float(share.split()[0]) for words, share in lines.items()}
-    assert shares["declared"] == pytest.approx(100 * free[0].mean(), abs=0.05)
+    assert shares["nominal"] == pytest.approx(100 * free[0].mean(), abs=0.05)
     assert shares["on all of them"] == pytest.approx(100 * np.logical_and.reduce(free).mean(), abs=0.05)
     assert free[1].sum() >= free[0].sum() >= free[2].sum()
 
@@ -81,6 +81,6 @@ def test_many_numbers_that_are_off_make_no_wide_table():
     text = _left_of({words: SimpleNamespace(regions={"free": where}) for words, where in free.items()}, names)
     assert max(map(len, text.splitlines())) <= 100
     assert [line.split() for line in text.splitlines()[1:5]] == [
-        ["declared", "100.0", "%"], ["-20", "%", "50.0", "%"], ["+20", "%", "50.0", "%"], ["on", "all", "of", "them", "0.0", "%"],
+        ["nominal", "100.0", "%"], ["-20", "%", "50.0", "%"], ["+20", "%", "50.0", "%"], ["on", "all", "of", "them", "0.0", "%"],
     ]  # fmt: skip
     assert text.replace("\n", " ").endswith("Off together: " + ", ".join(names))

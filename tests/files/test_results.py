@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 
 from controllers import PI, SoftTorque, StiffPI
-from models import BitRock, BlockOnBelt, Coulomb, Section, Survey, TorqueDrag, torque_drag, wells
+from models import (
+    BitRock,
+    BlockOnBelt,
+    Coulomb,
+    Section,
+    Survey,
+    TorqueDrag,
+    TorqueDragOperations,
+    torque_drag,
+    torque_drag_operations,
+    wells,
+)
 from toolbox import (
     Sampled,
     SceneError,
@@ -30,6 +41,7 @@ from toolbox.calibration.recording import Recording
 from toolbox.calibration.results import Fit
 from toolbox.calibration.validation import Validation, validate
 from toolbox.contacts import ContactProblem, ContactRun, step_contacts
+from toolbox.drilling import Answers, Estimates, Group, LowestSetPoints, Machine, Schedule, Windows, answers, estimate, schedule, windows
 from toolbox.files.results import Result
 from toolbox.measuring.metrics import mean
 from toolbox.onsets.comparison import Comparison
@@ -38,7 +50,6 @@ from toolbox.onsets.severity_map import SeverityMap
 from toolbox.probability import (
     Basin,
     Chance,
-    Estimates,
     ModelComparison,
     Normal,
     Posterior,
@@ -48,31 +59,17 @@ from toolbox.probability import (
     basin,
     chance,
     compare_models,
-    estimate,
     posterior,
     predict,
     uncertain_onset,
 )
-from toolbox.robustness import (
-    Answers,
-    Group,
-    LowestSetPoints,
-    Machine,
-    Margins,
-    SmallestError,
-    Windows,
-    WorstCase,
-    answers,
-    smallest_error,
-    windows,
-)
+from toolbox.robustness import Margins, SmallestError, WorstCase, smallest_error
 from toolbox.robustness.charts import StabilityChart, stability_chart
 from toolbox.robustness.describing import DescribingFunction, describing_function
 from toolbox.robustness.responses import FrequencyResponse, frequency_response
 from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.steady_states.shapes import ModeShapes, mode_shapes
 from toolbox.sweeps import Sweep
-from toolbox.tuning import Schedule, schedule
 from toolbox.tuning.results import Tuned
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
@@ -200,6 +197,11 @@ def of_torque_drag():
     return torque_drag([Section(800.0, 0.127, 0.1086)], hole, 0.3, axial_speed=0.2, weight_on_bit="20 kN")
 
 
+def of_torque_drag_operations():
+    hole = Survey((0.0, 900.0), (0.0, 0.9), (0.0, 0.0))
+    return torque_drag_operations([Section(800.0, 0.127, 0.1086)], hole, [(400.0, 0.2), (800.0, 0.3)], weight_on_bit="20 kN")
+
+
 def of_mode_shapes():
     return mode_shapes(closed_loop(RIG, StiffPI(reference=10.0)))
 
@@ -227,7 +229,7 @@ MADE = {
     Schedule: of_schedule, Windows: of_windows, Estimates: of_estimate, Basin: of_basin,
     Prediction: of_prediction, ModelComparison: of_model_comparison, UncertainOnset: of_uncertain_onset,
     FrequencyResponse: of_frequency_response, StabilityChart: of_stability_chart, ModeShapes: of_mode_shapes,
-    DescribingFunction: of_describing_function, TorqueDrag: of_torque_drag,
+    DescribingFunction: of_describing_function, TorqueDrag: of_torque_drag, TorqueDragOperations: of_torque_drag_operations,
     Recording: of_recording, Validation: of_validation,
 }  # fmt: skip
 

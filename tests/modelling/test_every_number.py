@@ -149,7 +149,7 @@ def test_margins_are_those_of_the_loop_with_it(number):
 @each_number
 def test_worst_case_takes_it_as_an_error(number):
     found = answered(number, "worst_case", lambda: worst_case(number.loop, 2.0, uncertainty={number.name: 1.01}, starts=[TURNING]))
-    assert found is None or [*found.by_error] == ["declared", f"{number.name} +1 %"]
+    assert found is None or [*found.by_error] == ["nominal", f"{number.name} +1 %"]
 
 
 @each_number

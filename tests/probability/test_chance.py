@@ -134,7 +134,7 @@ def test_a_result_goes_to_a_file_and_comes_back(loop, tmp_path):
     again = Chance.load(found.save(tmp_path / "chance.npz"))
     assert str(again) == str(found) and np.array_equal(again.outcomes["as it is"], found.outcomes["as it is"])
     table = found.save(tmp_path / "chance.csv").read_text()
-    assert table.splitlines()[0] == "law,top.reference,chance,lower,upper,severity" and len(table.splitlines()) == 3
+    assert table.splitlines()[0] == "controller,top.reference,chance,lower,upper,severity" and len(table.splitlines()) == 3
 
 
 def test_the_same_call_goes_on_where_it_was(loop, tmp_path, monkeypatch):

@@ -13,10 +13,13 @@ import pytest
 import controllers
 import models
 import toolbox
+import toolbox.files.printing
+import toolbox.files.tables
 from controllers import PI, Lifting
 from models import BlockOnBelt
 from toolbox import Sampled, SceneError, compose, sweep
 from toolbox.commands.command_line import COMMANDS, main
+from toolbox.drilling.lowest_set_point import LowestSetPoints, SetPointLimit
 from toolbox.files.results import Result
 from toolbox.scenes.scene import Scene
 from toolbox.vocabulary import ENTRIES, NOW
@@ -128,6 +131,19 @@ def test_a_command_refuses_a_former_option_with_the_option_now(command, old, cap
     )
 
 
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path, heads: toolbox.files.printing.columns([heads, ("1", "2")]),
+        lambda path, heads: toolbox.files.tables.write(path, heads, []),
+    ],
+)
+def test_the_tests_notice_a_column_with_a_former_name(write, tmp_path):
+    write(tmp_path / "table.csv", ("controller", "set-point"))
+    with pytest.raises(AssertionError, match="the column `law` is now `controller`"):
+        write(tmp_path / "table.csv", ("law", "set-point"))
+
+
 def test_a_former_command_is_refused_with_the_one_now(capsys):
     with pytest.raises(SystemExit):
         main(["drives", "scene.toml"])
@@ -156,6 +172,25 @@ def test_a_result_file_with_former_fields_loads(tmp_path):
     np.savez_compressed(tmp_path / "old.npz", **{**arrays, "result": np.array(text)})
     back = type(found).load(tmp_path / "old.npz")
     assert str(dataclasses.replace(back, seconds=found.seconds)) == str(found) and back.metrics.keys() == found.metrics.keys()
+
+
+def test_a_file_of_set_points_with_former_groups_and_fields_loads(tmp_path):
+    limit = SetPointLimit(8.0, "sticks", highest=9.0, time_above_setpoint=0.1, relapses_per_hour=2.0, margin_nominal=0.5)
+    now = {("PI", "nominal", "takeover"): limit, ("PI", "one_at_a_time", "ramp"): limit, ("PI", "other_rocks", "takeover"): limit}
+    found = LowestSetPoints("stiff", now, (2.0, 9.0), 0.1)
+    found.save(tmp_path / "new.npz")
+    with np.load(tmp_path / "new.npz") as data:
+        text = str(data["result"])
+    former = (
+        ("nominal", "declared"), ("one_at_a_time", "robust"), ("other_rocks", "rocks"), ("takeover", "direct"), ("ramp", "raised"),
+        ("initial_controller", "before"), ("bounds", "between"), ("highest", "until"), ("time_above_setpoint", "above"),
+        ("relapses_per_hour", "again"), ("margin_nominal", "margin_declared"),
+    )  # fmt: skip
+    for new, old in former:
+        assert f'"{new}"' in text
+        text = text.replace(f'"{new}"', f'"{old}"')
+    np.savez_compressed(tmp_path / "old.npz", result=np.array(text))
+    assert repr(LowestSetPoints.load(tmp_path / "old.npz")) == repr(found)
 
 
 def test_a_class_of_a_user_that_declares_a_former_name_is_refused():

@@ -196,7 +196,7 @@ def test_a_failure_shows_numbers_and_saves_its_figure_where_asked(pytester):
 def test_the_marker_repeats_a_test_for_each_perturbation_by_name(pytester):
     pytester.makepyfile(OWN)
     result = pytester.runpytest_inprocess("-p", "stickslip_pytest", "--collect-only", "-q", "-k", "masses")
-    for word in ("declared", "block.mass +20 %", "block.mass -20 %", "block.stiffness +10 %", "block.stiffness -10 %"):
+    for word in ("nominal", "block.mass +20 %", "block.mass -20 %", "block.stiffness +10 %", "block.stiffness -10 %"):
         assert f"test_masses[{word}]" in result.stdout.str()
 
 

@@ -92,7 +92,7 @@ def test_the_error_found_breaks_the_machine_and_a_smaller_one_does_not(loop):
     found = smallest_error(loop, {"bit.weight": ("60 kN", "160 kN"), "chain.inertia.0": 0.5}, 60.0)
     assert math.isfinite(found.size) and found.held < found.size <= found.held + PRECISION and found.size == max(map(abs, found.error))
     assert "sticks and slips" in found.why and "weight [kN]" in str(found)
-    off = 100.0 * (found.values["bit.weight"] / found.numbers[0].declared - 1.0)
+    off = 100.0 * (found.values["bit.weight"] / found.numbers[0].nominal - 1.0)
     assert f"{found.values['bit.weight'] / 1e3:.4g} ({off:+.3g} %)" in str(
         found
     )  # how far off the weight itself is, not in parts of its range
@@ -124,7 +124,7 @@ def test_nothing_within_the_ranges_is_said(rig):
 def test_mistakes_are_told(rig, loop):
     for ranges, word in (
         ({}, "1 to 7 numbers"),
-        ({"bit.weight": ("100 kN", "120 kN")}, "around the declared 97347 N"),
+        ({"bit.weight": ("100 kN", "120 kN")}, "around the nominal 97347 N"),
         ({"bit.weight": "97 kN"}, r"\(low, high\)"),
         ({"bit.wieght": 0.1}, "bit.weight"),
         ({"delay": ("0 ms", "40 ms")}, "sampled laws of one delay"),
@@ -132,5 +132,5 @@ def test_mistakes_are_told(rig, loop):
     ):
         with pytest.raises(SceneError, match=word):
             smallest_error(loop, ranges, 10.0)
-    with pytest.raises(SceneError, match="must be a success on the declared machine, but it is not: .*stick"):
+    with pytest.raises(SceneError, match="must be a success on the nominal plant, but it is not: .*stick"):
         smallest_error(closed_loop(rig, PI(4_000.0, 1_500.0, reference=3.0)), {"bit.weight": 0.1}, 60.0)

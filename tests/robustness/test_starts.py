@@ -62,8 +62,8 @@ def test_the_cycle_is_that_of_the_machine_that_is_judged():
     """At 12.46 rad/s the stiff drive of the rig is smooth; with 20 % more weight it sticks and slips."""
     loop = loop_of(SoftTorque(**LIMITS), 12.6)
     found = worst_case(loop, 60.0, starts=TakenOver(StiffPI(), 2), uncertainty={"bit.weight": "+20 %"})
-    assert [outcome.error for outcome in found.outcomes] == ["declared", "bit.weight +20 %", "bit.weight +20 %"]
-    assert "no stick-slip to end under StiffPI" in str(found) and "(declared)" in str(found)
+    assert [outcome.error for outcome in found.outcomes] == ["nominal", "bit.weight +20 %", "bit.weight +20 %"]
+    assert "no stick-slip to end under StiffPI" in str(found) and "(nominal)" in str(found)
 
 
 def test_the_own_stick_slip_of_a_loop_goes_on_from_every_phase():
@@ -89,7 +89,7 @@ def test_a_loop_without_stick_slip_of_its_own_has_no_runs_from_it():
 def test_the_smallest_error_says_what_exists_beside_smooth_running():
     loop = loop_of(SoftTorque(**LIMITS), 7.0)
     found = smallest_error(loop, {"bit.weight": 0.05}, 60.0)
-    assert "started from smooth running" in str(found) and "4 of 4 runs of the declared machine fail" in found.beside
+    assert "started from smooth running" in str(found) and "4 of 4 runs of the nominal plant fail" in found.beside
     calm = smallest_error(loop_of(SoftTorque(**LIMITS), 12.6), {"bit.weight": 0.05}, 60.0)
     assert "no stick-slip of its own was found" in calm.beside
 

@@ -53,7 +53,7 @@ def test_the_phases_go_once_round_the_cycle_from_the_release(stuck):
 def test_every_outcome_is_that_of_its_own_run(rig, stuck, found):
     law = LQG(reference=REFERENCE, delay_samples=3, **LIMITS)
     cases = {
-        "declared": ({}, 0.03),
+        "nominal": ({}, 0.03),
         "chain.inertia.0 -20 %": ({"chain.inertia.0": 0.8 * 2122.0}, 0.03),
         "delay +100 %": ({}, 0.06),
         "bit.weight -10 %, chain.inertia.1 +10 %": ({"bit.weight": 0.9 * 97_347.0, "chain.inertia.1": 1.1 * 374.0}, 0.03),
@@ -74,10 +74,10 @@ def test_every_outcome_is_that_of_its_own_run(rig, stuck, found):
 
 def test_a_drive_that_is_lighter_than_declared_is_the_worst_case_of_the_regulator(found):
     assert not found.survives and found.worst.error == "chain.inertia.0 -20 %"
-    assert found.by_error["declared"].excess <= 1.0  # the law itself is well on the declared machine
+    assert found.by_error["nominal"].excess <= 1.0  # the law itself is well on the nominal plant
     text = str(found)
     assert "2 of 10 runs fail, the worst with chain.inertia.0 -20 %" in text and "LQG, sampled every 10 ms" in text
-    assert len(found.outcomes) == 10 and next(iter(found.by_error)) == "declared"
+    assert len(found.outcomes) == 10 and next(iter(found.by_error)) == "nominal"
 
 
 def test_a_law_that_sticks_fails_by_more_than_one_that_swings(rig, stuck):
@@ -98,7 +98,7 @@ def test_seeds_are_used_where_there_is_noise(rig):
 
 
 def test_a_machine_on_which_smooth_running_grows_is_no_success_however_calm_the_window(rig):
-    """On the declared machine the drive leaves smooth running in 1000 s, of which 100 s show nothing; with less weight it stays."""
+    """On the nominal plant the drive leaves smooth running in 1000 s, of which 100 s show nothing; with less weight it stays."""
     loop = closed_loop(rig, PI(4_000.0, 1_500.0, reference=3.985))
     start = {**smooth_start(loop), "chain.speed": np.full(2, 3.985)}
     calm = worst_case(loop, 100.0, uncertainty={"bit.weight": 0.98}, starts=[start])
@@ -106,7 +106,7 @@ def test_a_machine_on_which_smooth_running_grows_is_no_success_however_calm_the_
     assert declared.stuck == light.stuck == 0.0 and declared.ripple < 0.05 and abs(declared.mean_error) < 0.02
     assert declared.rate > 0 > light.rate and declared.failure.startswith("grows in") and not declared.excess <= 1.0
     assert light.excess <= 1.0 and not light.failure
-    assert "1 of 2 runs fail, the worst with declared" in str(calm) and declared.failure in str(calm)
+    assert "1 of 2 runs fail, the worst with nominal" in str(calm) and declared.failure in str(calm)
 
 
 def test_a_window_before_the_first_stick_is_no_success(rig):
@@ -144,7 +144,7 @@ def test_a_share_is_an_error_to_either_side_as_on_the_command_line(rig, typed, f
     """`margins --uncertainty bit.weight=20%` tries 20 % less and 20 % more; it was a factor of 0.2 here."""
     loop = closed_loop(rig, SoftTorque(reference=REFERENCE))
     found, same = (worst_case(loop, 2.0, uncertainty={"bit.weight": given}) for given in (typed, factors))
-    assert list(found.by_error) == list(same.by_error) == ["declared", *(f"bit.weight {100 * (each - 1):+.3g} %" for each in factors)]
+    assert list(found.by_error) == list(same.by_error) == ["nominal", *(f"bit.weight {100 * (each - 1):+.3g} %" for each in factors)]
     assert [each.mean_error for each in found.outcomes] == [each.mean_error for each in same.outcomes]
 
 

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="the plant is
 
 
 def cells(root, label):
-    """The three distances of a row of the table: friction 20 % lower, as declared, 20 % higher."""
+    """The three distances of a row of the table: friction 20 % lower, nominal, 20 % higher."""
     text = (root / "docs" / "concepts" / "brakes_and_dither.md").read_text(encoding="utf-8")
     line = next(line for line in text.splitlines() if line.startswith(label + "  "))
     return [float(each) for each in re.search(r"(\d+\.\d+) / (\d+\.\d+) / (\d+\.\d+)", line).groups()]

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import whole
 from toolbox.commands import figures
-from toolbox.commands.chance import DISTRIBUTIONS, GOES_ON, distributions
 from toolbox.commands.recording import answer
 from toolbox.commands.terminal import common, pairs, plain, show, span
+from toolbox.commands.uncertainty import DISTRIBUTIONS, GOES_ON, distributions
 from toolbox.errors import SceneError
 
 if TYPE_CHECKING:

@@ -269,7 +269,7 @@ def _left_of(machines: dict[str, Any], names: Sequence[str]) -> str:
     """How much of the map is free on every machine, and on all of them, as text. names: the numbers that are off."""
     import numpy as np
 
-    free = {words or "declared": found.regions["free"] for words, found in machines.items()}
+    free = {words or "nominal": found.regions["free"] for words, found in machines.items()}
     rows = [(words, f"{100.0 * where.mean():.1f} %") for words, where in free.items()]
     rows.append(("on all of them", f"{100.0 * np.logical_and.reduce(list(free.values())).mean():.1f} %"))
     told = textwrap.wrap("Off together: " + ", ".join(names), 100, break_on_hyphens=False)

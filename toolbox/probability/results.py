@@ -170,7 +170,14 @@ class Chance(Told, Result):
             *(f"  {name} known as {words}" for name, words in self.uncertainty.items()),
         ]
         if len(self.names) == 1:
-            head = ("law", f"{self.names[0]} [{read[0].unit}]", "chance", f"{100 * self.confidence:g} % bounds", "severity", "unknown")
+            head = (
+                "controller",
+                f"{self.names[0]} [{read[0].unit}]",
+                "chance",
+                f"{100 * self.confidence:g} % bounds",
+                "severity",
+                "unknown",
+            )
             lines.append(Rows([head, *self._rows()]))
         else:
             for label in self.labels:
@@ -220,7 +227,7 @@ class Chance(Told, Result):
             for place in np.ndindex(chances.shape):
                 at = [float(axis[i]) for axis, i in zip(self.axes, place, strict=True)]
                 rows.append([label, *at, *(float(each[place]) for each in (chances, low, high, severity))])
-        return ["law", *self.names, "chance", "lower", "upper", "severity"], rows
+        return ["controller", *self.names, "chance", "lower", "upper", "severity"], rows
 
     plot = picture("chance_diagram", "Draw the chances, one panel per law over two numbers, curves with their bounds over one")
 

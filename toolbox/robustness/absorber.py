@@ -21,6 +21,7 @@ from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
 from toolbox.halving import halved
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.drive import drive_of
 from toolbox.steady_states.linear import linearise
 from toolbox.steady_states.running import running
 
@@ -65,9 +66,6 @@ class Absorber:
         return f"An ideal absorber keeps `{self.signal}` smooth down to {shown(self.speed, self.unit)}: {taken}"
 
 
-SPEED, TORQUE = "top.speed", "top.torque"
-
-
 @takes_loop
 def absorber_limit(
     loop: ClosedLoop,
@@ -75,37 +73,50 @@ def absorber_limit(
     *,
     own_inertia: bool = False,
 ) -> Absorber:
-    """Find the lowest set-point of the top speed at which the best spring, damper and inertia there keep steady running stable, to a part in a thousand.
+    """Find the lowest speed of the drive at which a spring, a damper and an inertia there can keep smooth
+    running stable, if they are tuned best.
+
+    The result is exact to a part in a thousand.
 
     Parameters
     ----------
     loop
-        A plant, or a loop without the law that is asked about, with constant inputs.
+        A plant, or a loop without the controller of the top, with constant inputs.
     bounds
-        Range (low, high) in which the set-point is looked for, in SI or text such as ("10 rpm", "120 rpm"); stability is taken to be lost once on the way
-        down.
+        Range (low, high) of the set-point, in SI or text such as ("10 rpm", "120 rpm"). Stability is taken to be lost
+        once on the way down.
     own_inertia
         Whether the inertia of the drive stays as it is, and only spring and damper are tuned.
 
     Returns
     -------
     Absorber
-        The lowest stable set-point and the absorber there; `print` shows them.
+        The lowest stable set-point and the absorber there. `print` shows them.
 
     Raises
     ------
     SceneError
-        If there is no steady running, or `top.torque` does not act on `top.speed`.
+        If there is no smooth running, or the drive has no inertia.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.robustness import absorber_limit
+    >>> found = absorber_limit(compose(wells.JANSEN_2, BitRock(weight="97 kN")), ("5 rpm", "120 rpm"))
+    >>> print(str(found).partition(":")[0])
+    An ideal absorber keeps `top.speed` smooth down to 19.4 rpm
     """
-    unit = loop.unsampled().system.signal_unit(SPEED)
+    signal, effort = drive_of(loop.plant)
+    unit = loop.unsampled().system.signal_unit(signal)
     bounds = low, high = checked_range(bounds, "bounds", unit)
 
     calm: list[np.ndarray] = []  # the absorbers of the speeds that are smooth, of which each is lower than the one before
     units = {unit: asked_in(bounds, unit)}
 
     def smooth(speed: float) -> bool:
-        point = running(loop, {SPEED: speed}, TORQUE)
-        linear = linearise(point.plant, point, inputs=TORQUE, outputs=SPEED)
+        point = running(loop, {signal: speed}, effort)
+        linear = linearise(point.plant, point, inputs=effort, outputs=signal)
         growth, numbers = tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], own_inertia)
         for each, asked in point.display_units.items():
             units.setdefault(each, asked)
@@ -114,10 +125,10 @@ def absorber_limit(
         return growth < 0.0
 
     if not smooth(high):
-        return Absorber(SPEED, unit, math.nan, math.nan, math.nan, math.nan, units)
+        return Absorber(signal, unit, math.nan, math.nan, math.nan, math.nan, units)
     speed = low if smooth(low) else halved(smooth, low, high, 1e-3)[1]
     damping, stiffness, inertia = calm[-1].tolist()
-    return Absorber(SPEED, unit, speed, damping, stiffness, inertia, units)
+    return Absorber(signal, unit, speed, damping, stiffness, inertia, units)
 
 
 def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, own_inertia: bool) -> tuple[float, np.ndarray]:
@@ -126,7 +137,7 @@ def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, own_inertia: bool) -> tup
 
     reach = float(C @ B)
     if reach <= 0.0:
-        raise SceneError("Argument `loop` must have a `top.torque` that acts on the inertia of `top.speed`.")
+        raise SceneError("Argument `loop` must have a drive whose force or torque acts on an inertia at the same place, but it has none.")
     own = 1.0 / reach
     poles = np.abs(np.linalg.eigvals(A))
     pace = float(np.median(poles[poles > 1e-6 * poles.max()]))

@@ -1,6 +1,6 @@
 """How wrong the model may be: the smallest joint error of several numbers that breaks a closed loop.
 
-An error is measured in parts of declared ranges: e = (e_1 ... e_n) with every e_i in [-1, 1] is the machine whose number i is at its declared value for
+An error is measured in parts of given ranges: e = (e_1 ... e_n) with every e_i in [-1, 1] is the machine whose number i is at its nominal value for
 e_i = 0, at the high end of its range for 1 and at the low end for -1, and its size is the largest |e_i|, so that all numbers are wrong at once by as much as
 each of them wishes. Three sizes answer the question, each by its own means:
 
@@ -76,19 +76,19 @@ class WrongNumber:
     ----------
     name, unit
         Its name, and its unit in SI.
-    declared, low, high
-        Its declared value and the ends of its range, in the unit.
+    nominal, low, high
+        Its nominal value and the ends of its range, in the unit.
     """
 
     name: str
     unit: str
-    declared: float
+    nominal: float
     low: float
     high: float
 
     def value(self, part: float) -> float:
         """Its value at an error in parts of the range."""
-        return self.declared + part * (self.high - self.declared if part > 0 else self.declared - self.low)
+        return self.nominal + part * (self.high - self.nominal if part > 0 else self.nominal - self.low)
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class SmallestError(Told, Result):
     situation
         The situation that the verdict holds for, in one line.
     beside
-        What runs of the declared machine that start from the loop's own stick-slip come to, in words; empty where the runs start from given values.
+        What runs of the nominal plant that start from the loop's own stick-slip come to, in words; empty where the runs start from given values.
     """
 
     title: str
@@ -151,13 +151,13 @@ class SmallestError(Told, Result):
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """The table as text: one line per number."""
-        lines: list[tuple[str, ...]] = [("number", "declared", "from", "to", "the machine breaks at", "smooth running grows at")]
+        lines: list[tuple[str, ...]] = [("number", "nominal", "from", "to", "the machine breaks at", "smooth running grows at")]
         for i, number in enumerate(self.numbers):
             read = reading(number.unit, self.display_units)
-            shown = [f"{value * read.factor:.4g}" for value in (number.declared, number.low, number.high)]
+            shown = [f"{value * read.factor:.4g}" for value in (number.nominal, number.low, number.high)]
             for parts in (self.error, self.linear_error):
                 value = number.value(parts[i]) if parts else math.nan
-                off = f" ({100 * (value / number.declared - 1):+.3g} %)" if number.declared else ""
+                off = f" ({100 * (value / number.nominal - 1):+.3g} %)" if number.nominal else ""
                 shown.append(f"{value * read.factor:.4g}{off}" if parts else "-")
             lines.append((number.name + (f" [{read.tail.strip()}]" if read.tail else ""), *shown))
         return lines
@@ -183,12 +183,12 @@ class SmallestError(Told, Result):
 
     def _table(self) -> HeadedRows:
         """One row per number."""
-        headings = ["number", "unit", "declared", "low", "high", "error", "value", "linear error", "linear value"]
+        headings = ["number", "unit", "nominal", "low", "high", "error", "value", "linear error", "linear value"]
         rows = []
         for i, number in enumerate(self.numbers):
             parts = [each[i] if each else math.nan for each in (self.error, self.linear_error)]
             found = [value for part in parts for value in (part, number.value(part))]
-            rows.append([number.name, number.unit, number.declared, number.low, number.high, *found])
+            rows.append([number.name, number.unit, number.nominal, number.low, number.high, *found])
         return headings, rows
 
     def plot(self, ax: Any = None) -> Any:
@@ -212,31 +212,47 @@ def smallest_error(
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
 ) -> SmallestError:
-    """Find the smallest joint error of several numbers with which a closed loop fails, in parts of the range of each.
+    """Find the smallest joint error of several numbers with which a closed loop fails, as a fraction of the range of
+    each.
 
     Parameters
     ----------
     loop
-        A loop. A law is designed on the declared plant, and errors do not change its design.
+        A loop. A controller is designed on the nominal plant, and errors do not change its design.
     uncertainty
-        {number of the loop: (low, high)}, in SI or text with units, with the declared value within; or a part of the declared value to either side,
-        such as 0.2. "delay" is that of the sampled laws. At most 7 numbers.
+        {number of the loop: (low, high)}, in SI or text with units, with the declared value within. Or a fraction of
+        the declared value to either side, such as 0.2. "delay" is the delay of the sampled controllers. At most 7
+        numbers.
     duration
         Length of a run [s].
     starts
-        Where runs start, as in `worst_case`; by default smooth running, which needs constant inputs.
-    after, mean_within, ripple_within
-        When a run is a success, as in `worst_case`.
+        Starts of the runs: `TakenOver(initial_controller)`, `OwnStickSlip()`, or start values {state or held command:
+        value} of each run. By default `SmoothRunning()`, which needs constant inputs.
+    after
+        Time from which on a run is judged [s]. By default the last 30 % of the run.
+    mean_within, ripple_within
+        Allowed error of the mean speed, and allowed ripple of a command, as fractions of their means [1].
 
     Returns
     -------
     SmallestError
-        The error, what the machine does with it, and what the linear loop says.
+        The error, the behaviour of the machine with it, and the result for the linear loop.
 
     Raises
     ------
     SceneError
-        If a name or a range is none, or the loop fails on the declared machine.
+        If a name is unknown, a range is empty, or the loop fails on the nominal plant.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> from toolbox.robustness import smallest_error
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SoftTorque(reference="60 rpm"), "10 ms", delay="30 ms"))
+    >>> found = smallest_error(loop, {"bit.weight": 0.5}, "60 s")
+    >>> print(f"{found.size:.2f} of the range")
+    0.39 of the range
     """
     numbers, asked = _wrong_numbers(loop, uncertainty)
     trials = Trials.of(loop, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))
@@ -251,7 +267,7 @@ def smallest_error(
 
     nothing = (0.0,) * len(numbers)
     if fail([nothing])[0]:
-        raise SceneError(f"Argument `loop` must be a success on the declared machine, but it is not: {_alone(trials, numbers, nothing)}.")
+        raise SceneError(f"Argument `loop` must be a success on the nominal plant, but it is not: {_alone(trials, numbers, nothing)}.")
     rate = _rate(trials, numbers, nothing)
     linear: Error = ()
     linear_size = math.nan
@@ -284,23 +300,23 @@ def smallest_error(
 
 
 def _beside(trials: Trials) -> str:
-    """What runs of the declared machine come to that start from the loop's own stick-slip, in words."""
+    """What runs of the nominal plant come to that start from the loop's own stick-slip, in words."""
     own = OwnStickSlip()
     inside = dataclasses.replace(trials, start=own, begun={})
     found = own.on(trials.loop)
     if not found.values:
         return found.note
-    inside.begun["declared"] = found
-    outcomes = inside.of_cases({"declared": {}}).outcomes
+    inside.begun["nominal"] = found
+    outcomes = inside.of_cases({"nominal": {}}).outcomes
     failed = sum(not outcome.excess <= 1.0 for outcome in outcomes)
     return (
-        f"stick-slip exists beside smooth running, with a period of {found.period:.3g} s: begun from it, {failed} of {len(outcomes)} runs of the declared "
-        "machine fail, without any error"
+        f"stick-slip exists beside smooth running, with a period of {found.period:.3g} s: begun from it, {failed} of {len(outcomes)} runs of the nominal "
+        "plant fail, without any error"
     )
 
 
 def _wrong_numbers(loop: ClosedLoop, uncertainty: Mapping[str, Any]) -> tuple[tuple[WrongNumber, ...], dict[str, str]]:
-    """The numbers with their ranges, and {unit: unit that was typed}. Raises SceneError for one that is none, or is not around the declared value."""
+    """The numbers with their ranges, and {unit: unit that was typed}. Raises SceneError for one that is none, or is not around the nominal value."""
     given = mapping("uncertainty", uncertainty)
     if not 1 <= len(given) <= MOST:
         raise SceneError(f"Argument `uncertainty` must hold 1 to {MOST} numbers, but it holds {len(given)}.")
@@ -313,32 +329,32 @@ def _wrong_numbers(loop: ClosedLoop, uncertainty: Mapping[str, Any]) -> tuple[tu
                 raise SceneError(
                     f"Argument `uncertainty` must hold `{DELAY}` only for sampled laws of one delay > 0 s, but theirs are {late}."
                 )
-            full, unit, declared = DELAY, "s", float(late[0])
+            full, unit, nominal = DELAY, "s", float(late[0])
         else:
             number = loop.free(name)
-            full, unit, declared = number.name, number.unit, declared_value(loop, name)
-        if declared == 0.0:
+            full, unit, nominal = number.name, number.unit, declared_value(loop, name)
+        if nominal == 0.0:
             raise SceneError(f"Argument `uncertainty` must hold numbers that are not 0, but `{full}` is.")
         if isinstance(between, int | float) and not isinstance(between, bool):
-            between = tuple(sorted((declared * (1.0 - between), declared * (1.0 + between))))
+            between = tuple(sorted((nominal * (1.0 - between), nominal * (1.0 + between))))
         typed = in_si(tuple(between), unit, full) if isinstance(between, tuple | list) else ()
         ends = [float(each) for each in typed]
-        if len(ends) != 2 or not ends[0] <= declared <= ends[1] or not ends[0] < ends[1]:
+        if len(ends) != 2 or not ends[0] <= nominal <= ends[1] or not ends[0] < ends[1]:
             raise SceneError(
-                f"Argument `uncertainty` must hold (low, high) around the declared {declared:g} {unit} of `{full}`, or a part of it, but it holds {between!r}."
+                f"Argument `uncertainty` must hold (low, high) around the nominal {nominal:g} {unit} of `{full}`, or a part of it, but it holds {between!r}."
             )
         for end in ends if name != DELAY else ():
             loop.number(full).check(end)
         if name == DELAY and ends[0] < 0.0:
             raise SceneError(f"Argument `uncertainty` must hold delays >= 0 s, but it holds {between!r}.")
-        found.append(WrongNumber(full, unit, declared, *ends))
+        found.append(WrongNumber(full, unit, nominal, *ends))
         if unit != "s":
             asked.setdefault(unit, asked_in(typed, unit))
     return tuple(found), asked
 
 
 def _factors(numbers: Sequence[WrongNumber], error: Error) -> dict[str, float]:
-    return {number.name: number.value(part) / number.declared for number, part in zip(numbers, error, strict=True)}
+    return {number.name: number.value(part) / number.nominal for number, part in zip(numbers, error, strict=True)}
 
 
 def _rate(trials: Trials, numbers: Sequence[WrongNumber], error: Error) -> float:
@@ -394,7 +410,7 @@ class _Search:
                 (*best[:i], part, *best[i + 1 :])
                 for i, number in enumerate(self.numbers)
                 for part in (-1.0, -0.5, 0.0, 0.5, 1.0)
-                if part != best[i] and (part >= 0.0 or number.low < number.declared) and (part <= 0.0 or number.high > number.declared)
+                if part != best[i] and (part >= 0.0 or number.low < number.nominal) and (part <= 0.0 or number.high > number.nominal)
             ]
             inner = [direction for direction in inner if max(map(abs, direction)) == 1.0]
             failed = self._broken(broken, inner, high - PRECISION) if inner and high > PRECISION else []
@@ -425,8 +441,7 @@ class _Search:
     def _directions(self) -> list[Error]:
         """The corners and the axes of the box; a side without a range has none."""
         sides = [
-            tuple(({-1.0} if each.low < each.declared else set()) | ({1.0} if each.high > each.declared else set()))
-            for each in self.numbers
+            tuple(({-1.0} if each.low < each.nominal else set()) | ({1.0} if each.high > each.nominal else set())) for each in self.numbers
         ]
         n = len(sides)
         axes = [tuple(part if i == j else 0.0 for j in range(n)) for i, parts in enumerate(sides) for part in sorted(parts)]
@@ -452,7 +467,7 @@ def _guaranteed(trials: Trials, numbers: Sequence[WrongNumber]) -> tuple[float, 
             slopes = []
             for part in (STEP, -STEP):
                 near = tuple(part if j == i else 0.0 for j in range(len(numbers)))
-                if number.value(part) != number.declared:
+                if number.value(part) != number.nominal:
                     there = linear_loop(trials.machine(_factors(numbers, near)))
                     slopes.append((np.block([[there.A, there.B], [there.C, there.D]]) - whole) / STEP)
             slope = max(slopes, key=lambda each: float(np.linalg.norm(each)))
@@ -463,7 +478,7 @@ def _guaranteed(trials: Trials, numbers: Sequence[WrongNumber]) -> tuple[float, 
     except (NoDerivative, SceneError) as error:
         return math.nan, str(error).rstrip(".")
     L, R = np.hstack(left), np.vstack(right)
-    late = next((max(each.high - each.declared, each.declared - each.low) for each in numbers if each.name == DELAY), 0.0)
+    late = next((max(each.high - each.nominal, each.nominal - each.low) for each in numbers if each.name == DELAY), 0.0)
 
     def bound(w: np.ndarray) -> np.ndarray:
         point = 1j * w if linear.period is None else np.exp(1j * w * linear.period)

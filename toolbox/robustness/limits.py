@@ -30,6 +30,7 @@ from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
+from toolbox.modelling.drive import drive_of
 from toolbox.modelling.laws import names
 from toolbox.steady_states.linear import linearise
 from toolbox.steady_states.linear_loop import zero_order_hold
@@ -91,39 +92,54 @@ def performance_limit(
     loop: ClosedLoop,
     at: Mapping[str, NumberOrText],
     *,
-    measured_signals: str | Sequence[str] = "top.speed",
-    actuated_signals: str = "top.torque",
+    measured_signals: str | Sequence[str] | None = None,
+    actuated_signals: str | None = None,
     period: NumberOrText | None = None,
     delay: NumberOrText = 0.0,
 ) -> PerformanceLimit:
-    """Compute the best disk margin and peak sensitivity that any linear law can have at a set-point, with what it measures and its delay.
+    """Compute the best disk margin and peak sensitivity that any linear controller can reach at a set-point, for given
+    measured signals and delay.
 
     Parameters
     ----------
     loop
-        A plant, or a loop without the law that is asked about, with constant inputs.
+        A plant, or a loop without the controller in question, with constant inputs.
     at
-        Where the plant runs steadily, {signal: value}, such as {"top.speed": 3.0}.
+        {signal: value} of the steady state, such as {"top.speed": 3.0}, in SI or text with units.
     measured_signals
-        What laws may read.
+        Signals that the controller may measure; by default the speed of the drive.
     actuated_signals
-        The one input that they drive; a part such as a drive with lags stands between, as it does in runs.
+        The one input that the controller drives; by default the force or torque of the drive. If a part such as a drive with lags lies between controller and
+        plant, it is taken into account.
     period
-        Sample time [s]; None for continuous laws.
+        Sample time [s]. None for continuous controllers.
     delay
-        Delay of the commands [s], for sampled laws only.
+        Delay of the commands [s], for sampled controllers only.
 
     Returns
     -------
     PerformanceLimit
-        The limits at the working point; `print` shows them.
+        The limits at the operating point. `print` shows them.
 
     Raises
     ------
     SceneError
-        If there is no steady running, more than one input is driven, or a delay is given without a period.
+        If there is no smooth running, more than one input is driven, or a delay is given without a period.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.robustness import performance_limit
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> print(performance_limit(rig, {"top.speed": "60 rpm"}, period="10 ms", delay="30 ms"))
+    Limits of laws sampled every 0.01 s with a delay of 0.03 s at top.speed = 60 rpm, top.torque = 1.055e+04 N m
+      disk margin <= 2, M_s >= 1
+      unstable poles [1/s]: none;  zeros [1/s]: none
     """
     plant = loop.unsampled().system
+    measured_signals = drive_of(plant)[0] if measured_signals is None else measured_signals
+    actuated_signals = drive_of(plant)[1] if actuated_signals is None else actuated_signals
     if not isinstance(actuated_signals, str):
         raise SceneError(
             f"Argument `actuated_signals` must be the name of one input, but it is {actuated_signals!r}: with several the limits are not known in this form."

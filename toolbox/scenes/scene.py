@@ -113,7 +113,7 @@ class Scene(Labelled):
         signal
             The speed to judge; by default `<element>.speed` where the plant has it, else its slip. It must be given where there is no contact.
         effort
-            The input whose peak is reported; by default `top.torque`, else the first input.
+            The input whose peak is reported; by default the first force or torque, else the first input.
         after
             Time from which on the run is judged [s]; by default half of the duration.
         reference

@@ -21,9 +21,10 @@ from toolbox.errors import SceneError
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.components import Component, Equations
 from toolbox.modelling.composition import assembled, compose
+from toolbox.modelling.drive import drive_among
 from toolbox.modelling.elements import Quantity, quantity, state
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.laws import Controller, Sampled, designed
+from toolbox.modelling.laws import SIGNALS, Controller, Sampled, designed, names
 from toolbox.steady_states.linear import linearise
 
 
@@ -31,7 +32,7 @@ from toolbox.steady_states.linear import linearise
 class _Turned(Component):
     """A shaft whose speed is imposed: it gives `motion` and forgets nothing but its angle."""
 
-    motion: str = "top.speed"
+    motion: str = ""
     start: Quantity = quantity(0.0, "rad/s", "speed about which it is imposed")
 
     def equations(self, signal: Any) -> Equations:
@@ -44,8 +45,8 @@ def impedance(
     *parts: Component | Sampled,
     frequency: Sequence[float] | np.ndarray,
     plant: HybridSystem | None = None,
-    motion: str = "top.speed",
-    effort: str = "top.torque",
+    motion: str | None = None,
+    effort: str | None = None,
     inertia: NumberOrText = 0.0,
     drag: NumberOrText = 0.0,
     speed: NumberOrText = 0.0,
@@ -53,25 +54,29 @@ def impedance(
 ) -> np.ndarray:
     """Compute the impedance Z(i w) = -torque / speed of a drive at imposed speed.
 
-        PI law:  Z = K_p + K_i / (i w);      with the top inertia and drag:  Z = K_p + K_i / (i w) + i w J + c_r
+        PI controller:  Z = K_p + K_i / (i w);      with the top inertia and drag:  Z = K_p + K_i / (i w) + i w J + c_r
 
-    A law with limits or layers has another impedance at another point.
+    A controller with limits or nested loops has another impedance at another operating point.
 
     Parameters
     ----------
     parts
-        The law, and what stands between it and the string, such as a drive with lags and limits. A `Sampled` law adds its hold and delay as exp(-i w (period
-        / 2 + delay)), which is true well below half of the sampling rate.
+        The controller, and the parts between it and the string, such as a drive with lags and limits. A `Sampled`
+        controller adds its hold and delay as exp(-i w (period / 2 + delay)), which is true well below half of the
+        sampling rate.
     frequency
-        Frequencies w [rad/s] > 0.
+        Frequencies w [rad/s], > 0.
     plant
-        The plant that laws are designed on.
+        The plant on which controllers are designed.
     motion, effort
-        The speed and the torque at the top.
+        Names of the speed and of the torque at the top; by default the first signals that the controller measures and
+        gives.
     inertia, drag
         Inertia J [kg m2] and drag c_r [N m s/rad] of the top itself.
-    speed, at
-        The speed about which the law is linearised [rad/s], and its states there, as in `linearise`.
+    speed
+        Speed around which the controller is linearised [rad/s].
+    at
+        {state of the controller: value} at this speed. States that are left out are 0.
 
     Returns
     -------
@@ -81,7 +86,15 @@ def impedance(
     Raises
     ------
     SceneError
-        If a law measures more than `motion`, or a frequency is not positive.
+        If a controller measures more than `motion`, or a frequency is not positive.
+
+    Examples
+    --------
+    >>> from controllers import PI
+    >>> from toolbox import impedance
+    >>> drive = PI(proportional=400.0, integral=200.0, reference="60 rpm")
+    >>> print(impedance(drive, frequency=[0.5, 1.0, 2.0]).round(1))
+    [400.-400.j 400.-200.j 400.-100.j]
     """
     w = finite_array(frequency)
     if w is None or not w.size or not (w > 0).all():
@@ -102,6 +115,10 @@ def impedance(
         if isinstance(law, Controller) and plant is not None:
             law = designed(law, plant)
         own.append(law)
+    at_ends = [next(iter(names(getattr(each, word))), "") for each in own if isinstance(each, Controller) for word in SIGNALS][:2]
+    routes = [name for part in own for name in part.routes]
+    at_ends = at_ends or list(drive_among(routes, routes.__contains__) or ("", ""))
+    motion, effort = (end if named is None else named for named, end in zip((motion, effort), at_ends, strict=True))
     turned = _Turned(motion=motion, start=float(speed))
     driven = compose(turned, *own) if plant is None else assembled((turned, *own))
     if not isinstance(effort, str) or effort not in driven.signals:
@@ -112,24 +129,34 @@ def impedance(
 
 
 def reflection(impedance: np.ndarray, characteristic: float) -> np.ndarray:
-    """Compute the part of a wave that comes back from the top, r = (zeta - Z) / (zeta + Z).
+    """Compute the fraction of a torsional wave that the top reflects, r = (zeta - Z) / (zeta + Z).
 
     Parameters
     ----------
     impedance
-        Impedance Z of the drive [N m s/rad].
+        Impedance Z of the drive [N m s/rad], as the function `impedance` returns it.
     characteristic
-        Characteristic impedance zeta [N m s/rad]: I_p sqrt(G rho) of a pipe, sqrt(k J) of a lumped string.
+        Characteristic impedance zeta of the string [N m s/rad]: I_p sqrt(G rho) of a pipe, sqrt(k J) of a lumped
+        string.
 
     Returns
     -------
     complex array, shape of `impedance`
-        The reflection coefficient [1].
+        The reflection coefficient [1]. 0 means that the drive absorbs the wave.
 
     Raises
     ------
     SceneError
         If zeta is not > 0.
+
+    Examples
+    --------
+    >>> from controllers import PI
+    >>> from toolbox import impedance
+    >>> from toolbox.steady_states import reflection
+    >>> drive = PI(proportional=400.0, integral=200.0, reference="60 rpm")
+    >>> print(abs(reflection(impedance(drive, frequency=[0.5, 1.0, 2.0]), characteristic=400.0)).round(3))
+    [0.447 0.243 0.124]
     """
     characteristic = number("characteristic", characteristic, "N m s/rad", above=0)
     try:

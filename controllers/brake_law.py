@@ -186,7 +186,7 @@ def groan_border(plant: HybridSystem) -> GroanBorder:
     --------
     >>> from models import DiscBrake, Tabulated
     >>> from toolbox import compose
-    >>> table = Tabulated(speeds=(0.0, 0.24, 0.6, 1.2), coefficients=(0.45, 0.42, 0.38, 0.38), static=0.45)
+    >>> table = Tabulated(speeds=(0.0, 0.24, 0.6), coefficients=(0.45, 0.42, 0.38), static=0.45)
     >>> print(groan_border(compose(DiscBrake(friction=table))))
     Border of groan, force of one pad
          0.000 to    2.000 rad/s  800.0 N

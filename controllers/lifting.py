@@ -65,6 +65,16 @@ class Lifting(Controller):
     far above the set-point the bit calmed last), and with `relief` `lifting.relief` (the share that is off). Sampled only. Around a law that is designed as
     a callable, such as a predictive one, the whole is a callable; `run.laws[0].inside` holds that law. Source: the practice of lifting the rotary speed
     against stick-slip; the rule is a choice of this file.
+
+    Examples
+    --------
+    >>> from controllers import Lifting, SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, compose, simulate
+    >>> drive = Lifting(SoftTorque(reference="60 rpm"), reference="60 rpm")
+    >>> run = simulate(compose(wells.JANSEN_2, BitRock(weight="97 kN")), "120 s", controller=Sampled(drive, "10 ms"))
+    >>> print(f"the bit sticks for {run.time_in('bit', 'stick', after=60.0):.1f} s of the last 60 s")
+    the bit sticks for 0.0 s of the last 60 s
     """
 
     law: Controller = field(default_factory=Controller)

@@ -29,6 +29,13 @@ class TorsionalChain(Component):
     load less the last inertia has none, as where `BitRock` holds it. `friction_at` names the inertias that have friction, one for each load, where others
     have none. `drag` c_i adds to `top_drag` and `bit_drag`. `collar` is the inertia (-1 for the last) on which a part acts sideways of the string, such as
     `WhirlingCollar`: it needs `collar.torque` [N m] (0) and gives `collar.speed` [rad/s].
+
+    Examples
+    --------
+    >>> from models import TorsionalChain
+    >>> from toolbox import compose
+    >>> print(compose(TorsionalChain()))
+    HybridSystem(TorsionalChain): 3 states (chain.twist, chain.speed); contacts: none; inputs: top.torque [N m], bit.torque [N m]
     """
 
     inertia: Quantities = quantity((2122.0, 374.0), "kg m2", "inertias, top first", above=0)

@@ -90,6 +90,13 @@ class Section:
     ------
     SceneError
         Where a number is no positive finite number (the inner diameter may be 0) or the inner diameter is not below the outer one.
+
+    Examples
+    --------
+    >>> from models import Section
+    >>> pipe = Section(length="30 ft", outer="5 in", inner="4.276 in")
+    >>> print(f"{pipe.length:.3f} m, outer diameter {pipe.outer * 1e3:.0f} mm")
+    9.144 m, outer diameter 127 mm
     """
 
     length: NumberOrText

@@ -20,6 +20,13 @@ class Survey:
     Between stations the hole is an arc of a circle (minimum curvature): its tangent turns from one station to the next at a constant rate about one axis.
     Coordinates are north, east, down; s is an array of measured depths. Raises SceneError where stations are fewer than two, do not begin
     at 0 m, do not increase, or an inclination is outside 0 ... pi. Source: textbook (minimum curvature method).
+
+    Examples
+    --------
+    >>> from models import Survey
+    >>> survey = Survey(depth=(0.0, 800.0, 1400.0), inclination=(0.0, 0.0, 1.0), azimuth=(0.0, 0.0, 0.0))
+    >>> print(len(survey.depth), "stations")
+    3 stations
     """
 
     depth: tuple[NumberOrText, ...]

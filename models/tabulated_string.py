@@ -23,7 +23,15 @@ from toolbox.modelling import OptionalQuantities
 
 @dataclass(frozen=True)
 class DrillString(TorsionalChain):
-    """A torsional chain made from tables by `DrillString.from_tables`; `depth` says where its inertias are."""
+    """A torsional chain made from tables by `DrillString.from_tables`; `depth` says where its inertias are.
+
+    Examples
+    --------
+    >>> from models import DrillString
+    >>> from toolbox import compose
+    >>> print(compose(DrillString()))
+    HybridSystem(DrillString): 3 states (chain.twist, chain.speed); contacts: none; inputs: top.torque [N m], bit.torque [N m]
+    """
 
     depth: OptionalQuantities = quantity(None, "m", "measured depth of every inertia, for profiles", at_least=0)
 
@@ -167,14 +175,14 @@ class DrillString(TorsionalChain):
         )
 
     @staticmethod
-    def torque_and_drag(tables: Mapping[str, Any], **asked: Any) -> TorqueDragOperations:
+    def torque_and_drag(tables: Mapping[str, Any], **changes: Any) -> TorqueDragOperations:
         """Compute torque and drag of the string of `DrillString.from_tables` in the operations of a rig.
 
         Parameters
         ----------
         tables
             {argument of `from_tables`: value}: sections, survey, friction, friction_factors, mud_density, weight_on_bit and end_depth are read.
-        **asked
+        **changes
             Arguments of `torque_drag_operations` in place of what the tables say.
 
         Returns
@@ -193,11 +201,11 @@ class DrillString(TorsionalChain):
         if tables.get("end_depth") is not None:
             pipes = _ending_at(pipes, tables["end_depth"])
         friction = tables.get("friction_factors") or getattr(tables.get("friction"), "kinetic", None)
-        if "friction" not in asked and friction is None:
+        if "friction" not in changes and friction is None:
             raise SceneError("Argument `friction` must be given: a law with a kinetic coefficient, or friction factors.")
         known = {name: tables[name] for name in ("mud_density", "weight_on_bit") if name in tables}
         return torque_drag_operations(
-            pipes, hole_of(tables["survey"], sum(each.length for each in pipes)), **{"friction": friction, **known, **asked}
+            pipes, hole_of(tables["survey"], sum(each.length for each in pipes)), **{"friction": friction, **known, **changes}
         )
 
 

@@ -105,7 +105,18 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 class SceneError(ValueError):
-    """A plant, a scene or an argument that cannot be simulated as it stands; the message names the argument and what must hold."""
+    """A plant, a scene or an argument that cannot be simulated as it stands; the message names the argument and what must hold.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import SceneError, compose
+    >>> try:
+    ...     compose(BlockOnBelt(mass=-1.0))
+    ... except SceneError as error:
+    ...     print(error)
+    Argument `block.mass` must be > 0 kg, but it is -1.0.
+    """
 
 
 class NoSteadyState(SceneError):
@@ -154,6 +165,13 @@ class GrazingError(SimulationError):
     """An event at which a run has no derivative: a guard that touches zero without crossing it, or two that reach zero at one instant."""
 
 
+def listed(names: Iterable[str], most: int = 30) -> str:
+    """Return names between marks for a message, at most so many, and each in at most a hundred characters: a file may hold any number of any length."""
+    names = list(names)
+    told = ", ".join(f"`{name if len(name) <= 100 else name[:100] + '...'}`" for name in names[:most])
+    return told + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
 def suggest(name: str, known: Iterable[str]) -> str:
     """Return the end of an error message about an unknown name: the most similar known names.
 
@@ -183,4 +201,4 @@ def suggest(name: str, known: Iterable[str]) -> str:
         return "did you mean " + " or ".join(f"`{word}`" for word in near) + "?"
     if not known:
         return "none is known."
-    return "known are " + ", ".join(f"`{word}`" for word in known[:30]) + ("." if len(known) <= 30 else ", ...")
+    return f"known are {listed(known)}."

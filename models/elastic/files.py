@@ -17,8 +17,14 @@ from toolbox.authoring import opened, read_mat, suggest
 LARGEST = 2**28
 """Bytes of the largest Matrix Market file, unpacked."""
 
-MOST_ROWS = 2**24
+SMALL, RATIO = 2**25, 50
+"""Bytes to which any packed file may unpack, and how many times its size a larger one may: text of numbers shrinks by less."""
+
+MOST_ROWS = 2**22
 """Rows and columns of the largest matrix: one that names more of them than it has entries would take the memory for all."""
+
+ENTRY, CHEAP, PER_BYTE = 100, 2**28, 8
+"""Bytes of memory that an entry takes while it is read, about; what all may take of any file; and how often the text may, of a larger one."""
 
 _COMMENTS = re.compile(rb"(?:[ \t\r]*(?:%[^\n]*)?\n)*")
 
@@ -44,11 +50,13 @@ def _matrix_market(path: Path, name: str | None) -> Any:
         raise SceneError(f"`{path}` holds one matrix without a name, but `{name}` is asked for.")
     try:
         with opened(path, LARGEST) as file, gzip.GzipFile(fileobj=file) if path.suffix.lower() == ".gz" else file as plain:
-            held = bytearray()  # memory is taken for what is there, not for what may be
+            held, most = bytearray(), LARGEST  # memory is taken for what is there, not for what may be
+            if plain is not file:
+                most = min(LARGEST, max(SMALL, RATIO * path.stat().st_size))
             while piece := plain.read(2**20):
                 held += piece
-                if len(held) > LARGEST:
-                    raise ValueError(f"it unpacks to more than {LARGEST / 2**20:.0f} MiB")
+                if len(held) > most:
+                    raise ValueError(f"it unpacks to more than {most / 2**20:.0f} MiB")
         return _market(bytes(held))
     except SceneError:
         raise
@@ -71,6 +79,8 @@ def _market(held: bytes) -> Any:
     wanted = count[0] if sparse else len(below[0]) if below else rows * columns
     if wanted < 0 or wanted > len(entries) or (entries.translate(None, _TEXT)):
         raise ValueError("its entries are not whole, or no text")
+    if ENTRY * wanted > max(CHEAP, PER_BYTE * len(entries)):
+        raise ValueError(f"its {wanted} entries take far more memory than their text")
     numbers = np.loadtxt(io.BytesIO(entries), ndmin=2, comments=None) if entries.strip() else np.empty((0, 3 if sparse else 1))
     if numbers.shape != (wanted, 3 if sparse else 1):
         raise ValueError(f"it must have {wanted} entries, but it has {len(numbers)}")

@@ -2,8 +2,8 @@
 
 Each command writes into a folder that holds a file of the user's and the results of an earlier call with other numbers. At a random instant it is killed
 (SIGKILL) or ended (SIGTERM). Then the file of the user's must be there as it was, and the results must be those of before or those of the new call, whole; the
-same call again must end with exactly the new ones, and nothing that is hidden may be left. What a sweep, a map, a tuning and a search of set-points keep of
-their work so far is looked at through their results. Then the same under other conditions:
+same call again must end with exactly the new ones, and nothing that is hidden may be left. What a sweep, a map, a tuning, an answer and a search of set-points
+keep of their work so far is looked at through their results. Then the same under other conditions:
 
     full        a disk on which there is room for a random part of the results (as root, where the system can mount one)
     forbidden   folders in which nothing can be written
@@ -15,6 +15,7 @@ their work so far is looked at through their results. Then the same under other 
 
 from __future__ import annotations
 
+import math
 import os
 import random
 import shutil
@@ -67,16 +68,29 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
         "tune", "rig.toml", "--controller", "stiff PI", "--range", "pi.integral=500:5000", "--objective", "severity", "--runs", "10", "--checkpoint", "journal",
     ),
     "export": ("export", "rig.toml", "--part", "law", "--controller", "sampled"),
+    "answer": (
+        "answer", "rig.toml", "--initial-controller", "stiff PI", "--controller", "sampled", "--phases", "1", "--duration", "30 s",
+    ),
+    "setpoints": (
+        "setpoints", "rig.toml", "--initial-controller", "stiff PI", "--controller", "sampled", "--group", "nominal", "--protocol", "takeover",
+        "--range", "top.reference=130 rpm:140 rpm", "--step", "10 rpm",
+    ),
+    "estimate": ("estimate", "rig.toml", "log.csv", "--controller", "stiff PI", "--members", "8"),
 }  # fmt: skip
 """Calls, to which `--out out` is added."""
 
-KEEPS = ("sweep", "map", "tune")
+KEEPS = ("sweep", "map", "tune", "answer", "setpoints")
 """Commands that keep their work so far beside their results."""
 
+KEPT = ("answer.jsonl", "cells.jsonl")
+"""Files of that work, in which a line may be cut."""
 
-def prepared(folder: Path, title: str, duration: float) -> None:
-    """Write what the commands read."""
+
+def prepared(folder: Path, title: str, duration: int) -> None:
+    """Write what the commands read: a scene, and the log of a top drive that swings in time with the string."""
     (folder / "rig.toml").write_text(RIG.format(title=title, duration=duration))
+    rows = (f"{t},{9.9 + math.sin(1.3 * t)},{9000.0 + 4000.0 * math.sin(1.3 * t + 1.0)}" for t in (k / 10 for k in range(10 * duration)))
+    (folder / "log.csv").write_text("\n".join(["time [s],top.speed [rad/s],top.torque [N m]", *rows]) + "\n")
 
 
 def environment(**more: str) -> dict[str, str]:
@@ -119,7 +133,7 @@ def results(command: str, folder: Path) -> Any:
         return {str(path.relative_to(out)): _values(Sweep.load(path)) for path in sorted(out.rglob("sweep.zarr"))}
     if command == "map":
         return {str(path.relative_to(out)): SeverityMap.load(path).smooth.severity.tobytes() for path in sorted(out.rglob("map.npz"))}
-    files = [path for path in sorted(out.rglob("*")) if path.is_file() and path.name not in (ORIGIN, "mine.txt")]
+    files = [path for path in sorted(out.rglob("*")) if path.is_file() and path.name not in (ORIGIN, "mine.txt", *KEPT)]
     return {str(path.relative_to(out)): _text(path) for path in files}
 
 
@@ -142,7 +156,7 @@ def hidden(folder: Path) -> list[str]:
     return [path.name for path in folder.rglob(".*.part")]
 
 
-def whole(command: str, parent: Path, title: str, duration: float) -> tuple[Path, Any, float]:
+def whole(command: str, parent: Path, title: str, duration: int) -> tuple[Path, Any, float]:
     """A folder with the results of one call that nobody disturbs, these results, and the time that it took."""
     folder = parent / f"{command}_{title}"
     folder.mkdir()
@@ -235,7 +249,7 @@ def forbidden(parent: Path, times: int, draw: random.Random) -> str:
         os.chmod(folder, 0o555)
         code, error = done(begun(command, folder, as_owner=True))
         assert code == 2 and error.startswith("stickslip: ") and "cannot" in error, (command, code, error)
-        assert {path.name for path in folder.iterdir()} == {"rig.toml"}
+        assert {path.name for path in folder.iterdir()} == {"rig.toml", "log.csv"}
         os.chmod(folder, 0o755)
     return f"{times} refused in one line, nothing written"
 

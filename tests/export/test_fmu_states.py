@@ -54,7 +54,7 @@ def test_a_state_with_flipped_bits_is_an_error_and_the_unit_goes_on(units, versi
     get, put, to_bytes, from_bytes = state_functions(unit)
     raw = to_bytes(get())
     random = np.random.default_rng([flips, int(version[0])])
-    drawn = [random.choice(8 * len(raw), flips, replace=False) for _ in range(40)]
+    drawn = [random.choice(8 * len(raw), flips, replace=False) for _ in range(300)]
     drawn += [
         [8 * i + 7 for i in range(7, 8 * flips, 8)],
         [8 * (len(raw) - 8 * (i + 1)) + 63 for i in range(flips)],

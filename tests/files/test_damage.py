@@ -5,8 +5,10 @@ from __future__ import annotations
 import gzip
 import json
 import os
+import struct
 import tracemalloc
 import zipfile
+import zlib
 
 import numpy as np
 import pytest
@@ -203,12 +205,33 @@ def test_matrices_that_ended_the_process_are_refused(tmp_path):
         packed.write_bytes(content)
         with pytest.raises(SceneError, match=r"mass\.mtx\.gz` is no sound Matrix Market file"):
             ElasticBody.from_files(packed, packed)
+    packed.write_bytes(gzip.compress(whole.replace(b"3 3 3", b"3 3 3\n" + b"%" * 2**26)))
+    with pytest.raises(SceneError, match="it unpacks to more than 32 MiB"):
+        ElasticBody.from_files(packed, packed)
+    path.write_bytes(b"%%MatrixMarket matrix array real symmetric\n2400 2400\n" + b"0\n" * (2400 * 2401 // 2))
+    with pytest.raises(SceneError, match="its 2881200 entries take far more memory than their text"):
+        ElasticBody.from_files(path, path)
     sparse = scipy.sparse.csc_array(dense)
     for indices, starts in (([0, 1, 7], [0, 1, 2, 3]), ([0, 1, -2], [0, 1, 2, 3]), ([0, 1, 2], [0, 9, 2, 3]), ([0, 1, 2], [0, 1, 2, 900])):
         sparse.indices[:], sparse.indptr[:] = indices, starts
         savemat(tmp_path / "mass.mat", {"M": sparse})
         with pytest.raises(SceneError, match="sparse matrix"):
             read_mat(tmp_path / "mass.mat")
+
+
+@pytest.mark.parametrize("packed", [bytes(2**29), b"doubles"], ids=["zeros", "doubles of a byte"])
+def test_a_mat_file_that_takes_far_more_memory_than_its_size_is_refused(tmp_path, packed):
+    if packed == b"doubles":
+        count = 2**26
+        head = struct.pack("<IIIIIIiiHH4sII", 6, 8, 6, 0, 5, 8, 1, count, 1, 1, b"a", 2, count)
+        packed = struct.pack("<II", 14, len(head) + count) + head + bytes(count)
+    packed = zlib.compress(packed, 1)
+    (tmp_path / "mass.mat").write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + struct.pack("<II", 15, len(packed)) + packed)
+    tracemalloc.start()
+    with pytest.raises(SceneError, match=r"mass\.mat` must be a MAT file, but .* more than \d+ MiB"):
+        read_mat(tmp_path / "mass.mat")
+    assert tracemalloc.get_traced_memory()[1] < 300 * 2**20
+    tracemalloc.stop()
 
 
 def test_an_archive_that_unpacks_to_far_more_than_its_size_is_refused_before_it_is_read(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import tracemalloc
 import zipfile
+import zlib
 
 import numpy as np
 import pytest
@@ -195,7 +196,28 @@ def referring(file, h5py):
         last = cells
 
 
-@pytest.mark.parametrize("change", [linked, elsewhere, chunked, around, referring], ids=lambda each: each.__name__)
+def bursting(file, h5py):
+    far = file.create_dataset("far", shape=(1, 1000), dtype="f8", chunks=(1, 1000), compression="gzip")
+    far.id.write_direct_chunk((0, 0), zlib.compress(bytes(2**27)))
+
+
+def packed_twice(file, h5py):
+    notes = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    notes.set_chunk((1000,))
+    notes.set_deflate(9)
+    notes.set_deflate(9)
+    far = h5py.h5d.create(file.id, b"far", h5py.h5t.NATIVE_DOUBLE, h5py.h5s.create_simple((1000,)), notes)
+    far.write_direct_chunk((0,), zlib.compress(zlib.compress(bytes(2**27))))
+
+
+def naming(file, h5py):
+    inner = file.create_dataset("inner", data=np.ones((1, 3)))
+    file.create_dataset("far", shape=(1, 30_000), dtype=h5py.ref_dtype)[:] = inner.ref
+
+
+@pytest.mark.parametrize(
+    "change", [linked, elsewhere, chunked, around, referring, bursting, packed_twice, naming], ids=lambda each: each.__name__
+)
 def test_a_mat_file_of_version_7_3_that_leads_elsewhere_or_to_itself_is_refused(tmp_path, change):
     h5py = pytest.importorskip("h5py")
     pytest.importorskip("pymatreader")
@@ -215,6 +237,102 @@ def test_a_file_of_zeros_is_no_table(tmp_path, name):
 
 
 def test_a_long_line_in_the_head_of_a_las_file_is_refused(tmp_path):
-    (tmp_path / "rig.las").write_text("~V\n" + "A." * 10_000 + " : x\n~A\n1 2\n")
-    with pytest.raises(SceneError, match="a line of its head has more than 10000 characters"):
+    (tmp_path / "rig.las").write_text("~V\n" + "A." * 1000 + " : x\n~A\n1 2\n")
+    with pytest.raises(SceneError, match="a line of its head has more than 1000 characters"):
         Recording.of(tmp_path / "rig.las", BELT)
+
+
+SHARED = b'<sst xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main">%s</sst>'
+LAS = "~Version\nVERS. 2.0:\nWRAP. NO:\n~Well\nNULL. -999:\n{head}~Curve\nTIME.s:\nSPEED.m/s:\n~A\n"
+
+
+def test_a_long_text_that_many_cells_of_a_sheet_name_stands_in_memory_once(tmp_path):
+    path, length, times = tmp_path / "rig.xlsx", 10_000, 20_000
+    sheet(path)
+    cells = b"".join(b'<row><c><v>%f</v></c><c><v>1</v></c><c t="s"><v>0</v></c></row>' % (10 + k / 10) for k in range(times))
+    repacked(path, "xl/worksheets/sheet1.xml", lambda text: text.replace(b"</sheetData>", cells + b"</sheetData>"))
+    part = b'<Override PartName="/xl/sharedStrings.xml" ContentType="application/vnd.openxmlformats-officedocument.spreadsheetml.sharedStrings+xml"/>'
+    repacked(path, "[Content_Types].xml", lambda text: text.replace(b"</Types>", part + b"</Types>"))
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("xl/sharedStrings.xml", SHARED % (b"<si><t>" + b"x" * length + b"</t></si>"))
+    tracemalloc.start()
+    assert Recording.of(path, BELT).time.size == times + 50
+    assert tracemalloc.get_traced_memory()[1] < length * times
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("part", "change", "reason"),
+    [
+        (
+            "sheet1.xml",
+            lambda text: text.replace(b"</sheetData>", b"<row>" + b"<c/>" * 20_000 + b"</row></sheetData>"),
+            "more than 16384 cells",
+        ),
+        ("sharedStrings.xml", lambda _: SHARED % (b"<si>" + b"<r><t>a</t></r>" * 300_000 + b"</si>"), "take at most 256 MiB"),
+    ],
+    ids=["a row of 20 000 cells", "a text of 300 000 pieces"],
+)
+def test_parts_of_a_sheet_that_take_minutes_are_refused(tmp_path, part, change, reason):
+    path = sheet(tmp_path / "rig.xlsx")
+    if part == "sharedStrings.xml":
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.writestr("xl/sharedStrings.xml", change(b""))
+    else:
+        repacked(path, f"xl/worksheets/{part}", change)
+    with pytest.raises(SceneError, match=rf"File `.*rig\.xlsx` must.*{reason}"):
+        Recording.of(path, BELT)
+
+
+def test_lists_in_a_parquet_file_are_left_out_and_told_and_texts_stand_in_memory_once(tmp_path):
+    pyarrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    count, long = 20_000, "x" * 20_000
+    texts = pyarrow.DictionaryArray.from_arrays(np.zeros(count, "i4"), [long])
+    time = np.arange(count) / 10
+    held = {"time [s]": time, "block.speed [m/s]": np.sin(time), "block.position [m]": texts, "lists": [[long[:5000]] * 3] * count}
+    parquet.write_table(pyarrow.table(held), tmp_path / "rig.parquet")
+    tracemalloc.start()
+    with pytest.raises(SceneError, match=r"column `block\.position`"):  # it holds no number
+        Recording.of(tmp_path / "rig.parquet", BELT)
+    assert tracemalloc.get_traced_memory()[1] < 2**27
+    tracemalloc.stop()
+    del held["block.position [m]"]
+    parquet.write_table(pyarrow.table(held), tmp_path / "rig.parquet")
+    assert "`lists` left out: lists or structures" in str(Recording.of(tmp_path / "rig.parquet", BELT))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (LAS.format(head="") + "1 " * 200_000, "a line of its data has more than 1000 values"),
+        (LAS.format(head="A.m:\n" * 500), "one mnemonic more than 40 times"),
+        (LAS.format(head="".join(f"A{k}.m:\n" for k in range(2000))), "its head has more than 1000 lines"),
+        (LAS.format(head="") + "1 2\n" * 6_000_000, "take at most 256 MiB"),
+    ],
+    ids=["values", "one mnemonic", "mnemonics", "rows"],
+)
+def test_a_las_file_that_takes_hours_is_refused(tmp_path, text, reason):
+    (tmp_path / "rig.las").write_text(text)
+    with pytest.raises(SceneError, match=rf"File `.*rig\.las` must.*{reason}"):
+        Recording.of(tmp_path / "rig.las", BELT)
+
+
+def test_parameters_and_remarks_of_a_las_file_may_be_long(tmp_path):
+    remarks = "~Parameter\n" + "A.m:\n" * 500 + "~Other\n" + "." * 9000 + "\n"
+    (tmp_path / "rig.las").write_text(LAS.format(head=remarks) + "".join(f"{k / 10} {np.sin(k / 10)}\n" for k in range(50)))
+    assert Recording.of(tmp_path / "rig.las", BELT, columns={"block.speed": "SPEED"}).signals["block.speed"].size == 50
+
+
+@pytest.mark.parametrize(
+    ("name", "row"), [("rig.csv", "1,2\n"), ("rig.txt", "1 2\n"), ("rig.csv", "\r")], ids=["commas", "blanks", "lines"]
+)
+def test_a_table_in_text_of_more_cells_than_memory_is_refused(tmp_path, name, row):
+    (tmp_path / name).write_text("time [s],block.speed [m/s]\n" + row * 2_500_000)
+    assert "must take at most 256 MiB" in refused_cheaply(tmp_path / name)
+
+
+def test_a_message_about_many_keys_names_some_of_them(tmp_path):
+    (tmp_path / "well.toml").write_text("".join(f"k{k} = 1\n" for k in range(9000)))
+    with pytest.raises(SceneError, match="`k0`, .* and 8970 more") as refusal:
+        read(tmp_path / "well.toml", [Column("length", "m")])
+    assert len(str(refusal.value)) < 1000

@@ -117,7 +117,7 @@ def test_the_borders_are_those_of_the_onset(folders, page):
 def test_the_machine_and_the_gains_stand_in_it(page):
     numbers = {row[0]: row[1:3] for row in Page(page).found("number")[1:]}
     assert numbers["chain.inertia"] == ["2122, 374", "kg m2"] and numbers["bit.weight"] == ["97.347", "kN"]
-    laws = {row[0]: row[1] for rows in Page(page).tables for row in rows if rows[0] == ["controller", "law"]}
+    laws = {row[0]: row[1] for rows in Page(page).tables for row in rows if rows[0] == ["controller", "its numbers"]}
     assert "proportional 0.4206 kN m s/rad" in laws["soft torque"]
     assert page.count("kg m&#178;") == 2  # the sketch
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError, listed, suggest
 from toolbox.logs.cells import UNITLESS, epoch, factor, plain_number
 from toolbox.logs.dates import DAY, UNDERSTOOD, digits_of, has_clock, has_date, is_format, is_time, seconds_of
 from toolbox.logs.grids import NONE, Column, Source, named
@@ -190,7 +190,7 @@ def _small(where: str) -> str:
 
 
 def _listed(source: Source) -> str:
-    return ", ".join(f"`{column.name}`" for column in source.columns[:30])
+    return listed(column.name for column in source.columns)
 
 
 def _looked_up(known: Mapping[str, Column], label: str, where: str, wanted: str) -> tuple[Column, str | None]:

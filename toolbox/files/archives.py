@@ -15,6 +15,9 @@ from toolbox.errors import SceneError
 from toolbox.files.reading import most_unpacked, opened
 from toolbox.files.units import is_finite_number
 
+MOST_WORDS = 300
+"""Characters of another library's words that an error repeats: some repeat what they read."""
+
 Shape = tuple[str, *tuple[int | str, ...]]
 """Kinds of the numbers of an array, as numpy names them (`f`, `iu`, `U`), and its lengths: a length with a name is the same wherever the name stands."""
 
@@ -123,8 +126,8 @@ def understood(path: Path, what: str) -> Iterator[None]:
         yield
     except (SceneError, ImportError):
         raise
-    except KeyError as error:
-        raise SceneError(f"File `{path}` must be {what}, but it has no {error}.") from None
     except Exception as error:
-        words = " ".join(f"{error}".split()).rstrip(".") or type(error).__name__
+        if isinstance(error, KeyError) and " " not in str(error):
+            raise SceneError(f"File `{path}` must be {what}, but it has no {error}.") from None
+        words = " ".join(f"{error}"[:MOST_WORDS].split()).rstrip(".") or type(error).__name__
         raise SceneError(f"File `{path}` must be {what}, but it is not: {words}.") from None

@@ -29,7 +29,7 @@ _CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13
 
 _MATRIX, _PACKED, _SPARSE = 14, 15, 5
 
-MOST_ROWS = 2**24
+MOST_ROWS = 2**22
 """Rows and columns of the largest sparse matrix that is read: one that names more of them than it has entries would take the memory for all."""
 
 _EARLY = ("f8", "f4", "i4", "i2", "u2", "u1")
@@ -78,7 +78,7 @@ def read_mat(path: str | Path) -> dict[str, Any]:
 class _Bytes:
     """Bytes that are read one after the other, with their order in numbers. What is asked for and not there raises ValueError."""
 
-    def __init__(self, held: bytes | memoryview, order: str):
+    def __init__(self, held: bytes | bytearray | memoryview, order: str):
         self.held, self.order, self.at = memoryview(held), order, 0
 
     def __bool__(self) -> bool:
@@ -121,23 +121,25 @@ def _matrices(given: _Bytes, most: int) -> Iterator[tuple[str, Any]]:
             most -= len(held)
         if kind != _MATRIX:
             raise ValueError(f"an element is of the unknown type {kind}")
-        found = _matrix(_Bytes(held, given.order))
+        found = _matrix(_Bytes(held, given.order), most)
         if found is not None and found[0]:
             yield found
 
 
-def _unpacked(held: memoryview, most: int) -> bytes:
-    unpacking = zlib.decompressobj()
-    found = unpacking.decompress(held, most + 1)
-    if len(found) > most:
-        raise ValueError(f"it unpacks to more than {most / 2**20:.0f} MiB")
+def _unpacked(held: memoryview, most: int) -> bytearray:
+    unpacking, found = zlib.decompressobj(), bytearray()
+    while piece := unpacking.decompress(held, 2**20):  # at once it would take twice the memory
+        found += piece
+        held = memoryview(unpacking.unconsumed_tail)
+        if len(found) > most:
+            raise ValueError(f"it unpacks to more than {most / 2**20:.0f} MiB")
     if not unpacking.eof:
         raise ValueError("an element is not whole")
     return found
 
 
-def _matrix(given: _Bytes) -> tuple[str, Any] | None:
-    """(name, matrix), None for what is no real numeric matrix."""
+def _matrix(given: _Bytes, most: int) -> tuple[str, Any] | None:
+    """(name, matrix), None for what is no real numeric matrix; most: bytes that its numbers may take, which lie in the file as shorter ones."""
     flags, shape, name = given.numbers(), given.numbers().tolist(), bytes(given.element()[1]).decode("ascii")
     if len(flags) != 2 or len(shape) < 2 or min(shape) < 0:
         raise ValueError("a matrix has no sound head")
@@ -146,7 +148,10 @@ def _matrix(given: _Bytes) -> tuple[str, Any] | None:
         return None
     if kind == _SPARSE:
         return name, _sparse(shape, given.numbers(), given.numbers(), given.numbers().astype(float))
-    return name, given.numbers().astype(_CLASSES[kind]).reshape(shape, order="F")
+    numbers = given.numbers()
+    if numbers.size * np.dtype(_CLASSES[kind]).itemsize > most:
+        raise ValueError(f"its `{name}` takes more than {most / 2**20:.0f} MiB")
+    return name, numbers.astype(_CLASSES[kind]).reshape(shape, order="F")
 
 
 def _sparse(shape: list[int], rows: np.ndarray, starts: np.ndarray, values: np.ndarray) -> Any:

@@ -11,13 +11,17 @@ from __future__ import annotations
 import csv
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from toolbox.errors import SceneError, suggest
-from toolbox.files.reading import SCENE, TEXT, text_of
+from toolbox.errors import SceneError, listed, suggest
+from toolbox.files.reading import SCENE, text_of
+
+LARGEST = 8 * 2**20
+"""Bytes of the largest table that is read: a row takes about thirty times its text."""
 
 MOST_LINES = 20
 """Lines over which one cell between quotation marks may go on."""
@@ -88,7 +92,7 @@ def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -
     """
     path = Path(path)
     toml = path.suffix.lower() == ".toml"
-    text = text_of(path, SCENE if toml else TEXT, "table")
+    text = text_of(path, SCENE if toml else LARGEST, "table")
     named = {name.casefold(): column for column in columns for name in (column.name, *column.also)}
     rows = _toml(path, text) if toml else _csv(path, text)
     if not rows:
@@ -117,7 +121,7 @@ def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -
             if column.required and column.name not in values:
                 unit = f" [{column.unit}]" if column.unit not in (None, "1") else ""
                 where = f"Table `{path}`" if path.suffix.lower() != ".toml" else f"Table `{path}`, {place},"
-                there = ", ".join(f"`{heading}`" for heading in cells)
+                there = listed(cells)
                 raise SceneError(f"{where} must have a column `{column.name}{unit}`, but it has {there}.")
         found.append(_filled(values))
     return Table(path, tuple(found), tuple(place for place, _ in rows), headings)
@@ -202,9 +206,9 @@ def _csv(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:
     head = lines[0][1]
     mark = max(",;\t", key=head.count)
     headings = next(parted(lines[:1], mark, f"Table `{path}`"), [])
-    for heading in headings:
-        if headings.count(heading) > 1:
-            raise SceneError(f"Table `{path}` must have every column once, but `{heading}` is there {headings.count(heading)} times.")
+    for heading, count in Counter(headings).items():
+        if count > 1:
+            raise SceneError(f"Table `{path}` must have every column once, but `{heading}` is there {count} times.")
     rows = []
     for row, (number, line) in enumerate(lines[1:], 1):
         place = f"row {row} (line {number})"
@@ -230,9 +234,7 @@ def _toml(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:
         return []
     key, entries = next(iter(data.items()))
     if len(data) > 1 or not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise SceneError(
-            f"Table `{path}` must be one array of tables such as [[{key}]], but its keys are {', '.join(f'`{k}`' for k in data)}."
-        )
+        raise SceneError(f"Table `{path}` must be one array of tables such as [[{key}]], but its keys are {listed(data)}.")
     return [(f"row {row}", entry) for row, entry in enumerate(entries, 1)]
 
 

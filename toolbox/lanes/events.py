@@ -13,6 +13,7 @@ from toolbox.compilation.work_layout import RIGID, SECOND, SWITCH
 from toolbox.lanes.layout import EVENT
 from toolbox.lanes.trial_step import Pass, explicit_formulas
 from toolbox.lanes.vectors import Rows, Truth, Value, called, largest, smallest
+from toolbox.stepping.holding import holds
 
 
 def carries_events(program: Program) -> bool:
@@ -127,9 +128,9 @@ def _inconsistent(made: Event, zeros: list[Truth | None], modes: list[Value], fo
         rate, force, static, pace = found[i], found[ne + i], found[2 * ne + i], found[3 * ne + i]
         sticks = ~modes[i].differs(0.0)
         stick_scale = m[i].differs(0.0).choose(was["other_scale"][2 * i], was["guard_scale"][2 * i])
-        holds = sticks & (abs(force) <= static * (1.0 + 1e-9) + 1e-12 * stick_scale)
+        held = sticks & holds(force, static, stick_scale)
         slides = ~sticks & (modes[i] * rate >= -1e-7 * abs(pace))
-        wrong.append(still & ~(holds | slides))
+        wrong.append(still & ~(held | slides))
     return wrong
 
 

@@ -23,6 +23,7 @@ from toolbox.compilation.work_layout import FRICTION, RIGID
 from toolbox.lanes.layout import GOES_ON, ROUND_OFF, SAMPLE, STOP
 from toolbox.lanes.trial_step import Pass
 from toolbox.lanes.vectors import Rows, Truth, Value, called, largest, smallest
+from toolbox.stepping.holding import holds
 
 POINTERS = ("sizes", "noise", "queue")
 """Arrays that a sample reads beside the block: see `queue_sizes`, `noise_table`, and the outputs of late laws on their way, (law, slot, output, lane)."""
@@ -214,7 +215,7 @@ def _refreshed(made: Sample, taken: Taken) -> Truth:
         if program.kind[i] == RIGID:
             wrong |= sticks & (force[i] > 1e-9 * static[i])
         elif program.kind[i] == FRICTION:
-            wrong |= sticks & ~(abs(force[i]) <= static[i] * (1.0 + 1e-9))
+            wrong |= sticks & ~holds(force[i], static[i], was["guard_scale"][2 * i])
             wrong |= ~sticks & (m[i] * slip[i] < 0.0)
         else:
             wrong |= g_new[2 * i] < -2e-9 * largest(largest(abs(g_new[2 * i]), was["guard_scale"][2 * i]), was["other_scale"][2 * i])

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 import io
 import os
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, listed
 from toolbox.files.archives import understood
 from toolbox.files.mat import read_mat
 from toolbox.files.reading import TEXT, content, opened
 from toolbox.logs.grids import Column, Source, named, of_rows, of_text
-from toolbox.logs.sizes import check_hdf, check_memory, check_parquet, check_sheets, texts_of_parquet
+from toolbox.logs.sizes import MARKED_UP, check_hdf, check_las, check_memory, check_parquet, check_sheets, check_text, texts_of_parquet
 from toolbox.logs.witsml import of_witsml
 
 EXTRA = "pip install 'stickslip-toolbox[data]'"
 
 NO_TABLE = "must be a table in text, a sheet (xlsx), parquet, LAS or MAT file, but it is none of these"
-
-LONGEST = 10_000
-"""Characters of the longest line in the head of a LAS file: the time to take one apart grows with the square of its length."""
 
 
 def from_file(path: Path, decimal: str | None = None, names: Sequence[str] = ()) -> Source:
@@ -45,11 +41,13 @@ def from_file(path: Path, decimal: str | None = None, names: Sequence[str] = ())
     text = decoded(held)
     start = text.lstrip()[:4000].lower()
     if kind == ".xml" or start.startswith(("<?xml", "<log", "<witsml", "<!")):
+        check_memory(path, MARKED_UP * len(text))
         return of_witsml(text, where, names)
     if kind == ".las" or start.startswith("~v"):
         return _of_las(path, text)
     if "\0" in text:
         raise SceneError(f"{where} {NO_TABLE}.")
+    check_text(path, text)
     return of_text(text, where, decimal, names)
 
 
@@ -84,7 +82,7 @@ def from_mapping(given: Mapping[str, Any]) -> Source:
 
 def from_frame(table: Any, bare: bool) -> Source:
     """Columns of a table of pandas; the index is the time where no column is called so."""
-    columns = [Column(*named(str(heading)), table[heading].to_numpy()) for heading in table.columns]
+    columns = [Column(*named(str(heading)), _cells(table[heading])) for heading in table.columns]
     index, words = table.index, [str(column.name).lower() for column in columns]
     plain = index.name is None and type(index).__name__ == "RangeIndex"
     if not plain and "time" not in words and index.nlevels == 1:
@@ -102,6 +100,13 @@ def _zoned(index: Any) -> Any:
     return index.tz_convert("UTC").tz_localize(None).to_numpy() if getattr(index, "tz", None) is not None else index.to_numpy()
 
 
+def _cells(column: Any) -> Any:
+    """Cells of a column of pandas; a text of a dictionary stands in memory once, however many of its rows name it."""
+    if hasattr(column, "cat") and column.cat.categories.dtype.kind not in "biuf":
+        return np.append(np.asarray(column.cat.categories, object), np.nan)[column.cat.codes]
+    return column.to_numpy()
+
+
 def _plain(cells: Any) -> Any:
     """Cells of pandas as those of numpy: spans of time in seconds, what has a zone in UTC."""
     array = np.asarray(cells)
@@ -116,11 +121,14 @@ def _by_pandas(path: Path, kind: str, held: bytes, names: Sequence[str]) -> Sour
 
         with understood(path, "parquet" if kind == ".parquet" else "a sheet"):
             if kind == ".parquet":
-                check_parquet(path, held)
-                return from_frame(pandas.read_parquet(io.BytesIO(held), read_dictionary=texts_of_parquet(held)), bare=False)
+                flat, nested = check_parquet(path, held)
+                source = from_frame(pandas.read_parquet(io.BytesIO(held), columns=flat, read_dictionary=texts_of_parquet(held)), bare=False)
+                source.notes += [f"{listed(nested)} left out: lists or structures"] if nested else []
+                return source
             if held[:2] == b"PK":
                 check_sheets(path, held)
-            sheets = pandas.read_excel(io.BytesIO(held), header=None, sheet_name=None)
+            engine = "openpyxl" if kind == ".xlsx" else None  # else pandas chooses by what is in the file
+            sheets = pandas.read_excel(io.BytesIO(held), header=None, sheet_name=None, dtype=object, engine=engine)
     except ImportError as error:
         raise ImportError(f"A file such as `{path.name}` is read by pandas with pyarrow and openpyxl, but {error}: {EXTRA}") from None
     full = {name: sheet for name, sheet in sheets.items() if sheet.shape[0] > 1 and sheet.shape[1] > 1}
@@ -128,7 +136,7 @@ def _by_pandas(path: Path, kind: str, held: bytes, names: Sequence[str]) -> Sour
         raise SceneError(f"File `{path}` must hold a table, but its sheets are empty.")
     name, sheet = max(full.items(), key=lambda pair: pair[1].size)
     with understood(path, "a sheet"):
-        source = of_rows(sheet.astype(object).where(sheet.notna(), None).values.tolist(), f"File `{path}`, sheet `{name}`,", names=names)
+        source = of_rows(sheet.where(sheet.notna(), None).values.tolist(), f"File `{path}`, sheet `{name}`,", names=names)
     source.notes.insert(0, f"sheet `{name}`" + (f" of {len(sheets)}, the largest" if len(sheets) > 1 else ""))
     return source
 
@@ -138,12 +146,8 @@ def _of_las(path: Path, text: str) -> Source:
         import lasio
     except ImportError:
         raise ImportError(f"LAS files such as `{path.name}` are read by lasio, which is not there: {EXTRA}") from None
-    if any(len(line) > LONGEST for line in re.split("(?im)^~A", text, maxsplit=1)[0].splitlines()):
-        raise SceneError(f"File `{path}` must be a LAS file, but a line of its head has more than {LONGEST} characters.")
-    try:
-        las = lasio.read(io.StringIO(text), null_policy="none", engine="normal")
-    except Exception as error:  # lasio has no common base for what it raises
-        raise SceneError(f"File `{path}` must be a LAS file, but it cannot be read: {error}.") from None
+    with understood(path, "a LAS file"):
+        las = lasio.read(io.StringIO(check_las(path, text)), null_policy="none", engine="normal")
     columns = [Column(curve.mnemonic, curve.unit or None, curve.data) for curve in las.curves]
     if (
         columns

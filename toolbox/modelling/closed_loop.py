@@ -67,6 +67,15 @@ class ClosedLoop(Printed):
     effort, reference, standstill
         Where a scene says so: the input whose peak counts, the set-point of `signal`, as a number or as the input that is, and of a stop the value of
         `signal` at which the machine stands.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> print(loop.number("bit.weight").value, "N")
+    97000.0 N
     """
 
     plant: HybridSystem

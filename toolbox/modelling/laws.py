@@ -215,6 +215,16 @@ class Sampled(Renamed):
     measured_signals, actuated_signals
         What a callable reads and gives; by default its own attributes of these names, else the first force or torque that the plant takes, and
         the speed at the same place, such as `top.torque` and `top.speed`.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, compose, simulate
+    >>> drive = Sampled(SoftTorque(reference="60 rpm"), "10 ms", delay="30 ms", noise={"top.speed": 0.01})
+    >>> run = simulate(compose(wells.JANSEN_2, BitRock(weight="60 kN")), "60 s", controller=drive)
+    >>> print(f"{run['bit.speed'][-1]:.1f} rad/s")
+    6.3 rad/s
     """
 
     law: Controller | Callable[[float, Any], Any]

@@ -52,7 +52,7 @@ def laws(loops: Iterable[tuple[str, ClosedLoop]]) -> str:
         {"all of them": shared} if shared else {}
     )
     rows = [(label if i == 0 else "", line) for label, lines in each.items() for i, line in enumerate(lines)]
-    return table("Laws, with the numbers to type into the drive", ("controller", "law"), rows)
+    return table("Laws, with the numbers to type into the drive", ("controller", "its numbers"), rows)
 
 
 def _rows(loop: ClosedLoop) -> list[tuple[str, str, str, str]]:

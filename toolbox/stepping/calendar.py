@@ -8,6 +8,7 @@ import numpy as np
 
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.guards import bounds_hold, loads_hold, nudge, refresh, two_directions, without_lever
+from toolbox.stepping.holding import holds
 from toolbox.stepping.modes import settle, turn_switches
 from toolbox.stepping.noise import normal
 from toolbox.translation.words import call
@@ -56,7 +57,7 @@ def inputs_changed(w, t, slips_jump):
                 w.m[i] = 1.0 if two_directions(w, i) else math.copysign(1.0, slip)
                 w.zero[i] = False
                 wrong = True
-            elif not abs(force) <= static * (1.0 + 1e-9) or without_lever(w, i):
+            elif not holds(force, static, w.guard_scale[2 * i + w.ints[layout.NG]]) or without_lever(w, i):
                 wrong = True
         elif w.m[i] * slip < 0.0 and not two_directions(w, i):
             w.m[i] = -w.m[i]

@@ -8,6 +8,7 @@ import numpy as np
 
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.guards import bounds_hold, flies, guard_size, nudge, project, refresh, two_directions, without_lever
+from toolbox.stepping.holding import holds
 from toolbox.stepping.impacts import impact, piles_up
 from toolbox.translation.words import call
 
@@ -45,8 +46,7 @@ def modes_consistent(w, t, change, one):
                 continue
             right = -1.0 if force > 0.0 else 1.0
         elif w.m[i] == 0.0:
-            # the last term for a bound that falls to zero, or an ulp below, with the normal force that makes it
-            if abs(force) <= static * (1.0 + 1e-9) + 1e-12 * w.guard_scale[2 * i + w.ints[layout.NG]]:
+            if holds(force, static, w.guard_scale[2 * i + w.ints[layout.NG]]):
                 continue
             right = -1.0 if force > 0.0 else 1.0
         else:

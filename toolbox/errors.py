@@ -166,7 +166,26 @@ class GrazingError(SimulationError):
 
 
 def listed(names: Iterable[str], most: int = 30) -> str:
-    """Return names between marks for a message, at most so many, and each in at most a hundred characters: a file may hold any number of any length."""
+    """Return names between marks for an error message: a file may hold any number of names of any length.
+
+    Parameters
+    ----------
+    names
+        The names. A name of more than a hundred characters is cut.
+    most
+        Number of names that are told.
+
+    Returns
+    -------
+    str
+        The first names, and how many more there are.
+
+    Examples
+    --------
+    >>> from toolbox.errors import listed
+    >>> print(listed(["time", "bit.speed", "top.speed"], most=2))
+    `time`, `bit.speed` and 1 more
+    """
     names = list(names)
     told = ", ".join(f"`{name if len(name) <= 100 else name[:100] + '...'}`" for name in names[:most])
     return told + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -5,7 +5,8 @@
 Gauss's principle decides the accelerations: among those that stops and clutches allow, q'' minimises (a - M^-1 f)' M (a - M^-1 f) / 2 + sum bound |slip rate|
 over the frictions without slip. Its dual is a least-squares problem with bounds on the forces, which `scipy.optimize.lsq_linear` solves whatever depends on
 what; nothing is known of modes, groups or shares. Frictions that begin to slide then have their kinetic force, and the rest is decided again. Between events
-scipy's DOP853 integrates with a relative tolerance of 1e-12; that what holds can go on holding is asked of the same least squares. Impacts are Newton's.
+scipy's DOP853 integrates with a relative tolerance of 1e-12; that what holds can go on holding is asked of the same least squares. Impacts are Newton's,
+without restitution where that would add energy.
 """
 
 from __future__ import annotations
@@ -326,27 +327,18 @@ class Reference:
             self.v = self.v - inverse @ rows.T @ np.linalg.lstsq(rows @ inverse @ rows.T, slips, rcond=1e-11)[0]
 
     def _impact(self, struck: Sequence[int]) -> None:
-        """Newton's impact of what is closed, what has just closed, and all clutches: 0 <= P, 0 <= -(slip + e slip before), one of them zero."""
+        """Newton's impact of what is closed, what has just closed, and all clutches: 0 <= P, 0 <= -(slip + e slip before), one of them zero.
+
+        Where that adds energy, as where a clutch makes a heavy body rebound as fast as the light one that strikes, restitution is left out.
+        """
         taking = [k for k in [*self.stops, *self.clutches] if self.mode[k] == 0 or k in struck or k in self.clutches]
         inverse = np.linalg.inv(self._mass(self.q))
         rows = np.array([self._row(k, self.q) for k in taking])
         before = np.array([self.slip(k, self.t, self.q, self.v) for k in taking])
         e = np.array([getattr(self.contacts[k], "restitution", 0.0) for k in taking])
-        A, size = rows @ inverse @ rows.T, np.abs(before).max() + 1e-300
-        target = np.where(before > 0, -e * before, 0.0)
-        for held in itertools.product((True, False), repeat=len(taking)):
-            on = np.flatnonzero(held)
-            P = np.zeros(len(taking))
-            P[on] = np.linalg.lstsq(A[np.ix_(on, on)], (before - target)[on], rcond=1e-11)[0] if on.size else []
-            after = before - A @ P
-            if (
-                (-1e-10 * size / A.diagonal().min() <= P).all()
-                and (after <= target + 1e-10 * size).all()
-                and (np.abs((after - target)[on]) <= 1e-9 * size).all()
-            ):
-                break
-        else:
-            raise LeftOut("no impact")
+        P, after = _impulses(rows @ inverse @ rows.T, before, e)
+        if P @ (before + after) < -1e-12 * np.abs(P) @ np.abs(before):  # it would add energy, and is one without restitution
+            P, after = _impulses(rows @ inverse @ rows.T, before, 0 * e)
         self.v = self.v - inverse @ rows.T @ P
         scale = float(np.abs(self.largest[self.n :]).max()) + 1e-300
         for k, slip in zip(taking, after, strict=True):
@@ -360,6 +352,23 @@ class Reference:
                 slip = self.slip(k, self.t, self.q, self.v)
                 self.mode[k] = 0 if abs(slip) <= 1e-11 * scale else int(math.copysign(1, slip))
             self._at_zero()
+
+
+def _impulses(A: np.ndarray, before: np.ndarray, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Impulses of an impact, and the slips after it."""
+    size, target = np.abs(before).max() + 1e-300, np.where(before > 0, -e * before, 0.0)
+    for held in itertools.product((True, False), repeat=len(before)):
+        on = np.flatnonzero(held)
+        P = np.zeros(len(before))
+        P[on] = np.linalg.lstsq(A[np.ix_(on, on)], (before - target)[on], rcond=1e-11)[0] if on.size else []
+        after = before - A @ P
+        if (
+            (-1e-10 * size / A.diagonal().min() <= P).all()
+            and (after <= target + 1e-10 * size).all()
+            and (np.abs((after - target)[on]) <= 1e-9 * size).all()
+        ):
+            return P, after
+    raise LeftOut("no impact")
 
 
 def _slope(value: Callable[[float], float], t: float) -> float:

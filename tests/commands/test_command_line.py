@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from tests.commands.conftest import BELT
+from toolbox import Trajectory
 from toolbox.commands import figures, terminal
 from toolbox.commands.command_line import main
 from toolbox.errors import ZenoError
@@ -627,3 +628,19 @@ def test_a_misspelt_number_is_the_one_that_is_named_with_its_neighbour(words, tm
     assert main([words[0], "studies/scenes/jansen_2.toml", *words[1:], "--out", str(tmp_path / "out")]) == 2
     told = capsys.readouterr().err.splitlines()[-1]
     assert "`bit.wob`" in told and "did you mean `bit.weight`" in told and not (tmp_path / "out").exists()
+
+
+def test_a_study_of_many_contacts_writes_what_its_figures_need_and_says_so(root, tmp_path, capsys):
+    text = (root / "studies" / "scenes" / "aarsnes_shor.toml").read_text(encoding="utf-8")
+    text = re.sub(r'"\.\./\.\./models', f'"{root.as_posix()}/models', text)
+    text = re.sub(r"(?m)^duration = .*", 'duration = "2 s"', text[: text.index('[[controllers]]\nlabel = "soft')])
+    (tmp_path / "scene.toml").write_text(re.sub(r"(?m)^after = .*", 'after = "1 s"', text), encoding="utf-8")
+    sizes = []
+    for more in ([], ["--all-signals"]):
+        assert main(["study", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), *more]) in (0, 1)
+        said = capsys.readouterr().out
+        found = Trajectory.load(next((tmp_path / "out").glob("*.npz")))
+        assert ("which `--all-signals` writes, too" in said) == (not more) and "top.speed" in found.names
+        assert ("chain.speed" in found.names) == bool(more)
+        sizes.append(sum(each.stat().st_size for each in (tmp_path / "out").glob("*.npz")))
+    assert sizes[0] < 0.3 * sizes[1]

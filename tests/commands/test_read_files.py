@@ -156,7 +156,7 @@ def well(tmp_path_factory):
     return folder
 
 
-FILES = {"RIG": "rig.toml", "OTHER": "other.toml", "LOG": "log.csv", "WELL": "well.toml"}
+FILES = {"RIG": "rig.toml", "OTHER": "other.toml", "LOG": "log.csv", "WELL": "well.toml", "INCLINED": str(SCENES / "aarsnes_shor.toml")}
 
 
 @pytest.mark.slow

@@ -101,6 +101,15 @@ def test_a_map_of_axes_that_are_no_names_gets_an_error(belt, axes):
     assert status == 200 and json.loads(body) == {"error": "Argument `axes` must name two numbers of the loop."}
 
 
+@pytest.mark.filterwarnings("default::RuntimeWarning")  # of numpy, for numbers near the largest that there are
+@pytest.mark.parametrize("force", [1e308, -1e308, 1e200])
+def test_a_question_about_forces_near_the_largest_number_gets_an_answer(belt, force):
+    setting = {"label": next(iter(belt.loops)), "changes": {"block.stiffness": 0.5, "block.force": force}}
+    with connected(belt) as connection:
+        status, body = answered(connection, belt, "further", {"page": "one", "setting": setting})
+    assert status == 200 and json.loads(body)
+
+
 def test_a_question_that_fails_for_an_unknown_reason_is_answered_too(belt, monkeypatch, caplog):
     monkeypatch.setitem(belt._questions, "scene", lambda told: 1 // 0)
     with connected(belt) as connection:

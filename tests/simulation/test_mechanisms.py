@@ -11,6 +11,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from models import Coulomb, GaussianStribeck, TwoWay, Viscous
+from studies.benchmarks import mechanisms
 from studies.benchmarks.mechanism_reference import Clutch, Friction, Reference, Stop
 from tests.mechanisms import BrakedShaft, Overrunning, Spool
 from toolbox import (
@@ -26,9 +27,11 @@ from toolbox import (
     quantity,
     simulate,
     state,
+    sweep,
     time,
 )
 from toolbox.inputs import sine
+from toolbox.measuring import metrics
 from toolbox.modelling import OneWayClutch, Relay
 
 METHODS = pytest.mark.parametrize("method", ["event", "taylor", "explicit", "stiff"])
@@ -293,25 +296,28 @@ def test_two_balls_between_two_walls_exchange_what_they_have(method):
 
 
 @METHODS
-@pytest.mark.parametrize("accuracy", [1e-4, 1e-6, 1e-10])
-def test_a_pusher_leaves_a_block_that_its_rail_stops_and_finds_it_again(method, accuracy):
-    """The block goes with the pusher, w = 0.2 (1 - cos t) + 0.03 t, while that goes forward, and stays where it turned."""
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-4, 1e-6, 1e-10])
+@pytest.mark.parametrize(("stroke", "rate", "drift", "laps"), [(0.2, 1.0, 0.03, 2), (0.4, 1.1, 0.1, 4)])
+def test_a_pusher_leaves_a_block_that_its_rail_stops_and_finds_it_again(method, accuracy, stroke, rate, drift, laps):
+    """The block goes with the pusher, w = stroke (1 - cos rate t) + drift t, while that goes forward, and stays where it turned."""
 
     def w(t):
-        return 0.2 * (1 - math.cos(t)) + 0.03 * t
+        return stroke * (1 - math.cos(rate * t)) + drift * t
 
     def equations(signal):
         x, v = state("a.x", "m"), state("a.v", "m/s")
-        place, pace = 0.2 * (1 - ca.cos(time)) + 0.03 * time, 0.2 * ca.sin(time) + 0.03
+        place, pace = stroke * (1 - ca.cos(rate * time)) + drift * time, stroke * rate * ca.sin(rate * time) + drift
         pusher, rail = UnilateralContact("pusher", place - x, pace - v, restitution=0.0), DryFriction("rail", v, Coulomb(1.0, 0.8))
         return Equations(flow={x: v, v: pusher.force + rail.force}, elements=[pusher, rail])
 
-    stops = math.pi + math.asin(0.15)
-    hit = brentq(lambda t: w(t) - w(stops), 7.0, 9.2)
-    run = simulate(closed_loop(part(equations), start={"a.v": 0.03}), 12.0, method=method, accuracy=accuracy)
-    assert times(run, "rail", "stick") == pytest.approx([stops, stops + 2 * math.pi], abs=1e-6)
-    assert times(run, "pusher", "closed") == pytest.approx([hit], abs=1e-6)
-    assert run["a.x"][-1] == pytest.approx(w(stops + 2 * math.pi), rel=1e-7)
+    lap = 2 * math.pi / rate
+    stops = (math.pi + math.asin(drift / (stroke * rate))) / rate
+    turns = lap - (stops - lap / 2)  # the pusher turns round behind the block, and is before it a lap later
+    hit = brentq(lambda t: w(t) - w(stops), turns, stops + lap)
+    run = simulate(closed_loop(part(equations), start={"a.v": drift}), stops + (laps - 0.6) * lap, method=method, accuracy=accuracy)
+    assert times(run, "rail", "stick") == pytest.approx([stops + k * lap for k in range(laps)], abs=1e-6)
+    assert times(run, "pusher", "closed") == pytest.approx([hit + k * lap for k in range(laps - 1)], abs=1e-6)
+    assert run["a.x"][-1] == pytest.approx(w(stops + (laps - 1) * lap), rel=1e-7)
 
 
 @METHODS
@@ -459,6 +465,43 @@ def test_only_a_ring_whose_friction_falls_is_refused_and_the_one_that_falls_is_n
     simulate(part(ring((1.0, 1.0, 0.5))), 0.1)
 
 
+@dataclass(frozen=True)
+class Plates(Component):
+    """Two plates on the ground that rub on each other, the friction of the first with its own numbers: a ring."""
+
+    static: Quantity = quantity(0.8, "N", "static friction of the first plate", at_least=0)
+    kinetic: Quantity = quantity(0.8, "N", "kinetic friction of the first plate", at_least=0)
+
+    def equations(self, signal):
+        v, u = state("shaft.speed", "m/s"), state("plate.speed", "m/s")
+        laws = (Coulomb(self.static, self.kinetic), Coulomb(1.5, 1.5), Coulomb(1.1, 1.1))
+        first, second, between = (
+            DryFriction(*named, law) for named, law in zip((("first", v), ("second", u), ("between", v - u)), laws, strict=True)
+        )
+        flow = {v: 3.0 + first.force + between.force, u: second.force - between.force}
+        return Equations(flow=flow, elements=[first, second, between])
+
+
+def test_a_ring_is_asked_again_where_its_numbers_change():
+    """The first plate slides at 3 - 0.8 - 1.1 N on 1 kg, the other one stays: 1.1 N on it are less than its bound of 1.5 N."""
+    plant = compose(Plates())
+    loop = closed_loop(plant)
+    what = ("ring", "static friction of `first` is above its kinetic", "not unique")
+    for change in (
+        lambda: plant.with_parameters({"shaft.kinetic": 0.5}),
+        lambda: simulate(plant, 1.0, parameters={"shaft.kinetic": 0.5}),
+        lambda: simulate(loop.at("shaft.static", 0.9), 1.0),
+        lambda: loop.but(inputs={"shaft.kinetic": sine(0.5, 0.1, 1.0)}).kinds,
+    ):
+        with refused(*what):
+            change()
+    found = sweep(loop, {"shaft.kinetic": np.array([0.8, 0.5])}, 1.0, metrics={"speed": metrics.final("shaft.speed")})
+    assert found["speed"][0] == pytest.approx(3.0 - 0.8 - 1.1)
+    assert list(found.failures) == [1] and all(word in found.failures[1] for word in what)
+    both = plant.with_parameters({"shaft.static": 0.5, "shaft.kinetic": 0.5})
+    assert simulate(both, 1.0)["shaft.speed"][-1] == pytest.approx(3.0 - 0.5 - 1.1)
+
+
 @METHODS
 def test_a_body_that_can_rest_if_its_neighbour_leaves_rests(method):
     """A wagon pulled by 1.3 N leaves another one, pulled by 0.8 N the same way: both going on together would agree with the forces, too."""
@@ -492,3 +535,76 @@ def test_a_ratchet_with_friction_lets_go_where_the_pull_reaches_the_bound(method
     begins = 1.0 + math.asin(0.4 / 2.7)
     assert times(run, "rub", "slip+") == pytest.approx([begins], abs=1e-8)
     assert run["drum.speed"][-1] == pytest.approx((2.7 * (math.cos(begins - 1.0) - math.cos(1.0)) - 0.4 * (2.0 - begins)) / mass, rel=1e-7)
+
+
+def _tied():
+    """Random bodies that a clutch ties together: (masses, bounds, ratio, push)."""
+    random = np.random.default_rng(1)
+    for _ in range(40):
+        bounds, ratio = random.uniform(0.1, 1.0, 2), float(random.choice([1.0, 2.0, 0.5]))
+        masses = (random.uniform(0.3, 3.0), random.uniform(0.3, 3.0))
+        yield masses, bounds, ratio, (bounds[0] + bounds[1] / ratio) / random.uniform(0.5, 0.97)
+
+
+@METHODS
+@pytest.mark.parametrize(("masses", "bounds", "ratio", "push"), [tied for k, tied in enumerate(_tied()) if k in (2, 13, 17, 31, 35, 39)])
+def test_bodies_that_a_locked_clutch_ties_together_break_away_together(method, masses, bounds, ratio, push):
+    """With the clutch locked x' = i y': M y'' = i (a sin t - b) - c, M = i^2 m + n, from where the push is both bounds on.
+
+    The clutch drives while c + n y'' > 0, that is until the pull has fallen to c (1 - M / n) at most.
+    """
+
+    def equations(signal):
+        x, y, v, u = state("x", "m"), state("y", "m"), state("v", "m/s"), state("u", "m/s")
+        clutch = OneWayClutch("clutch", v - ratio * u, slip_unit="m/s", force_unit="N")
+        first, second = (DryFriction(name, slip, Coulomb(b, b)) for name, slip, b in (("first", v, bounds[0]), ("second", u, bounds[1])))
+        pull = (push * ca.sin(time) + first.force - clutch.force) / masses[0]
+        return Equations(flow={x: v, y: u, v: pull, u: (second.force + ratio * clutch.force) / masses[1]}, elements=[first, second, clutch])
+
+    inertia, bound, whole = ratio**2 * masses[0] + masses[1], ratio * bounds[0] + bounds[1], ratio * push
+    leaves = math.asin(bound / whole)
+
+    def speed(t):
+        return (whole * (math.cos(leaves) - math.cos(t)) - bound * (t - leaves)) / inertia
+
+    least = (bound - inertia * bounds[1] / masses[1]) / whole
+    end = min(math.pi - math.asin(least) if least > -1 else 4.0, brentq(speed, math.pi - leaves, 6.0)) - 0.02
+    moved = (
+        whole * (math.cos(leaves) * (end - leaves) - math.sin(end) + math.sin(leaves)) / inertia - bound * (end - leaves) ** 2 / 2 / inertia
+    )
+    run = simulate(part(equations), end, method=method)
+    assert run["y"][-1] == pytest.approx(moved, rel=1e-7)
+    assert run["u"][-1] == pytest.approx(speed(end), abs=1e-7 * np.abs(run["u"]).max())
+    for element in ("first", "second"):
+        assert times(run, element, "slip+")[-1] == pytest.approx(leaves, abs=1e-7)
+        assert run.at(end).modes[element] == "slip+"
+
+
+@METHODS
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-6, 1e-9])
+def test_a_body_that_comes_to_rest_against_one_at_rest_holds_with_its_static_friction(method, accuracy):
+    """The wagon b leans on a, and both rest. It is pulled away by p = t / 2 - 1: it stays until p = 0.9 at 3.8 s, then v' = p - 0.5.
+
+    Both move at w' = -(0.4 + 0.5 + 1 - t / 2) / 2 until they rest, 1 - 0.95 t + t^2 / 8 = 0.
+    """
+
+    def equations(signal):
+        a, b, v, u = state("a.x", "m"), state("b.x", "m"), state("a.v", "m/s"), state("b.v", "m/s")
+        touch = UnilateralContact("touch", a - b, v - u, restitution=0.0)
+        first, second = DryFriction("first", v, Coulomb(5.0, 0.4)), DryFriction("second", u, Coulomb(0.9, 0.5))
+        return Equations(
+            flow={a: v, b: u, v: first.force - touch.force, u: time / 2 - 1 + second.force + touch.force}, elements=[first, second, touch]
+        )
+
+    run = simulate(closed_loop(part(equations), start={"a.v": 1.0, "b.v": 1.0}), 5.0, method=method, accuracy=accuracy)
+    rest = (0.95 - math.sqrt(0.95**2 - 0.5)) / 0.25
+    for element in ("first", "second"):
+        assert times(run, element, "stick") == pytest.approx([rest], abs=1e-7)
+    assert times(run, "second", "slip+") == pytest.approx([3.8], abs=1e-7)
+    assert run["b.v"][-1] == pytest.approx((5.0**2 - 3.8**2) / 4 - 1.5 * 1.2, abs=1e-7)
+
+
+@pytest.mark.parametrize(("seed", "number"), [(7011, 61), (7012, 131), (555, 83)])
+def test_drawn_mechanisms_whose_contacts_hold_each_other_move_as_gauss_says(seed, number):
+    """A stop that ties a body to one at rest, a clutch that an impact locks, and one that ties two frictions: by all methods."""
+    assert list(mechanisms.examine(seed, number)) == [("right", "")]

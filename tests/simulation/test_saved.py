@@ -193,6 +193,19 @@ def test_a_run_read_back_keeps_the_error_that_was_asked(tmp_path):
     assert str(back).splitlines()[0] == str(run).splitlines()[0]
 
 
+def test_a_run_is_saved_with_the_signals_that_are_asked_for(tmp_path):
+    run = simulate(RIG, 10.0, controller=PI(reference=9.0))
+    part = Trajectory.load(run.save(tmp_path / "part.npz", ["bit.speed", "top.torque"]))
+    times = np.linspace(0.0, 10.0, 301)
+    assert part.names == ["bit.speed", "top.torque"] and part.events == run.events and part.intervals("bit") == run.intervals("bit")
+    for name in part.names:
+        np.testing.assert_allclose(part.at(times)[name], run.at(times)[name], atol=1e-9 * np.abs(run[name]).max())
+    assert set(part.main_signals) <= set(part.names)
+    with pytest.raises(SceneError, match=r"bit\.sped"):
+        run.save(tmp_path / "none.npz", ["bit.sped"])
+    assert not (tmp_path / "none.npz").exists()
+
+
 def test_a_run_that_failed_is_read_back_as_far_as_it_came(tmp_path):
     with pytest.raises(BudgetError) as caught:
         simulate(compose(BlockOnBelt()), 100.0, method=EventExact(budget=Budget(events=3)), output_times=[0.0, 99.0])

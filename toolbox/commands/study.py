@@ -14,6 +14,8 @@ from toolbox.commands.recording import results, untimed
 from toolbox.commands.terminal import asked_otherwise, common, drawn_as, earlier, file_stems, loaded, progress, show
 
 COMMON_FILES = ("scene.toml", "study.txt", "table.csv", "comparison.png", "measured.csv")
+MANY = 60
+"""Columns of a run, an array of n values counting n, from which on a study writes those of its figures and its verdict alone."""
 CASE_FILES = (".npz", ".png", "_phase.png", "_measured.png")
 
 
@@ -41,6 +43,11 @@ def add(commands: Any) -> None:
         metavar="NAME",
         help="another column of the table: a name of `stickslip list metrics`; may be repeated",
     )
+    study.add_argument(
+        "--all-signals",
+        action="store_true",
+        help=f"write every signal of every run; without, a run of more than {MANY} columns leaves out arrays and the contacts that are not judged",
+    )
     asked_otherwise(study)
     study.set_defaults(action=run, spelled={"metrics": "--metric"})
 
@@ -55,7 +62,7 @@ def run(given: argparse.Namespace) -> int:
     stems = file_stems(scene.labels)
     names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], given.format)
     with results(given, names, earlier("table.csv", "^controller,verdict,stuck,", _left)) as folder:
-        rows, runs = [], {}
+        rows, runs, left_out = [], {}, set[str]()
         with progress(len(scene.cases)) as reached:
             for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
                 reached(i, label)
@@ -63,7 +70,10 @@ def run(given: argparse.Namespace) -> int:
                 rows.append(row)
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")
-                    untimed(run).save(folder / f"{stem}.npz")
+                    signals = None if given.all_signals else drawn_signals(run, scene.contact)
+                    if signals is not None:
+                        left_out |= set(run.names) - set(signals)
+                    untimed(run).save(folder / f"{stem}.npz", signals)
                     title = f"{label}: {row.verdict}"
                     figures.draw(scene, title, run, folder / f"{stem}.{given.format}", folder / f"{stem}_phase.{given.format}")
                     runs[title] = run
@@ -74,6 +84,11 @@ def run(given: argparse.Namespace) -> int:
         given.found = {"title": scene.title, "rows": rows}
         write_table(rows, folder / "table.csv")
         scene.save(folder / "scene.toml")
+        if left_out:
+            size = sum(each.stat().st_size for each in folder.glob("*.npz")) / 1e6
+            notes.append(
+                f"Trajectories take {size:.3g} MB without {len(left_out)} signals of contacts that are not judged, which `--all-signals` writes, too."
+            )
         warning = scene.needs().warning
         notes += [warning] if warning else []
         notes += [f"{label}: {unstable}" for label in scene.labels if (unstable := instability(scene[label]))]
@@ -93,6 +108,16 @@ def _beside_measured(scene: Any, stems: list[str], folder: Path, ending: str) ->
         figures.draw_found(found[label], f"{label}: measured and simulated", folder / f"{stem}_measured.{ending}")
     write_deviations(found, folder / "measured.csv")
     return [f"{label}: {each}" for label, each in found.items()]
+
+
+def drawn_signals(run: Any, judged: str | None) -> list[str] | None:
+    """Signals of a run with many columns that figures and verdict need: no arrays, no contacts but the judged one. None for all of a run with few."""
+    sizes = {name: int(run.at(run.begin)[name].size) if hasattr(run.at(run.begin)[name], "size") else 1 for name in run.names}
+    if sum(sizes.values()) <= MANY:
+        return None
+    others = tuple(f"{contact}." for contact in run.modes if contact != judged)
+    kept = [name for name, size in sizes.items() if size == 1 and not name.startswith(others)]
+    return list(dict.fromkeys([*kept, *(name for name in run.main_signals if name in sizes)]))
 
 
 def _left(table: str) -> list[str]:

@@ -38,7 +38,7 @@ from toolbox.modelling.friction_groups import grouped
 from toolbox.modelling.garbage import uncollected
 from toolbox.modelling.hybrid_system import HybridSystem, Input, Parameter, SampledUpdate
 from toolbox.modelling.switching import check_rates
-from toolbox.modelling.well_posed import check_gain, check_push, check_rings, check_wedges
+from toolbox.modelling.well_posed import check_numbers
 
 
 def compose(*components: Component) -> HybridSystem:
@@ -109,12 +109,10 @@ def assembled(components: tuple[Component, ...]) -> HybridSystem:
             raise
         if len(_COMPOSED) >= 256:
             _COMPOSED.pop(next(iter(list(_COMPOSED)), None), None)
+        shared.must_hold = check_numbers
         _COMPOSED[key] = shared
     system = numbered(shared, components)
-    check_gain(system)
-    check_rings(system)
-    check_wedges(system)
-    check_push(system)
+    check_numbers(system)
     return system
 
 

@@ -119,6 +119,8 @@ class HybridSystem(Renamed):
         What is computed or compiled once per structure.
     told
         {unit: unit that was typed} in the scene that the plant is of; None without one.
+    must_hold
+        Raises SceneError for numbers with which the forces of the plant cannot act as they must; None where nothing is asked.
 
     Examples
     --------
@@ -155,6 +157,7 @@ class HybridSystem(Renamed):
     routes: dict[str, str]
     cache: dict[Any, Any]
     told: Mapping[str, str] | None = None
+    must_hold: Callable[[HybridSystem], None] | None = None
 
     @cached_property
     def _typed(self) -> Mapping[str, str]:
@@ -358,6 +361,8 @@ class HybridSystem(Renamed):
         changed.parts = tuple(rebuilt(part, changed.values, offset) for part, offset in zip(self.parts, self._offsets(), strict=True))
         for part in changed.parts:
             checked(part)
+        if self.must_hold is not None:
+            self.must_hold(changed)
         return changed
 
     def varying(self, names: Sequence[str]) -> HybridSystem:
@@ -403,7 +408,7 @@ class HybridSystem(Renamed):
         for kind in ("stored", "losses", "supplies"):
             setattr(twin, kind, {name: change(expression) for name, expression in getattr(self, kind).items()})
         twin.updates = tuple(each._replace(following=change(each.following), outputs=change(each.outputs)) for each in self.updates)
-        twin.cache = {}
+        twin.cache, twin.must_hold = {}, None
         return twin
 
     def _offsets(self) -> Iterator[int]:

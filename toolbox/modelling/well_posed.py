@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -14,6 +15,14 @@ from toolbox.modelling.elimination import dependent_rows, must_be_independent
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.rings import motions_of, rings_of
 from toolbox.modelling.shared_holds import check_loads, dependent_holds
+
+
+def check_numbers(system: HybridSystem) -> None:
+    """Raise SceneError where the forces of a plant cannot act as they must with its numbers, which is asked again wherever they change."""
+    check_gain(system)
+    check_rings(system)
+    check_wedges(system)
+    check_push(system)
 
 
 def check_push(system: HybridSystem) -> None:
@@ -51,7 +60,8 @@ YIELDS = 1e-3
 def check_gain(system: HybridSystem) -> None:
     """Every force must pull its own slip towards zero, and no slip may be a combination of others (where the numbers alone decide that)."""
     gain = system.switching.gain
-    if not system.elements or ca.depends_on(gain, ca.vertcat(system.t, system.x, system.u)):
+    varies = bool(system.elements) and system.once("gain varies", lambda: ca.depends_on(gain, ca.vertcat(system.t, system.x, system.u)))
+    if not system.elements or varies:
         _check_cones(system)
         return
     symbols = [system.t, system.x, system.u, system.p, system.m]
@@ -87,13 +97,24 @@ def check_gain(system: HybridSystem) -> None:
         )
 
 
+def _rings(system: HybridSystem) -> list[list[int]]:
+    """The rings of frictions of a plant, by the numbers of their elements."""
+    form = system.switching
+    return system.once("rings", lambda: rings_of(system.elements, form.gain)) if form.shared.members else []
+
+
+def has_rings(system: HybridSystem) -> bool:
+    """Whether frictions of a plant hold each other's slips in a ring, so that `check_rings` depends on its numbers."""
+    return bool(_rings(system))
+
+
 def check_rings(system: HybridSystem) -> None:
     """Frictions must not hold each other's slips in a ring that no stop explains, as two on the ground and one between their bodies do.
 
     With static friction above kinetic the motion is not unique there. Where both are equal it is, and the ring may stay if its slips keep their ratios.
     """
     form = system.switching
-    for ring in rings_of(system.elements, form.gain) if form.shared.members else []:
+    for ring in _rings(system):
         if not _can_rest(system, ring):
             continue
         words = f"The frictions {', '.join(f'`{system.elements[i].name}`' for i in ring)} hold each other in a ring"
@@ -104,7 +125,7 @@ def check_rings(system: HybridSystem) -> None:
                 f"{words}, and the static friction of `{weaker[0]}` is above its kinetic friction: nothing decides how they share a force at rest, and which "
                 f"of them gives way first, so that the motion is not unique. Let static and kinetic friction of each be equal, {remedy}"
             )
-        if not motions_of(form.gain, ring, ca.vertcat(system.t, system.x)):
+        if not system.once(("motions", *ring), partial(motions_of, form.gain, ring, ca.vertcat(system.t, system.x))):
             raise SceneError(
                 f"{words} whose slips have too many motions, or change their ratios with the states: the toolbox does not follow such a ring. Instead, {remedy}"
             )
@@ -115,18 +136,25 @@ def _weakens(system: HybridSystem, friction: Element) -> bool:
     law = friction.law
     if law is None:
         return False
-    laws = {id(each): each for each in (law, law.reverse())}.values()
-    falls = [each.breakaway() - each.sliding(ca.SX(0), *[ca.SX(0)] * len(each.breaks())) for each in laws]
-    size = [each.breakaway() for each in laws]
-    found, bounds = ca.Function("falls", [system.p], [ca.vertcat(*falls), ca.vertcat(*size)])(system.values)
+
+    def falls() -> ca.Function:
+        laws = {id(each): each for each in (law, law.reverse())}.values()
+        ends = [each.breakaway() - each.sliding(ca.SX(0), *[ca.SX(0)] * len(each.breaks())) for each in laws]
+        return ca.Function("falls", [system.p], [ca.vertcat(*ends), ca.vertcat(*[each.breakaway() for each in laws])])
+
+    found, bounds = system.once(("falls", friction.name), falls)(system.values)
     return bool((np.abs(np.array(found)) > 1e-9 * np.abs(np.array(bounds))).any())
 
 
 def _can_rest(system: HybridSystem, ring: Sequence[int]) -> bool:
     """Whether slips that depend on each other can all be zero at once: those of one body against surfaces of different speeds never are."""
-    read = ca.vertcat(*[system.elements[i].slip for i in ring])
-    symbols = [system.t, system.x, system.u, system.p, system.m]
-    slips = ca.Function("slips", symbols, [ca.densify(read), ca.densify(system.switching.gain[list(ring), list(ring)])])
+
+    def slips_and_gain() -> ca.Function:
+        read = ca.vertcat(*[system.elements[i].slip for i in ring])
+        symbols = [system.t, system.x, system.u, system.p, system.m]
+        return ca.Function("slips", symbols, [ca.densify(read), ca.densify(system.switching.gain[list(ring), list(ring)])])
+
+    slips = system.once(("slips", *ring), slips_and_gain)
     x = np.cos(np.arange(1, system.x.numel() + 1))
     found, gain = (np.array(value) for value in slips(0.3, x, system.input_defaults(system.values), system.values, 0.0))
     size = np.sqrt(np.diag(gain))

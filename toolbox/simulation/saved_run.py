@@ -46,10 +46,11 @@ SILENT = 2.0
 """Seconds after which a word says how far saving is."""
 
 
-def write(run: Any, target: Path) -> Path:
-    """Write a trajectory, whole or not at all."""
+def write(run: Any, target: Path, names: Sequence[str] | None = None) -> Path:
+    """Write a trajectory with the signals of these names, or with all, whole or not at all."""
+    names = list(run.names if names is None else names)
     written: dict[str, np.ndarray] = {"time": run.time, "begin": np.array(run.begin), "end": np.array(run.end)}
-    written |= run.columns(run.names)
+    written |= run.columns(names)
     elements = list(run.modes)
     written |= {f"{name}.mode": run.mode[:, i] for i, name in enumerate(elements)}
     legend = [(name, mode, word) for name, words in run._legends.items() for mode, word in words.items()]
@@ -60,13 +61,13 @@ def write(run: Any, target: Path) -> Path:
     written["event.time"] = np.array([event.time for event in run.events])
     for field in ("element", "before", "after"):
         written[f"event.{field}"] = np.array([getattr(event, field) for event in run.events], dtype=np.str_)
-    written["unit.names"] = np.array(run.names, dtype=np.str_)
-    written["unit.values"] = np.array([run.unit(name) for name in run.names], dtype=np.str_)
-    degree, values = polynomials(run)
+    written["unit.names"] = np.array(names, dtype=np.str_)
+    written["unit.values"] = np.array([run.unit(name) for name in names], dtype=np.str_)
+    degree, values = polynomials(run, names)
     written |= {"step.time": run.nodes.time, "step.mode": run.nodes.mode, "step.degree": degree}
     written |= {f"step.{name}": points for name, points in values.items()}
     written["contacts"] = np.array(run.contacts, dtype=np.str_)
-    written["main"] = np.array(run.main_signals, dtype=np.str_)
+    written["main"] = np.array([name for name in run.main_signals if name in names], dtype=np.str_)
     limits = {name: [np.nan if end is None else end for end in ends] for name, ends in run.limits.items()}
     written["limit.names"] = np.array(list(limits), dtype=np.str_)
     written["limit.values"] = np.array(list(limits.values())).reshape(-1, 2)
@@ -104,10 +105,10 @@ def interpolated(values: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.einsum("sk,sk...->s...", parts, values)
 
 
-def polynomials(run: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def polynomials(run: Any, names: Sequence[str]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """(degree of each node, {signal: values at the points of all nodes in order, or at the nodes}), as a file holds them."""
     nodes = run.nodes
-    at_nodes = nodes.columns(run.names)
+    at_nodes = nodes.columns(names)
     size = np.maximum(np.abs(np.column_stack(list(at_nodes.values()))).max(axis=0, initial=0.0), 1e-300)
     apart = size * max(min(SAME[0], SAME[1] * run.accuracy), FINEST)
     long = np.append(np.diff(nodes.time) > 0, False)[: nodes.time.size]
@@ -116,7 +117,7 @@ def polynomials(run: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     began, silent = perf_counter(), True
     for first in range(0, nodes.time.size, CHUNK):
         rows = np.arange(first, min(first + CHUNK, nodes.time.size))
-        found = _instants(nodes, rows[~long[rows]], run.names) + _lowest(nodes, rows[long[rows]], run.names, apart)
+        found = _instants(nodes, rows[~long[rows]], names) + _lowest(nodes, rows[long[rows]], names, apart)
         for chosen, values in found:
             degree[chosen] = values.shape[1] - 1
         kept += found

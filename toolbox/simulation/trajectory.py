@@ -404,15 +404,19 @@ class Trajectory(Renamed, Recorded, Samples[FloatArray]):
         change = np.abs(np.diff(self.states, axis=0)) / np.maximum(np.abs(self.states).max(axis=0), 1e-300)
         return self.time[1:][(np.diff(self.time) == 0.0) & (change.max(axis=1) > least)]
 
-    def save(self, path: str | Path) -> Path:
+    def save(self, path: str | Path, signals: Sequence[str] | None = None) -> Path:
         """Write signals, modes and events to an npz file without pickle, whole or not at all; `Trajectory.load` reads it.
+
+        signals: names of the signals to write; all of them by default. Raises SceneError for an unknown name.
 
         The file holds the records, and every step as a polynomial of each signal, the same as `run.at` to 1e-10 of the size of the signal, or to 1e-4 of the
         accuracy of the run where that is less, down to 1e-12. Its keys stand in `toolbox.simulation.saved_run`.
         """
         from toolbox.simulation.saved_run import write
 
-        return write(self, Path(path))
+        for name in signals or ():
+            self.unit(name)  # which says so if there is none
+        return write(self, Path(path), signals)
 
     @staticmethod
     def load(path: str | Path) -> SavedRun:

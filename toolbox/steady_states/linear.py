@@ -158,7 +158,8 @@ def steady_state(
         found = equations(x)
         size = terms(x)
         if not vanishes(found, size, slopes(x), x.size):
-            worst = int(np.nanargmax(np.abs(found[: x.size]) / size[: x.size])) if np.isfinite(found).any() else 0
+            parts = np.abs(found[: x.size]) / size[: x.size]
+            worst = int(np.argmax(np.where(np.isnan(parts), -1.0, parts)))  # near the largest numbers all of them may be nan
             label, unit = state_labels(plant)[worst]
             reason = f"the search stops where `{label}` still changes by {found[worst]:.3g} {unit} per second"
             continue

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation import work_layout as layout
-from toolbox.stepping.guards import close_to_zero, guard_size, leaves_zero, rests
+from toolbox.stepping.guards import close_to_zero, guard_size, leaves_zero, stays
 from toolbox.translation.words import call
 
 
@@ -111,7 +111,7 @@ def candidate(w, h, low, high, width):
         if w.armed[j]:
             if not (b <= 0.0 or (low[ng + j] * w.side[j] < 0.0 and high[ng + j] * w.side[j] > 0.0)):
                 continue
-        elif b >= -1e-12 * guard_size(w, j) or rests(w, j, low[ng + j], high[ng + j]):
+        elif stays(w, j, low[j], low[ng + j], high[j], high[ng + j]):
             continue
         s = first_descent(a, w.side[j] * low[ng + j] * width * h, b, w.side[j] * high[ng + j] * width * h)
         if s > 1.0 and b <= 0.0:
@@ -171,7 +171,7 @@ def locate(w, h, low):
         below, near = False, False
         for j in range(ng):
             value = w.side[j] * w.y[2 * n + j]
-            still = value >= -1e-12 * guard_size(w, j) or rests(w, j, w.g[ng + j], w.y[2 * n + ng + j])
+            still = stays(w, j, w.g[j], w.g[ng + j], w.y[2 * n + j], w.y[2 * n + ng + j])
             if not w.armed[j] and j != w.ints[layout.LOCATED] and still:
                 continue  # round-off of a guard that starts at zero
             if abs(value) <= close_to_zero(w, j) and w.side[j] * w.y[2 * n + ng + j] < 0.0:
@@ -214,7 +214,7 @@ def watch(w, h, error, node):
             elif w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.y[end + ng + j] > 0.0 and error <= 1.0:
                 slope = w.side[j] * w.y[end + ng + j] * h
                 suspicious = suspicious or hermite_minimum(a, w.side[j] * w.g[ng + j] * h, b, slope)[1] <= 0.5 * max(a, b)
-        elif b < -1e-12 * guard_size(w, j) and not rests(w, j, w.g[ng + j], w.y[end + ng + j]):
+        elif not stays(w, j, w.g[j], w.g[ng + j], w.y[end + j], w.y[end + ng + j]):
             hit = True
     if hit or suspicious:
         for j in range(2 * ng):

@@ -21,7 +21,7 @@ from toolbox.stepping.between import load_node, open_step, step_between
 from toolbox.stepping.calendar import GO_ON, inputs_changed, jumps, next_stop, outputs_before, outputs_due, record, samples
 from toolbox.stepping.crossings import dip_inside, hermite_minimum, locate, rising_fraction, watch
 from toolbox.stepping.events import after_event, project_event
-from toolbox.stepping.guards import accept, finite, guard_size, held_quietly, no_modes, project, rests
+from toolbox.stepping.guards import accept, finite, held_quietly, no_modes, project, stays
 from toolbox.stepping.impacts import many_at_once
 from toolbox.stepping.quiet_samples import REFRESHED, cut_short, from_sample_to_sample, samples_rule
 from toolbox.stepping.series_steps import checked_end, open_series, watch_series
@@ -117,7 +117,7 @@ def _from_zero(w, h):
     for j in range(2 * ng):
         w.g_low[j] = w.g[j]
     for j in range(ng):
-        if w.armed[j] or w.side[j] * w.g_high[j] >= -1e-12 * guard_size(w, j) or rests(w, j, w.g[ng + j], w.g_high[ng + j]):
+        if w.armed[j] or stays(w, j, w.g[j], w.g[ng + j], w.g_high[j], w.g_high[ng + j]):
             continue
         rise, fall = rising_fraction(w, h, j)
         if (

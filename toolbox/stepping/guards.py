@@ -13,14 +13,27 @@ def guard_size(w, j):
 
 def close_to_zero(w, j):
     """How near to zero a guard counts as zero: far below what the accuracy asked can see; of a gap that closes still less, since bounces amplify it."""
-    if j < 2 * w.ints[layout.NE] and w.kind[j // 2] == layout.RIGID and w.m[j // 2] == 1.0:
+    if is_open(w, j):
         return 1e-14 * guard_size(w, j)
     return min(max(1e-5 * w.reals[layout.RTOL], 1e-13), 1e-9) * guard_size(w, j)
 
 
-def rests(w, j, begin, end):
-    """Whether guard j is that of an open gap which others hold at zero: its rates at both ends of a step are exactly zero, and what it is is round-off."""
-    return j < 2 * w.ints[layout.NE] and begin == 0.0 and end == 0.0 and w.kind[j // 2] == layout.RIGID and w.m[j // 2] == 1.0
+def is_open(w, j):
+    """Whether guard j is the gap of an open rigid contact."""
+    return j < 2 * w.ints[layout.NE] and w.kind[j // 2] == layout.RIGID and w.m[j // 2] == 1.0
+
+
+def stays(w, j, begin, begin_rate, end, end_rate):
+    """Whether guard j, which starts at zero, has not fallen through it from the value `begin` to `end`: all that it has lost is round-off.
+
+    A gap that others hold at zero has rates of exactly zero. One that has opened begins inside by what it has drifted while it was closed, and then rises.
+    """
+    low = -1e-12 * guard_size(w, j)
+    if is_open(w, j):
+        low += min(w.side[j] * begin, 0.0)
+        if begin_rate == 0.0 and end_rate == 0.0:
+            return True
+    return w.side[j] * end >= low
 
 
 def flies(w, i):

@@ -18,6 +18,9 @@ ROUND_OFF = 4.0 * layout.EPS * 1e7
 ZERO_RATE = 1e-12
 """Part of the forces at an open contact from which on the rate that they leave closes it: those that hold each other cancel to no better."""
 
+HELD = 1e-7
+"""Part of what its bound makes below which the rate of a slip is zero."""
+
 SEEN = 2e-9
 """How far a guard must have passed zero, in parts of its size, to have been passed: more than events are located to."""
 
@@ -51,7 +54,7 @@ def modes_consistent(w, t, change, one):
             right = -1.0 if force > 0.0 else 1.0
         else:
             # a contact released exactly at its limit starts with zero slip rate and must not fall back
-            if w.m[i] * rate >= -1e-7 * abs(pace):
+            if w.m[i] * rate >= -HELD * abs(pace):
                 continue
             right = 0.0
         if not change:
@@ -330,6 +333,7 @@ def fire(w, t, again):
     else:
         _come_to_rest(w, t, again)
         _release(w)
+        _go_with_what_holds(w, t)
         _take_in_what_touches(w, t)
     events = w.ints[layout.EVENTS]
     if not settle(w, t):
@@ -357,7 +361,7 @@ def _cannot_hold(w, t, i):
 
 def _come_to_rest(w, t, again):
     """Put frictions whose slip has ended at zero slip; one that begins at zero and goes the other way than its mode, and that no force holds, does so."""
-    ended = False
+    ended, rests = False, False
     for i in range(w.ints[layout.NE]):
         if w.kind[i] == layout.FRICTION and w.before[i] != 0.0 and w.fired[2 * i]:
             if w.loader[i] == layout.PASSES:
@@ -368,11 +372,26 @@ def _come_to_rest(w, t, again):
                 continue
             w.m[i] = 0.0  # its slip has been projected to zero already, in two directions it is now
             w.zero[i] = True
+            rests = True
             if two_directions(w, i):
                 w.m[i + 1] = 0.0
                 ended = True
     if ended:
         project(w, t)
+    if rests and w.ints[layout.COUPLED] == 1:
+        _rest_with_others(w, t)
+
+
+def _rest_with_others(w, t):
+    """Put frictions at rest whose slip what has just come to rest holds at zero, as that of a body that a closed stop ties to another one at rest."""
+    ne = w.ints[layout.NE]
+    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):
+        slides = w.kind[i] == layout.FRICTION and w.m[i] != 0.0 and not w.zero[i] and w.lever[i] == 0 and not flies(w, i)
+        if slides and w.loader[i] != layout.SECOND and not two_directions(w, i):
+            still = abs(w.z[ne + i]) <= HELD * abs(w.z[4 * ne + i])
+            if still and abs(w.z[i]) <= 1e-9 * guard_size(w, 2 * i):
+                w.m[i], w.zero[i] = 0.0, True
 
 
 def _release(w):
@@ -384,6 +403,42 @@ def _release(w):
                 w.m[i] = -1.0 if w.fired[2 * i] else 1.0
         elif w.kind[i] == layout.RIGID and w.before[i] == 0.0 and w.fired[2 * i]:
             w.m[i], w.forced[i] = 1.0, True
+
+
+def _go_with_what_holds(w, t):
+    """Let frictions go together that hold each other, as on two bodies that a clutch locks to each other.
+
+    One that is let go has no slip while others hold it: it has not come to rest where one of these is let go, too. And one that reaches its limit takes along
+    those that hold it and are at theirs, but for what events are located by.
+    """
+    ne, ng = w.ints[layout.NE], w.ints[layout.NG]
+    released = False
+    for i in range(ne):
+        released = released or (w.kind[i] == layout.FRICTION and w.forced[i])
+    if not (released and w.ints[layout.COUPLED] == 1):
+        return
+    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    held = False
+    for i in range(ne):
+        if w.kind[i] != layout.FRICTION or two_directions(w, i) or w.loader[i] == layout.SECOND:
+            continue
+        still = HELD * abs(w.z[4 * ne + i])
+        if w.zero[i] and w.m[i] == 0.0 and w.before[i] != 0.0 and abs(w.g[ng + 2 * i]) <= still:
+            w.m[i], w.forced[i] = w.before[i], True
+        held = held or (w.forced[i] and abs(w.z[ne + i]) <= still)
+    if not held:
+        return
+    for i in range(ne):
+        w.m_other[i] = w.m[i]
+        stuck = w.m[i] == 0.0 and w.before[i] == 0.0 and w.kind[i] == layout.FRICTION and not two_directions(w, i)
+        if stuck and w.loader[i] != layout.SECOND and abs(w.z[2 * ne + i]) >= (1.0 - HELD) * w.z[3 * ne + i]:
+            w.m[i] = -math.copysign(1.0, w.z[2 * ne + i])
+    if modes_consistent(w, t, False, -1):
+        for i in range(ne):
+            w.forced[i] = w.forced[i] or w.m[i] != w.m_other[i]
+    else:
+        for i in range(ne):
+            w.m[i] = w.m_other[i]
 
 
 def _take_in_what_touches(w, t):

@@ -19,7 +19,7 @@ import math
 
 from toolbox.compilation import work_layout as layout
 from toolbox.stepping.crossings import first_descent
-from toolbox.stepping.guards import close_to_zero, guard_size, rests
+from toolbox.stepping.guards import close_to_zero, guard_size, stays
 from toolbox.stepping.step_control import exp2, log2, measure_round_off, spread_round_off
 from toolbox.translation.words import call
 
@@ -173,7 +173,7 @@ def watch_series(w, h, node):
             zero, fraction = _first_fall(w, h, j, 0, 1.0 if b <= 0.0 else 0.5)
             if node and bound and fraction == 1.0 and b >= -1e-12 * guard_size(w, j) and b <= 0.0:
                 continue  # at its bound, or a bound at zero, where an input turns: what follows decides
-        elif b < -1e-12 * guard_size(w, j) and not rests(w, j, w.g[ng + j], w.y[end + ng + j]):
+        elif not stays(w, j, w.g[j], w.g[ng + j], w.y[end + j], w.y[end + ng + j]):
             hit, doubtful = True, True
             if w.side[j] * w.k[n + j] > 0.0:  # it rises first, for how long its polynomial tells: a low flight is far shorter than the step
                 zero, fraction = _first_fall(w, h, j, 1, 1.0)

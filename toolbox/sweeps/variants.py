@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,6 +18,7 @@ from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.components import Component, Slot, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of, symbolic_copy
 from toolbox.modelling.design_fields import designed_law
 from toolbox.modelling.elements import FrictionLaw
+from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.input_kinds import extremes
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Controller, Sampled
@@ -24,6 +26,7 @@ from toolbox.modelling.number_kinds import SAMPLE_TIME, clock_path, sampled_owne
 from toolbox.modelling.numbers import Number, is_remembered
 from toolbox.modelling.opposing import driving_of
 from toolbox.modelling.start import place_starts
+from toolbox.modelling.well_posed import check_rings, has_rings
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
 from toolbox.simulation.run_state import held_defaults
@@ -77,7 +80,27 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
         columns = [j for j, place in enumerate(places) if first <= place < first + len(numbers_of(part))]
         for i, words in _contradictions(part, found.same.copy(), first, [places[j] for j in columns], points[:, columns]):
             broken.setdefault(i, words)
+    for i, words in _unfit(loop.closed.plant, found.same, places, points):
+        broken.setdefault(i, words)
     return found, broken
+
+
+def _unfit(plant: HybridSystem, same: np.ndarray, places: Sequence[int], points: np.ndarray) -> Iterator[tuple[int, str]]:
+    """(run, why) where numbers of a plant whose frictions form a ring are none with which it can be followed."""
+    size = plant.values.size
+    columns = [j for j, place in enumerate(places) if place < size]
+    if not columns or not has_rings(plant):
+        return
+    rows, which = np.unique(points[:, columns], axis=0, return_inverse=True)
+    for k, row in enumerate(rows):
+        other = copy.copy(plant)
+        other.values = same[:size].copy()
+        other.values[[places[j] for j in columns]] = row
+        try:
+            check_rings(other)
+        except SceneError as error:
+            for i in np.flatnonzero(which.ravel() == k).tolist():
+                yield i, str(error)
 
 
 def _contradictions(part: Any, row: np.ndarray, first: int, places: Sequence[int], points: np.ndarray) -> Iterator[tuple[int, str]]:

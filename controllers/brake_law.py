@@ -44,7 +44,8 @@ class BrakeLaw(Controller):
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed",)
     actuated_signals: ClassVar[tuple[str, ...]] = ("brake.force",)
 
-    deceleration: Quantity = quantity(2.0, "rad/s2", "wanted deceleration", above=0)
+    deceleration: Quantity = quantity(2.0, "rad/s2", "wanted deceleration of the disc", above=0)
+    car_deceleration: OptionalQuantity = quantity(None, "m/s2", "wanted deceleration of the car, in place of that of the disc", above=0)
     friction: Quantity = quantity(0.4, "1", "coefficient of friction that the law expects", above=0)
     margin: OptionalQuantity = quantity(None, "1", "part of the border force that the law allows itself", above=0)
     lowest_force: Quantity = quantity(100.0, "N", "lowest force of one pad", at_least=0)
@@ -91,6 +92,11 @@ class BrakeLaw(Controller):
                 )
             else:
                 found |= {"border_speeds": border.speeds, "border_forces": tuple(min(force, UNBOUNDED) for force in border.forces)}
+        if self.car_deceleration is not None:
+            try:
+                found["deceleration"] = self.car_deceleration / plant.parameter("disc.wheel_radius")
+            except SceneError as error:
+                raise SceneError(f"Argument `car_deceleration` needs a DiscBrake with a `wheel_radius`: {error}") from None
         return replace(self, **found)
 
     def border_at(self, speed: Any) -> Any:
@@ -159,7 +165,7 @@ def groan_border(plant: HybridSystem) -> GroanBorder:
     """Find the force of one pad above which the pad of a disc brake loses its damping, over the disc speed.
 
     Below the border the pad keeps its damping, 2 N s(r w) < c; s is the fall of the declared friction with slip speed. Exact for exponential friction and for
-    tables; for any other law without breaks the lowest border within each cell of speed, up to 30 rad/s.
+    tables; for any other law without breaks, and for two pads with different friction, the lowest border within each cell of speed, up to 30 rad/s.
 
     Parameters
     ----------
@@ -181,7 +187,7 @@ def groan_border(plant: HybridSystem) -> GroanBorder:
     >>> from controllers import groan_border
     >>> from models import DiscBrake, Tabulated
     >>> from toolbox import compose
-    >>> table = Tabulated(speeds=(0.0, 0.24, 0.6, 1.2), coefficients=(0.45, 0.42, 0.38, 0.38), static=0.45)
+    >>> table = Tabulated(speeds=(0.0, 0.24, 0.6), coefficients=(0.45, 0.42, 0.38), static=0.45)
     >>> print(groan_border(compose(DiscBrake(friction=table))))
     Border of groan, force of one pad
          0.000 to    2.000 rad/s  800.0 N
@@ -197,20 +203,22 @@ def groan_border(plant: HybridSystem) -> GroanBorder:
             "A law with `margin` knows the force above which the pad groans only for a DiscBrake: give it `border_speeds` [rad/s] and `border_forces` [N], "
             f"because: {error}"
         ) from None
+    laws = [part for _, part, _ in getattr(law, "parts", ())] or [law]  # two pads on one disc are one friction
     if law is None or law.breaks() or law.memory(1):
         raise SceneError(
             "A law with `margin` needs friction without breaks and without memory to find the force above which the pad groans: give it "
             f"`border_speeds` [rad/s] and `border_forces` [N], because the law of the pad is {type(law).__name__}."
         )
     known = {name.rpartition(".")[2]: plant.parameter(name) for name in plant.parameters if name.startswith("pad.friction.")}
-    if set(known) == {"static", "kinetic", "decay"} and _is_exponential(law):
+    if len(laws) > 1:
+        (speeds, falls), growth = _sampled_falls(plant, laws, radius), 0.0
+    elif set(known) == {"static", "kinetic", "decay"} and _is_exponential(law):
         speeds, falls, growth = np.zeros(1), np.array([(known["static"] - known["kinetic"]) * known["decay"]]), known["decay"] * radius
     elif set(known) == {"static", "speeds", "coefficients"}:
         speeds, growth = known["speeds"] / radius, 0.0
         falls = np.append(-np.diff(known["coefficients"]) / np.diff(known["speeds"]), 0.0)
     else:
-        speeds, falls = _sampled_falls(plant, law, radius)
-        growth = 0.0
+        (speeds, falls), growth = _sampled_falls(plant, laws, radius), 0.0
     if not falls.max() > 0.0:
         raise SceneError("The friction of the pad does not fall with speed: no force makes it groan.")
     forces = [damping / (2.0 * fall) if fall > 0.0 else math.inf for fall in falls]
@@ -225,10 +233,11 @@ def _is_exponential(law: Any) -> bool:
     return bool(ca.is_equal(ca.SX(found), ca.SX(expected), 6))
 
 
-def _sampled_falls(plant: HybridSystem, law: Any, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Beginnings of cells of disc speed [rad/s], and the steepest fall of the friction at sixteen speeds within each of them."""
+def _sampled_falls(plant: HybridSystem, laws: list[Any], radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Beginnings of cells of disc speed [rad/s], and the steepest fall of the mean friction of the pads at seventeen speeds within each of them."""
     speed = ca.SX.sym("speed")
-    fall = ca.substitute(-ca.jacobian(ca.SX(law.sliding(speed)), speed), plant.p, ca.SX(plant.values))
+    mean = sum(ca.SX(law.sliding(speed)) for law in laws) / len(laws)
+    fall = ca.substitute(-ca.jacobian(mean, speed), plant.p, ca.SX(plant.values))
     slopes = ca.Function("fall", [speed], [ca.densify(fall)])
     edges = np.append(0.0, np.geomspace(0.01, 30.0, CELLS))
     found = [float(np.max(np.asarray(slopes(radius * np.linspace(low, high, 17)[None, :])))) for low, high in pairwise(edges)]

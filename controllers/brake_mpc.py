@@ -57,7 +57,7 @@ class BrakeMPC(BrakeLaw):
         check_fields(self)
         lag = self.lag
         if lag is None:
-            lag = float(plant.parameter("disc.lag")) if "disc.lag" in plant.parameters else 0.0
+            lag = next((float(plant.parameter(name)) for name in ("disc.lag", "actuator.lag") if name in plant.parameters), 0.0)
         return PlannedStop(super().design(plant), lag)
 
 

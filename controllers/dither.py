@@ -197,9 +197,25 @@ def widest(frequencies: Sequence[float] | np.ndarray, fine: Sequence[bool] | np.
     return max(runs, key=lambda run: run[1] / run[0]) if runs else (np.nan, np.nan)
 
 
+STANDING = 0.999
+"""Share of the time in stick from which on a contact is said to stand."""
+
+
 @dataclass(frozen=True)
 class DitherMap:
-    """Swing of a signal under a dithered load, in parts of its swing without: swing[i, j] at frequency[j] [Hz] and depth[i]; stuck: part of the time."""
+    """Swing of a signal under a dithered load, as a fraction of its swing without dither: the result of `dither_map`.
+
+    Attributes
+    ----------
+    natural
+        Natural frequency [Hz].
+    frequency, depth
+        Frequencies [Hz] and depths of the dither.
+    swing
+        swing[i, j] at depth[i] and frequency[j], as a fraction of the swing without dither.
+    stuck
+        Fraction of the time that the contact sticks, in the same order. Where it is 1 the contact stands at the end, and a calm signal is no success.
+    """
 
     natural: float
     frequency: np.ndarray
@@ -207,23 +223,49 @@ class DitherMap:
     swing: np.ndarray
     stuck: np.ndarray
 
+    @property
+    def stands(self) -> np.ndarray:
+        """Where the contact stands at the end, in the order of `swing`: dither has stopped what it should keep moving."""
+        return self.stuck >= STANDING
+
+    def calm(self, below: float = 0.5) -> np.ndarray:
+        """Where the contact slips and the swing stays below that fraction of the swing without dither, in the order of `swing`."""
+        return (self.swing < below) & ~self.stands
+
     def band(self, depth: float, below: float = 0.5) -> tuple[float, float]:
-        """(lowest, highest) frequency [Hz] of the widest run of frequencies, in log, where the swing stays below that part of what it was; nan for none."""
-        row = self.swing[int(np.argmin(np.abs(self.depth - depth)))] < below
-        return widest(self.frequency, row)
+        """(lowest, highest) frequency [Hz] of the widest run of frequencies, in log, that are `calm` at the nearest depth; nan if there is none."""
+        return widest(self.frequency, self.calm(below)[int(np.argmin(np.abs(self.depth - depth)))])
 
     def choice(self, below: float = 0.5) -> tuple[float, float]:
         """(frequency [Hz], depth): the smallest depth with a band at least an octave wide, and the frequency in the middle of that band.
 
-        Where no band is so wide, the middle of the widest there is; raises SceneError where nothing on the map calms the plant.
+        If no band is so wide, the middle of the widest there is. Raises SceneError if nothing on the map calms the plant while its contact slips.
         """
         bands = [(depth, self.band(depth, below)) for depth in self.depth]
         found = [(depth, low, high) for depth, (low, high) in bands if low == low]
         if not found:
-            raise SceneError(f"No dither on the map brings the swing below {below:g} of what it was.")
+            standing = f" The contact stands at {int(self.stands.sum())} of {self.swing.size} points: hold its speed, as `HeldSpeed` does on a brake."
+            raise SceneError(
+                f"No dither on the map brings the swing below {below:g} of what it was while the contact slips."
+                + standing * bool(self.stands.any())
+            )
         wide = [entry for entry in found if entry[2] >= 2.0 * entry[1]]
         depth, low, high = min(wide, key=lambda entry: entry[0]) if wide else max(found, key=lambda entry: entry[2] / entry[1])
         return float(np.sqrt(low * high)), float(depth)
+
+    def __str__(self) -> str:
+        head = f"Swing under dither, as a fraction of that without; natural frequency {self.natural:.4g} Hz; * stands"
+        names = f"{'frequency [Hz]':<16}" + "".join(f"{f'depth {depth:.2g}':>12}" for depth in self.depth)
+        lines = [head, names, "-" * len(names)]
+        for j, frequency in enumerate(self.frequency):
+            cells = (f"{swing:.2f}" + ("*" if stands else " ") for swing, stands in zip(self.swing[:, j], self.stands[:, j], strict=True))
+            lines.append((f"{frequency:<16.4g}" + "".join(f"{cell:>12}" for cell in cells)).rstrip())
+        try:
+            frequency, depth = self.choice()
+            lines.append(f"Choice: {frequency:.4g} Hz at depth {depth:.2g}")
+        except SceneError as error:
+            lines.append(str(error))
+        return "\n".join(lines)
 
 
 def dither_map(
@@ -242,14 +284,15 @@ def dither_map(
 ) -> DitherMap:
     """Map the amplitude of a signal under an alternating load, load = mean (1 + depth sin) - offset, by simulation.
 
-    Each run lasts `periods` natural periods, of which the second half counts.
+    Each run lasts `periods` natural periods, of which the second half counts. The map judges a speed that is held: of a machine that dither may stop, such as a
+    brake under a drive torque, hold the speed by `controller=HeldSpeed(reference=...)`. Points at which the contact stands are never recommended.
 
     Parameters
     ----------
     plant
         The plant.
     load
-        Name of the input that alternates.
+        Name of the input that alternates. Give an actuator as part of the plant and its command as load, to see what arrives of the dither.
     mean
         Its mean, in SI.
     natural
@@ -265,23 +308,31 @@ def dither_map(
     offset
         Part of the load that another input gives, as with `brake.disturbance`.
     arguments
-        Further arguments of `simulate`.
+        Further arguments of `simulate`, such as `controller` and `start`.
 
     Returns
     -------
     DitherMap
-        The amplitude at every frequency and depth.
+        The amplitude at every frequency and depth; it prints as a table.
+
+    Raises
+    ------
+    SceneError
+        If `mean` or `natural` is not positive, or the plant is calm without dither.
 
     Examples
     --------
     >>> from controllers import dither_map
     >>> from models import oscillators
     >>> from toolbox import compose
-    >>> judged = {"contact": "belt", "signal": "block.position"}
-    >>> found = dither_map(compose(oscillators.LEINE), "block.load", 10.0, 0.159, **judged, ratios=[0.5, 3.3], depths=[0.0, 0.8])
-    >>> print(found.swing.round(2))
-    [[1.   1.  ]
-     [0.41 0.01]]
+    >>> block = compose(oscillators.LEINE)
+    >>> print(dither_map(block, "block.load", 1.0, 0.159, contact="belt", signal="block.position", ratios=(0.5, 3.5), depths=(0.8,)))
+    Swing under dither, as a fraction of that without; natural frequency 0.159 Hz; * stands
+    frequency [Hz]     depth 0.8
+    ----------------------------
+    0.0795                 1.88
+    0.5565                 0.38
+    Choice: 0.5565 Hz at depth 0.8
     """
     mean, natural = number("mean", mean, "N", above=0), number("natural", natural, "Hz", above=0)
     duration = periods / natural
@@ -291,12 +342,19 @@ def dither_map(
         wave = {load: sine(mean - offset, depth * mean, ratio * natural)} if depth else {load: mean - offset}
         run = simulate(plant, duration, inputs={**given, **wave}, **arguments)
         extent = measure.extent(run, signal, duration / 2)
-        return extent.maximum - extent.minimum, measure.stuck_ratio(run, contact, duration / 2)
+        stuck = measure.stuck_ratio(run, contact, duration / 2)
+        stands = measure.stuck_ratio(run, contact, 7 * duration / 8) >= STANDING
+        return extent.maximum - extent.minimum, 1.0 if stands else stuck
 
-    alone, _ = found(0.0, 1.0)
-    if not alone > 0:
+    alone, stuck = found(0.0, 1.0)
+    if stuck >= STANDING or not alone > 0:
+        calm = (
+            f"The contact `{contact}` stands without dither"
+            if stuck >= STANDING
+            else f"The plant is calm without dither: `{signal}` does not swing"
+        )
         raise SceneError(
-            f"The plant is calm without dither: `{signal}` does not swing. Where it rests and could swing, begin in motion by `start={{...}}`."
+            f"{calm}. A brake needs its speed held (`controller=HeldSpeed(reference=...)`); what rests and could swing must begin in motion by `start={{...}}`."
         )
     table = np.array([[found(depth, ratio) for ratio in ratios] for depth in depths])
     return DitherMap(natural, natural * np.asarray(ratios, float), np.asarray(depths, float), table[:, :, 0] / alone, table[:, :, 1])

@@ -58,7 +58,7 @@ SHELVES = {
         "bits": ("Bits and rocks", "bit_rock smooth_bit_rock hysteretic_bit_rock drag_bit elastic_rock"),
         "friction": ("Friction laws", "friction bristles rate_and_state bristle_contact dither"),
         "blocks": ("Blocks, sliders and closed forms", "belt sliders bar torsional_pendulum damper oscillators closed_forms"),
-        "brakes": ("Brakes and disks", "disc_brake shoe_brake squeal disks disk_stack"),
+        "brakes": ("Brakes and disks", "disc_brake brake_actuator shoe_brake band_brake squeal disks disk_stack"),
         "mechanisms": ("Mechanisms", "axis cranks gears gear_stage backlash overrunning_drive hand_arm"),
         "hydraulics": ("Flow and valves", "flow_line valve_spool"),
         "elastic": ("Elastic bodies", "elastic"),

@@ -5,6 +5,7 @@ from .axial import AxialChain as AxialChain
 from .axis import Axis as Axis
 from .axis import Joint as Joint
 from .backlash import BacklashDrive as BacklashDrive
+from .band_brake import BandBrake as BandBrake
 from .bar import OscillatorOnBar as OscillatorOnBar
 from .belt import Absorber as Absorber
 from .belt import Block as Block
@@ -12,6 +13,7 @@ from .belt import BlockOnBelt as BlockOnBelt
 from .belt import BlocksOnBelt as BlocksOnBelt
 from .belt import Guide as Guide
 from .bit_rock import BitRock as BitRock
+from .brake_actuator import BrakeActuator as BrakeActuator
 from .bristle_contact import BristleContact as BristleContact
 from .bristle_contact import parabolic_shares as parabolic_shares
 from .bristles import Dahl as Dahl

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import casadi as ca
+
 from models.friction import Exponential
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
 from toolbox.modelling import OptionalQuantity
@@ -17,14 +19,21 @@ class DiscBrake(Component):
         I w' = T_drive - r F ;   m v' = F + a - k x - c v ;   F dry friction against r w - v, with load 2 N
 
     x and v are the tangential motion of pads and caliper at the effective radius r, and N = `brake.force` + `brake.disturbance` is the normal force of one pad.
-    Where a `lag` of the actuator is given, it stands between the command and N and is of first order. The commanded force must stay >= 0: pads push.
+    Where a `lag` of the actuator is given, it stands between the command and N and is of first order (`BrakeActuator` has limits as well). The commanded
+    force must stay >= 0: pads push. What is None is not there:
+
+    - `wheel_radius` R makes the speed of the car, R w, a state in place of that of the disc, so that a stop begins as `start={"disc.car_speed": "30 km/h"}`.
+    - `other_friction` gives the second pad a friction of its own, so that each pad carries the load N; both hang on one caliper.
+    - `heat_capacity` C makes the disc warm: C h' = F (r w - v) - cooling h, h its temperature above the surroundings, and all friction is multiplied by
+      max(1 - fade h, 0).
 
     - Needs the signals `brake.force` [N] (default: the field `force`), `brake.disturbance` [N] (default 0; a harmonic one is the input `sine`), `disc.torque`
       T_drive [N m] (default 0), `pad.attachment` a [N] (default 0), the force of what is tied to the pads: an absorber, a shaker.
-    - Gives the signals `disc.speed` w [rad/s], `pad.position` [m], `pad.speed` [m/s], `brake.torque` r F [N m], and with a lag `brake.normal_force` [N].
-    - Contact: `pad`.
+    - Gives the signals `disc.speed` w [rad/s], `pad.position` [m], `pad.speed` [m/s], `brake.torque` r F [N m]; with a lag `brake.normal_force` [N], with a
+      wheel radius `disc.car_speed` [m/s], with a heat capacity `disc.warming` h [K].
+    - Contacts: `pad`, and with a second friction `other_pad`. They stick and break away together.
 
-    Range: low speed (groan, below some 3 rad/s of the defaults); heat and fade are left out, and so is squeal (`SquealingPad`). All numbers are chosen, not
+    Range: low speed (groan, below some 3 rad/s of the defaults); squeal (`SquealingPad`) and the warming of the pads are left out. All numbers are chosen, not
     published: a passenger car of 1600 kg on tyres of 0.3 m, a quarter of it as inertia on the disc, pads and caliper at 50 Hz. The pad then loses its damping
     where 2 N (mu_s - mu_k) decay exp(-decay r w) > c. The form of the plant is that of the disc and pad with normal harmonic force of Balaram et al., of which
     only this much is known here: a reconstruction.
@@ -48,31 +57,53 @@ class DiscBrake(Component):
     force: Quantity = quantity(1000.0, "N", "normal force of one pad", at_least=0, typical_range=(1.0, 1e6))
     lag: OptionalQuantity = quantity(None, "s", "time constant of the actuator", above=0)
     friction: FrictionLaw = Exponential(static=0.45, kinetic=0.35, decay=5.0)
+    wheel_radius: OptionalQuantity = quantity(
+        None, "m", "radius R of the tyre, which makes the speed of the car a state", above=0, typical_range=(0.05, 2.0)
+    )
+    other_friction: FrictionLaw | None = None
+    heat_capacity: OptionalQuantity = quantity(None, "J/K", "heat capacity C of the disc", above=0)
+    cooling: Quantity = quantity(20.0, "W/K", "heat that the disc loses per kelvin above the surroundings", at_least=0)
+    fade: Quantity = quantity(1e-3, "1/K", "part of its friction that a pad loses per kelvin", at_least=0)
 
     def equations(self, signal):
-        w = state("disc.speed", "rad/s")
+        flow, gives = {}, {}
+        if self.wheel_radius is None:
+            turning = w = state("disc.speed", "rad/s")
+        else:
+            turning = state("disc.car_speed", "m/s")
+            w = turning / self.wheel_radius
+            gives["disc.speed"] = (w, "rad/s")
         x, v = state("pad.position", "m"), state("pad.speed", "m/s")
         command = signal("brake.force", "N", default=self.force)
         disturbance = signal("brake.disturbance", "N", default=0.0)
         drive = signal("disc.torque", "N m", default=0.0)
         attachment = signal("pad.attachment", "N", default=0.0)
-        flow, normal = {}, command
+        normal = command
         if self.lag is not None:
             normal = state("brake.normal_force", "N")
             flow = {normal: (command - normal) / self.lag}
         slip = self.radius * w - v
-        pad = DryFriction("pad", slip, self.friction, 2 * (normal + disturbance))
-        grip = -pad.force  # on the pads, along the rotation
+        load = normal + disturbance
+        if self.heat_capacity is not None:
+            warming = state("disc.warming", "K")
+            load = load * ca.fmax(1.0 - self.fade * warming, 0.0)
+        pads = [DryFriction("pad", slip, self.friction, 2 * load if self.other_friction is None else load)]
+        if self.other_friction is not None:
+            pads.append(DryFriction("other_pad", slip, self.other_friction, load))
+        grip = -sum(pad.force for pad in pads)  # on the pads, along the rotation
         torque = self.radius * grip
+        if self.heat_capacity is not None:
+            flow[warming] = (grip * slip - self.cooling * warming) / self.heat_capacity
+        spin = (drive - torque) / self.inertia
         return Equations(
             flow={
-                w: (drive - torque) / self.inertia,
+                turning: spin if self.wheel_radius is None else self.wheel_radius * spin,
                 x: v,
                 v: (grip + attachment - self.stiffness * x - self.damping * v) / self.pad_mass,
                 **flow,
             },
-            gives={"brake.torque": (torque, "N m")},
-            elements=[pad],
+            gives={"brake.torque": (torque, "N m"), **gives},
+            elements=pads,
             stored=self.inertia * w**2 / 2 + self.pad_mass * v**2 / 2 + self.stiffness * x**2 / 2,
             losses={"friction": grip * slip, "caliper": self.damping * v**2},
             supplies={"drive": drive * w, "attachment": attachment * v},

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from models.friction import Coulomb
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
-from toolbox.authoring import entries
+from toolbox.authoring import entries, number
 from toolbox.modelling import Quantities
 
 
@@ -27,8 +29,8 @@ class SquealingPad(Component):
     - Gives the signals `pad.position` x, `pad.approach` y [m], `pad.speed`, `pad.approach_speed` [m/s], `pad.normal_force` P + k_c y [N].
     - Contact: `pad`.
 
-    Range: loss of contact is not modelled; a run whose normal force falls below 0 is refused, so keep the preload above k_c |y|. Defaults: the dimensionless
-    pad with k_xx = k_yy = 2, k_xy = 1, flutter from mu = 3/4, with damping, preload and speed chosen.
+    Range: loss of contact is not modelled (`ElasticPad` can lift off); a run whose normal force falls below 0 is refused, so keep the preload above k_c |y|.
+    Defaults: the dimensionless pad with k_xx = k_yy = 2, k_xy = 1, flutter from mu = 3/4, with damping, preload and speed chosen.
 
     Examples
     --------
@@ -57,7 +59,7 @@ class SquealingPad(Component):
         v, w = state("pad.speed", "m/s"), state("pad.approach_speed", "m/s")
         k_xx, k_xy, k_yy = self._stiffness()
         normal = self.preload + self.contact_stiffness * y
-        pad = DryFriction("pad", v - self.disc_speed, self.friction, normal)
+        pad = DryFriction("pad", v - self.disc_speed, self.friction, normal, lift_off="ElasticPad")
         return Equations(
             flow={
                 x: v,
@@ -87,9 +89,108 @@ class SquealingPad(Component):
         numerator = (k_xx - k_yy) ** 2 + 4 * k_xy**2 + 2 * self.damping**2 / self.mass * (k_xx + k_yy)
         return float(numerator / (4 * coupling * self.contact_stiffness))
 
+    def modes(self, frictions) -> SquealModes:
+        """Find the complex eigenvalues of steady sliding over the coefficient of constant friction.
+
+            m s^2 + c s + [[k_xx, k_xy - mu k_c sgn(v_disc)], [k_xy, k_yy]] = 0 in its determinant
+
+        The pad squeals where a growth rate is positive: from `flutter_friction` on two modes have one frequency, and one of them grows.
+
+        Parameters
+        ----------
+        frictions
+            Coefficients of friction, shape (n,), >= 0.
+
+        Returns
+        -------
+        SquealModes
+            Frequencies and growth rates of both modes at every coefficient; it prints as a table, and `plot` draws it.
+
+        Raises
+        ------
+        SceneError
+            If a coefficient is negative or not finite.
+
+        Examples
+        --------
+        >>> print(SquealingPad().modes((0.6, 0.9)))
+        friction    mode 1 [Hz]    growth [1/s]    mode 2 [Hz]    growth [1/s]
+        ----------------------------------------------------------------------
+        0.6               0.198          -0.075          0.2487          -0.075
+        0.9              0.2262         -0.2324          0.2262         0.08236  squeals
+        Flutter from a friction of 0.7837 on
+        """
+        mu = np.array([number("frictions", each, at_least=0) for each in np.ravel(frictions)])
+        k_xx, k_xy, k_yy = (float(each) for each in self._stiffness())
+        drawn = mu * self.contact_stiffness * math.copysign(1.0, self.disc_speed)
+        # s^2 + c s / m = -lambda / m, with lambda an eigenvalue of the stiffness that friction has made unsymmetric
+        middle, half = (k_xx + k_yy) / 2, np.emath.sqrt(((k_xx - k_yy) / 2) ** 2 + (k_xy - drawn) * k_xy + 0j)
+        values = np.stack([middle - half, middle + half], axis=-1) / self.mass
+        rate = self.damping / (2 * self.mass)
+        roots: np.ndarray = np.emath.sqrt(rate**2 - values + 0j)
+        roots = np.where(roots.imag < 0, -roots, roots) - rate
+        order = np.lexsort((roots.real, np.round(np.abs(roots.imag), 9)), axis=-1)
+        poles = np.take_along_axis(roots, order, axis=-1)
+        return SquealModes(mu, np.abs(poles.imag) / (2 * math.pi), poles.real, self.flutter_friction())
+
     def _stiffness(self):
         """k_xx, k_xy, k_yy of springs and contact, of numbers or symbols."""
         springs = [(k, ca.cos(a), ca.sin(a)) for k, a in zip(self.stiffness, self.angle, strict=True)]
         k_xx = sum(k * cos * cos for k, cos, _ in springs)
         k_xy = sum(k * cos * sin for k, cos, sin in springs)
         return k_xx, k_xy, self.contact_stiffness + sum(k * sin * sin for k, _, sin in springs)
+
+
+@dataclass(frozen=True)
+class SquealModes:
+    """Complex eigenvalues of a pad over its friction: the result of `SquealingPad.modes`.
+
+    Attributes
+    ----------
+    friction
+        Coefficients of friction, shape (n,).
+    frequency, growth
+        Frequencies [Hz] and growth rates [1/s] of both modes, shape (n, 2), by frequency.
+    flutter
+        Coefficient from which on a mode grows; inf for none.
+    """
+
+    friction: np.ndarray
+    frequency: np.ndarray
+    growth: np.ndarray
+    flutter: float
+
+    @property
+    def squeals(self) -> np.ndarray:
+        """Where a mode grows, shape (n,)."""
+        return self.growth.max(axis=1) > 0
+
+    def __str__(self) -> str:
+        names = f"{'friction':<12}{'mode 1 [Hz]':>11}{'growth [1/s]':>16}{'mode 2 [Hz]':>15}{'growth [1/s]':>16}"
+        lines = [names, "-" * len(names)]
+        for mu, (low, high), (first, second), loud in zip(self.friction, self.frequency, self.growth, self.squeals, strict=True):
+            word = "  squeals" if loud else ""
+            lines.append(f"{mu:<12.4g}{low:>11.4g}{first:>16.4g}{high:>16.4g}{second:>16.4g}{word}")
+        lines.append(
+            f"Flutter from a friction of {self.flutter:.4g} on"
+            if math.isfinite(self.flutter)
+            else "No friction in this direction makes it flutter"
+        )
+        return "\n".join(lines)
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw frequencies and growth rates over the friction, the squealing range shaded; returns both axes."""
+        from matplotlib import pyplot
+
+        if axes is None:
+            _, axes = pyplot.subplots(2, 1, sharex=True, layout="constrained")
+        for ax, values, label in zip(axes, (self.frequency, self.growth), ("frequency [Hz]", "growth rate [1/s]"), strict=True):
+            for mode, (color, style) in enumerate((("black", "-"), ("0.45", "--"))):
+                ax.plot(self.friction, values[:, mode], color=color, linestyle=style, label=f"mode {mode + 1}")
+            if self.flutter < self.friction.max():
+                ax.axvspan(self.flutter, self.friction.max(), color="0.92", zorder=0, label="squeals")
+            ax.set_ylabel(label)
+        axes[1].axhline(0.0, color="0.6", linewidth=0.8)
+        axes[1].set_xlabel("coefficient of friction [1]")
+        axes[0].legend(frameon=False)
+        return axes

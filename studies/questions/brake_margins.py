@@ -1,25 +1,25 @@
 """What is left of the borders of groan, and of the band of dither, on a machine that is a little different?
 
-Groan. The laws of `studies.questions.brakes` under their real conditions (actuator of 10 ms, commands 2 ms late, noise): the highest deceleration up to which a
-stop succeeds, on the declared machine, and where friction, stiffness of the caliper, or the inertia that it brakes is 20 % more or less, one at a time. Each
-at eight phases of the roughness of the disc; the least of the eight counts. The laws are designed on the declared machine. Found by bisection on a grid of
-0.1 rad/s2 and confirmed at three decelerations below the answer, because a law may fail at a lower one.
+Groan. The rows of `studies.questions.brakes` that are silent there, with the same actuator and noise: the highest deceleration up to which no pad groans,
+on the nominal machine, and where friction, stiffness of the caliper, or the inertia that it brakes is 20 % more or less, one at a time. Each at eight phases
+of the roughness of the disc; the least of the eight counts. The laws are designed on the nominal machine. Found by bisection on a grid of 0.1 m/s2
+between 0.5 and 3 m/s2 and confirmed at three decelerations below the answer, because a law may groan at a lower one.
 
 Dither. A sine of the load at the frequency and depth that `studies.questions.dither` finds best. It begins inside the stick-slip cycle at eight phases of
-it, on the declared rig and where friction, stiffness, load, amplitude or frequency of the dither is 20 % more or less: the largest swing, in parts of
+it, on the nominal rig and where friction, stiffness, load, amplitude or frequency of the dither is 20 % more or less: the largest swing, in parts of
 that without dither on the same rig, after 80 natural periods. The band: frequencies, in parts of the natural one, at which the swing stays below a half
 at that depth; robust where it does so on every rig and at every phase.
 
-The way. For every law that eases and several margins: the shortest way from 1.8 m/s at which no pad groans, whatever was planned, in steps of 0.25 rad/s2 up
-to the first groan (or to where the disc does not stand in twice the planned time and 2 s), declared and over all errors, at two phases.
+Distance. For every law that eases and several margins: the longest stopping distance from 30 km/h at 2.5 m/s2 (13.9 m planned), nominal and over all errors,
+at two phases; "groans" where a pad does.
 
-What comes out: of the 2.3 rad/s2 that the best law stops at on the declared machine, 1.6 are left where friction may be a fifth less or the car a fifth heavier
-(MPC; 1.5 for the eased sliding mode), and nothing for laws that do not feed the speed back; what ends them is the way, never groan. The shortest way
-without groan is that of a margin of 0.8 for every law once the machine may differ (MPC 2.40 m, eased constant force 2.98 m); bolder ones are shorter on the
-declared machine alone. Dither of Leine's block keeps the worst swing about a half (0.45 to 0.51) at 3.3 to 3.7 natural frequencies, whatever is 20 % off,
+What comes out: up to a margin of 0.8 the eased constant force, PI and sliding mode are silent on every machine at 2.5 m/s2, the PI up to 0.9; the MPC groans on one
+of them at every margin, at 0.8 where the car is a fifth heavier. Bolder margins stop sooner on the nominal machine (sliding mode 15.36 m at 0.7, 14.79 m
+at 1).
+Dither of Leine's block keeps the worst swing about a half (0.45 to 0.51) at 3.3 to 3.7 natural frequencies, whatever is 20 % off,
 and that of the disc brake at none.
 
-    python -m studies brake_margins [--out FOLDER]        (both tables and their csv)
+    python -m studies brake_margins [--out FOLDER]        (all tables and their csv)
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from toolbox.inputs import sine
 PHASES = tuple(k / 8 for k in range(8))
 PART = 0.2
 CONFIRMED = 3
-LABELS = ("constant force, eased", "PI, eased", "sliding mode, eased", "MPC", "constant, phased dither")
+LABELS = ("constant force, eased", "PI, eased", "sliding mode, eased", "MPC", "constant, phased dither, ideal actuator")
 
 
 def _errors(names: Mapping[str, Sequence[str]]) -> dict[str, dict[str, float]]:
-    """{words: factors of parameters} of one error at a time, both ways, after the declared machine."""
+    """{words: factors of parameters} of one error at a time, both ways, after the nominal machine."""
     found: dict[str, dict[str, float]] = {"nominal": {}}
     for word, parameters in names.items():
         for sign in (-1.0, 1.0):
@@ -60,24 +60,39 @@ STOPS = _errors({
 })  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Border:
+    """The last number of a grid that succeeds, nan where the first one fails, and what ends it: a failure, or `scan`, the end of the grid."""
+
+    value: float
+    ended: str
+
+    def __str__(self) -> str:
+        return (f"{self.value:.1f}" if self.value == self.value else f"< {brakes.LOWEST:g}") + f" {self.ended}"
+
+
+def row_called(label: str) -> brakes.Contender:
+    """The row of the brake study with that label."""
+    return next(each for each in brakes.contenders() if each.label == label)
+
+
 def stop_of(contender: brakes.Contender, deceleration: float, factors: Mapping[str, float], phase: float) -> brakes.Stop | None:
     """One stop, None where its run fails; the roughness of the disc begins at a phase."""
-    plant = brakes.plant_of(brakes.LAG)
+    plant = brakes.plant_of(contender)
     given = {name: factor * float(plant.parameter(name)) for name, factor in factors.items()}
     try:
-        run = brakes.run_of(contender, deceleration, True, brakes.VERDICT_SEEDS[0], parameters=given, phase=phase)
+        return brakes.stop_of(brakes.run_of(contender, deceleration, parameters=given, phase=phase))
     except SimulationError:
         return None
-    return brakes.stop_of(run, deceleration)
 
 
 def stop_fails(contender: brakes.Contender, deceleration: float, factors: Mapping[str, float], phase: float) -> str:
-    """What keeps one stop from being a success; empty where it is one."""
+    """What keeps one stop from being silent; empty where it is."""
     stop = stop_of(contender, deceleration, factors, phase)
-    return "failed run" if stop is None else stop.fails
+    return "failed run" if stop is None else "groan" if stop.groans else ""
 
 
-def highest(fails: Callable[[float], str], lowest: float, most: float, step: float) -> brakes.Border:
+def highest(fails: Callable[[float], str], lowest: float, most: float, step: float) -> Border:
     """The highest number of a grid that does not fail, nor do `CONFIRMED` below it, and what fails next above; nan where the lowest does."""
     count = round((most - lowest) / step)
     known: dict[int, str] = {}
@@ -85,44 +100,43 @@ def highest(fails: Callable[[float], str], lowest: float, most: float, step: flo
     def at(k: int) -> float:
         return round(lowest + k * step, 9)
 
-    def holds(value: float) -> bool:
-        k = round((value - lowest) / step)
+    def holds(k: int) -> bool:
         if k not in known:
-            known[k] = fails(value)
+            known[k] = fails(at(k))
         return not known[k]
 
-    if not holds(at(0)):
-        return brakes.Border(math.nan, known[0])
+    if not holds(0):
+        return Border(math.nan, known[0])
     good, bad = 0, count + 1
     while bad - good > 1:
-        middle = (good + bad) // 2
-        if holds(at(middle)):
+        middle = count if bad == count + 1 and good == 0 else (good + bad) // 2  # the end of the grid first: most laws reach it
+        if holds(middle):
             good = middle
         else:
             bad = middle
         if bad - good == 1:
-            failing = [k for k in range(max(good - CONFIRMED, 1), good) if not holds(at(k))]
+            failing = [k for k in range(max(good - CONFIRMED, 1), good) if not holds(k)]
             if failing:
                 good, bad = 0, failing[0]
-    return brakes.Border(at(good), known.get(bad, "scan"))
+    return Border(at(good), known.get(bad, "scan"))
 
 
 @dataclass(frozen=True)
 class Groan:
-    """A line of the first table: highest deceleration and what ends it by error of the machine."""
+    """A line of the first table: highest silent deceleration [m/s2] and what ends it by error of the machine."""
 
     label: str
-    highest: Mapping[str, brakes.Border]
+    highest: Mapping[str, Border]
 
     @property
-    def robust(self) -> brakes.Border:
+    def robust(self) -> Border:
         """The least over all errors; nan where one is."""
-        return min(self.highest.values(), key=lambda each: np.nan_to_num(each.deceleration, nan=-1.0))
+        return min(self.highest.values(), key=lambda each: np.nan_to_num(each.value, nan=-1.0))
 
 
 def groan(label: str) -> Groan:
     """The line of a law."""
-    contender = next(each for each in brakes.contenders() if each.label == label)
+    contender = row_called(label)
     found = {}
     for word, factors in STOPS.items():
 
@@ -135,46 +149,32 @@ def groan(label: str) -> Groan:
 
 MARGINS = (0.6, 0.7, 0.8, 0.9, 1.0)
 EASED = LABELS[:-1]
-TYRE = 0.3
-"""Radius of the tyre [m]."""
 
 
-@dataclass(frozen=True)
-class Way:
-    """The shortest way [m] of a law with a margin on some machines, whatever was planned; the deceleration [rad/s2] that gives it, and what ends the scan."""
-
-    length: float
-    deceleration: float
-    ended: str
-
-
-def shortest(label: str, margin: float, machines: Mapping[str, Mapping[str, float]], phases: Sequence[float] = (0.0, 0.5)) -> Way:
-    """The shortest way at which the pad groans on no machine at any phase; decelerations in steps of 0.25 rad/s2 up to the first groan."""
-    contender = next(each for each in brakes.contenders() if each.label == label)
+def longest(label: str, margin: float, machines: Mapping[str, Mapping[str, float]], phases: Sequence[float] = (0.0, 0.5)) -> float:
+    """The longest stopping distance [m] of a law with a margin at 2.5 m/s2 on some machines; nan where a pad groans or the car does not stand."""
+    contender = row_called(label)
     contender = replace(contender, law=partial(contender.law, margin=margin))
-    best = Way(math.nan, math.nan, "scan")
-    for deceleration in np.arange(brakes.LOWEST, brakes.HIGHEST + 0.01, 0.25):
-        longest = 0.0
-        for factors in machines.values():
-            for phase in phases:
-                stop = stop_of(contender, float(deceleration), factors, phase)
-                if stop is None or stop.fails in ("groan", "stand"):
-                    return replace(best, ended="failed run" if stop is None else stop.fails)
-                longest = max(longest, TYRE * stop.way)
-        if not longest >= best.length:
-            best = Way(longest, float(deceleration), "scan")
-    return best
+    found = 0.0
+    for factors in machines.values():
+        for phase in phases:
+            stop = stop_of(contender, brakes.COMMON, factors, phase)
+            if stop is None or stop.groans or not math.isfinite(stop.standstill):
+                return math.nan
+            found = max(found, stop.distance)
+    return found
 
 
-def ways_table() -> str:
-    """The shortest ways without groan over the margin, declared and over all errors, as text."""
-    lines = [f"{'shortest way [m], margin':<26}" + "".join(f"{margin:>28g}" for margin in MARGINS), "-" * (26 + 28 * len(MARGINS))]
+def distance_table() -> str:
+    """The stopping distances at 2.5 m/s2 over the margin, nominal and over all errors, as text."""
+    head = f"{'distance [m], margin':<26}" + "".join(f"{margin:>18g}" for margin in MARGINS)
+    lines = [head, "-" * len(head)]
     for label in EASED:
         cells = []
         for margin in MARGINS:
-            pair = [shortest(label, margin, machines) for machines in ({"nominal": {}}, STOPS)]
-            cells.append(" / ".join("none" if math.isnan(each.length) else f"{each.length:.2f} {each.ended}" for each in pair))
-        lines.append(f"{label:<26}" + "".join(f"{cell:>28}" for cell in cells))
+            pair = [longest(label, margin, machines) for machines in ({"nominal": {}}, STOPS)]
+            cells.append(" / ".join("groans" if math.isnan(each) else f"{each:.2f}" for each in pair))
+        lines.append(f"{label:<26}" + "".join(f"{cell:>18}" for cell in cells))
     return "\n".join(lines)
 
 
@@ -220,7 +220,7 @@ def _start(rig: dither.Rig) -> dict[str, Any]:
 
 
 def swing(label: str, frequency: float, depth: float, factors: Mapping[str, float], phase: float) -> float:
-    """Swing under dither that begins at a phase of the cycle, in parts of that without; of that of the declared rig, where this one is calm by itself."""
+    """Swing under dither that begins at a phase of the cycle, in parts of that without; of that of the nominal rig, where this one is calm by itself."""
     rig = next(each for each in dither.RIGS if each.label == label)
     own = {word: factors.get(word, 1.0) for word in OWN}
     of_rig = tuple((name, factor) for name, factor in factors.items() if name not in OWN)
@@ -269,9 +269,9 @@ def dithered(label: str, ratios: Sequence[float] | np.ndarray = dither.RATIOS) -
 def groan_table(rows: Sequence[Groan]) -> str:
     """The first table as text."""
     words = list(rows[0].highest)
-    head = f"{'highest [rad/s2]':<26}" + "".join(f"{word:>17}" for word in words) + f"{'robust':>12}"
+    head = f"{'silent up to [m/s2]':<40}" + "".join(f"{word:>17}" for word in words) + f"{'robust':>12}"
 
-    lines = [f"{row.label:<26}" + "".join(f"{row.highest[word]!s:>17}" for word in words) + f"{row.robust!s:>12}" for row in rows]
+    lines = [f"{row.label:<40}" + "".join(f"{row.highest[word]!s:>17}" for word in words) + f"{row.robust!s:>12}" for row in rows]
     return "\n".join([head, "-" * len(head), *lines])
 
 
@@ -294,12 +294,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     stops = [groan(label) for label in LABELS]
     print(groan_table(stops), flush=True)
-    print(f"\n{ways_table()}", flush=True)
+    print(f"\n{distance_table()}", flush=True)
     cured = [dithered(rig.label) for rig in dither.RIGS]
     print(f"\n{dither_table(cured)}")
     if given.out:
         rows = [
-            {"label": row.label, "error": word, "highest": each.deceleration, "ended by": each.ended}
+            {"label": row.label, "error": word, "highest": each.value, "ended by": each.ended}
             for row in stops
             for word, each in row.highest.items()
         ]

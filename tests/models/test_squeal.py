@@ -101,10 +101,37 @@ def test_every_joule_of_a_squealing_pad_is_accounted_for():
 
 def test_a_pad_that_would_lift_off_is_refused():
     # hardly pressed and fluttering: the normal force passes zero, which this model cannot say
-    with pytest.raises(SimulationError, match="must be >= 0"):
+    with pytest.raises(SimulationError, match=r"must be >= 0.*`ElasticPad` models"):
         simulate(compose(dataclasses.replace(PAD, preload=1.0, disc_speed=2.0)), 300.0, start={"pad.speed": 0.5})
 
 
 def test_springs_without_angles_are_refused():
     with pytest.raises(SceneError, match=r"pad\.angle"):
         compose(dataclasses.replace(PAD, angle=(1.0,)))
+
+
+@pytest.mark.parametrize(
+    "pad", [PAD, dataclasses.replace(PAD, damping=0.0), dataclasses.replace(PAD, mass=3.0, contact_stiffness=2.0, disc_speed=-1.0)]
+)
+def test_the_table_of_eigenvalues_has_the_poles_of_steady_sliding(pad):
+    frictions = np.linspace(0.0, 1.2, 7)
+    found = pad.modes(frictions)
+    mode = "slip-" if pad.disc_speed > 0 else "slip+"
+    for mu, frequency, growth in zip(frictions, found.frequency, found.growth, strict=True):
+        plant = compose(rubbing(mu, pad))
+        poles = linearise(plant, equilibrium(plant, mode={"pad": mode})).poles()
+        for root in growth + 2j * math.pi * frequency:
+            assert np.abs(poles - root).min() < 1e-7
+
+
+def test_the_table_says_where_the_pad_squeals_and_draws_it():
+    border = PAD.flutter_friction()
+    found = PAD.modes((0.999 * border, 1.001 * border))
+    assert found.squeals.tolist() == [False, True] and found.flutter == border
+    assert [line.endswith("squeals") for line in str(found).splitlines()[2:4]] == [False, True]
+    upper, lower = PAD.modes(np.linspace(0.0, 1.0, 41)).plot()
+    np.testing.assert_array_equal(lower.lines[0].get_xdata(), np.linspace(0.0, 1.0, 41))
+    assert [text.get_text() for text in upper.get_legend().get_texts()] == ["mode 1", "mode 2", "squeals"]
+    assert "No friction" in str(dataclasses.replace(PAD, disc_speed=-0.5).modes((0.3,)))
+    with pytest.raises(SceneError, match="frictions"):
+        PAD.modes((-0.1,))

@@ -8,25 +8,25 @@ import pytest
 
 from controllers.dither import widest
 from studies.questions import brake_margins as study
-from studies.questions import brakes, dither
+from studies.questions import dither
 
 
 @pytest.mark.parametrize(("border", "expected"), [(2.04, 2.0), (0.4, math.nan), (9.0, 5.0)])
 def test_the_search_finds_the_border_on_its_grid(border, expected):
     found = study.highest(lambda value: "" if value <= border else "groan", 0.5, 5.0, 0.1)
-    assert found.deceleration == pytest.approx(expected, nan_ok=True)
+    assert found.value == pytest.approx(expected, nan_ok=True)
     assert found.ended == ("scan" if border > 5.0 else "groan")
 
 
 def test_a_law_that_fails_below_its_highest_success_is_not_given_that_success():
-    assert study.highest(lambda value: "" if value <= 3.0 and not 2.75 < value < 2.85 else "way", 0.5, 5.0, 0.1).deceleration <= 2.7
+    assert study.highest(lambda value: "" if value <= 3.0 and not 2.75 < value < 2.85 else "way", 0.5, 5.0, 0.1).value <= 2.7
 
 
-@pytest.mark.parametrize("phase", [0.0, 0.375])
-def test_an_eased_pi_groans_where_friction_is_a_fifth_less_at_a_deceleration_that_is_quiet_on_the_declared_machine(phase):
-    contender = next(each for each in brakes.contenders() if each.label == "PI, eased")
-    assert study.stop_fails(contender, 1.5, {}, phase) == ""
-    assert any(study.stop_fails(contender, 1.5, study.STOPS["friction -20 %"], each) for each in study.PHASES)
+def test_an_eased_stop_is_silent_where_friction_is_a_fifth_more_and_the_constant_force_is_not():
+    eased, constant = study.row_called("PI, eased"), study.row_called("constant force")
+    for phase in (0.0, 0.375):
+        assert study.stop_fails(eased, 2.5, study.STOPS["friction +20 %"], phase) == ""
+    assert any(study.stop_fails(constant, 2.5, study.STOPS["friction +20 %"], phase) for phase in (0.0, 0.375))
 
 
 def test_dither_of_leines_block_holds_about_a_half_on_every_rig_in_the_middle_of_its_band_and_does_harm_below_it():

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers import NormalDither, PhasedDither, SquareDither, SweptDither, dither_map
+from controllers import HeldSpeed, NormalDither, PhasedDither, SquareDither, SweptDither, dither_map
 from controllers.dither import DitherMap
 from models import (
     Absorber,
@@ -222,8 +222,30 @@ def test_a_map_says_what_it_cannot_be_made_of():
     common = {"contact": "belt", "signal": "block.position", "ratios": (3.0,), "depths": (0.5,)}
     with pytest.raises(SceneError, match="natural"):
         dither_map(BLOCK, "block.load", 1.0, 0.0, **common)
-    with pytest.raises(SceneError, match="calm .*start="):
+    with pytest.raises(SceneError, match="stands without dither.*start="):
         dither_map(compose(BlockOnBelt(belt_speed=0.0)), "block.load", 1.0, NATURAL, **common)
+
+
+def test_a_dither_that_stops_the_contact_is_never_recommended_and_the_map_prints_so():
+    frequency, depth = np.array([1.0, 2.0, 4.0]), np.array([0.5])
+    swing, stuck = np.array([[0.0, 0.4, 1.5]]), np.array([[1.0, 0.2, 0.3]])
+    found = DitherMap(1.0, frequency, depth, swing, stuck)
+    assert found.stands.tolist() == [[True, False, False]] and found.choice() == (2.0, 0.5)
+    assert "0.00*" in str(found) and "Choice: 2 Hz at depth 0.5" in str(found)
+    standing = DitherMap(1.0, frequency, depth, swing, np.ones((1, 3)))
+    assert math.isnan(standing.band(0.5)[0])
+    with pytest.raises(SceneError, match="stands at 3 of 3 points: hold its speed"):
+        standing.choice()
+    assert "HeldSpeed" in str(standing)
+
+
+def test_a_brake_that_comes_to_stand_has_no_map_and_with_its_speed_held_it_has_one():
+    common = {"contact": "pad", "signal": "pad.position", "ratios": (1.4,), "depths": (0.8,), "start": {"disc.speed": 0.5}}
+    brake = compose(DiscBrake())
+    with pytest.raises(SceneError, match="`pad` stands without dither.*HeldSpeed"):  # 84 N m and more brake it, 90 N m drive it
+        dither_map(brake, "brake.force", 1000.0, 50.3, inputs={"disc.torque": 90.0}, periods=200.0, **common)
+    held = dither_map(brake, "brake.force", 1000.0, 50.3, controller=HeldSpeed(reference=1.0), **common)
+    assert not held.stands.any() and held.swing[0, 0] > 0.5
 
 
 def row(rig, cure, **changed):

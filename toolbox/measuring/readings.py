@@ -100,8 +100,8 @@ class Layout:
     def broken_bound(self, found: Readings) -> str | None:
         """What is wrong with a bound of friction that was negative during a run; None where none was."""
         for k in np.flatnonzero(self.negative(found)):
-            name, low = self.program.system.elements[self.program.varying[k]].name, found.lowest[len(self.signals) + k, self.whole]
-            return f"The bound of `{name}` must be >= 0, but it is {low:.6g} during the run: is its load negative?"
+            element = self.program.system.elements[self.program.varying[k]]
+            return element.negative_bound(f"is {found.lowest[len(self.signals) + k, self.whole]:.6g} during the run")
         return None
 
 

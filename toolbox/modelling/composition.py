@@ -195,8 +195,10 @@ class _Composer:
         routes = self.routes if hasattr(law, "actuated_signals") else {}
 
         def renamed(name: str) -> str:
+            if name in routes:  # also where the law's own states begin with the same word, as `brake.last_force` and `brake.force` do
+                return routes[name]
             head, dot, tail = name.partition(".")
-            return own + dot + tail if head == prefix else routes.get(name, name)
+            return own + dot + tail if head == prefix else name
 
         originals = [twin for element in equations.elements for twin in (element, *element.companions)]
         elements = self._add_elements(component, originals, own, renamed)

@@ -299,6 +299,7 @@ class Element:
     second: ClassVar[bool] = False  # the second slip direction of the friction before it
     initial: int = 0
     law: FrictionLaw | None = None
+    lift_off: str = ""  # the part that models what happens where its load would be negative
     companions: Sequence[Element] = ()  # what comes with it, and stands behind it
     directions: int = 1
     speed: ca.SX = ca.SX(0, 1)
@@ -353,6 +354,11 @@ class Element:
         """What errors call it."""
         return f"`{self.name}`"
 
+    def negative_bound(self, what: str, why: str = "is its load negative?") -> str:
+        """The error of a bound below zero: what it is and when, and why."""
+        hint = f" The contact lifts off, which `{self.lift_off}` models." if self.lift_off else ""
+        return f"The bound of `{self.name}` must be >= 0, but it {what}: {why}{hint}"
+
     def signals(self) -> dict[str, tuple[ca.SX, str]]:
         """What the element shows in a result: {last word of the name: (expression, unit)}."""
         return {"force": (self.force, self.force_unit), "slip": (self.mode**2 * self.slip, self.slip_unit)}
@@ -365,7 +371,8 @@ class DryFriction(Element):
         slip:   force = -sgn(slip) * load * law.sliding(|slip|)
 
     `slip` may depend on states, parameters and time, not on a sampled input. A negative load is an error of the caller: give a load that is >= 0, such as the
-    `force` of a `UnilateralContact`. Each break of the law is an element of its own (`name.break`), "below" or "beyond".
+    `force` of a `UnilateralContact`; `lift_off` names a part that models the loss of contact, for that error. Each break of the law is an element of its own
+    (`name.break`), "below" or "beyond".
 
     A contact that slips in two directions has a column of two slips in one unit, `casadi.vertcat(axial, radius * turning)`, and `force` is a column of two.
     Both share one friction cone, so that one motion takes the friction of the other away:
@@ -389,6 +396,7 @@ class DryFriction(Element):
         *,
         slip_unit: str = "m/s",
         force_unit: str = "N",
+        lift_off: str = "",
     ):
         if isinstance(slip, (list, tuple)):
             words = f"one expression or a column of two, `casadi.vertcat(a, b)`, but it is a {type(slip).__name__}"
@@ -400,6 +408,7 @@ class DryFriction(Element):
         if not isinstance(law, FrictionLaw):
             raise SceneError(f"Argument `law` of `{name}` must be a friction law such as Coulomb(), but it is {law!r}.")
         self.law = law
+        self.lift_off = lift_off
         self.load = ca.SX(load)
         if not self.load.is_scalar():
             raise SceneError(f"Argument `load` of `{name}` must be one normal force, but its shape is {self.load.shape}.")

@@ -13,8 +13,10 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
+from matplotlib.ticker import MaxNLocator
 
 from toolbox.errors import SceneError
 from toolbox.figures.curves import nearest_known
@@ -131,9 +133,11 @@ def onset_panels(onsets: Mapping[str, Any]) -> Any:
 
 
 TINTS = {
-    "free": "#eef6ee", "bistable": "#f0c27b", "smooth or stuck": "#cfd8e6", "stick-slip": "0.55", "swing": "#c3a8dc", "stuck": "#7489ad", "none": "#f3e3d3",
+    "free": "#eef6ee", "bistable": "#f0c27b", "smooth or stuck": "#cfd8e6", "stick-slip": "0.8", "swing": "#c3a8dc", "stuck": "#7489ad", "none": "#f3e3d3",
 }  # fmt: skip
-"""Colours of the regions, apart by their lightness as well; stick-slip is grey by its severity."""
+"""Colours of the regions, apart by their lightness as well; where motion sticks and slips, that of a severity of 0."""
+DARKEST = {"bistable": "#7a4a0b", "stick-slip": "0.2"}
+"""Colours of the largest severity within these regions."""
 
 BORDERS: dict[str, tuple[str, dict[str, Any]]] = {
     "smooth": ("smooth running is lost", {"colors": "#3f78b5", "linestyles": "-", "linewidths": 2.6}),
@@ -144,8 +148,8 @@ BORDERS: dict[str, tuple[str, dict[str, Any]]] = {
 def severity_panels(found: Any, axes: Any = None) -> Any:
     """Severity over two numbers on both branches, with the loss of smooth running and the end of stick-slip. Returns both axes.
 
-    Regions have tints and are shaded up to their borders, not by cells of the grid; the grey tells the severity of what is not smooth. The legend says
-    what each region means for who runs the machine.
+    Regions have the colours of the legend and reach up to their borders, not to cells of the grid; where motion sticks and slips they are the darker the more
+    severe it is. The legend says what each region means for who runs the machine.
     """
     with drawn_on(axes, 1, 2, height=4.4, width=1.25 * WIDTH, sharex=True, sharey=True) as axes:
         scales = [
@@ -169,8 +173,11 @@ def severity_panels(found: Any, axes: Any = None) -> Any:
                 _filled(ax, grid, lasting["sticking"], borders["sticking"], TINTS["bistable"])
             # the severity of the nearest point where there is one reaches up to the border
             shown = nearest_known(np.where(lasting[name], branch.severity, np.nan))
-            shade = ax.pcolormesh(*grid, shown.T, cmap="Greys", vmin=0.0, vmax=1.25 * top, shading="gouraud", rasterized=True, zorder=1)
-            shade.set_clip_path(_path(outlines(grid, lasting[name], borders[name])), ax.transData)
+            drawn = {"stick-slip": "smooth"} if name == "smooth" else {"bistable": "sticking", "stick-slip": "smooth"}
+            for region, edge in drawn.items():  # stick-slip lies on top of what is bistable
+                colours = LinearSegmentedColormap.from_list(region, [TINTS[region], DARKEST[region]])
+                shade = ax.pcolormesh(*grid, shown.T, cmap=colours, vmin=0.0, vmax=top, shading="gouraud", rasterized=True, zorder=1)
+                shade.set_clip_path(_path(outlines(grid, lasting[edge], borders[edge])), ax.transData)
             for border, (label, look) in BORDERS.items():
                 ax.add_collection(LineCollection(lines_of(borders[border]), label=label, zorder=3, **look))
             if all(axis[0] <= value <= axis[-1] for axis, value in zip(found.axes, found.at, strict=True)):
@@ -185,7 +192,7 @@ def severity_panels(found: Any, axes: Any = None) -> Any:
         bar = figure.colorbar(
             shade, ax=list(axes), label=f"severity of {in_words(found.signal)} [1]", boundaries=np.linspace(0.0, top, 129), extend="max"
         )
-        bar.set_ticks(list(np.arange(0.0, top + 1e-9, 0.5 if top > 1 else 0.1)))
+        bar.set_ticks([tick for tick in MaxNLocator(6).tick_values(0.0, top) if tick <= top])
         patches = [Patch(facecolor=TINTS[name], edgecolor="0.5", linewidth=0.5, label=f"{'smooth' if name == 'free' else name}: {MEANINGS[name]}")
                    for name, where in regions.items() if where.any() or name == "free"]  # fmt: skip
         lines = axes[0].get_legend_handles_labels()[0]

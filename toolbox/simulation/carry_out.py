@@ -243,7 +243,6 @@ def _sound(run: Trajectory, program: Program) -> Trajectory:
     A step sees a contact open at its end, and takes no friction until then.
     """
     if program.varying:
-        names = [program.system.elements[i].name for i in program.varying]
         expression = ca.vertcat(*[program.system.elements[i].static for i in program.varying])
         bounds = np.atleast_2d(run.computed(expression).T)
         wrong = bounds < -1e-9 * np.abs(bounds).max(axis=1, keepdims=True)
@@ -251,8 +250,6 @@ def _sound(run: Trajectory, program: Program) -> Trajectory:
         wrong[:, :2] = False
         if wrong.any():
             i, k = np.unravel_index(np.argmin(bounds), bounds.shape)
-            raise SimulationError(
-                f"The bound of `{names[i]}` must be >= 0, but it is {bounds[i, k]:.6g} at t = {run.time[k]:.9g} s: is its load negative?",
-                run,
-            )
+            element = program.system.elements[program.varying[i]]
+            raise SimulationError(element.negative_bound(f"is {bounds[i, k]:.6g} at t = {run.time[k]:.9g} s"), run)
     return run

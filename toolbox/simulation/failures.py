@@ -210,7 +210,7 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
         if there or status == work_layout.NEGATIVE_BOUND:
             now = f"is {bounds[i]:.6g}" if there else "falls below 0"
             why = _below_zero(names, int(program.attached[i]))
-            return SimulationError(f"The bound of `{names[i]}` must be >= 0, but it {now} at t = {t:.9g} s: {why}", so_far)
+            return SimulationError(program.system.elements[i].negative_bound(f"{now} at t = {t:.9g} s", why), so_far)
     if status == work_layout.ENDLESS:
         i = int(work.ints[work_layout.CULPRIT])
         if i >= len(names):

@@ -1,0 +1,87 @@
+"""A band around a drum: friction that winds itself up in one direction and unwinds itself in the other.
+
+    J w' = T + R F_band          |F| <= gain x pull,   gain = exp(mu angle) - 1 along the pull, 1 - exp(-mu angle) against it
+
+The actuator pulls at one end of the band; the other end is anchored. Where the drum turns towards the actuator's end the band tightens itself (Euler-Eytelwein,
+the capstan), where it turns back the band slackens. Source: textbook (R. Limpert, Brake Design and Safety, SAE; drawworks and winches have band brakes).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+
+from models.friction import Exponential, TwoWay
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
+
+
+@dataclass(frozen=True)
+class Wound(FrictionLaw):
+    """The friction of a band by the pull at its end: exp(mu angle) - 1 where it tightens itself (sense 1), 1 - exp(-mu angle) where it slackens (-1).
+
+    `lining` is the friction mu(v) of the lining. Source: textbook (Euler-Eytelwein).
+    """
+
+    lining: FrictionLaw = Exponential(static=0.35, kinetic=0.28, decay=2.0)
+    angle: Quantity = quantity(1.5 * math.pi, "rad", "angle of wrap", above=0)
+    sense: int = 1
+
+    def _gain(self, mu):
+        return self.sense * (ca.exp(self.sense * mu * self.angle) - 1)
+
+    def sliding(self, speed, *beyond):
+        return self._gain(self.lining.sliding(speed, *beyond))
+
+    def breaks(self):
+        return self.lining.breaks()
+
+    def breakaway(self):
+        return self._gain(self.lining.breakaway())
+
+    def check(self):
+        if self.lining.memory(1):
+            raise SceneError(f"Argument `lining` must be a law without memory, but {type(self.lining).__name__} has one.")
+        if self.sense not in (1, -1):
+            raise SceneError(f"Argument `sense` must be 1 or -1, but it is {self.sense!r}.")
+
+
+@dataclass(frozen=True)
+class BandBrake(Component):
+    """A drum with a band brake; its inputs are the torque `drum.torque` and the pull `drum.pull` [N] of the actuator at the end of the band.
+
+    - Needs the signals `drum.torque` [N m] (default 0) and `drum.pull` [N] (default 0, must stay >= 0).
+    - Gives the signals `drum.angle` [rad], `drum.speed` [rad/s].
+    - Contact: `band`, against the speed of the drum under the band [m/s].
+
+    Numbers are chosen: the drum of a small winch. Range: a band without mass and stiffness, so that it does not groan by itself. Equations and source:
+    `models.band_brake`.
+
+    Examples
+    --------
+    >>> from models import BandBrake
+    >>> from toolbox import compose, simulate
+    >>> held = simulate(compose(BandBrake()), 1.0, inputs={"drum.pull": 1000.0, "drum.torque": 1000.0})
+    >>> float(held.at(1.0)["drum.angle"])
+    0.0
+    """
+
+    inertia: Quantity = quantity(40.0, "kg m2", "inertia of the drum", above=0)
+    radius: Quantity = quantity(0.4, "m", "radius of the drum", above=0)
+    angle: Quantity = quantity(1.5 * math.pi, "rad", "angle of wrap", above=0)
+    friction: FrictionLaw = Exponential(static=0.35, kinetic=0.28, decay=2.0)
+
+    def equations(self, signal):
+        torque, pull = signal("drum.torque", "N m", default=0.0), signal("drum.pull", "N", default=0.0)
+        angle, speed = state("drum.angle", "rad"), state("drum.speed", "rad/s")
+        rubbing = self.radius * speed
+        law = TwoWay(Wound(self.friction, self.angle, 1), Wound(self.friction, self.angle, -1))
+        band = DryFriction("band", rubbing, law, pull)
+        return Equations(
+            flow={angle: speed, speed: (torque + self.radius * band.force) / self.inertia},
+            elements=[band],
+            stored=self.inertia * speed**2 / 2,
+            losses={"band": -band.force * rubbing},
+            supplies={"torque": torque * speed},
+        )

@@ -38,7 +38,7 @@ class WhirlingCollar(Component):
       mass centre.
     - Contacts: `wall`, and its friction `rub`.
 
-    `TorsionalChain` with `collar=` takes part.
+    `TorsionalChain` with `collar_index=` takes part.
 
     The wall is elastic (`wall_stiffness`, `wall_damping`), or rigid where `restitution` is given. Range: one bending mode; beyond the weight that makes k_l
     negative the collar lies on the wall. A reconstruction: it replaces the torsional-lateral string of Hong and Dhupia, of which only the abstract was read,

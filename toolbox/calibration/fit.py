@@ -201,7 +201,7 @@ class _AlongLoop:
         if self.remembers:
             first = np.clip([number.value for number in numbers], low, high)
             return MemoryLoop(self.loop, recording, numbers, self.on.name, shifts).resolved(first)
-        made = MeasuredLoop(self.loop, recording, numbers, self.on.name, self.on.still, shifts)
+        made = MeasuredLoop(self.loop, recording, numbers, self.on.name, self.on.standstill_speed, shifts)
         return located(made, low, high) if shifts else made
 
 

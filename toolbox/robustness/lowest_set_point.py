@@ -70,7 +70,7 @@ class Cells:
                 with self.path.open("a", encoding="utf-8") as file:
                     file.write("\n" + json.dumps({"key": key, **dataclasses.asdict(found)}))
             if self.say is not None:
-                lasts = f" for {group.judged:g} s" if group.judged >= LASTING else ""
+                lasts = f" for {group.judged_time:g} s" if group.judged_time >= LASTING else ""
                 said = f"holds{lasts}" if found.passed else f"fails: {found.why}"
                 factor, unit = reading("rad/s", self.display_units)
                 self.say(f"{self.place}{trial.label}, {group.name}, {way}, {reference * factor:.4g} {unit}: {said}")
@@ -92,49 +92,49 @@ class SetPointLimit(Renamed):
 
     Attributes
     ----------
-    speed
+    lowest_set_point
         Lowest set-point [rad/s]; nan where none is held.
     why
         Which run fails one step below it, or at the highest set-point where none is held.
-    highest
+    highest_set_point
         Highest set-point that holds [rad/s], where the law fails again above it; nan where nothing that was tried above does.
     time_above_setpoint
         Largest share of half an hour after the recovery with the top 10 % above what is asked [1].
-    recovery
+    recovery_time
         Longest time before that with the top so far above [s]; of a raised set-point that includes the raising.
-    fastest, torque
+    max_bit_speed, max_torque
         Highest speed of the bit [rad/s] and highest torque of the drive [N m] after the takeover.
-    lifts, relapses_per_hour
+    max_lifts, relapses_per_hour
         Most lifts from the takeover on, and most an hour after the recovery, for a law that lifts its set-point.
-    relief
+    max_weight_relief
         Largest mean share of the weight that is taken off, for a law that does so [1].
-    growth
+    growth_rate
         Largest rate at which a small disturbance of smooth running grows on a machine [1/s]; below 0 it dies.
-    margin, margin_nominal
+    disk_margin, disk_margin_nominal
         Smallest disk margin over the machines of the group, and that of the declared one, at that set-point [1]; nan for a law without a slope.
-    weakest
+    weakest_plant
         The machine with the smallest.
     """
 
-    speed: float
+    lowest_set_point: float
     why: str
-    highest: float = math.nan
+    highest_set_point: float = math.nan
     time_above_setpoint: float = math.nan
-    recovery: float = math.nan
-    fastest: float = math.nan
-    torque: float = math.nan
-    lifts: float = math.nan
+    recovery_time: float = math.nan
+    max_bit_speed: float = math.nan
+    max_torque: float = math.nan
+    max_lifts: float = math.nan
     relapses_per_hour: float = math.nan
-    relief: float = math.nan
-    growth: float = math.nan
-    margin: float = math.nan
-    margin_nominal: float = math.nan
-    weakest: str = ""
+    max_weight_relief: float = math.nan
+    growth_rate: float = math.nan
+    disk_margin: float = math.nan
+    disk_margin_nominal: float = math.nan
+    weakest_plant: str = ""
 
     @property
     def range(self) -> tuple[float, ...]:
         """The lowest set-point and, where there is one, the highest [rad/s]."""
-        return (self.speed,) if math.isnan(self.highest) else (self.speed, self.highest)
+        return (self.lowest_set_point,) if math.isnan(self.highest_set_point) else (self.lowest_set_point, self.highest_set_point)
 
 
 def lowest(
@@ -185,11 +185,11 @@ def lowest(
                 high = top
                 continue
             declared, margin, weakest = trial.disk_margins(group.machines, speed)
-            if not min(declared, margin) < group.margin:
+            if not min(declared, margin) < group.min_disk_margin:
                 found = dataclasses.asdict(cells.outcome(trial, group.lasting if lasts else group, speed, way))
                 for name in ("passed", "why", "runs"):
                     del found[name]
-                return SetPointLimit(speed, below, until, **found, margin=margin, margin_nominal=declared, weakest=weakest)
+                return SetPointLimit(speed, below, until, **found, disk_margin=margin, disk_margin_nominal=declared, weakest_plant=weakest)
             short = f"{weakest if margin <= declared else 'nominal'}: disk margin {min(declared, margin):.3f}"
         low, below = high, short
         if high == top:
@@ -219,7 +219,7 @@ def borders(
     cells = cells or Cells()
     for k, (group, way) in enumerate(itertools.product(groups, ways), 1):
         cells.place = f"cell {k} of {len(groups) * len(ways)}: "
-        known = found["nominal", way].speed if ("nominal", way) in found else math.nan
+        known = found["nominal", way].lowest_set_point if ("nominal", way) in found else math.nan
         low = lower if math.isnan(known) else max(known - HELP, lower)
         found[group.name, way] = lowest(trial, group, way, cells, low, **searched)
     return found
@@ -227,7 +227,7 @@ def borders(
 
 @dataclass(frozen=True)
 class LowestSetPoints(Result):
-    """Lowest set-points of laws on groups of machines: `print(found)` shows the table, `found["soft torque", "one_at_a_time"].speed` is one of it.
+    """Lowest set-points of laws on groups of machines: `print(found)` shows the table, `found["soft torque", "one_at_a_time"].lowest_set_point` is one of it.
 
     Attributes
     ----------
@@ -286,13 +286,13 @@ class LowestSetPoints(Result):
         lines: list[tuple[str, ...]] = [(*heads, *price)]
         for key, each in self.entries.items():
             said = [
-                "none" if math.isnan(each.speed) else " to ".join(f"{value * speed.factor:.3g}" for value in each.range),
-                shown(each.margin, ".2f"), shown(each.margin_nominal, ".2f"),
-                shown(100.0 * each.time_above_setpoint, ".1f", " %"), shown(each.recovery, ".0f", " s"), shown(each.fastest * speed.factor, ".3g"),
-                shown(each.torque * torque.factor, ".3g"), shown(each.lifts, ".0f"), shown(each.relapses_per_hour, ".0f"),
-                shown(100.0 * each.relief, ".1f", " %"), told_growth(each.growth),
+                "none" if math.isnan(each.lowest_set_point) else " to ".join(f"{value * speed.factor:.3g}" for value in each.range),
+                shown(each.disk_margin, ".2f"), shown(each.disk_margin_nominal, ".2f"),
+                shown(100.0 * each.time_above_setpoint, ".1f", " %"), shown(each.recovery_time, ".0f", " s"), shown(each.max_bit_speed * speed.factor, ".3g"),
+                shown(each.max_torque * torque.factor, ".3g"), shown(each.max_lifts, ".0f"), shown(each.relapses_per_hour, ".0f"),
+                shown(100.0 * each.max_weight_relief, ".1f", " %"), told_growth(each.growth_rate),
             ]  # fmt: skip
-            at_top = f"at {self.bounds[1] * speed.factor:.3g} {speed.unit}: " if math.isnan(each.speed) else ""
+            at_top = f"at {self.bounds[1] * speed.factor:.3g} {speed.unit}: " if math.isnan(each.lowest_set_point) else ""
             lines.append((*key, *said, at_top + each.why))
         return lines
 
@@ -325,7 +325,7 @@ class LowestSetPoints(Result):
         from toolbox.robustness.figures import set_point_diagram
 
         factor, unit = reading("rad/s", self.display_units)
-        rows = [(label, group, way, each.speed * factor, each.highest * factor) for (label, group, way), each in self.entries.items()]
+        rows = [(label, group, way, each.lowest_set_point * factor, each.highest_set_point * factor) for (label, group, way), each in self.entries.items()]
         return set_point_diagram(rows, self.bounds[1] * factor, unit, ax)
 
     def joined(self, other: LowestSetPoints) -> LowestSetPoints:
@@ -344,7 +344,7 @@ def chosen_groups(trial: Trial, groups: Sequence[str | Group], margin: float | N
         if isinstance(each, str) and each not in NAMES:
             raise SceneError(f"There is no group `{each}`: {now_or_near('group', each, NAMES)}")
         chosen += [each] if isinstance(each, Group) else [every[each]] if each in every else []
-    return chosen if margin is None else [dataclasses.replace(each, margin=margin) for each in chosen]
+    return chosen if margin is None else [dataclasses.replace(each, min_disk_margin=margin) for each in chosen]
 
 
 @takes_loop
@@ -422,7 +422,7 @@ def lowest_set_point(
     cells = Cells(None if checkpoint is None else Path(checkpoint), callback, asked)
     found = borders(trial, chosen, protocols, cells, low, higher=high, step=grid, lasts=long_run)
     entries: dict[tuple[str, ...], SetPointLimit] = {(trial.label, *key): each for key, each in found.items()}
-    count = len(chosen[0].phases) if chosen else 0
+    count = len(chosen[0].takeover_phases) if chosen else 0
     start = f"{count} phases of the stick-slip of the nominal plant under {type(initial_controller).__name__}, which is taken over without a jump"
     situation = Situation(
         "the plants of each group", f"started from {start}", "controller designed at each set-point", "surroundings of each group",

@@ -232,7 +232,7 @@ class Trial:
 
     def off(self, loop: ClosedLoop, machine: Machine) -> ClosedLoop:
         """A loop of the law with the numbers of a machine."""
-        for name, factor in machine.factors:
+        for name, factor in machine.parameter_factors:
             loop = loop.at(self.place(name), factor * float(loop.number(self.place(name)).value))
         return loop
 
@@ -243,11 +243,11 @@ class Trial:
         before, plant = at_set_point(self.before, reference), machine.plant or self.plant
         law = self.design(reference) if asleep or machine.plant is not None else self.of(reference)  # designed on the declared plant
         inputs = self.inputs(given)
-        if machine.weight is not None:
-            inputs[self.place("bit.weight")] = machine.weight.input(_bare(self.loop).number("bit.weight").value, seed)
+        if machine.weight_variation is not None:
+            inputs[self.place("bit.weight")] = machine.weight_variation.input(_bare(self.loop).number("bit.weight").value, seed)
         watched = _watched(plant, Watch(reference=reference, **(limits_of(law) or limits_of(before)), name="watch"))
         both = Takeover(before, law, at=at, name="takeover")
-        alike = replace(machine, factors=())
+        alike = replace(machine, parameter_factors=())
         if asleep:
             return self.on(alike, both, group.noise or None, seed, watched, inputs=inputs), last
         inputs["top.reference"] = (
@@ -276,7 +276,7 @@ class Trial:
     def outcome(self, group: Group, reference: float, way: str = "takeover") -> Outcome:
         """What comes of the law on a group of machines; stops at the first sweep that holds a failure."""
         growth = math.nan
-        if group.judged >= LASTING:
+        if group.judged_time >= LASTING:
             growth, where = self.growth(group.machines, reference)
             if growth > 0.0:
                 return Outcome(False, f"{where}: smooth running is not stable, a disturbance {told_growth(growth)}", growth=growth)
@@ -296,17 +296,17 @@ class Trial:
         As many seeds as fill the lanes come before all others, because most failures show with them.
         """
         cycle, asleep = self.cycle(reference), self.in_python(reference)
-        times = [self.takeover(reference, phase) for phase in group.phases]
+        times = [self.takeover(reference, phase) for phase in group.takeover_phases]
         begun = (cycle.release if asleep else 0.0) + 2.0 * cycle.period + 1.0
         alike = _alike(group.machines, asleep)
         few = 1 if asleep else -(-LANES // (max(map(len, alike)) * len(times)))
         for seeds in [(seed,) for seed in group.seeds] if asleep else filter(None, (group.seeds[:few], group.seeds[few:])):
             for machines in alike:
                 loop, last = self.takes_over(machines[0], group, reference, way, seeds[0], times[0])
-                after, end = last + SETTLING, last + SETTLING + group.judged
+                after, end = last + SETTLING, last + SETTLING + group.judged_time
                 asked = _measures(loop, begun, after)
                 numbers = self._numbers(loop, machines)
-                names = [f"{each.name}, seed {seed}, phase {phase:g}" for seed in seeds for each in machines for phase in group.phases]
+                names = [f"{each.name}, seed {seed}, phase {phase:g}" for seed in seeds for each in machines for phase in group.takeover_phases]
                 found: Iterable[Any]
                 if asleep:  # a law in Python: up to the first run that fails
                     given = (
@@ -321,9 +321,9 @@ class Trial:
                 for several in found:
                     measured = {name: np.asarray(several[name]) for name in asked}
                     count = len(measured["stuck"])
-                    measured |= _again(measured, group.judged)
-                    varying = machines[0].weight is not None
-                    failed = _failed(names[:count], measured, reference, group.noise, varying, group.judged >= LASTING)
+                    measured |= _again(measured, group.judged_time)
+                    varying = machines[0].weight_variation is not None
+                    failed = _failed(names[:count], measured, reference, group.noise, varying, group.judged_time >= LASTING)
                     names = names[count:]
                     measured["recovery"] = measured["recovery"] * (after - begun)
                     yield failed, measured
@@ -341,8 +341,8 @@ class Trial:
 
     def _numbers(self, loop: ClosedLoop, machines: Sequence[Machine]) -> list[dict[str, float]]:
         """The numbers of machines that are alike, all under the same names; the weight is among them unless it varies."""
-        factors = [{self.place(name): factor for name, factor in each.factors} for each in machines]
-        given = {name for each in factors for name in each} | ({self.place("bit.weight")} if machines[0].weight is None else set())
+        factors = [{self.place(name): factor for name, factor in each.parameter_factors} for each in machines]
+        given = {name for each in factors for name in each} | ({self.place("bit.weight")} if machines[0].weight_variation is None else set())
         declared = {name: float(loop.number(name).value) for name in sorted(given)}
         return [declared | {name: factor * declared[name] for name, factor in each.items()} for each in factors]
 
@@ -352,8 +352,8 @@ class Trial:
         """What is measured of machines that are alike, under every seed: rows of what varies under one; asked: `duration` and `measures` of `Courses`."""
         from toolbox.sweeps.courses import Courses
 
-        mean, (place, kind) = _bare(self.loop).number("bit.weight").value, (self.place("bit.weight"), machines[0].weight)
-        weights = [each.weight.input(mean, seed) for seed in seeds for each in machines if each.weight for _ in group.phases]
+        mean, (place, kind) = _bare(self.loop).number("bit.weight").value, (self.place("bit.weight"), machines[0].weight_variation)
+        weights = [each.weight_variation.input(mean, seed) for seed in seeds for each in machines if each.weight_variation for _ in group.takeover_phases]
         courses = Courses(loop, rows, seeds, inputs={place: weights} if weights else {}, **asked)
         alike = (machines[0].plant, tuple(type(value) for value in loop.inputs.values()), kind and kind.noise)
         if alike not in self._found:
@@ -468,7 +468,7 @@ def _alike(machines: Sequence[Machine], apart: bool) -> list[list[Machine]]:
     """Machines that differ by numbers only, together; apart: those with other courses of the weight not."""
     found: dict[Any, list[Machine]] = {}
     for each in machines:
-        weight = each.weight if apart or each.weight is None else each.weight.noise
+        weight = each.weight_variation if apart or each.weight_variation is None else each.weight_variation.noise
         found.setdefault((each.delay, each.plant, weight), []).append(each)
     return list(found.values())
 

@@ -194,7 +194,7 @@ def hopf_curve(
     loop: ClosedLoop,
     parameter: str,
     bounds: tuple[NumberOrText, NumberOrText],
-    over: str,
+    second_parameter: str,
     values: Sequence[NumberOrText],
     *,
     mode: Mapping[str, str] | None = None,
@@ -207,7 +207,7 @@ def hopf_curve(
         As in `hopf_points`.
     parameter, bounds
         The first parameter or input, and the range (low, high) in which its Hopf value is looked for.
-    over, values
+    second_parameter, values
         The other parameter or input, and its values.
     mode
         As in `hopf_points`.
@@ -223,7 +223,7 @@ def hopf_curve(
         As `hopf_points` does.
     """
     check_slopes(loop)
-    other, free = (loop.acting(name, "hopf_curve", lambda number: number.kind.poles) for name in (over, parameter))
+    other, free = (loop.acting(name, "hopf_curve", lambda number: number.kind.poles) for name in (second_parameter, parameter))
     within, loop = free.span(bounds), loop if loop.sampled else loop.continuous
     closed, inputs = loop.system, loop.constant_inputs("steady running")
     if loop.sampled:

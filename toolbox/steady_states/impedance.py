@@ -25,6 +25,7 @@ from toolbox.modelling.elements import Quantity, quantity, state
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, designed
 from toolbox.steady_states.linear import linearise
+from toolbox.vocabulary import new_names_only
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,13 @@ class _Turned(Component):
         return Equations(flow={angle: speed}, gives={self.motion: (speed, "rad/s")})
 
 
+@new_names_only
 def impedance(
     *parts: Component | Sampled,
     frequency: Sequence[float] | np.ndarray,
     plant: HybridSystem | None = None,
-    motion: str = "top.speed",
-    effort: str = "top.torque",
+    speed_signal: str = "top.speed",
+    torque_signal: str = "top.torque",
     inertia: NumberOrText = 0.0,
     drag: NumberOrText = 0.0,
     speed: NumberOrText = 0.0,
@@ -66,7 +68,7 @@ def impedance(
         Frequencies w [rad/s] > 0.
     plant
         The plant that laws are designed on.
-    motion, effort
+    speed_signal, torque_signal
         The speed and the torque at the top.
     inertia, drag
         Inertia J [kg m2] and drag c_r [N m s/rad] of the top itself.
@@ -81,7 +83,7 @@ def impedance(
     Raises
     ------
     SceneError
-        If a law measures more than `motion`, or a frequency is not positive.
+        If a law measures more than `speed_signal`, or a frequency is not positive.
     """
     w = finite_array(frequency)
     if w is None or not w.size or not (w > 0).all():
@@ -102,11 +104,11 @@ def impedance(
         if isinstance(law, Controller) and plant is not None:
             law = designed(law, plant)
         own.append(law)
-    turned = _Turned(motion=motion, start=float(speed))
+    turned = _Turned(motion=speed_signal, start=float(speed))
     driven = compose(turned, *own) if plant is None else assembled((turned, *own))
-    if not isinstance(effort, str) or effort not in driven.signals:
-        raise SceneError(f"Argument `parts` must give the signal `{effort}`, but they do not.")
-    system = linearise(driven, at, inputs="imposed.speed", outputs=effort)
+    if not isinstance(torque_signal, str) or torque_signal not in driven.signals:
+        raise SceneError(f"Argument `parts` must give the signal `{torque_signal}`, but they do not.")
+    system = linearise(driven, at, inputs="imposed.speed", outputs=torque_signal)
     response = np.array([np.ravel(system(1j * each))[0] for each in w.ravel()]).reshape(w.shape)
     return -response * np.exp(-1j * w * late) + 1j * w * inertia + drag
 

@@ -1,6 +1,8 @@
 from . import observers as observers
 from .active_damping import ActiveDamping as ActiveDamping
 from .brake_force import BrakeForce as BrakeForce
+from .brake_law import GroanBorder as GroanBorder
+from .brake_law import groan_border as groan_border
 from .brake_mpc import BrakeMPC as BrakeMPC
 from .brake_pi import BrakePI as BrakePI
 from .brake_sliding_mode import BrakeSlidingMode as BrakeSlidingMode

@@ -1,15 +1,31 @@
-"""What laws that stop a disc brake share: the plan of the stop, the limits of the actuator, and the force above which the pad groans."""
+"""What laws that stop a disc brake share: the plan of the stop, the limits of the actuator, and the force above which the pad groans.
+
+The border of groan. The pad keeps its damping at the disc speed w while 2 N s(r w) < c, with s(v) = -mu'(v) the fall of the friction at the slip speed v and c
+the damping of the caliper, so that the border is N(w) = c / (2 s(r w)):
+
+    exponential friction     N(w) = N_0 exp(q w),  N_0 = c / (2 (mu_s - mu_k) decay),  q = decay r
+    a table                  constant between two speeds of the table, c / (2 s) with s the slope of that row; no border if friction does not fall there
+    any other law            the lowest border within each of `CELLS` cells of speed: never above the true border
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from itertools import pairwise
+from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from toolbox import Controller, HybridSystem, Quantity, SceneError, quantity, state
 from toolbox.authoring import State, number
-from toolbox.modelling import OptionalQuantity
+from toolbox.modelling import OptionalQuantities, OptionalQuantity
+
+CELLS = 48
+"""Cells of speed on which the border of a friction law is found that is neither exponential nor a table."""
+UNBOUNDED = 1e9
+"""Force [N] that stands for no border in a control law."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,9 +36,9 @@ class BrakeLaw(Controller):
 
     The plan begins at the speed of the first sample and ends at 0. Commands stay between `lowest_force`, which holds the wheel once it stands, and
     `highest_force`, change by at most `force_rate` times the period (None is no limit), and are held once the wheel has stopped. With a `margin`
-    they also stay below margin N_0 exp(q w), the force above which the pad loses its damping (`groan_force`): the brake is eased towards
-    standstill, as a chauffeur does, and the stop gets longer. `inertia` I, `radius` r, `border` N_0 and `growth` q are read from the plant unless
-    given.
+    they also stay below the margin times the force above which the pad loses its damping (`groan_border`): the brake is eased towards standstill, as a
+    chauffeur does, and the stop gets longer. That border is either `border` N_0 exp(`growth` q w), or `border_forces`, of which each holds from its speed in
+    `border_speeds` up to the next speed. `inertia` I, `radius` r and the border are read from the plant unless given.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed",)
@@ -38,9 +54,23 @@ class BrakeLaw(Controller):
     radius: OptionalQuantity = quantity(None, "m", "effective radius r of the pads", above=0, typical_range=(0.01, 1.0))
     border: OptionalQuantity = quantity(None, "N", "force N_0 above which the pad groans at standstill", above=0)
     growth: OptionalQuantity = quantity(None, "s/rad", "growth q of that force with the disc speed", at_least=0)
+    border_speeds: OptionalQuantities = quantity(None, "rad/s", "disc speeds, from 0 upwards, at which the border changes", at_least=0)
+    border_forces: OptionalQuantities = quantity(None, "N", "border from each of these speeds up to the next one", above=0)
 
     def check(self):
         number("highest_force", self.highest_force, "N", above=self.lowest_force)
+        if (self.border_speeds is None) != (self.border_forces is None):
+            raise SceneError("Arguments `border_speeds` and `border_forces` must be given together, but one is missing.")
+        if self.border_speeds is not None and self.border is not None:
+            raise SceneError("Arguments `border` and `border_forces` must not be given together: both are the border of groan.")
+        if self.border_speeds is not None:
+            speeds = tuple(self.border_speeds)
+            if len(speeds) != len(self.border_forces):
+                raise SceneError(
+                    f"Arguments `border_speeds` and `border_forces` must have one length, but it is {len(speeds)} and {len(self.border_forces)}."
+                )
+            if speeds[:1] != (0.0,) or any(not u < w for u, w in pairwise(speeds)):
+                raise SceneError(f"Argument `border_speeds` must begin at 0 and increase, but it is {speeds!r}.")
 
     def design(self, plant: HybridSystem) -> Any:
         """The law with the numbers read from the plant that are not given; border and growth only where a `margin` asks for them."""
@@ -49,10 +79,30 @@ class BrakeLaw(Controller):
             found = {name: plant.parameter(f"disc.{name}") for name in ("inertia", "radius") if getattr(self, name) is None}
         except SceneError as error:
             raise SceneError(f"{type(self).__name__} needs `inertia` and `radius` of the disc: {error}") from None
-        if self.margin is not None and (self.border is None or self.growth is None):
-            border, growth = groan_force(plant)
-            found |= {"border": border if self.border is None else self.border, "growth": growth if self.growth is None else self.growth}
+        if self.margin is not None and self.border_forces is None and (self.border is None or self.growth is None):
+            border = groan_border(plant)
+            if border.growth > 0.0:
+                first, growth = border.forces[0], border.growth
+                found |= {"border": first if self.border is None else self.border, "growth": growth if self.growth is None else self.growth}
+            elif self.border is not None or self.growth is not None:
+                missing = "growth" if self.growth is None else "border"
+                raise SceneError(
+                    f"Arguments `border` and `growth` must be given together on friction that is not exponential, but `{missing}` is missing."
+                )
+            else:
+                found |= {"border_speeds": border.speeds, "border_forces": tuple(min(force, UNBOUNDED) for force in border.forces)}
         return replace(self, **found)
+
+    def border_at(self, speed: Any) -> Any:
+        """Return the force [N] above which the pad groans at a disc speed [rad/s] >= 0, an expression or numbers of any shape."""
+        if self.border_forces is None or self.border_speeds is None:
+            return self.border * (ca if isinstance(speed, ca.SX) else np).exp(self.growth * speed)
+        if not isinstance(speed, ca.SX):
+            return np.asarray(self.border_forces)[np.searchsorted(self.border_speeds, speed, side="right") - 1]
+        force: Any = self.border_forces[0]
+        for begin, beyond in zip(self.border_speeds[1:], self.border_forces[1:], strict=True):
+            force = ca.if_else(speed >= begin, beyond, force)
+        return force
 
     def force_for(self, deceleration, friction=None):
         """The force of one pad that brakes with a deceleration [rad/s2], under the expected friction or another."""
@@ -72,7 +122,7 @@ class BrakeLaw(Controller):
     def limited(self, wanted, speed, period, last):
         """The command, given the last one."""
         if self.margin is not None:
-            wanted = ca.fmin(wanted, self.margin * self.border * ca.exp(self.growth * ca.fmax(speed, 0.0)))
+            wanted = ca.fmin(wanted, self.margin * self.border_at(ca.fmax(speed, 0.0)))
         command = ca.fmin(ca.fmax(wanted, self.lowest_force), self.highest_force)
         if self.force_rate is not None:
             step = self.force_rate * period
@@ -85,22 +135,111 @@ def last_force() -> State:
     return state("brake.last_force", "N")
 
 
-def groan_force(plant: HybridSystem) -> tuple[float, float]:
-    """(N_0 [N], q [s/rad]) of the force N = N_0 exp(q w) above which the pad of a disc brake loses its damping at the disc speed w.
+class GroanBorder(NamedTuple):
+    """The force of one pad above which it groans: forces[i] exp(growth w) [N] at disc speeds w from speeds[i] to speeds[i + 1] [rad/s]; inf for no border."""
 
-    From 2 N (mu_s - mu_k) decay exp(-decay r w) = c, exponential friction: N_0 = c / (2 (mu_s - mu_k) decay), q = decay r. Under N_0 the pad keeps its
-    damping down to standstill. Raises SceneError for a plant whose pad has another law of friction.
+    speeds: tuple[float, ...]
+    forces: tuple[float, ...]
+    growth: float = 0.0
+
+    def at(self, speed: float) -> float:
+        """Return the border [N] at a disc speed [rad/s]; the higher piece holds at a kink."""
+        piece = int(np.searchsorted(self.speeds, number("speed", speed, "rad/s", at_least=0), side="right")) - 1
+        return self.forces[piece] * math.exp(self.growth * speed)  # growth is 0 where a piece has no border
+
+    def __str__(self) -> str:
+        ends = (*self.speeds[1:], math.inf)
+        grows = f" x exp({self.growth:g} s/rad x disc speed)" if self.growth else ""
+        told = (f"{force:.1f} N" if math.isfinite(force) else "no border" for force in self.forces)
+        rows = zip(self.speeds, ends, told, strict=True)
+        return "\n".join(["Border of groan, force of one pad", *(f"  {u:8.3f} to {w:8.3f} rad/s  {force}{grows}" for u, w, force in rows)])
+
+
+def groan_border(plant: HybridSystem) -> GroanBorder:
+    """Find the force of one pad above which the pad of a disc brake loses its damping, over the disc speed.
+
+    Below the border the pad keeps its damping, 2 N s(r w) < c; s is the fall of the declared friction with slip speed. Exact for exponential friction and for
+    tables; for any other law without breaks the lowest border within each cell of speed, up to 30 rad/s.
+
+    Parameters
+    ----------
+    plant
+        A plant with a `DiscBrake`.
+
+    Returns
+    -------
+    GroanBorder
+        Speeds [rad/s] at which the border changes, and the border [N] from each of them on.
+
+    Raises
+    ------
+    SceneError
+        If the plant has no pad, its law of friction has breaks or a memory, or friction nowhere falls with speed.
+
+    Examples
+    --------
+    >>> from models import DiscBrake, Tabulated
+    >>> from toolbox import compose
+    >>> table = Tabulated(speeds=(0.0, 0.24, 0.6, 1.2), coefficients=(0.45, 0.42, 0.38, 0.38), static=0.45)
+    >>> print(groan_border(compose(DiscBrake(friction=table))))
+    Border of groan, force of one pad
+         0.000 to    2.000 rad/s  800.0 N
+         2.000 to    5.000 rad/s  900.0 N
+         5.000 to      inf rad/s  no border
     """
     try:
-        static, kinetic, decay = (plant.parameter(f"pad.friction.{word}") for word in ("static", "kinetic", "decay"))
+        law = plant.element("pad").law
         radius, damping = plant.parameter("disc.radius"), plant.parameter("disc.damping")
     except SceneError as error:
         raise SceneError(
-            "A law with `margin` knows the force above which the pad groans only for a DiscBrake with exponential friction: give it `border` [N] and "
-            "`growth` [s/rad] (on the safe side border = c / (2 s), c the damping of the caliper, s the steepest fall of the friction with "
-            f"slip speed, and growth = 0), because: {error}"
+            "A law with `margin` knows the force above which the pad groans only for a DiscBrake: give it `border_speeds` [rad/s] and `border_forces` [N], "
+            f"because: {error}"
         ) from None
-    fall = 2.0 * (static - kinetic) * decay
-    if not fall > 0:
+    if law is None or law.breaks() or law.memory(1):
+        raise SceneError(
+            "A law with `margin` needs friction without breaks and without memory to find the force above which the pad groans: give it "
+            f"`border_speeds` [rad/s] and `border_forces` [N], because the law of the pad is {type(law).__name__}."
+        )
+    known = {name.rpartition(".")[2]: plant.parameter(name) for name in plant.parameters if name.startswith("pad.friction.")}
+    if set(known) == {"static", "kinetic", "decay"} and _is_exponential(law):
+        speeds, falls, growth = np.zeros(1), np.array([(known["static"] - known["kinetic"]) * known["decay"]]), known["decay"] * radius
+    elif set(known) == {"static", "speeds", "coefficients"}:
+        speeds, growth = known["speeds"] / radius, 0.0
+        falls = np.append(-np.diff(known["coefficients"]) / np.diff(known["speeds"]), 0.0)
+    else:
+        speeds, falls = _sampled_falls(plant, law, radius)
+        growth = 0.0
+    if not falls.max() > 0.0:
         raise SceneError("The friction of the pad does not fall with speed: no force makes it groan.")
-    return damping / fall, decay * radius
+    forces = [damping / (2.0 * fall) if fall > 0.0 else math.inf for fall in falls]
+    return GroanBorder(tuple(map(float, speeds)), tuple(map(float, forces)), float(growth))
+
+
+def _is_exponential(law: Any) -> bool:
+    """Whether the law falls as mu_k + (mu_s - mu_k) exp(-decay v)."""
+    speed = ca.SX.sym("speed")
+    found = law.sliding(speed)
+    expected = law.kinetic + (law.static - law.kinetic) * ca.exp(-law.decay * speed)
+    return bool(ca.is_equal(ca.SX(found), ca.SX(expected), 6))
+
+
+def _sampled_falls(plant: HybridSystem, law: Any, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Beginnings of cells of disc speed [rad/s], and the steepest fall of the friction at sixteen speeds within each of them."""
+    speed = ca.SX.sym("speed")
+    fall = ca.substitute(-ca.jacobian(ca.SX(law.sliding(speed)), speed), plant.p, ca.SX(plant.values))
+    slopes = ca.Function("fall", [speed], [ca.densify(fall)])
+    edges = np.append(0.0, np.geomspace(0.01, 30.0, CELLS))
+    found = [float(np.max(np.asarray(slopes(radius * np.linspace(low, high, 17)[None, :])))) for low, high in pairwise(edges)]
+    last = float(slopes(radius * edges[-1]))
+    return edges, np.append(found, last)
+
+
+def groan_force(plant: HybridSystem) -> tuple[float, float]:
+    """Find (N_0 [N], q [s/rad]) of the force N = N_0 exp(q w) above which the pad of a disc brake with exponential friction loses its damping.
+
+    Under N_0 the pad keeps its damping down to standstill. Raises SceneError for a plant whose pad has another law of friction: see `groan_border`.
+    """
+    border = groan_border(plant)
+    if border.growth == 0.0:
+        raise SceneError("The border grows exponentially with speed only for exponential friction: use `groan_border`.")
+    return border.forces[0], border.growth

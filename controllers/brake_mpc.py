@@ -22,12 +22,12 @@ class BrakeMPC(BrakeLaw):
 
         n_(k+1) = n_k + alpha (u_k - n_k),   w_(k+1) = w_k - (2 r mu h / I) n_(k+1),   z_(k+1) = z_k + h (w_(k+1) - w_p)
         min sum_k ((w_k - w_p) / speed_size)^2 + (z_k / angle_size)^2 + ((u_k - u_(k-1)) / move_size)^2 + violation_cost (excess + excess^2 / 2)
-        n_k <= margin N_0 exp(q w_k) + excess,   lowest <= u_k <= highest,   |u_k - u_(k-1)| <= force_rate h
+        n_k <= margin N(w_k) + excess,   lowest <= u_k <= highest,   |u_k - u_(k-1)| <= force_rate h
 
-    alpha = 1 - exp(-h / lag) of the actuator, whose `lag` is read from the plant; mu = T / (2 r n), averaged over `filter_time`. The border of groan is
-    convex in the speed; its tangents at the last prediction stand for it, which lie below it. Because it sees the border ahead, the law brakes
-    harder before it has to ease. An answer that fails its KKT conditions is not used: the last plan goes on. `run.laws[0].record` has times and
-    fallbacks. Sampled only, at `period`.
+    alpha = 1 - exp(-h / lag) of the actuator, whose `lag` is read from the plant; mu = T / (2 r n), averaged over `filter_time`. The border of groan
+    N(w) = N_0 exp(q w) is convex in the speed; its tangents at the last prediction stand for it, which lie below it. Of a border in pieces, as that of a
+    table, the piece of the speed last predicted stands for it. Because it sees the border ahead, the law brakes harder before it has to ease. An answer that
+    fails its KKT conditions is not used: the last plan goes on. `run.laws[0].record` has times and fallbacks. Sampled only, at `period`.
     """
 
     measured_signals: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
@@ -163,11 +163,12 @@ class PlannedStop(Remembering):
             low[N], high[N] = 0.0, np.inf
             H[N, N], g[N] = law.violation_cost, law.violation_cost
             around = np.maximum(np.append(self.speeds[1:], self.speeds[-1]) if self.planned else wish[1:], 0.0)
-            border = law.margin * law.border * np.exp(law.growth * around) / UNIT
-            self.rows[N:, :N] = self.forced - (law.growth * border)[:, None] * S
+            border = law.margin * law.border_at(around) / UNIT
+            growth = law.growth if law.border_forces is None else 0.0
+            self.rows[N:, :N] = self.forced - (growth * border)[:, None] * S
             self.rows[N:, N] = -1.0
             below = np.append(below, np.full(N, -np.inf))
-            above = np.append(above, border * (1.0 + law.growth * (offset - around)) - start / UNIT)
+            above = np.append(above, border * (1.0 + growth * (offset - around)) - start / UNIT)
         self.program.update(H, self.rows)
         answer = self.program.solve(g, np.append(low, below), np.append(high, above))
         self.record.answer = answer

@@ -197,7 +197,7 @@ def dither_map(
     offset: float = 0.0,
     **arguments: Any,
 ) -> DitherMap:
-    """Map the swing of a signal under an alternating load, load = mean (1 + depth sin) - offset, by simulation.
+    """Map the amplitude of a signal under an alternating load, load = mean (1 + depth sin) - offset, by simulation.
 
     Each run lasts `periods` natural periods, of which the second half counts.
 
@@ -206,26 +206,39 @@ def dither_map(
     plant
         The plant.
     load
-        The input that alternates.
+        Name of the input that alternates.
     mean
-        Its mean.
+        Its mean, in SI.
     natural
-        Natural frequency [Hz] that frequencies are parts of.
+        Natural frequency [Hz], the unit of `ratios`.
     contact, signal
-        The contact to judge, and the signal whose swing is mapped.
-    ratios, depths
-        Frequencies in parts of `natural`, and depths of the alternation.
+        Names of the contact that is judged and of the signal whose amplitude is mapped.
+    ratios
+        Frequencies of the alternation as multiples of `natural`.
+    depths
+        Amplitudes of the alternation as fractions of `mean`.
     periods
         Length of a run in natural periods.
     offset
-        Force that is given otherwise and that the dither rides on, as with `brake.disturbance`.
+        Part of the load that another input gives, as with `brake.disturbance`.
     arguments
         Further arguments of `simulate`.
 
     Returns
     -------
     DitherMap
-        The swing at every frequency and depth.
+        The amplitude at every frequency and depth.
+
+    Examples
+    --------
+    >>> from controllers import dither_map
+    >>> from models import oscillators
+    >>> from toolbox import compose
+    >>> judged = {"contact": "belt", "signal": "block.position"}
+    >>> found = dither_map(compose(oscillators.LEINE), "block.load", 10.0, 0.159, **judged, ratios=[0.5, 3.3], depths=[0.0, 0.8])
+    >>> print(found.swing.round(2))
+    [[1.   1.  ]
+     [0.41 0.01]]
     """
     mean, natural = number("mean", mean, "N", above=0), number("natural", natural, "Hz", above=0)
     duration = periods / natural

@@ -34,7 +34,7 @@ THEMES = {
         "Steady states, borders of stick-slip, cycles, maps, sweeps and chances.",
         "steady_states onsets orbits sweeps probability",
     ),
-    "design": ("Design", "Laws that are tuned and judged: margins, limits, worst cases.", "tuning robustness"),
+    "design": ("Design", "Laws that are tuned and judged: margins, limits, worst cases.", "tuning robustness drilling"),
     "report": ("Report", "Results on one page.", "reports"),
     "export": ("Export", "Laws as C, FMU and python-control systems, and the way back.", "export"),
 }

@@ -21,10 +21,31 @@ from toolbox.modelling import OptionalQuantities, Relay
 
 
 def parabolic_shares(n: int) -> tuple[float, ...]:
-    """Compute the parts of the load that equal strips of a rounded (parabolic) contact carry, in order across it; they add up to 1.
+    """Compute the fractions of the load that equal strips of a rounded (parabolic) contact carry.
 
-    The pressure 3/4 (1 - s^2), -1 <= s <= 1, is integrated over each strip. Raises SceneError for fewer than 1 bristle. Source: textbook, Winkler foundation
-    under a parabolic punch.
+    The fractions are in order across the contact and add up to 1. The pressure 3/4 (1 - s^2), -1 <= s <= 1, is
+    integrated over each strip. Source: textbook, Winkler foundation under a parabolic punch.
+
+    Parameters
+    ----------
+    n
+        Number of strips, >= 1.
+
+    Returns
+    -------
+    tuple of float
+        The fractions, shape (n,).
+
+    Raises
+    ------
+    SceneError
+        If n < 1.
+
+    Examples
+    --------
+    >>> from models import parabolic_shares
+    >>> print([round(share, 3) for share in parabolic_shares(5)])
+    [0.104, 0.248, 0.296, 0.248, 0.104]
     """
     whole("n", n, 1)
 

@@ -23,11 +23,35 @@ Law = TypeVar("Law", bound=FrictionLaw)
 
 
 def belt_cycle(block: BlockOnBelt) -> StickSlipPeriod:
-    """Stick-slip of an undamped block on a belt under Coulomb friction with a static bound above the kinetic one.
+    """Compute the stick-slip cycle of an undamped block on a belt, under Coulomb friction with a static bound above the
+    kinetic one.
 
         z = N (mu_s - mu_k) w_n / (k v),   t_slip = (2 / w_n)(pi - arctan z),   t_stick = 2 z / w_n,   w_n = sqrt(k / m)
 
-    Exact. Raises SceneError for another law, damping, drag, a belt at rest or no spring. Source: textbook.
+    Exact. Source: textbook.
+
+    Parameters
+    ----------
+    block
+        The block, with `Coulomb` friction, without damping and drag.
+
+    Returns
+    -------
+    StickSlipPeriod
+        Slip time and stick time [s].
+
+    Raises
+    ------
+    SceneError
+        If the friction law is another, there is damping, drag or no spring, or the belt is at rest.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt, Coulomb
+    >>> from models.closed_forms import belt_cycle
+    >>> cycle = belt_cycle(BlockOnBelt(friction=Coulomb(static=0.5, kinetic=0.3), damping=0.0, drag=0.0))
+    >>> print(f"slips for {cycle.slip:.3f} s, sticks for {cycle.stick:.3f} s")
+    slips for 4.712 s, sticks for 2.000 s
     """
     law = _law("block", block, Coulomb)
     fall = block.load * (law.static - law.kinetic)
@@ -35,11 +59,37 @@ def belt_cycle(block: BlockOnBelt) -> StickSlipPeriod:
 
 
 def driven_disks_cycle(disks: TwoDisks, rotor_speed: float) -> StickSlipPeriod:
-    """Stick-slip of an undamped stator under a rotor that is driven at constant speed W [rad/s], Coulomb friction with T_s > T_k.
+    """Compute the stick-slip cycle of an undamped stator under a rotor of constant speed W, under Coulomb friction with
+    T_s > T_k.
 
         z = (T_s - T_k) w_n / (k_t W),   t_slip = (2 / w_n)(pi - arctan z),   t_stick = 2 z / w_n,   w_n = sqrt(k_t / I_2)
 
-    so that period / T_n = 1 + (z - arctan z) / pi. Exact for an infinitely heavy rotor. Raises SceneError as `belt_cycle` does.
+    Hence period / T_n = 1 + (z - arctan z) / pi. Exact for an infinitely heavy rotor.
+
+    Parameters
+    ----------
+    disks
+        The two disks, with `Coulomb` friction, without damping.
+    rotor_speed
+        Speed W of the rotor [rad/s].
+
+    Returns
+    -------
+    StickSlipPeriod
+        Slip time and stick time [s].
+
+    Raises
+    ------
+    SceneError
+        If the friction law is another, there is damping or no spring, or the rotor is at rest.
+
+    Examples
+    --------
+    >>> from models import Coulomb, TwoDisks
+    >>> from models.closed_forms import driven_disks_cycle
+    >>> disks = TwoDisks(friction=Coulomb(static=0.5, kinetic=0.3), damping=0.0)
+    >>> print(f"{driven_disks_cycle(disks, rotor_speed=1.0).period:.3f} s")
+    0.032 s
     """
     law = _law("disks", disks, Coulomb)
     fall = disks.normal_force * disks.radius * (law.static - law.kinetic)
@@ -66,19 +116,69 @@ def _cycle(name: str, part: Any, losses: tuple[str, ...], inertia: float, fall: 
 
 
 def stick_slip_speed(block: BlockOnBelt) -> float:
-    """Belt speed v_b0 = sqrt(4/5) v_b1 below which a block under the cubic law sticks and slips, to first order (Thomsen, Fidlin 2003).
+    """Compute the belt speed v_b0 = sqrt(4/5) v_b1 below which a block under the cubic friction law sticks and slips, to
+    first order.
 
-    Between v_b0 and the Hopf speed v_b1 it swings without stick, see `slip_amplitude`. Range: weak damping and weak friction. Raises SceneError
-    for other laws. Source: J. J. Thomsen, A. Fidlin, Int. J. Non-Linear Mechanics 38 (2003) 389-403, doi:10.1016/S0020-7462(01)00073-7.
+    Between v_b0 and the Hopf speed v_b1 the block oscillates without stick; `slip_amplitude` gives the amplitude.
+    Range: weak damping and weak friction. Source: J. J. Thomsen, A. Fidlin, Int. J. Non-Linear Mechanics 38 (2003)
+    389-403, doi:10.1016/S0020-7462(01)00073-7.
+
+    Parameters
+    ----------
+    block
+        The block, with `CubicStribeck` friction.
+
+    Returns
+    -------
+    float
+        The speed v_b0 [m/s].
+
+    Raises
+    ------
+    SceneError
+        If the friction law is another.
+
+    Examples
+    --------
+    >>> from models import oscillators
+    >>> from models.closed_forms import stick_slip_speed
+    >>> print(f"{stick_slip_speed(oscillators.THOMSEN_FIDLIN):.4f} m/s")
+    0.3944 m/s
     """
     _law("block", block, CubicStribeck)
     return math.sqrt(4 / 5) * hopf_speed(block)
 
 
 def slip_amplitude(block: BlockOnBelt) -> float:
-    """Amplitude A = 2 sqrt(v_b1^2 - v_b^2) / w_n [m] of the swing without stick at the block's belt speed, to first order; 0.0 above v_b1.
+    """Compute the amplitude A = 2 sqrt(v_b1^2 - v_b^2) / w_n of the oscillation without stick at the belt speed of the
+    block, to first order.
 
-    Range: v_b0 < v_b < v_b1. Raises SceneError for other laws and below v_b0. Source: as `stick_slip_speed`.
+    Range: v_b0 < v_b < v_b1. Source: J. J. Thomsen, A. Fidlin (2003), as in `stick_slip_speed`.
+
+    Parameters
+    ----------
+    block
+        The block, with `CubicStribeck` friction.
+
+    Returns
+    -------
+    float
+        The amplitude [m]. 0.0 above v_b1.
+
+    Raises
+    ------
+    SceneError
+        If the friction law is another, or the belt is slower than v_b0.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from models import oscillators
+    >>> from models.closed_forms import slip_amplitude
+    >>> from models.oscillators import hopf_speed
+    >>> speed = 0.95 * hopf_speed(oscillators.THOMSEN_FIDLIN)
+    >>> print(f"{slip_amplitude(replace(oscillators.THOMSEN_FIDLIN, belt_speed=speed)):.4f} m")
+    0.2754 m
     """
     _law("block", block, CubicStribeck)
     low, high = stick_slip_speed(block), hopf_speed(block)
@@ -90,13 +190,40 @@ def slip_amplitude(block: BlockOnBelt) -> float:
 
 
 def den_hartog_amplitude(block: BlockOnBelt, force: float, frequency: float) -> float:
-    """Amplitude [m] of a block under Coulomb friction F and the force P cos(w t), while its motion has no stops.
+    """Compute the amplitude of a block under Coulomb friction F and the force P cos(w t), for motion without stops.
 
         x_0 = (P / k) sqrt(V^2 - (F / P)^2 U^2),   V = 1 / (1 - r^2),   U = tan(pi / (2 r)) / r,   r = w / w_n
 
-    force: P [N];  frequency: w [rad/s]. Range: undamped, one law for rest and motion, and F / P below `den_hartog_bound`. At r = 1/2, 1/4, ... friction
-    does not damp the free swing of twice, four times the frequency, and motions that are not symmetric go on beside this one. Raises SceneError outside
-    of the range and at resonance. Source: J. P. Den Hartog (1931).
+    Range: undamped, equal static and kinetic friction, and F / P below `den_hartog_bound`. At r = 1/2, 1/4, ...
+    friction does not damp the free oscillation of twice, four times the frequency, and motions that are not symmetric
+    exist beside this one. Source: J. P. Den Hartog (1931).
+
+    Parameters
+    ----------
+    block
+        The block, with `Coulomb` friction, without damping and drag, on a belt at rest.
+    force
+        Amplitude P of the force [N].
+    frequency
+        Frequency w [rad/s].
+
+    Returns
+    -------
+    float
+        The amplitude [m].
+
+    Raises
+    ------
+    SceneError
+        If the block or the force is outside of the range, or at resonance.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt, Coulomb
+    >>> from models.closed_forms import den_hartog_amplitude
+    >>> block = BlockOnBelt(friction=Coulomb(static=0.3, kinetic=0.3), damping=0.0, drag=0.0, belt_speed=0.0)
+    >>> print(f"{den_hartog_amplitude(block, force=1.0, frequency=0.8):.4f} m")
+    2.6261 m
     """
     law = block.friction
     if not isinstance(law, Coulomb) or law.static != law.kinetic:
@@ -110,9 +237,36 @@ def den_hartog_amplitude(block: BlockOnBelt, force: float, frequency: float) -> 
 
 
 def den_hartog_bound(block: BlockOnBelt, frequency: float) -> float:
-    """Largest friction by force, F / P, at which the motion has no stops: sqrt(V^2 / (U^2 + 1 / r^4)), 0 at r = 1/3, 1/5, ... up to round-off.
+    """Compute the largest ratio of friction to force, F / P, at which the motion of `den_hartog_amplitude` has no stops:
+    sqrt(V^2 / (U^2 + 1 / r^4)).
 
-    Range and source: `den_hartog_amplitude`.
+    The ratio is 0 at r = 1/3, 1/5, ... up to round-off. V, U and r are defined in `den_hartog_amplitude`. Source: J.
+    P. Den Hartog (1931).
+
+    Parameters
+    ----------
+    block
+        The block, without damping and drag, on a belt at rest.
+    frequency
+        Frequency w of the force [rad/s].
+
+    Returns
+    -------
+    float
+        The ratio F / P [1].
+
+    Raises
+    ------
+    SceneError
+        If the block has damping or drag, the belt moves, or the frequency is not > 0 or is the natural frequency of
+        the block.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from models.closed_forms import den_hartog_bound
+    >>> print(f"{den_hartog_bound(BlockOnBelt(damping=0.0, drag=0.0, belt_speed=0.0), frequency=0.8):.4f}")
+    0.8174
     """
     v, u, r = _den_hartog(block, frequency)
     return abs(v) / math.sqrt(u * u + 1 / r**4)
@@ -128,14 +282,38 @@ def _den_hartog(block: BlockOnBelt, frequency: float) -> tuple[float, float, flo
 
 
 def bearable_fall(chain: TorsionalChain, *, held: bool = False) -> float:
-    """Negative damping d [N m s/rad] at the bit of two inertias at which steady rotation becomes unstable.
+    """Compute the negative damping d at the bit of a string of two inertias at which steady rotation becomes unstable.
 
         held (the drive keeps the top speed constant):  d = c + c_b
         free (the drive gives a constant torque):       a_2 a_1 = a_0 of s^3 + a_2 s^2 + a_1 s + a_0, with e = c_b - d:
             a_2 = (c + c_r) / J_r + (c + e) / J_b,   a_1 = (k J_r + k J_b + c c_r + c e + c_r e) / (J_r J_b),   a_0 = k (c_r + e) / (J_r J_b)
 
-    The root of the quadratic in e that is met first, from high e down. Rotation is lost by growing swings unless c_r + e reaches zero before, where it runs
-    away. Raises SceneError for another number of inertias. Source: Hurwitz's criterion.
+    The result is the root of the quadratic in e that is met first, from high e down. Rotation is lost by growing
+    oscillations unless c_r + e reaches zero before, at which it runs away. Source: Hurwitz's criterion.
+
+    Parameters
+    ----------
+    chain
+        The string, with two inertias.
+    held
+        Whether the drive keeps the top speed constant. By default the drive gives a constant torque.
+
+    Returns
+    -------
+    float
+        The negative damping d [N m s/rad].
+
+    Raises
+    ------
+    SceneError
+        If the string has another number of inertias, or no damping of the bit makes it oscillate.
+
+    Examples
+    --------
+    >>> from models import wells
+    >>> from models.closed_forms import bearable_fall
+    >>> print(f"{bearable_fall(wells.JANSEN_2):.1f} N m s/rad")
+    94.7 N m s/rad
     """
     if len(chain.inertia) != 2:
         raise SceneError(f"Argument `chain.inertia` must hold 2 inertias for this closed form, but it has {len(chain.inertia)}.")
@@ -154,10 +332,36 @@ def bearable_fall(chain: TorsionalChain, *, held: bool = False) -> float:
 
 
 def hopf_speed_of_string(chain: TorsionalChain, rock: BitRock, *, held: bool = False) -> float:
-    """Speed [rad/s] above which two inertias turn steadily and below which they do not, w = ln(W R_b (mu_s - mu_c) decay / d) / decay.
+    """Compute the speed above which a string of two inertias turns steadily, and below which it does not: w = ln(W R_b
+    (mu_s - mu_c) decay / d) / decay.
 
-    d is `bearable_fall`: of a drive with constant torque, or of one that holds the top speed. 0.0 where the string turns steadily at every
-    speed. Raises SceneError for another law than the exponential one, and where d is not positive.
+    `bearable_fall` gives d, for a drive with constant torque or for a drive that holds the top speed.
+
+    Parameters
+    ----------
+    chain
+        The string, with two inertias.
+    rock
+        Bit and rock, with `Exponential` friction.
+    held
+        Whether the drive keeps the top speed constant. By default the drive gives a constant torque.
+
+    Returns
+    -------
+    float
+        The speed w [rad/s]. 0.0 if the string turns steadily at every speed.
+
+    Raises
+    ------
+    SceneError
+        If the friction law is another, or d is not positive.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from models.closed_forms import hopf_speed_of_string
+    >>> print(f"{hopf_speed_of_string(wells.JANSEN_2, BitRock(weight='97 kN')):.3f} rad/s")
+    4.180 rad/s
     """
     law = _law("bit", rock, Exponential)
     steepest = rock.weight * rock.radius * (law.static - law.kinetic) * law.decay
@@ -168,14 +372,40 @@ def hopf_speed_of_string(chain: TorsionalChain, rock: BitRock, *, held: bool = F
 
 
 def groan_growth(brake: DiscBrake, force: float, until: float = 0.0) -> float:
-    """Exponent G by which the pad of a disc brake grows while a constant force [N] slows the disc down to the speed `until` [rad/s].
+    """Compute the exponent G by which the vibration of a brake pad grows while a constant force slows the disc down.
 
         G = int (2 N |mu'| - c) / (2 m) dt  from the speed w_e at which the pad loses its damping, 2 N |mu'(r w_e)| = c, with dt = -I dw / (2 r N mu(r w))
           = I / (2 m r^2) ln(mu(r w) / mu(r w_e)) - c I / (4 m r N q mu_k) ln((mu_k e^(q w_e) + D) / (mu_k e^(q w) + D)),   q = decay r,  D = mu_s - mu_k
 
-    Exponential friction, no drive. G rises with the force to I / (2 m r^2) ln(mu_s / mu_k): braking harder does not outrun groan. 0 where the disc is not
-    slower than w_e. Range: a speed that changes little within a period of the pad; swings too small to stick. Raises SceneError for other laws and
-    for a force <= 0.
+    Exponential friction, no torque on the disc. G rises with the force to I / (2 m r^2) ln(mu_s / mu_k): a harder
+    brake application does not avoid groan. Range: a speed that changes little within a period of the pad; vibrations
+    too small to stick.
+
+    Parameters
+    ----------
+    brake
+        The brake, with `Exponential` friction.
+    force
+        Constant normal force on the pad [N], > 0.
+    until
+        Speed of the disc at which the growth ends [rad/s].
+
+    Returns
+    -------
+    float
+        The exponent G. 0.0 if the disc is not slower than w_e.
+
+    Raises
+    ------
+    SceneError
+        If the friction law is another, or the force is not > 0.
+
+    Examples
+    --------
+    >>> from models import DiscBrake
+    >>> from models.closed_forms import groan_growth
+    >>> print(f"{groan_growth(DiscBrake(), force=1000.0):.1f}")
+    14.4
     """
     law = _law("brake", brake, Exponential, "")
     number("force", force, "N", above=0)

@@ -13,18 +13,61 @@ from toolbox.authoring import NumberOrText, number
 
 
 def uniform_wear_radius(inner: NumberOrText, outer: NumberOrText) -> float:
-    """Compute the effective radius of a worn annulus, whose pressure goes as 1/r: R = (R_o + R_i) / 2 [m].
+    """Compute the effective radius of a worn friction ring, whose pressure is proportional to 1/r: R = (R_o + R_i) / 2.
 
-    The torque is mu N R. Raises SceneError unless 0 <= inner < outer. Source: textbook.
+    The torque is mu N R. Source: textbook.
+
+    Parameters
+    ----------
+    inner, outer
+        Inner and outer radius [m], 0 <= inner < outer.
+
+    Returns
+    -------
+    float
+        Effective radius R [m].
+
+    Raises
+    ------
+    SceneError
+        Unless 0 <= inner < outer.
+
+    Examples
+    --------
+    >>> from models import uniform_wear_radius
+    >>> print(f"{uniform_wear_radius('80 mm', '120 mm') * 1e3:.2f} mm")
+    100.00 mm
     """
     inner, outer = _annulus(inner, outer)
     return (outer + inner) / 2
 
 
 def uniform_pressure_radius(inner: NumberOrText, outer: NumberOrText) -> float:
-    """Compute the effective radius of a new annulus under uniform pressure: R = (2/3) (R_o^3 - R_i^3) / (R_o^2 - R_i^2) [m].
+    """Compute the effective radius of a new friction ring under uniform pressure: R = (2/3) (R_o^3 - R_i^3) / (R_o^2 -
+    R_i^2).
 
-    The torque is mu N R; R is never less than the radius of uniform wear. Raises SceneError unless 0 <= inner < outer. Source: textbook.
+    The torque is mu N R. R is never less than the radius for uniform wear. Source: textbook.
+
+    Parameters
+    ----------
+    inner, outer
+        Inner and outer radius [m], 0 <= inner < outer.
+
+    Returns
+    -------
+    float
+        Effective radius R [m].
+
+    Raises
+    ------
+    SceneError
+        Unless 0 <= inner < outer.
+
+    Examples
+    --------
+    >>> from models import uniform_pressure_radius
+    >>> print(f"{uniform_pressure_radius('80 mm', '120 mm') * 1e3:.2f} mm")
+    101.33 mm
     """
     inner, outer = _annulus(inner, outer)
     return 2 / 3 * (outer**2 + outer * inner + inner**2) / (outer + inner)  # free of cancellation for a thin ring

@@ -14,12 +14,15 @@ from toolbox.authoring import halved, number
 
 
 def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float:
-    """Compute the mean coefficient of friction against a slip v + B sin t, (1 / 2 pi) int mu(v + B sin t) dt over a period, with the sign of v.
+    """Compute the mean coefficient of friction of a contact whose slip is v + B sin t, (1 / 2 pi) int mu(v + B sin t) dt
+    over a period, with the sign of v.
 
-    Dry friction that turns round with the slip becomes a drag: Coulomb's law gives mu_k (2 / pi) arcsin(v / B) for |v| < B and mu_k beyond; the bound at rest
-    plays no part. Range: dither so fast that v hardly changes in a period, and a contact that does not rest when the slip turns. The integral is
-    Gauss-Legendre quadrature between the turns of the slip: exact to round-off for constant friction, with a relative error below 1e-8 for decays up to about
-    30 / B, and below 1e-4 across the kinks of a table. Source: textbook; J. J. Thomsen, A. Fidlin (2003).
+    Dry friction whose slip changes direction in every period acts like viscous drag. Coulomb's law gives mu_k (2 /
+    pi) arcsin(v / B) for |v| < B and mu_k beyond; the bound at rest has no influence. Range: dither so fast that v
+    hardly changes in a period, and a contact that does not rest when the slip changes direction. The integral is
+    Gauss-Legendre quadrature between the changes of direction: exact to round-off for constant friction, with a
+    relative error below 1e-8 for decays up to about 30 / B, and below 1e-4 across the kinks of a table. Source:
+    textbook; J. J. Thomsen, A. Fidlin (2003).
 
     Parameters
     ----------
@@ -30,10 +33,21 @@ def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float
     amplitude
         Velocity amplitude B >= 0 of the dither, in the unit of v.
 
+    Returns
+    -------
+    float
+        The mean coefficient of friction [1].
+
     Raises
     ------
     SceneError
         If a number is not finite, B < 0, or the law has a memory.
+
+    Examples
+    --------
+    >>> from models import Coulomb, averaged_friction
+    >>> print(f"{averaged_friction(Coulomb(static=0.5, kinetic=0.3), speed=0.1, amplitude=0.2):.3f}")
+    0.100
     """
     if law.memory(1):
         raise SceneError(f"Argument `law` must be without memory, because bristles follow a dither that is small, but it is {law!r}.")
@@ -59,13 +73,13 @@ class TangentialDither(NamedTuple):
 
 
 def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency: float, *, drag: float = 0.0) -> TangentialDither:
-    """Find the smallest dither along the slip under which the friction of a contact no longer falls with speed at the mean slip v.
+    """Find the smallest dither along the slip under which friction no longer falls with speed at the mean slip v.
 
         N d mu_eff/dv (v; B) + drag >= 0,    mu_eff as in `averaged_friction`,    force = 2 pi frequency B / A
 
-    N is the load of the contact at rest and at the defaults of the inputs, A the acceleration of its slip per unit of force. Constant kinetic friction needs
-    none: B = 0. Where falling friction is the trouble, B comes out near v: the slip must turn round in every cycle. B is found to a relative 1e-3 between
-    0.01 v and 100 v.
+    N is the load of the contact at rest and at the defaults of the inputs, A the acceleration of its slip per unit of
+    force. Constant kinetic friction needs no dither: B = 0. For falling friction B is close to v, because the slip
+    must change direction in every cycle. B is found to a relative 1e-3 between 0.01 v and 100 v.
 
     Parameters
     ----------
@@ -76,14 +90,28 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     slip
         Mean slip v > 0.
     frequency
-        Frequency of the dither [Hz], far above what the plant answers to.
+        Frequency of the dither [Hz], far above the frequencies to which the plant responds.
     drag
         Viscous drag that helps, of the slip against the force of the contact.
+
+    Returns
+    -------
+    TangentialDither
+        Velocity amplitude B and force of the dither.
 
     Raises
     ------
     SceneError
-        If the contact is unknown, v <= 0, or no B in that range is enough.
+        If the contact is unknown, v <= 0, or no B in this range is enough.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt, Exponential, tangential_dither
+    >>> from toolbox import compose
+    >>> block = compose(BlockOnBelt(friction=Exponential(static=1.0, kinetic=0.5, decay=3.0)))
+    >>> found = tangential_dither(block, "belt", slip=0.2, frequency=10.0)
+    >>> print(f"velocity amplitude {found.amplitude:.2f} m/s, force {found.force:.1f} N")
+    velocity amplitude 0.20 m/s, force 12.6 N
     """
     element = plant.element(contact)
     slip, frequency = number("slip", slip, above=0), number("frequency", frequency, "Hz", above=0)

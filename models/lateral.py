@@ -164,29 +164,40 @@ class WhirlingCollar(Component):
 
 
 def whirl_ratio(run: Trajectory, after: float = 0.0, until: float | None = None, name: str = "collar") -> float:
-    """Measure the turns of the collar's centre around the hole per turn of the collar, theta'/phi', over a window.
+    """Measure the revolutions of a collar's centre around the borehole per revolution of the collar, theta'/phi', over a
+    window.
 
-    It is 1 in forward synchronous whirl and -R_co/gap when the collar rolls backward along the wall. A passage through the middle of the hole counts as the
-    half turn that it is, of either sense.
+    The ratio is 1 in forward synchronous whirl and -R_co/gap while the collar rolls backward along the wall. A
+    passage through the middle of the hole counts as half a revolution, in either direction.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     after, until
-        Window [s]; by default the whole run.
+        Begin and end of the window [s]. By default the whole run.
     name
         Name of the collar.
 
     Returns
     -------
     float
-        The ratio; nan where the collar does not turn.
+        The ratio [1]. nan if the collar does not turn.
 
     Raises
     ------
     SceneError
-        If the window lies outside the run, or the run has no collar of that name.
+        If the window lies outside the run, or the run has no collar of this name.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from models import BitRock, WhirlingCollar, wells, whirl_ratio
+    >>> from toolbox import compose, simulate
+    >>> plant = compose(replace(wells.UFRJ_2, collar=-1), BitRock(weight="60 kN"), WhirlingCollar())
+    >>> run = simulate(plant, "20 s", inputs={"top.torque": "9 kN m"})
+    >>> print(f"{whirl_ratio(run, after=10.0):.2f}")
+    1.00
     """
     begin, end = window(run, after, until)
     times = np.unique(np.concatenate([run.nodes.time[(run.nodes.time > begin) & (run.nodes.time < end)], [begin, end]]))

@@ -25,14 +25,35 @@ VERASZTO_STEPAN = BlockOnBelt(
 
 
 def hopf_speed(block: BlockOnBelt) -> float:
-    """Belt speed above which the sliding block comes to rest by itself, and below which it does not: c + d = -N mu'(v) there.
+    """Compute the belt speed above which a sliding block comes to rest by itself, and below which it does not: c + d =
+    -N mu'(v).
 
         exponential law   v = ln(N (mu_s - mu_k) decay / (c + d)) / decay              (Veraszto-Stepan 2017)
         cubic law         v = v_m sqrt(1 - 2 (c + d) v_m / (3 N (mu_s - mu_m)))        (v_b1 of Thomsen-Fidlin 2003)
 
-    With the cubic law the block slips between v_b0 = sqrt(4/5) v_b1 and v_b1, with amplitude 2 sqrt(v_b1^2 - v_b^2) in units of 1 / w_n, and sticks and
-    slips below v_b0, to first order. 0.0 where the block rests at every speed. Raises SceneError for other laws and for c + d = 0 with the exponential
-    law, which then has no such speed.
+    With the cubic law the block slips between v_b0 = sqrt(4/5) v_b1 and v_b1, with amplitude 2 sqrt(v_b1^2 - v_b^2)
+    in units of 1 / w_n, and sticks and slips below v_b0, to first order.
+
+    Parameters
+    ----------
+    block
+        The block, with `Exponential` or `CubicStribeck` friction.
+
+    Returns
+    -------
+    float
+        The speed v [m/s]. 0.0 if the block comes to rest at every speed.
+
+    Raises
+    ------
+    SceneError
+        If the friction law is another, or c + d = 0 with the exponential law, for which no such speed exists.
+
+    Examples
+    --------
+    >>> from models.oscillators import THOMSEN_FIDLIN, hopf_speed
+    >>> print(f"{hopf_speed(THOMSEN_FIDLIN):.4f} m/s")
+    0.4410 m/s
     """
     law, drag = block.friction, block.damping + block.drag
     if isinstance(law, Exponential):

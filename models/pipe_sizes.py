@@ -37,10 +37,21 @@ def inner_diameter(outer: NumberOrText, nominal_weight: NumberOrText) -> float:
     nominal_weight
         Nominal weight [kg/m], such as "19.5 lb/ft" or "19.5 ppf".
 
+    Returns
+    -------
+    float
+        Inner diameter [m].
+
     Raises
     ------
     SceneError
-        If there is no pipe of that name; the message holds those that there are.
+        If there is no pipe of this size; the message lists the pipes that exist.
+
+    Examples
+    --------
+    >>> from models import inner_diameter
+    >>> print(f"{inner_diameter('5 in', '19.5 lb/ft') * 1e3:.1f} mm")
+    108.6 mm
     """
     size = number("outer", outer, "m", above=0) / INCH
     weight = number("nominal_weight", nominal_weight, "kg/m", above=0) / POUND_PER_FOOT

@@ -212,12 +212,40 @@ JOINT_COLUMNS = {"outer": "tool joint OD", "inner": "tool joint ID", "length": "
 
 
 def read_sections(path: str | Path) -> tuple[Section, ...]:
-    """Read the sections of a string from a CSV or TOML table, top first.
+    r"""Read the sections of a drill string from a CSV or TOML table, top first.
 
-    Columns are `length [m]`, or `from [m]` and `to [m]` (measured depths, without gaps); `OD [m]`, `ID [m]`; `material` (a name of MATERIALS), or `density
-    [kg/m3]` and `shear modulus [Pa]`; and optionally `name`. An API drill pipe may have its `nominal weight [lb/ft]` instead of `ID`. `weight [lb/ft]` is
-    that of pipe with upsets and tool joints as it hangs; `tool joint OD [in]`, `tool joint ID [in]`, `tool joint length [in]` and `joint length [ft]`
-    describe these; cells of all five may be empty. Units may differ, and the order is free. Raises SceneError naming file, row and column.
+    Columns are `length [m]`, or `from [m]` and `to [m]` (measured depths, without gaps); `OD [m]`, `ID [m]`;
+    `material` (a name of MATERIALS), or `density [kg/m3]` and `shear modulus [Pa]`; and optionally `name`. An API
+    drill pipe may have its `nominal weight [lb/ft]` instead of `ID`. `weight [lb/ft]` is the weight in air of pipe
+    with upsets and tool joints. `tool joint OD [in]`, `tool joint ID [in]`, `tool joint length [in]` and `joint
+    length [ft]` describe the tool joints. Cells of these five columns may be empty. Units may differ, and the order
+    of columns is free.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    tuple of Section
+        The sections.
+
+    Raises
+    ------
+    SceneError
+        If the table cannot be read; the message names file, row and column.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from models import read_sections
+    >>> path = Path("string.csv")
+    >>> _ = path.write_text("length [m],OD [in],ID [in],material\n3500,5,4.276,steel\n200,6.75,2.8125,steel\n")
+    >>> for section in read_sections(path):
+    ...     print(f"{section.length:.0f} m, outer diameter {section.outer * 1e3:.1f} mm")
+    3500 m, outer diameter 127.0 mm
+    200 m, outer diameter 171.4 mm
     """
     table = read_table(path, COLUMNS)
     sections: list[Section] = []

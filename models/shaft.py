@@ -13,15 +13,17 @@ from toolbox.authoring import whole
 
 
 def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: float = 0.0, bit_inertia: float = 0.0) -> np.ndarray:
-    """Compute the first natural frequencies of a shaft of uniform sections with a rigid inertia at each end, without the rigid rotation.
+    """Compute the first natural frequencies of a shaft of uniform sections with a rigid inertia at each end, without the
+    rigid rotation.
 
-    The shape y = (angle, torque / (zeta w)) turns by w L / c in a section of wave speed c and impedance zeta; where zeta changes, the torque stays. So the
-    angle of y, begun at atan(w J_top / zeta), grows with w, which is a natural frequency where
+    The shape y = (angle, torque / (zeta w)) turns by w L / c in a section of wave speed c and impedance zeta. At a
+    change of zeta the torque is continuous. So the angle of y, which begins at atan(w J_top / zeta), grows with w,
+    and w is a natural frequency if
 
         angle(w) + atan(w J_bit / zeta) = k pi
 
-    The transcendental equation of the stepped shaft says this too, but here no root can be missed. Accuracy: round-off. Source: textbook (transfer matrices
-    in the phase form of Pruefer).
+    The transcendental equation of the stepped shaft is equivalent, but in this form no root can be missed. Accuracy:
+    round-off. Source: textbook (transfer matrices in the phase form of Pruefer).
 
     Parameters
     ----------
@@ -30,7 +32,7 @@ def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: f
     count
         Number of frequencies.
     top_inertia, bit_inertia
-        Inertias at the ends [kg m2]; infinity holds an end.
+        Inertias at the ends [kg m2]. Infinity clamps an end.
 
     Returns
     -------
@@ -41,6 +43,13 @@ def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: f
     ------
     SceneError
         If there is no section, the count is no whole number, or an inertia is below 0.
+
+    Examples
+    --------
+    >>> from models import Section, shaft_frequencies
+    >>> pipe = Section(length="2000 m", outer="5 in", inner="4.276 in")
+    >>> print(shaft_frequencies([pipe], 3, top_inertia=float("inf")).round(3), "Hz")
+    [0.397 1.192 1.986] Hz
     """
     from scipy.optimize import brentq
 

@@ -179,9 +179,34 @@ COLUMNS = (
 
 
 def read_survey(path: str | Path) -> Survey:
-    """Read the survey of a hole from a CSV or TOML table with columns `depth [m]` (or `MD`), `inclination [deg]` and `azimuth [deg]`.
+    r"""Read the survey of a borehole from a CSV or TOML table.
 
-    Units may differ, and the order of columns is free. Raises SceneError naming file, row and column.
+    The columns are `depth [m]` (or `MD`), `inclination [deg]` and `azimuth [deg]`. Units may differ, and the order of
+    columns is free.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Survey
+        The survey.
+
+    Raises
+    ------
+    SceneError
+        If the table cannot be read; the message names file, row and column.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from models import read_survey
+    >>> path = Path("survey.csv")
+    >>> _ = path.write_text("MD [m],Inc [deg],Azi [deg]\n0,0,0\n1000,0,45\n1600,60,45\n")
+    >>> print([round(angle, 3) for angle in read_survey(path).inclination], "rad")
+    [0.0, 0.0, 1.047] rad
     """
     table = read_table(path, COLUMNS)
     columns = [tuple(row[column.name] for row in table) for column in COLUMNS]

@@ -154,37 +154,51 @@ def torque_drag(
     weight_on_bit: Annotated[NumberOrText, "N"] = 0.0,
     bit_torque: Annotated[NumberOrText, "N m"] = 0.0,
 ) -> TorqueDrag:
-    """Compute torque and drag of a string that moves in its hole, or the part of it that moves under what is applied at the top.
+    """Compute torque and drag of a string that moves in its borehole, or of the part of it that moves under a given load
+    at the top.
 
     Parameters
     ----------
-    sections, survey
-        Sections, top first, and survey of the hole, as values or as paths of tables (see `read_sections`, `read_survey`).
+    sections
+        Sections of the string, top first, or the path of a table that `read_sections` reads.
+    survey
+        Survey of the borehole, or the path of a table that `read_survey` reads.
     friction
-        Coefficient of friction mu between string and hole [1], >= 0.
+        Coefficient of friction mu between string and borehole [1], >= 0.
     axial_speed
-        Speed along the hole [m/s], downwards: negative where the string is pulled.
+        Speed along the borehole [m/s], positive downwards, negative while the string is pulled.
     turning_speed
-        Speed at which it turns [rad/s]. Only the ratio of both speeds counts.
+        Speed of rotation [rad/s]. Only the ratio of both speeds matters.
     load_at_top
-        For a string that moves in one way only and lay still before: the hook load [N], or where it turns the torque [N m], that is applied at the top.
-        Where that is less than the whole string needs, only the part above the front slides. By default the whole string moves.
+        For a string that was at rest before and moves in one way only: the hook load [N], or for rotation the torque
+        [N m], that acts at the top. If it is less than the whole string needs, only the part above some depth slides.
+        By default the whole string moves.
     mud_density
         Density of the mud for buoyancy [kg/m3].
     weight_on_bit
         Weight on bit [N].
     bit_torque
-        Torque that the rock takes from the bit, where the whole string turns [N m].
+        Torque on bit [N m], if the whole string turns.
 
     Returns
     -------
     TorqueDrag
-        Tension and torque over depth; steps are at most 5 m, of fourth order.
+        Tension and torque over depth. Steps are at most 5 m, of fourth order.
 
     Raises
     ------
     SceneError
-        If a table is bad, an argument out of range, nothing moves, or what is applied at the top is not against the friction of the motion.
+        If a table is bad, an argument is out of range, nothing moves, or the load at the top does not act against the
+        friction of the motion.
+
+    Examples
+    --------
+    >>> from models import Section, Survey, torque_drag
+    >>> pipe = Section(length="2000 m", outer="5 in", inner="4.276 in")
+    >>> survey = Survey(depth=(0.0, 800.0, 1400.0, 2000.0), inclination=(0.0, 0.0, 1.0, 1.0), azimuth=(0.0, 0.0, 0.0, 0.0))
+    >>> found = torque_drag([pipe], survey, friction=0.25, axial_speed=-0.2)
+    >>> print(f"hook load while pulling {found.tension[0] / 1e3:.0f} kN")
+    hook load while pulling 489 kN
     """
     pipes = sections_of(sections)
     length = sum(section.length for section in pipes)

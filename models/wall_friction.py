@@ -51,26 +51,43 @@ class WallContact(Component):
 def sliding_resultant(
     friction: float, load: NumberOrText, axial_speed: NumberOrText, turning_speed: NumberOrText, radius: NumberOrText
 ) -> tuple[float, float]:
-    """Axial force [N] and torque [N m] of dry friction on a string that slides and turns, both against its motion.
+    """Compute axial force and torque of dry friction on a string that slides and turns at once. Both act against the
+    motion.
 
         F = mu N v / s ,   T = mu N R (R w) / s ,   s = sqrt(v^2 + (R w)^2)
 
-    Turning takes axial drag away, and the other way round: only the resultant is mu N.
-    Source: textbook (torque and drag).
+    Rotation reduces the axial drag, and sliding reduces the torque: only the resultant is mu N. Source: textbook
+    (torque and drag).
 
     Parameters
     ----------
-    friction, load
-        mu [1] and N [N], >= 0.
-    axial_speed, turning_speed
-        v [m/s] and w [rad/s].
+    friction
+        Coefficient of friction mu [1], >= 0.
+    load
+        Normal load N [N], >= 0.
+    axial_speed
+        Axial speed v [m/s].
+    turning_speed
+        Speed of rotation w [rad/s].
     radius
-        R [m], > 0.
+        Radius R [m], > 0.
+
+    Returns
+    -------
+    float, float
+        Axial force F [N] and torque T [N m].
 
     Raises
     ------
     SceneError
-        For numbers that are not finite or out of range, and at rest, where friction is whatever holds.
+        If a number is not finite or out of range, or both speeds are 0: friction at rest depends on the other forces.
+
+    Examples
+    --------
+    >>> from models import sliding_resultant
+    >>> force, torque = sliding_resultant(0.3, "10 kN", axial_speed=0.1, turning_speed="60 rpm", radius=0.1)
+    >>> print(f"{force:.0f} N, {torque:.0f} N m")
+    472 N, 296 N m
     """
     friction, load = number("friction", friction, at_least=0), number("load", load, "N", at_least=0)
     axial_speed, turning_speed = number("axial_speed", axial_speed, "m/s"), number("turning_speed", turning_speed, "rad/s")
@@ -90,35 +107,59 @@ def string_on_wall(
     friction: FrictionLaw,
     top_drive: bool = False,
 ) -> ContactProblem:
-    """A string with dry friction against the wall of its hole at every mass, by one cone for axial and turning slip, for `toolbox.contacts.step_contacts`.
+    """Return a string with dry friction against the wall of its borehole at every mass, for
+    `toolbox.contacts.step_contacts`.
 
-    Inputs: `hook.speed` [m/s], downwards, and `top.speed` [rad/s] at which hook and top drive move; `bit.weight` [N] and `bit.torque` [N m] against the last
-    mass. Outputs, relative to hook and top drive: `axial.i` [m], `twist.i` [rad], i from 0; the hook load is the weight of the string less stiffness[0]
-    times `axial.0`, the torque of the top drive -stiffness[0] times `twist.0`.
-    The run is written in the frame of hook and top drive, in which the hole moves: exact while their speeds are constant, without the forces of
-    their acceleration where they change. With `top_drive` the first inertia of `torsional` turns under the input `top.torque` [N m] in place of `top.speed`,
-    with its `top_drag`, and the angles of both ends are the outputs `top` and `bit` [rad]: control laws measure `top.speed` and drive `top.torque`.
-    Own drags of the chains (`drag`, `bit_drag`) and their friction are not taken over.
+    Axial and rotational slip share one friction cone.
+
+    Inputs: `hook.speed` [m/s], downwards, and `top.speed` [rad/s] at which hook and top drive move; `bit.weight` [N]
+    and `bit.torque` [N m] against the last mass. Outputs, relative to hook and top drive: `axial.i` [m], `twist.i`
+    [rad], i from 0. The hook load is the weight of the string minus stiffness[0] times `axial.0`. The torque of the
+    top drive is -stiffness[0] times `twist.0`.
+
+    The run is written in the frame of hook and top drive, in which the borehole moves. This is exact while their
+    speeds are constant. While their speeds change, the inertial forces of this frame are missing. With `top_drive`
+    the first inertia of `torsional` turns under the input `top.torque` [N m] instead of `top.speed`, with its
+    `top_drag`, and the angles of both ends are the outputs `top` and `bit` [rad]: controllers measure `top.speed` and
+    drive `top.torque`. The drags of the chains (`drag`, `bit_drag`) and their friction are not used.
 
     Parameters
     ----------
     axial
         n masses behind hoisting lines (no `hook_load`).
     torsional
-        n + 1 inertias, of which the first is the top drive; the others belong to the masses in order.
+        n + 1 inertias, of which the first is the top drive. The others belong to the masses in order.
     radius
-        Of the surface that touches the wall [m].
+        Radius of the surface that touches the wall [m].
     loads
         Side forces on the wall [N], shape (n,), 0 for none but at least one > 0.
     friction
-        The law of friction.
+        The friction law.
     top_drive
-        Whether the top drive is an inertia under a torque; otherwise it moves as it is told.
+        Whether the top drive is an inertia under a torque. By default it moves at `top.speed`.
+
+    Returns
+    -------
+    ContactProblem
+        The string with its contacts.
 
     Raises
     ------
     SceneError
-        For chains that do not fit each other, loads < 0 and a radius that is not > 0.
+        If the chains do not fit each other, a load is < 0, or the radius is not > 0.
+
+    Examples
+    --------
+    >>> from models import AxialChain, Coulomb, TorsionalChain, string_on_wall
+    >>> from toolbox.contacts import step_contacts
+    >>> axial = AxialChain(mass=(5000.0,), stiffness=(4e6,), damping=(2e5,))
+    >>> torsional = TorsionalChain(inertia=(2000.0, 100.0), stiffness=(2000.0,), damping=(80.0,))
+    >>> string = string_on_wall(axial, torsional, radius=0.1, loads=(5000.0,), friction=Coulomb(0.3, 0.3))
+    >>> for turning in (0.0, 6.0):
+    ...     run = step_contacts(string, "30 s", step=0.02, inputs={"hook.speed": -0.1, "top.speed": turning})
+    ...     print(f"{turning} rad/s: drag {4e6 * run['axial.0'][-1]:.0f} N")
+    0.0 rad/s: drag 1500 N
+    6.0 rad/s: drag 247 N
     """
     for chain in (axial, torsional):
         check_fields(chain)

@@ -51,10 +51,10 @@ from controllers.dither import declared_load
 from controllers.observers import Kalman
 from studies.protocol import CORNERS, DELAY, GROUPS, LIMITS, NOISE, SINGLES, trial
 from toolbox import Controller, Quantity, SceneError, SimulationError, Update, quantity
+from toolbox.drilling.groups import Group, Machine
 from toolbox.files.atomic import replaced
 from toolbox.files.journal import Journal
 from toolbox.modelling import OptionalQuantity
-from toolbox.robustness.groups import Group, Machine
 from toolbox.tuning.results import front_of
 
 STORE = Path(__file__).parent / "data" / "gains.json"

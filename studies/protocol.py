@@ -1,4 +1,4 @@
-"""The protocol by which laws of a drill string are judged (`toolbox.robustness.set_points`) on one rig: plant, machines beside it, and the drive before.
+"""The protocol by which laws of a drill string are judged (`toolbox.drilling.set_points`) on one rig: plant, machines beside it, and the drive before.
 
 Plant: the two inertias of Jansen and van den Steen with the bit of Navarro-Lopez and Cortes at 97 347 N. A law is designed on it for a set-point, measures
 the top speed alone, commands 0 to 20 kN m and knows that its commands come 30 ms late. A stiff PI drive has the rig in stick-slip at the same set-point;
@@ -15,8 +15,8 @@ from typing import Any
 from controllers import StiffPI
 from models import BitRock, Exponential, GaussianStribeck, wells
 from toolbox import Sampled, closed_loop, compose
-from toolbox.robustness.groups import Machine, machine_groups
-from toolbox.robustness.set_points import Trial
+from toolbox.drilling.groups import Machine, machine_groups
+from toolbox.drilling.set_points import Trial
 
 WEIGHT = 97_347.0
 ROCK = BitRock(weight=WEIGHT)

@@ -1,6 +1,7 @@
 from . import authoring as authoring
 from . import errors as errors
 from .calibration.fit import fit as fit
+from .drilling.lowest_set_point import lowest_set_point as lowest_set_point
 from .errors import SceneError as SceneError
 from .errors import SimulationError as SimulationError
 from .export.c_code import export_c as export_c
@@ -33,7 +34,6 @@ from .onsets.severity_map import severity_map as severity_map
 from .orbits.continuation import follow as follow
 from .orbits.limit_cycle import limit_cycle as limit_cycle
 from .orbits.sensitivity import sensitivity as sensitivity
-from .robustness.lowest_set_point import lowest_set_point as lowest_set_point
 from .robustness.margins import margins as margins
 from .robustness.worst_case import worst_case as worst_case
 from .scenes.differences import compare as compare

@@ -44,23 +44,34 @@ def number(
     below: float | None = None,
     at_most: float | None = None,
 ) -> float:
-    """Return a finite number within bounds.
+    """Check an argument that is a number, and return it as a float.
 
     Parameters
     ----------
     word
-        What the argument is called in messages.
+        Name of the argument in messages.
     given
         A number in the unit, of Python or of numpy, or text with a unit that fits, such as "220 rpm".
     unit
-        The unit of the result, such as "rad/s".
+        Unit of the result, such as "rad/s".
     above, at_least, below, at_most
-        Bounds in that unit: >, >=, < and <=; None for none.
+        Bounds in this unit: >, >=, < and <=. None for no bound.
+
+    Returns
+    -------
+    float
+        The number in the unit.
 
     Raises
     ------
     SceneError
-        Where the argument is no finite number, out of bounds, or in a unit that does not fit.
+        If the argument is no finite number, is out of bounds, or has a unit that does not fit.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import number
+    >>> print(f"{number('reference', '60 rpm', 'rad/s', above=0.0):.4f}")
+    6.2832
     """
     value = in_si(given, unit, word)
     refuse(f"Argument `{word}`", value, unit, {"above": above, "at_least": at_least, "below": below, "at_most": at_most})
@@ -73,14 +84,68 @@ def _plain(value: Any) -> float:
 
 
 def numbers(word: str, given: Any, unit: str = "1", **bounds: float) -> list[float]:
-    """A row of numbers, each as `number` takes it."""
+    """Check an argument that is a row of numbers, and return it as floats.
+
+    Parameters
+    ----------
+    word
+        Name of the argument in messages.
+    given
+        A row of numbers in the unit, or of texts with a unit that fits.
+    unit
+        Unit of the result.
+    bounds
+        Bounds `above`, `at_least`, `below` and `at_most` of every number, in this unit.
+
+    Returns
+    -------
+    list of float
+        The numbers in the unit.
+
+    Raises
+    ------
+    SceneError
+        If the argument is no row of finite numbers within the bounds.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import numbers
+    >>> print(numbers("depths", ["1 km", 1500.0], "m", above=0.0))
+    [1000.0, 1500.0]
+    """
     if not isinstance(given, Iterable) or isinstance(given, (str, bytes, Mapping)):
         raise SceneError(f"Argument `{word}` must be a row of finite numbers, but it is {short(given)}.")
     return [number(word, value, unit, **bounds) for value in given]
 
 
 def whole(word: str, given: Any, at_least: int, at_most: int | None = None) -> int:
-    """An integer within bounds, of Python or of numpy."""
+    """Check an argument that is an integer, of Python or of numpy, and return it as an int.
+
+    Parameters
+    ----------
+    word
+        Name of the argument in messages.
+    given
+        The integer.
+    at_least, at_most
+        Bounds: >= and <=. None for no upper bound.
+
+    Returns
+    -------
+    int
+        The integer.
+
+    Raises
+    ------
+    SceneError
+        If the argument is no integer, or out of bounds.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import whole
+    >>> print(whole("phases", 4, at_least=1))
+    4
+    """
     counted = isinstance(given, (int, np.integer)) and not isinstance(given, bool)
     if not counted or given < at_least or (at_most is not None and given > at_most):
         raise SceneError(
@@ -90,7 +155,34 @@ def whole(word: str, given: Any, at_least: int, at_most: int | None = None) -> i
 
 
 def entries(word: str, given: Sized | None, size: int, each: str) -> None:
-    """Raise SceneError unless a row that is given has `size` entries; `each` says in the message which, as in ", one per spring"."""
+    """Check that a row has `size` entries.
+
+    Parameters
+    ----------
+    word
+        Name of the argument in messages.
+    given
+        The row. None is accepted.
+    size
+        Expected number of entries.
+    each
+        Continuation of the message that says which entries are expected, such as ", one per spring".
+
+    Raises
+    ------
+    SceneError
+        If the row has another number of entries.
+
+    Examples
+    --------
+    >>> from toolbox import SceneError
+    >>> from toolbox.authoring import entries
+    >>> try:
+    ...     entries("damping", [1.0, 2.0], 3, ", one per spring")
+    ... except SceneError as error:
+    ...     print(error)
+    Argument `damping` must have 3 entries, one per spring, but it has 2.
+    """
     if given is not None and len(given) != size:
         raise SceneError(f"Argument `{word}` must have {size} entries{each}, but it has {len(given)}.")
 
@@ -114,7 +206,24 @@ def refuse(subject: str, value: Any, unit: str, bounds: Mapping[str, Any]) -> No
 
 
 def finite_array(value: Any) -> np.ndarray | None:
-    """Numbers as a float array, or None where they are not finite real numbers."""
+    """Return numbers as a float array, or None if they are not finite real numbers.
+
+    Parameters
+    ----------
+    value
+        Numbers, or anything else.
+
+    Returns
+    -------
+    array or None
+        The numbers.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import finite_array
+    >>> print(finite_array([1, 2.5]), finite_array([1, "a"]))
+    [1.  2.5] None
+    """
     try:
         raw = np.asarray(value)
         if raw.dtype.kind not in "iuf":
@@ -126,7 +235,35 @@ def finite_array(value: Any) -> np.ndarray | None:
 
 
 def array(word: str, given: Any, shape: Sequence[int | range | None], at_least: float | None = None) -> np.ndarray:
-    """Finite numbers of a shape, in which a range is what a length may be and None any length, dense or sparse; each at least a bound."""
+    """Check an argument that is an array, dense or sparse, and return it as floats.
+
+    Parameters
+    ----------
+    word
+        Name of the argument in messages.
+    given
+        The array.
+    shape
+        Expected shape. An entry may be a length, a range of lengths, or None for any length.
+    at_least
+        Lower bound of all entries. None for no bound.
+
+    Returns
+    -------
+    array
+        The array, with finite entries.
+
+    Raises
+    ------
+    SceneError
+        If the shape is another, or an entry is not finite or below the bound.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import array
+    >>> print(array("gains", [1, 2, 3], (3,), at_least=0.0))
+    [1. 2. 3.]
+    """
     found = finite_array(given.toarray() if hasattr(given, "toarray") else given)
     lengths = () if found is None else found.shape
     fits = len(lengths) == len(shape) and all(
@@ -143,7 +280,32 @@ def array(word: str, given: Any, shape: Sequence[int | range | None], at_least: 
 
 
 def symmetric(word: str, matrix: np.ndarray) -> np.ndarray:
-    """A square matrix that is symmetric but for round-off."""
+    """Check that a square matrix is symmetric up to round-off.
+
+    Parameters
+    ----------
+    word
+        Name of the argument in messages.
+    matrix
+        The matrix.
+
+    Returns
+    -------
+    array
+        The matrix.
+
+    Raises
+    ------
+    SceneError
+        If two mirrored entries differ by more than 1e-9 of the largest entry.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from toolbox.authoring import symmetric
+    >>> print(symmetric("mass", np.array([[2.0, 1.0], [1.0, 2.0]])).shape)
+    (2, 2)
+    """
     if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
         raise SceneError(f"Argument `{word}` must be symmetric, but entries differ by {np.abs(matrix - matrix.T).max():.2g}.")
     return matrix

@@ -7,7 +7,24 @@ from typing import Any, NoReturn
 
 
 def check_version(package: str) -> None:
-    """Raise ImportError, with the version that works, where a package is older than the one that the toolbox declares to need; it breaks in its own words."""
+    """Check that an installed package is at least as new as the version that the toolbox declares.
+
+    Parameters
+    ----------
+    package
+        Name of the package.
+
+    Raises
+    ------
+    ImportError
+        If the package is older; the message gives the version that works.
+
+    Examples
+    --------
+    >>> from toolbox.errors import check_version
+    >>> print(check_version("numpy") is None)
+    True
+    """
     import re
     from importlib.metadata import PackageNotFoundError, requires, version
 
@@ -21,7 +38,33 @@ def check_version(package: str) -> None:
 
 
 def optional(package: str, what: str, extra: str) -> Any:
-    """Import a package that only an extra installs; raises ImportError that says how to get it."""
+    """Import a package that only an extra installs.
+
+    Parameters
+    ----------
+    package
+        Name of the package.
+    what
+        Subject of the message: the feature that needs the package.
+    extra
+        The extra of the toolbox that installs it.
+
+    Returns
+    -------
+    module
+        The package.
+
+    Raises
+    ------
+    ImportError
+        If the package is not installed; the message gives the command that installs it.
+
+    Examples
+    --------
+    >>> from toolbox.errors import optional
+    >>> print(optional("math", "This example", "none").sqrt(4.0))
+    2.0
+    """
     from importlib import import_module
 
     try:
@@ -31,7 +74,29 @@ def optional(package: str, what: str, extra: str) -> Any:
 
 
 def no_array(value: Any, instead: str) -> NoReturn:
-    """Raise TypeError for a value of which numpy would make an array without shape that holds nothing but it."""
+    """Raise TypeError for an object that numpy would turn into an array without shape.
+
+    Parameters
+    ----------
+    value
+        The object.
+    instead
+        Advice: which arrays the object holds.
+
+    Raises
+    ------
+    TypeError
+        Always.
+
+    Examples
+    --------
+    >>> from toolbox.errors import no_array
+    >>> try:
+    ...     no_array({"a": 1}, "take the array of one of its 1 names")
+    ... except TypeError as error:
+    ...     print(error)
+    A dict is not one array: take the array of one of its 1 names.
+    """
     raise TypeError(f"A {type(value).__name__} is not one array: {instead}.")
 
 
@@ -90,7 +155,26 @@ class GrazingError(SimulationError):
 
 
 def suggest(name: str, known: Iterable[str]) -> str:
-    """Return the end of an error message about an unknown name: the nearest known names."""
+    """Return the end of an error message about an unknown name: the most similar known names.
+
+    Parameters
+    ----------
+    name
+        The unknown name.
+    known
+        The known names.
+
+    Returns
+    -------
+    str
+        A question with the most similar names, or a list of the known names.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import suggest
+    >>> print(suggest("bit.sped", ["bit.speed", "top.speed", "bit.torque_2"]))
+    did you mean `bit.speed` or `top.speed` or `bit.torque_2`?
+    """
     import difflib  # here, because few programs need it
 
     known = sorted(set(known))

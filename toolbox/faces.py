@@ -25,15 +25,29 @@ import lazy_loader
 
 
 def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Return the `__getattr__`, `__dir__` and `__all__` of a package with a stub file of its public names.
+    """Return `__getattr__`, `__dir__` and `__all__` for a package whose public names stand in a stub file.
 
-    A name that is public in a room of the package, or in one of its public modules, is refused with the line that imports it from there: an import statement
-    by ImportError, what asks for an attribute, as `hasattr` does, by AttributeError.
+    If a name is public in a room of the package, or in one of its public modules, it is refused with the line that
+    imports it from there: an import statement by ImportError, access to an attribute, such as `hasattr`, by
+    AttributeError.
 
     Parameters
     ----------
     package, file
-        `__name__` and `__file__` of the package that calls it.
+        `__name__` and `__file__` of the package.
+
+    Returns
+    -------
+    function, function, list of str
+        `__getattr__`, `__dir__` and `__all__`.
+
+    Examples
+    --------
+    >>> import toolbox.page
+    >>> from toolbox.authoring import face
+    >>> __getattr__, __dir__, __all__ = face(toolbox.page.__name__, toolbox.page.__file__)
+    >>> print(len(__all__), "names")
+    2 names
     """
     find, names, listed = lazy_loader.attach_stub(package, file)
     public = frozenset(listed)
@@ -61,9 +75,14 @@ def refuse(package: str, name: str, where: str = "", caller: str = "") -> NoRetu
 
 
 def place_of(package: str, public: Collection[str], name: str) -> str:
-    """Return the sentence that says from which room or public module of a package to import a name; empty if none has it."""
+    """Return the sentence that says from which room or public module of a package, or of the package around a room, to import a name; empty if none has it."""
     from pkgutil import iter_modules  # here, because few programs need it
 
+    around = package.rpartition(".")[0]
+    if around:  # a room: what it has not may have moved to another one
+        public, package = public_names(sys.modules[around]), around
+        if name in public:
+            return f"`{name}` is in `{package}`: write `from {package} import {name}`."
     rooms = [room.name for room in iter_modules(sys.modules[package].__path__) if room.ispkg]
     modules = {
         place: import_module(place) for place in (f"{package}.{each}" for each in (*rooms, *sorted(public))) if find_spec(place) is not None

@@ -9,12 +9,13 @@ ROUND_OFF = 4 * 2.0**-52
 
 
 def halved(holds: Callable[[float], bool], low: float, high: float, relative: float, absolute: float = 0.0) -> tuple[float, float]:
-    """Halve an interval, at whose high end something holds and at whose low end it does not, until its width is a tolerance.
+    """Halve an interval until its width is below a tolerance, if a condition holds at its high end and not at its low
+    end.
 
     Parameters
     ----------
     holds
-        Whether it holds at a value.
+        Function that returns whether the condition holds at a value.
     low, high
         The ends of the interval.
     relative, absolute
@@ -22,8 +23,15 @@ def halved(holds: Callable[[float], bool], low: float, high: float, relative: fl
 
     Returns
     -------
-    tuple
-        (low, high) of the last interval.
+    float, float
+        Low and high end of the last interval.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import halved
+    >>> low, high = halved(lambda speed: speed**2 >= 2.0, 1.0, 2.0, relative=1e-6)
+    >>> print(f"{high:.4f}")
+    1.4142
     """
     return divided(lambda values: [holds(value) for value in values], low, high, 2, relative, absolute)
 

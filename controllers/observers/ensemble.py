@@ -10,13 +10,13 @@ import numpy as np
 
 from toolbox import HybridSystem, Quantity, quantity
 from toolbox.authoring import check_fields, whole
+from toolbox.drilling import EnsembleFilter, Knowledge
 from toolbox.modelling import Observer
-from toolbox.probability import EnsembleFilter, Knowledge
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ensemble(Observer):
-    """Observer whose estimates are the means of an ensemble of strings; see `toolbox.probability.EnsembleFilter`.
+    """Observer whose estimates are the means of an ensemble of strings; see `toolbox.drilling.EnsembleFilter`.
 
     estimates: `bit.speed` [rad/s], `bit.torque` [N m], `top.speed` [rad/s] and `bit.friction_scale` [1], the strength of the rock over the declared one.
     For use inside `Observed` or `OnEstimates`, sampled at `period`; it runs in Python, and the run keeps its estimates in `run.laws[0].estimates`.

@@ -14,11 +14,34 @@ from toolbox.authoring import NumberOrText, finite_array, in_si, number, opened
 
 
 def block_mesh(size: Sequence[NumberOrText], divisions: Sequence[int | Sequence[float]]) -> Any:
-    """A mesh of a block from the origin to `size` [m], of bricks, or of quadrilaterals where two sizes are given.
+    """Make a mesh of a rectangular block, from the origin to `size`.
 
-    divisions: for each axis a number of elements of one length, or the places of their ends in parts of the size, from 0 to 1.
-    Its faces are named `left`, `right` (x), `back`, `front` (y, in three dimensions only), `bottom` and `top` (last axis).
-    Raises SceneError for sizes that are not > 0, divisions that do not fit, and without scikit-fem.
+    The elements are bricks, or quadrilaterals if two sizes are given. The faces are named `left`, `right` (x),
+    `back`, `front` (y, in three dimensions only), `bottom` and `top` (last axis).
+
+    Parameters
+    ----------
+    size
+        Two or three lengths of the block [m].
+    divisions
+        For each axis a number of elements of equal length, or the ends of the elements as fractions of the size, from
+        0 to 1.
+
+    Returns
+    -------
+    skfem.Mesh
+        The mesh, for `body_of_mesh`.
+
+    Raises
+    ------
+    SceneError
+        If a size is not > 0, the divisions do not fit, or scikit-fem is not installed.
+
+    Examples
+    --------
+    >>> from models import block_mesh
+    >>> print(block_mesh((0.01, 0.01, 0.01), (4, 4, 4)).nelements)
+    64
     """
     mesh = _skfem()
     lengths = finite_array(in_si(size, "m", "size"))
@@ -46,26 +69,45 @@ def body_of_mesh(
     damping_time: NumberOrText = 0.0,
     thickness: NumberOrText = 1.0,
 ) -> ElasticBody:
-    """A homogeneous isotropic body from a mesh: displacements linear in the elements, mass consistent, plane strain in two dimensions.
+    """Make a homogeneous isotropic elastic body from a mesh.
 
-    Range: small strain; full integration locks in bending of thin parts and near poisson = 0.5.
+    Displacements are linear in the elements, the mass is consistent, and two dimensions mean plane strain. Range:
+    small strain. Full integration locks in bending of thin parts and near poisson = 0.5.
 
     Parameters
     ----------
     mesh
-        The path of a mesh file (read by meshio: Gmsh, Abaqus, VTK, ..., in metres), or a mesh of scikit-fem, of triangles, quadrilaterals, tetrahedra or
-        bricks. Its named boundaries (physical groups of a file) become the faces of the body.
-    density, modulus, poisson
-        [kg/m3], [Pa], and Poisson's ratio, > -1 and < 0.5.
+        Path of a mesh file in metres (read by meshio: Gmsh, Abaqus, VTK, ...), or a mesh of scikit-fem, of triangles,
+        quadrilaterals, tetrahedra or bricks. Its named boundaries (physical groups of a file) become the faces of the
+        body.
+    density
+        Density [kg/m3].
+    modulus
+        Young's modulus [Pa].
+    poisson
+        Poisson's ratio, > -1 and < 0.5.
     damping_time
-        [s]: C = damping_time K.
+        Factor of stiffness-proportional damping [s]: C = damping_time K.
     thickness
-        Of a plane body [m].
+        Thickness of a plane body [m].
+
+    Returns
+    -------
+    ElasticBody
+        The body.
 
     Raises
     ------
     SceneError
-        For numbers out of range, a file that cannot be read, other elements, and without scikit-fem.
+        If a number is out of range, a file cannot be read, the elements are of another kind, or scikit-fem is not
+        installed.
+
+    Examples
+    --------
+    >>> from models import block_mesh, body_of_mesh
+    >>> cube = body_of_mesh(block_mesh((0.01, 0.01, 0.01), (2, 2, 2)), density=7800.0, modulus=2.1e11)
+    >>> print(f"{cube.mass.sum() / 3.0 * 1e3:.1f} g")
+    7.8 g
     """
     density, modulus = number("density", density, "kg/m3", above=0), number("modulus", modulus, "Pa", above=0)
     damping_time, thickness = number("damping_time", damping_time, "s", at_least=0), number("thickness", thickness, "m", above=0)

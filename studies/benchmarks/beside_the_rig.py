@@ -24,10 +24,10 @@ from models import BitRock, wells
 from studies.command_line import parser_of
 from studies.timing import timed
 from toolbox import Sampled, closed_loop, compose, simulate
+from toolbox.drilling import Detector, EnsembleFilter, Estimate
+from toolbox.drilling.groups import Machine, machine_groups
 from toolbox.measuring.measure import stick_intervals
 from toolbox.modelling import inputs as shapes
-from toolbox.probability import Detector, EnsembleFilter, Estimate
-from toolbox.robustness.groups import Machine, machine_groups
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97e3))
 PERIOD = 0.01

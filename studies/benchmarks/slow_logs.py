@@ -23,8 +23,8 @@ from models import BitRock, TorsionalChain, wells
 from models.friction import Coulomb
 from studies.command_line import parser_of
 from toolbox import ClosedLoop, closed_loop, compose, simulate
-from toolbox.probability import Estimates, estimate
-from toolbox.probability.torque_swing import ENOUGH
+from toolbox.drilling import Estimates, estimate
+from toolbox.drilling.torque_swing import ENOUGH
 
 BEGIN, END, DURATION = 120.0, 420.0, 540.0
 """Between the first two times [s] of a log of that duration the weight is high."""

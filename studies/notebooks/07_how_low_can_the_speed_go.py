@@ -20,9 +20,9 @@ import numpy as np
 from studies.protocol import GROUPS, HIGHEST
 from studies.questions.drives import laws
 from toolbox import plot
-from toolbox.robustness.groups import Machine
-from toolbox.robustness.lowest_set_point import lowest
-from toolbox.robustness.set_points import PROTOCOLS
+from toolbox.drilling.groups import Machine
+from toolbox.drilling.lowest_set_point import lowest
+from toolbox.drilling.set_points import PROTOCOLS
 
 shown = ("stiff PI", "soft torque", "impedance, tuned", "LQG", "LQG, tuned")
 every = laws()

@@ -36,8 +36,9 @@ from studies.command_line import parser_of
 from studies.protocol import DELAY, GROUPS, HIGHEST, LIMITS, PLANT, ROCK, ROCKS, STIFF
 from studies.questions import drives
 from toolbox import closed_loop, export_c
-from toolbox.robustness.groups import Group, Machine, Varying
-from toolbox.robustness.set_points import PROTOCOLS, SETTLING, Trial, at_set_point, set_point, verdict
+from toolbox.drilling.groups import Group, Machine, Varying
+from toolbox.drilling.set_points import PROTOCOLS, SETTLING, Trial, set_point, verdict
+from toolbox.robustness.starts import at_set_point
 
 NUMBERS = ("chain.inertia.0", "chain.inertia.1", "chain.stiffness.0", "bit.weight", "bit.friction.decay")
 DECLARED = closed_loop(PLANT)

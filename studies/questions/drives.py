@@ -58,11 +58,11 @@ from studies import gains
 from studies.command_line import folder, parser_of, write_rows
 from studies.protocol import CORNERS, DELAY, GROUPS, HIGHEST, LIMITS, LOWEST, NOISE, PLANT, WEIGHT, rock_torques, trial
 from toolbox import Controller, Sampled, Trajectory, plot, simulate, units
+from toolbox.drilling.groups import Group, Machine
+from toolbox.drilling.lowest_set_point import Cells, SetPointLimit, borders
+from toolbox.drilling.set_points import PROTOCOLS, Trial
 from toolbox.figures.style import name_axis
 from toolbox.modelling.laws import designed
-from toolbox.robustness.groups import Group, Machine
-from toolbox.robustness.lowest_set_point import Cells, SetPointLimit, borders
-from toolbox.robustness.set_points import PROTOCOLS, Trial
 from toolbox.sweeps.executors import Workers
 
 __all__ = ["DELAY", "LIMITS", "NOISE", "PLANT", "WEIGHT", "Row", "laws", "row", "step_time", "table"]

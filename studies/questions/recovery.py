@@ -37,11 +37,11 @@ from studies.command_line import folder, parser_of, write_rows
 from studies.protocol import GROUPS, HIGHEST, LIMITS, LOWEST, PLANT, WEIGHT, trial
 from studies.questions.drives import BETWEEN, GENTLE
 from toolbox import Controller, Sampled, Trajectory, inputs, measure, plot, simulate, units
+from toolbox.drilling.groups import Machine
+from toolbox.drilling.lowest_set_point import Cells, borders
+from toolbox.drilling.set_points import Trial
 from toolbox.figures.style import name_axis
 from toolbox.files.printing import columns
-from toolbox.robustness.groups import Machine
-from toolbox.robustness.lowest_set_point import Cells, borders
-from toolbox.robustness.set_points import Trial
 from toolbox.sweeps.executors import Workers
 
 ASKED = (4.0, 6.0)

@@ -43,7 +43,7 @@ from toolbox.files import tables
 from toolbox.files.printing import shown
 from toolbox.modelling import Observed
 from toolbox.robustness import Margins, absorber_limit, performance_limit
-from toolbox.robustness.set_points import at_set_point
+from toolbox.robustness.starts import at_set_point
 
 PERIOD = 0.01
 LATE = round(DELAY / PERIOD)

@@ -13,7 +13,7 @@ Gains are those of the drive table on `JANSEN_2`, counted in parts of the string
 Why two go with J: the integral of an impedance cancels the inertia of its drive at om; the filter follows the measured speed at
 drive_walk / (J noise sqrt(period)) [1/s], which a sample of 10 ms bounds.
 
-Every law takes over from a stiff drive and is judged by `toolbox.robustness.set_points` on the declared well and on the group `one_at_a_time` (inertias,
+Every law takes over from a stiff drive and is judged by `toolbox.drilling.set_points` on the declared well and on the group `one_at_a_time` (inertias,
 stiffness and weight 10 and 20 % off, commands 30 ms later still). Laws see the top speed alone, are sampled every 10 ms, and their commands come 30 ms
 late. By default from two phases with one seed for 80 s, which takes a minute or two for a well and a law; with --full from all phases with all seeds, and
 for half an hour.
@@ -44,11 +44,11 @@ from studies.command_line import folder, parser_of, write_rows
 from studies.protocol import DELAY, NOISE, WEIGHT
 from studies.questions.drives import BETWEEN, LATE
 from toolbox import Sampled, closed_loop, compose
+from toolbox.drilling.groups import Group, Machine, machine_groups
+from toolbox.drilling.lowest_set_point import Cells, SetPointLimit, borders
+from toolbox.drilling.set_points import PROTOCOLS, Trial
 from toolbox.files.printing import columns
-from toolbox.robustness.groups import Group, Machine, machine_groups
-from toolbox.robustness.lowest_set_point import Cells, SetPointLimit, borders
 from toolbox.robustness.margins import disk_margin
-from toolbox.robustness.set_points import PROTOCOLS, Trial
 
 LIMITS: dict[str, Any] = {"lowest_torque": 0.0, "highest_torque": 40_000.0}
 """Those of a drive that turns the deepest well with friction: 20 kN m are asked for there in steady drilling."""

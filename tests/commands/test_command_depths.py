@@ -10,8 +10,7 @@ import pytest
 
 from toolbox import Scene, SceneError
 from toolbox.commands.command_line import main
-from toolbox.robustness import Windows
-from toolbox.tuning import Schedule
+from toolbox.drilling import Schedule, Windows
 
 WELL = "studies/scenes/deepening_well.toml"
 

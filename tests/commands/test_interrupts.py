@@ -320,7 +320,7 @@ def test_an_interrupt_while_the_event_loop_is_compiled_ends_the_study(tmp_path, 
 
 def test_interrupted_drives_whose_set_points_are_kept_do_not_say_that_runs_are_lost(tmp_path, monkeypatch, capsys):
     from toolbox.commands.command_line import main
-    from toolbox.robustness import lowest_set_point as searched
+    from toolbox.drilling import lowest_set_point as searched
 
     def interrupted(*arguments, **options):
         interrupt = KeyboardInterrupt()

@@ -12,7 +12,7 @@ from models import BitRock, wells
 from studies import gains
 from toolbox import Sampled, SceneError, closed_loop, compose, inputs, margins, measure, simulate
 from toolbox.modelling import Takeover
-from toolbox.robustness.set_points import at_set_point
+from toolbox.robustness.starts import at_set_point
 
 RIG = compose(wells.JANSEN_2, BitRock())
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}

@@ -156,6 +156,7 @@ def test_hidden_and_foreign_folders_in_a_store_stay_and_end_nothing(tmp_path):
     assert (tmp_path / "folder.zarr" / "mine.txt").read_text() == "mine"
 
 
+@pytest.mark.filterwarnings("ignore:The default value for `spmatrix`:DeprecationWarning")  # of the reader of scipy that it is compared with
 @pytest.mark.parametrize("packed", [True, False])
 @pytest.mark.parametrize("form", ["4", "5"])
 def test_mat_files_are_read_as_scipy_reads_them(tmp_path, packed, form):

@@ -30,6 +30,7 @@ from toolbox.calibration.recording import Recording
 from toolbox.calibration.results import Fit
 from toolbox.calibration.validation import Validation, validate
 from toolbox.contacts import ContactProblem, ContactRun, step_contacts
+from toolbox.drilling import Answers, Estimates, Group, LowestSetPoints, Machine, Schedule, Windows, answers, estimate, schedule, windows
 from toolbox.files.results import Result
 from toolbox.measuring.metrics import mean
 from toolbox.onsets.comparison import Comparison
@@ -38,7 +39,6 @@ from toolbox.onsets.severity_map import SeverityMap
 from toolbox.probability import (
     Basin,
     Chance,
-    Estimates,
     ModelComparison,
     Normal,
     Posterior,
@@ -48,31 +48,17 @@ from toolbox.probability import (
     basin,
     chance,
     compare_models,
-    estimate,
     posterior,
     predict,
     uncertain_onset,
 )
-from toolbox.robustness import (
-    Answers,
-    Group,
-    LowestSetPoints,
-    Machine,
-    Margins,
-    SmallestError,
-    Windows,
-    WorstCase,
-    answers,
-    smallest_error,
-    windows,
-)
+from toolbox.robustness import Margins, SmallestError, WorstCase, smallest_error
 from toolbox.robustness.charts import StabilityChart, stability_chart
 from toolbox.robustness.describing import DescribingFunction, describing_function
 from toolbox.robustness.responses import FrequencyResponse, frequency_response
 from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.steady_states.shapes import ModeShapes, mode_shapes
 from toolbox.sweeps import Sweep
-from toolbox.tuning import Schedule, schedule
 from toolbox.tuning.results import Tuned
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))

@@ -37,8 +37,9 @@ from toolbox.modelling import Observed  # fmt: skip
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.request import Request
 from toolbox.stepping import noise
-from toolbox.sweeps import batch, uniform
-from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes, single
+from toolbox.sweeps import batch, listed, uniform
+from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes, runs_in_lanes, single, with_room
+from toolbox.sweeps.sweep import task_of as sweep_task
 from toolbox.sweeps.variants import shared_run, varied_numbers
 
 
@@ -296,6 +297,51 @@ def test_a_counter_in_lanes_of_any_width_counts_as_its_closed_form_does(width):
     np.testing.assert_array_equal(found.values[:, 0], n - 3.0)
 
 
+def table(columns):
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def test_every_lane_counts_by_the_sample_time_and_delay_of_its_own():
+    # u_k = k, held from k h + delay on: in whole numbers of h / 8, the inflow at 5 s is the last k that has come, and the level the sum of what was held
+    steps, delays = np.meshgrid([8, 12, 20, 25, 40], [0, 2, 5, 17, 90])  # in units of 1/80 s
+    steps, delays = steps.ravel(), delays.ravel()
+    loop = closed_loop(compose(Tank()), Sampled(Counter(), 0.1, delay=0.1))
+    variations = listed(table({"counter.sample_time": steps / 80.0, "counter.delay": delays / 80.0}))
+    asked = {"inflow": metrics.final("tank.inflow")}
+    task, *_ = sweep_task(loop, variations, 5.0, start=None, metrics=asked, method="explicit", accuracy=1e-6)
+    found = finished(dataclasses.replace(task, lanes=True))
+    assert not found.errors and runs_in_lanes(task)
+    ticks = np.arange(400)
+    held = np.maximum((ticks[None, :] - delays[:, None]) // steps[:, None], 0)
+    last = np.where(delays == 0, 399, 400)  # no sample is taken at the end of a run
+    np.testing.assert_array_equal(found.values[:, 0], (last - delays) // steps)
+    made = Lanes(with_room(task.run, task.clocks), ())
+    states = made.run(task.numbers, np.tile(made.work.x[:1], (len(steps), 1)), held=task.held, clocks=task.clocks).states[:, 0]
+    np.testing.assert_allclose(states, held.sum(axis=1) / 80.0, rtol=1e-12)
+
+
+def test_runs_with_sample_times_and_delays_of_their_own_switch_as_runs_alone_do():
+    plant, _, duration, laws, arguments, *_ = PLANTS["late and noisy"]
+    loop, _ = together(plant, laws, **arguments)
+    names = [name for name in loop.numbers() if name.endswith((".sample_time", ".delay"))]
+    draw = np.random.default_rng(3)
+    varied = {name: loop.number(name).value * draw.uniform(0.4, 1.7, 21) for name in names}
+    assert len(varied) >= 2
+    task, *_ = sweep_task(
+        loop, listed(table(varied)), duration, start=None, metrics={"end": metrics.final("bit.speed")}, method="explicit", accuracy=1e-6
+    )
+    made = Lanes(with_room(task.run, task.clocks), ())
+    starts = np.tile(made.work.x[: task.run.system.x.numel()], (21, 1))
+    found = made.run(task.numbers, starts, task.memories, task.held, clocks=task.clocks, most_events=3000)
+    assert (found.statuses == 0).all()
+    for s in range(21):
+        alone = carry_out(single(task, s))
+        assert found.switches[s] == len(alone.events)
+        np.testing.assert_allclose(found.event_times[s, : len(alone.events)], [event.time for event in alone.events], atol=1e-6 * duration)
+        np.testing.assert_allclose(found.states[s], alone.states[-1], atol=1e-5 * np.abs(alone.states).max())
+    assert len({tuple(times[:3]) for times in found.event_times.tolist()}) == 21
+
+
 def test_the_noise_of_a_sample_is_that_of_the_scalar_loop_to_the_last_bit():
     # x_(k+1) = x_k - h gain (x_k + sigma n_k), with the same n_k in every lane
     variations = uniform({"proportional.gain": (0.1, 2.0)}, 17)
@@ -305,7 +351,7 @@ def test_the_noise_of_a_sample_is_that_of_the_scalar_loop_to_the_last_bit():
     made = Lanes(run)
     keys = made.work.keys[made.work.keys != 0]
     numbers = [noise.normal(keys[0], k) for k in range(400)]
-    np.testing.assert_array_equal(noise_table(made.work, made.work.keys[None], 100.0)[0, :400], numbers)
+    np.testing.assert_array_equal(noise_table(made.work, made.work.keys[None], made.work.clocks[:, 0], 100.0)[0, :400], numbers)
     assert abs(np.mean(numbers)) < 0.2 and 0.8 < np.std(numbers) < 1.2
     x, gain = np.zeros(17), variations.points[:, 0]
     for n in numbers:

@@ -6,7 +6,8 @@ from scipy import stats
 
 from models import BitRock, wells
 from toolbox import SceneError, closed_loop, compose, sweep
-from toolbox.probability import Draws, LogNormal, Normal, Uniform, drawn, drawn_group
+from toolbox.drilling import drawn_group
+from toolbox.probability import Draws, LogNormal, Normal, Uniform, drawn
 
 
 @pytest.fixture(scope="module")

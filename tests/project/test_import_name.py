@@ -40,6 +40,15 @@ def test_a_name_of_a_room_is_refused_with_the_line_that_imports_it(name, home):
     assert not hasattr(stickslip, name)
 
 
+@pytest.mark.parametrize(
+    ("room", "name", "home"),
+    [("robustness", "windows", "toolbox.drilling"), ("tuning", "severity", "toolbox.measure"), ("probability", "simulate", "toolbox")],
+)
+def test_a_room_refuses_a_name_that_is_public_elsewhere_with_the_line_that_imports_it(room, name, home):
+    with pytest.raises(ImportError, match=rf"^`{name}` is in `{home}`: write `from {home} import {name}`\.$"):
+        exec(f"from toolbox.{room} import {name}")
+
+
 def test_rooms_are_there_and_what_does_not_exist_is_not():
     assert stickslip.probability is importlib.import_module("toolbox.probability")
     with pytest.raises(AttributeError, match="module 'stickslip' has no attribute 'nothing'$"):

@@ -13,12 +13,13 @@ FLOORS = (
     "version",
     "errors", "vocabulary", "messages", "faces", "halving", "files", "arguments", "figures", "modelling", "compilation", "translation", "stepping",
     "simulation", "contacts", "measuring", "prediction", "steady_states", "logs",
-    "scenes", "lanes", "orbits", "sweeps", "onsets", "robustness", "calibration", "probability", "tuning", "export", "reports", "authoring",
+    "scenes", "lanes", "orbits", "sweeps", "onsets", "robustness", "calibration", "probability", "tuning", "drilling", "export", "reports", "authoring",
     "page", "commands", "face",
 )  # fmt: skip
 """Rooms from the ground up."""
 
-LONGEST_FILE, LONGEST_FUNCTION, MOST_ARGUMENTS = 500, 90, 10
+LONGEST_FILE, LONGEST_FUNCTION, MOST_ARGUMENTS = 470, 90, 10
+"""Lines of a file and of a function, docstrings apart, and arguments of a function."""
 
 COMPILED_LOOPS = {
     "event_stepper.advance", "time_stepper._advance", "lanes/loop._run",
@@ -96,15 +97,26 @@ def compiled_loop(path, name):
     )
 
 
+def docstring_lines(node):
+    """Lines of the docstring of a module, class or function; 0 without one."""
+    first = node.body[0] if node.body else None
+    text = first if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str) else None
+    return text.end_lineno - text.lineno + 1 if text else 0
+
+
 def lines_without_docstring(node):
-    first = node.body[0]
-    text = first if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) else None
-    return node.end_lineno - node.lineno + 1 - (text.end_lineno - text.lineno + 1 if text else 0)
+    return node.end_lineno - node.lineno + 1 - docstring_lines(node)
+
+
+def lines_without_docstrings(text):
+    """Lines of a file less those of all its docstrings: examples and descriptions may be as long as their reader needs."""
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    return text.count("\n") - sum(docstring_lines(node) for node in ast.walk(ast.parse(text)) if isinstance(node, documented))
 
 
 def test_files_and_functions_can_be_read_at_once(root):
-    long = {path: text.count("\n") for package in ("toolbox", "models", "controllers") for path in (root / package).rglob("*.py")
-            if (text := path.read_text(encoding="utf-8")).count("\n") > LONGEST_FILE}  # fmt: skip
+    long = {path: lines for package in ("toolbox", "models", "controllers") for path in (root / package).rglob("*.py")
+            if (lines := lines_without_docstrings(path.read_text(encoding="utf-8"))) > LONGEST_FILE}  # fmt: skip
     assert not long
     large = [
         f"{path}: {node.name}"

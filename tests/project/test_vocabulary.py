@@ -19,8 +19,8 @@ from controllers import PI, Lifting
 from models import BlockOnBelt
 from toolbox import Sampled, SceneError, compose, sweep
 from toolbox.commands.command_line import COMMANDS, main
+from toolbox.drilling.lowest_set_point import LowestSetPoints, SetPointLimit
 from toolbox.files.results import Result
-from toolbox.robustness.lowest_set_point import LowestSetPoints, SetPointLimit
 from toolbox.scenes.scene import Scene
 from toolbox.vocabulary import ENTRIES, NOW
 

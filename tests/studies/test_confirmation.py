@@ -12,9 +12,9 @@ from studies.protocol import DELAY, GROUPS, LIMITS, PLANT, trial
 from studies.questions import confirmation as study
 from studies.questions import drives
 from toolbox import Sampled, simulate
+from toolbox.drilling.groups import Machine, Varying
+from toolbox.drilling.set_points import SETTLING
 from toolbox.modelling import Takeover
-from toolbox.robustness.groups import Machine, Varying
-from toolbox.robustness.set_points import SETTLING
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="the C of a law is compiled with `cc`, which is not here")
 QUIET = np.zeros(80_000)

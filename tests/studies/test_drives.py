@@ -15,10 +15,10 @@ from studies import gains
 from studies.protocol import CORNERS, GROUPS, LIMITS, PLANT, SINGLES, rock_torques, trial
 from studies.questions import drives
 from studies.questions.drives import BETWEEN, Row, best, flat, judged_rows, laws, picture, published, row, step_time, table
+from toolbox.drilling.groups import Group, Machine
+from toolbox.drilling.lowest_set_point import Cells, lowest
+from toolbox.drilling.set_points import Outcome, Trial, set_point, verdict
 from toolbox.modelling.laws import designed
-from toolbox.robustness.groups import Group, Machine
-from toolbox.robustness.lowest_set_point import Cells, lowest
-from toolbox.robustness.set_points import Outcome, Trial, set_point, verdict
 
 EVERY = laws()
 BRIEF = {name: replace(group, takeover_phases=(0.0, 0.5), seeds=group.seeds[:1]) for name, group in GROUPS.items()}

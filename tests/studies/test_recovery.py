@@ -10,8 +10,8 @@ import pytest
 from controllers import Lifting, SoftTorque, StiffPI
 from studies.protocol import LIMITS, trial
 from studies.questions import drives, recovery
-from toolbox.robustness.groups import Machine
-from toolbox.robustness.lowest_set_point import SetPointLimit
+from toolbox.drilling.groups import Machine
+from toolbox.drilling.lowest_set_point import SetPointLimit
 
 
 def test_a_recovery_is_told_as_its_run_shows_it_and_a_law_that_never_recovers_is_told_so():

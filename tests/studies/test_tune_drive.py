@@ -24,7 +24,7 @@ from studies.questions.tune_drive import (
     settling,
     tuned_pi,
 )
-from toolbox.robustness.groups import Machine
+from toolbox.drilling.groups import Machine
 from toolbox.scenes.cases import Case
 
 

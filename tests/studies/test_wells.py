@@ -12,7 +12,7 @@ import pytest
 from controllers import LQG
 from models.wells import JANSEN_2, NAVARRO_LOPEZ_4
 from studies.questions import wells as study
-from toolbox.robustness.set_points import PROTOCOLS
+from toolbox.drilling.set_points import PROTOCOLS
 
 TABLE = Path(__file__).parents[2] / "docs" / "wells.csv"
 

@@ -56,34 +56,39 @@ def fit(
 ) -> Fit:
     """Estimate parameters of a machine, with confidence intervals, from measured signals.
 
-    Signals that are inputs of the plant drive the simulation, linear between samples; all others are compared with it by nonlinear least squares. A
-    simulation that sticks and slips for many cycles has many poor optima: give a window of a few cycles, and bounds. Source: G. A. F. Seber, C. J. Wild,
-    Nonlinear Regression, Wiley 1989.
+    Measured signals that are inputs of the plant drive the simulation, linear between samples. All other signals are
+    compared with the simulation by nonlinear least squares. A simulation that sticks and slips for many cycles has
+    many poor optima: give a window of a few cycles, and ranges. Source: G. A. F. Seber, C. J. Wild, Nonlinear
+    Regression, Wiley 1989.
 
     Parameters
     ----------
     loop
-        A loop, or a plant; what of its inputs is measured takes the place of what they are.
-    data, columns
-        What was measured, and which of its columns are which signals; see `Recording.of`.
+        A loop, or a plant. Measured inputs replace the inputs of the loop.
+    data
+        The measurement: a path of a log, a mapping {column: samples}, a table, a run, or a `Recording`.
+    columns
+        {signal: column of the log}. By default columns have the names of signals. `Recording.of` describes the forms.
     free
-        Names of what is estimated, any numbers of the loop: parameters (`bit.friction.static`), constant inputs (`top.torque`), start values (`bit.speed`,
-        `chain.twist.0`) and the others; and shifts in time, how much later than it was a channel was written: `bit.speed.shift` of that signal, `bit.shift`
-        of all measured ones of `bit` that are no inputs. Each search begins at their values in the loop, and at no shift.
+        Names of the unknowns, any numbers of the loop: parameters (`bit.friction.static`), constant inputs
+        (`top.torque`), start values (`bit.speed`, `chain.twist.0`) and others. Also shifts in time, by which a
+        channel was written too late: `bit.speed.shift` of one signal, `bit.shift` of all measured signals of `bit`
+        that are no inputs. Each search begins at the values in the loop, and at no shift.
     ranges
-        Bounds {name: (low, high)}; by default those that the part declares, and for a shift 5 s or a tenth of the data. Where there is a shift, samples that
-        near to the ends of the data are not compared.
+        {name: (low, high)}. By default the bounds that the part declares; for a shift 5 s or a tenth of the data.
+        With a shift, samples that are this close to the ends of the data are not compared.
     contact
-        Fit the friction law of this contact directly to measured force at measured slip, without simulation; a `MeasuredContact` says from which speed on it
-        slips. The slip must be measured well: its own noise is not modelled. A law with memory is integrated along the slip, whose speed or way is measured;
-        its start, such as `belt.deflection`, may be free.
+        Name of a contact, or a `MeasuredContact` with the speed from which on it slips. The friction law of this
+        contact is then fitted directly to measured force at measured slip, without simulation. The slip must be
+        measured well, because its noise is not modelled. A friction law with memory is integrated along the slip, of
+        which the speed or the distance is measured; its start, such as `belt.deflection`, may be free.
     window
-        Times (begin, end) [s] of the data that are used, or several windows that are fitted together, each a `Window` where it has numbers of its own; all by
-        default.
+        Times (begin, end) [s] of the data that are used. Or several windows that are fitted together, each as a
+        `Window` if it has numbers of its own. By default all data.
     noise
-        Standard deviations {signal: value}; estimated if not given.
+        {signal: standard deviation}. Estimated if not given.
     starts
-        Number of searches, or a `Search` that says more: seed, samples that are left out, accuracy of the runs.
+        Number of searches. Or a `Search` with seed, treatment of outliers, and accuracy of the runs.
     confidence
         Confidence level of the intervals.
 
@@ -95,9 +100,25 @@ def fit(
     Raises
     ------
     SceneError
-        If a name is unknown, the data are bad, or they cannot tell numbers apart or do not depend on them; the message names these.
+        If a name is unknown, the data are bad, or the data do not determine the unknowns; the message names them.
     SimulationError
         If no start can be simulated.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose, fit, simulate
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> time = np.linspace(0.0, 30.0, 601)
+    >>> run = simulate(rig, 30.0, inputs={"top.torque": "12 kN m"}, parameters={"bit.friction.kinetic": 0.45}, output_times=time)
+    >>> torque = run["bit.torque"] + np.random.default_rng(1).normal(0.0, 20.0, time.size)
+    >>> log = {"time": time, "bit.speed": run["bit.speed"], "bit.torque": torque}
+    >>> found = fit(rig, log, ["bit.friction.kinetic", "bit.friction.decay"], contact="bit")
+    >>> for name, value in zip(found.names, found.values):
+    ...     print(f"{name} = {value:.2f}")
+    bit.friction.kinetic = 0.45
+    bit.friction.decay = 0.90
     """
     ranges = mapping("ranges", ranges)
     noise = None if noise is None else mapping("noise", noise)

@@ -55,8 +55,8 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Answer for every controller. Returns the exit code."""
-    from toolbox.robustness.answer_results import Answers
-    from toolbox.robustness.answer_table import answers, knob_of
+    from toolbox.drilling.answer_results import Answers
+    from toolbox.drilling.answer_table import answers, knob_of
     from toolbox.scenes.scene import Scene
     from toolbox.sweeps.store import folder_of
 

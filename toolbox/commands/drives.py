@@ -31,8 +31,8 @@ GOES_ON = "interrupted; the same call goes on from here."
 
 def add(commands: Any) -> None:
     """Declare the arguments of `stickslip setpoints`."""
-    from toolbox.robustness.groups import NAMES
-    from toolbox.robustness.set_points import PROTOCOLS
+    from toolbox.drilling.groups import NAMES
+    from toolbox.drilling.set_points import PROTOCOLS
 
     table = commands.add_parser(
         "setpoints",
@@ -168,8 +168,8 @@ def _searched(
     given: argparse.Namespace, loops: dict[str, Any], before: Any, groups: list[Any], margin: float, failures: dict[str, Exception]
 ) -> Any:
     """The lowest set-points of all laws, or None where each fails; why they do is told among the failures."""
-    from toolbox.robustness.lowest_set_point import LowestSetPoints
-    from toolbox.robustness.set_points import PROTOCOLS
+    from toolbox.drilling.lowest_set_point import LowestSetPoints
+    from toolbox.drilling.set_points import PROTOCOLS
     from toolbox.sweeps.executors import travelling
 
     found: LowestSetPoints | None = None
@@ -195,8 +195,8 @@ def _bounds(text: str) -> tuple[Any, ...]:
 
 def _of_one(place: str, loop: Any, *, before: Any, groups: list[Any], margin: float, out: Path | None, quiet: bool, **asked: Any) -> Any:
     """The lowest set-points of one law, in this process or another one, or the error why there are none."""
-    from toolbox.robustness.lowest_set_point import chosen_groups, lowest_set_point
-    from toolbox.robustness.set_points import Trial
+    from toolbox.drilling.lowest_set_point import chosen_groups, lowest_set_point
+    from toolbox.drilling.set_points import Trial
 
     known, say = (out / "cells.jsonl" if out else None), (None if quiet else partial(_tell, place))
     try:
@@ -221,8 +221,7 @@ def _keeping(out: Path | None) -> Iterator[None]:
 
 def _groups(given: argparse.Namespace, loop: Any) -> list[Any]:
     """The groups of machines that are asked for, by name, and that of those that are drawn."""
-    from toolbox.probability.distributions import drawn_group
-    from toolbox.robustness.groups import NAMES
+    from toolbox.drilling.groups import NAMES, drawn_group
 
     if given.uncertainty or given.posterior:
         return [*(given.group or ()), drawn_group(loop, uncertain_of(given), given.draws)]

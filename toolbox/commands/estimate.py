@@ -47,8 +47,8 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Estimate over a log. Returns the exit code."""
-    from toolbox.probability.ensemble import Knowledge
-    from toolbox.probability.estimates import estimate
+    from toolbox.drilling.ensemble import Knowledge
+    from toolbox.drilling.estimates import estimate
     from toolbox.scenes.scene import Scene
 
     scene = Scene.load(given.scene)

@@ -45,9 +45,9 @@ def depths_of_well(verb: argparse.ArgumentParser) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Make the schedule. Returns the exit code."""
+    from toolbox.drilling.gain_schedule import schedule
     from toolbox.export.scheduled_c import export_schedule
     from toolbox.modelling.laws import Sampled
-    from toolbox.tuning.gain_schedule import schedule
 
     scene, law, well = law_and_well(given)
     before = None if given.initial_controller is None else law_of(scene, given.initial_controller)

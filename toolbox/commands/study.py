@@ -48,6 +48,7 @@ def add(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Study a scene. Returns the exit code."""
     from toolbox.onsets import study
+    from toolbox.steady_states.instability import instability
 
     scene = loaded(given)
     stems = file_stems(scene.labels)
@@ -74,6 +75,7 @@ def run(given: argparse.Namespace) -> int:
         scene.save(folder / "scene.toml")
         warning = scene.needs().warning
         notes += [warning] if warning else []
+        notes += [f"{label}: {unstable}" for label in scene.labels if (unstable := instability(scene[label]))]
         (folder / "study.txt").write_text("\n\n".join([study.table(scene, rows, times=False), *notes]) + "\n", encoding="utf-8")
     show("\n\n".join([study.table(scene, rows), *notes]))
     print(f"\nFigures, trajectories, table and scene are in {given.out}")

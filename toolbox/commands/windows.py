@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Find the windows. Returns the exit code."""
-    from toolbox.robustness.depth_windows import windows
+    from toolbox.drilling.depth_windows import windows
     from toolbox.sweeps.store import folder_of
 
     over = ranges("--range", given.range, exactly=2)

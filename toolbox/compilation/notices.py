@@ -13,21 +13,27 @@ LONG = 100_000
 
 
 def announced(name: str, *functions: Any) -> bool:
-    """Say that `name` is being compiled, unless this machine already has the machine code of all these functions.
+    """Log that `name` is being compiled, unless this computer already has the machine code of all these functions.
 
-    It is asked once per process, because machine code that is loaded is there.
+    The check is made once per process and function.
 
     Parameters
     ----------
     name
-        What the user reads.
+        Text for the user.
     functions
-        What `Compiled` makes.
+        Functions that `Compiled` made.
 
     Returns
     -------
     bool
-        Whether it was said.
+        Whether the message was logged.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import announced
+    >>> print(announced("reader of nothing"), "with 0 functions")
+    False with 0 functions
     """
     fresh = [function for function in functions if function not in _SAID]
     _SAID.update(fresh)

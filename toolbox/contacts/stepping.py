@@ -41,43 +41,58 @@ def step_contacts(
     sample_time: NumberOrText | None = None,
     start: ContactRun | None = None,
 ) -> ContactRun:
-    """Simulate a body with many contacts over `duration` [s] in steps of one length.
+    """Simulate a body with many contacts in time steps of equal length.
 
-    Control laws measure `<output>.position` and `<output>.speed` of the outputs of the problem, and drive its inputs: with an output `top` that is an
-    angle and an input `top.torque`, a law that measures `top.speed` and drives `top.torque` runs as it is. A law samples at the end of a step, and what
-    it drives is held over the steps that follow.
+    Controllers measure `<output>.position` and `<output>.speed` of the outputs of the problem, and drive its inputs.
+    With an output `top` that is an angle and an input `top.torque`, a controller that measures `top.speed` and drives
+    `top.torque` runs without change. A controller samples at the end of a step, and its commands are held over the
+    steps that follow.
 
     Parameters
     ----------
     problem
-        The body, its contacts, and what acts on it.
+        The body with its contacts, forces and moving surfaces.
     duration
-        [s], > 0.
+        Length of the run [s], > 0.
     step
-        Length of a step [s], > 0; it is shortened so that a whole number of steps makes the duration.
+        Length of a step [s], > 0. It is shortened so that a whole number of steps makes the duration.
     inputs
-        For the names in `problem.forces` and `problem.surface`, and for what laws ask for, such as `top.reference`; 0, or the default of the law, without.
-        As in `simulate`: a number, text with a unit, (times, values), a shape or an expression of `toolbox.time`. Over a step a force acts as it is at
-        the end of the step, and a surface moves with the mean of its speeds at both ends.
+        {name in `problem.forces` or `problem.surface`, or set-point of a controller such as `top.reference`: value}.
+        A value is a number, text with a unit, a table (times, values), a shape of `toolbox.inputs` or an expression
+        of `toolbox.time`. Inputs that are left out are 0, set-points the default of the controller. Over a step a
+        force acts with its value at the end of the step, and a surface moves with the mean of its speeds at both
+        ends.
     controller
-        One law or several, each a `Controller`, a `Sampled` with its own period, delay and sensors, or a callable (t, y) -> u.
+        One controller or several, each a `Controller`, a `Sampled` with its own period, delay and sensors, or a
+        callable (t, y) -> u.
     sample_time
-        Period [s] of laws that have none of their own; periods and delays must be whole numbers of steps.
+        Sample time [s] of controllers that have none of their own. Periods and delays must be whole numbers of steps.
     start
-        A run of a problem with as many coordinates and contacts, whose end is the begin of this one, such as that of `press_contacts`; without,
-        the body begins at rest with q = 0.
+        A run of a problem with as many coordinates and contacts, such as the result of `press_contacts`. The new run
+        begins at its end. By default the body begins at rest with q = 0.
 
     Returns
     -------
     ContactRun
-        States and forces at the end of every step, and the first.
+        States and forces at the start and at the end of every step.
 
     Raises
     ------
     SceneError
-        For arguments out of range, unknown names and units that do not fit, and laws that are not sampled.
+        If an argument is out of range, a name is unknown, a unit does not fit, or a controller is not sampled.
     SimulationError
-        Where no set of open, sticking and sliding contacts solves a step; its `run` ends before.
+        If no set of open, sticking and sliding contacts solves a step. Its `run` ends before this step.
+
+    Examples
+    --------
+    >>> from models import AxialChain, Coulomb, TorsionalChain, string_on_wall
+    >>> from toolbox.contacts import step_contacts
+    >>> axial = AxialChain(mass=(5000.0,), stiffness=(4e6,), damping=(2e5,))
+    >>> torsional = TorsionalChain(inertia=(2000.0, 100.0), stiffness=(2000.0,), damping=(80.0,))
+    >>> string = string_on_wall(axial, torsional, radius=0.1, loads=(5000.0,), friction=Coulomb(0.3, 0.3))
+    >>> run = step_contacts(string, "10 s", step=0.02, inputs={"hook.speed": -0.1})
+    >>> print(f"drag {4e6 * run['axial.0'][-1]:.0f} N")
+    drag 1500 N
     """
     _check_problem(problem)
     if sample_time is not None and controller is None:
@@ -103,12 +118,43 @@ def instants(duration: NumberOrText, step: NumberOrText, begin: float = 0.0) -> 
 
 
 def press_contacts(problem: ContactProblem, inputs: Mapping[str, float] | None = None, *, frictionless: bool = False) -> ContactRun:
-    """The body at rest under constant inputs: one static step from q = 0, for normal loads from statics and as the begin of a run.
+    """Compute the state of rest of a body under constant inputs, by one static step from q = 0.
 
-    frictionless: leave friction out, as where a body settles before it is pulled. Contacts then count as slipping and carry no tangential force.
-    Tangential forces follow Coulomb's law for loading in one step from the unloaded state. Needs contacts that hold all rigid motions that the stiffness
-    leaves free; a body that some motion of zero stiffness lets escape has no state of rest. Raises SceneError for that and for unknown
-    names, SimulationError where no set of contacts is at rest.
+    Use it for normal loads from statics, and as the start of a run. Tangential forces follow Coulomb's law for
+    loading in one step from the unloaded state. The contacts must hold all rigid motions that the stiffness leaves
+    free: a body that can escape along a motion of zero stiffness has no state of rest.
+
+    Parameters
+    ----------
+    problem
+        The body with its contacts.
+    inputs
+        {input: constant value}. Inputs that are left out are 0.
+    frictionless
+        Whether friction is left out, for example while a body settles before it is pulled. Contacts then count as
+        slipping and carry no tangential force.
+
+    Returns
+    -------
+    ContactRun
+        The state of rest.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, or the body can escape.
+    SimulationError
+        If no set of contacts is at rest.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import Coulomb
+    >>> from toolbox.contacts import ContactProblem, press_contacts
+    >>> down, along = np.array([[1.0, 0.0]]), np.array([[[0.0, 1.0]]])
+    >>> block = ContactProblem(np.eye(2), np.diag([0.0, 100.0]), along, Coulomb(0.5, 0.5), normal=down, forces={"press": down[0]})
+    >>> print(press_contacts(block, {"press": 20.0}).normal[0], "N")
+    [20.] N
     """
     _check_problem(problem)
     return _Stepping(problem, math.inf, constants(problem, inputs), None, 0.0 if frictionless else 1.0).through()

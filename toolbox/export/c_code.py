@@ -162,27 +162,43 @@ def _entries(slot: Slot) -> list[tuple[str, ca.SX]]:
 # --------------------------------------------------------------------------------------------------------------------------------- python-control
 @new_names_only
 def to_control(controller: Controller | Sampled | ClosedLoop, *, outputs: str | Sequence[str] | None = None) -> Any:
-    """Return a linear law as `control.StateSpace` from what it reads to what it drives, with its working point beside the system.
+    """Return a linear controller as `control.StateSpace`, with its operating point beside the system.
 
         z' = A z + B (y - y0),  u = u0 + C z + D (y - y0)     or     z_(k+1) = A z_k + B (y_k - y0),  u_k = u0 + C z_k + D (y_k - y0)
 
-    Inputs are the measured signals and then the set-points, outputs what the law drives, under the names that `linearise` gives them. The system is that of
-    deviations; `system.law` holds the working point and the names of the signals in the toolbox, so that `from_control(to_control(law))` is the law. What
-    python-control computes from the system has no `law`. Close the loop with `control.feedback(plant, law, sign=1)`: a law gives what it drives, with
-    its sign. Delay, noise and resolution of a `Sampled` law belong to the machine around it and are not in the system: multiply it by 1 / z for every sample
-    of delay, or take `toolbox.margins`, which knows the delay.
+    Inputs of the system are the measured signals and then the set-points. Outputs are the actuated signals. They have
+    the names that `linearise` gives them. The system describes deviations. `system.law` holds the operating point and
+    the names of the signals in the toolbox, so that `from_control(to_control(controller))` is the controller again.
+    Systems that python-control computes from the system have no `law`. Close the loop with `control.feedback(plant,
+    controller, sign=1)`: a controller gives its output with its sign. Delay, noise and resolution of a `Sampled`
+    controller belong to the machine around it and are not in the system. Multiply the system by 1 / z for every
+    sample of delay, or use `toolbox.margins`, which knows the delay.
 
     Parameters
     ----------
     controller
-        A loop with one law, which is designed on its plant, or a law with all its numbers; `Sampled` gives the sampled form with its period as dt.
+        A loop with one controller, which is designed on its plant, or a controller with all its numbers. `Sampled`
+        gives the sampled form with its period as dt.
     outputs
-        Other signals that the law gives; of an observer, by default all estimates that are linear.
+        Other signals that the controller computes. By default, for an observer, all estimates that are linear.
+
+    Returns
+    -------
+    control.StateSpace
+        The linear system.
 
     Raises
     ------
     SceneError
-        If the law is not linear, has torque limits, or switches; the message names what is to blame.
+        If the controller is not linear, has torque limits, or switches; the message names the reason.
+
+    Examples
+    --------
+    >>> from controllers import PI
+    >>> from toolbox import to_control
+    >>> system = to_control(PI(proportional=400.0, integral=200.0, reference="60 rpm"))
+    >>> print(system.input_labels, system.D)
+    ['top_speed', 'top_reference'] [[-400.  400.]]
     """
     import control
 
@@ -279,45 +295,55 @@ def _linear(expression: ca.SX, symbols: ca.SX) -> bool:
 def export_c(
     loop: ClosedLoop, path: str | Path, *, part: str | None = None, duration: NumberOrText | None = None, accuracy: float | None = None
 ) -> tuple[Path, Path]:
-    """Write a sampled law, or a plant with its laws, as C99 that needs only math.h; nothing is allocated, nothing is global.
+    """Write a sampled controller, or a plant with its controllers, as C99 code that needs only math.h.
 
-    The law, NAME.c and NAME.h beside it, for the controller of a real machine:
+    The code allocates no memory and has no global variables.
+
+    A controller becomes NAME.c and NAME.h, for the control system of a real machine:
 
         void NAME_start(double *memory);
         int NAME_step(const double *y, double *memory, double *u);     0 for success
         void NAME_gains(double *gains);
         int NAME_step_with(const double *gains, const double *y, double *memory, double *u);
 
-    `NAME_step` is called once per sample. It reads what is measured and the set-points in y and writes what is driven to u, in the order, units and with the
-    defaults that the header lists. Where a command, or a value to be remembered, is no finite number, it returns NAME_NOT_FINITE and changes nothing.
-    `NAME_step_with` does the same with other gains than those of the law, which `NAME_gains` writes; gains that Python refuses are refused by NAME_OUTSIDE.
-    `top.torque.held` is the torque that acts until this sample, 0 where none does: a law takes over from it at its first sample. The memory belongs to the
-    caller. Delays, noise and the hold between samples are the machine's own. A law that is no casadi expression may write itself, by a method
-    `export_c(c, h, period)` of what it is designed as: `LinearMPC` does, with a solver in a folder NAME_osqp, and has no gains.
+    `NAME_step` is called once per sample. It reads the measured signals and the set-points from y and writes the
+    actuated signals to u. The header lists their order, units and defaults. If a command, or a value to be
+    remembered, is no finite number, `NAME_step` returns NAME_NOT_FINITE and changes nothing. `NAME_step_with` does
+    the same with other gains. `NAME_gains` writes the gains of the controller. Gains that Python refuses are refused
+    with NAME_OUTSIDE. `top.torque.held` is the torque that acts until this sample, 0 if no torque acts: the
+    controller takes over from it at its first sample. The memory belongs to the caller. Delays, noise and the hold
+    between samples belong to the machine. A controller that is no casadi expression may write itself, by a method
+    `export_c(c, h, period)` of its design. `LinearMPC` does so, with a solver in a folder NAME_osqp, and has no
+    gains.
 
-    The loop, or a plant without laws, a folder NAME with NAME.c, NAME.h, an example main.c, CMakeLists.txt and README.md, for programs that simulate it:
+    A loop, or a plant without controllers, becomes a folder NAME with NAME.c, NAME.h, an example main.c,
+    CMakeLists.txt and README.md, for programs that simulate it:
 
         void NAME_start(NAME *w);
         int NAME_set(NAME *w, int number, double value);      an input or a parameter
         int NAME_step(NAME *w, double until);                 to a time; every switch on the way is located
         void NAME_outputs(const NAME *w, double *y);          and modes, events, names
 
-    It holds the event loop of the toolbox, translated, with explicit steps, and the laws with their clocks, delays and noise. All that changes is in one
-    struct, so that a copy of it is a saved state. A call makes a bounded number of steps and switches, and returns NAME_OVERRUN where more are needed. The
-    run over `duration` is carried out once, to see that it can be.
+    The code holds the event loop of the toolbox, translated, with explicit steps, and the controllers with their
+    clocks, delays and noise. All that changes is in one struct, so that a copy of the struct is a saved state. A call
+    makes a bounded number of steps and switches, and returns NAME_OVERRUN if more are needed. The run over `duration`
+    is carried out once, to check that it succeeds.
 
     Parameters
     ----------
     loop
-        A loop with one sampled law, which is written with its period and the numbers that it takes on the plant; or, for `part="loop"`, any loop or plant.
+        A loop with one sampled controller, which is written with its period and the numbers that it takes on the
+        plant. Or, for `part="loop"`, any loop or plant.
     path
-        Of a law either file, without suffix or with that of the other; of a loop the folder. Its name is that of the functions.
+        For a controller the path of either file, with or without suffix. For a loop the folder. The name of the file
+        or folder is the NAME of the functions.
     part
-        "law" or "loop"; None takes the law where there is one.
+        "law" for the controller, or "loop". By default the controller if there is one.
     duration
-        Time over which the accuracy of a loop is promised [s]; None takes that of its scene. The machine runs on behind it.
+        Time over which the accuracy of a loop is promised [s]. By default the duration of its scene. The machine can
+        run on after it.
     accuracy
-        Accuracy of a loop, as in `simulate`; None takes that of its scene, or 1e-6.
+        Target for the global error of a loop, between 1e-13 and 0.1. By default the accuracy of its scene, else 1e-6.
 
     Returns
     -------
@@ -327,10 +353,22 @@ def export_c(
     Raises
     ------
     SceneError
-        If the name is none in C or a file cannot be written. Of a law, if the loop holds anything but one sampled Controller, or no casadi expression holds it.
-        Of a loop, if it is stiff, so that it needs implicit steps, or one of its laws is no casadi expression.
+        If NAME is no name in C, or a file cannot be written. For a controller, if the loop holds anything but one
+        sampled Controller, or the controller is no casadi expression. For a loop, if it is stiff, so that it needs
+        implicit steps, or one of its controllers is no casadi expression.
     SimulationError
         If the run fails.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose, export_c
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> loop = closed_loop(rig, Sampled(SoftTorque(reference="60 rpm"), "10 ms"))
+    >>> source, header = export_c(loop, "drive")
+    >>> print(source.name, header.name, header.read_text().count("int drive_step("), "step function")
+    drive.c drive.h 1 step function
     """
     if part not in (None, "law", "loop"):
         raise SceneError(f'Argument `part` must be "law" or "loop", but it is {part!r}.')

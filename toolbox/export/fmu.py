@@ -35,37 +35,43 @@ def export_fmu(
     version: str = "2.0",
     resources: Sequence[str | Path] = (),
 ) -> Path:
-    """Write a sampled law, or a plant with its laws, as NAME.fmu for other simulators.
+    """Write a sampled controller, or a plant with its controllers, as NAME.fmu for other simulators.
 
-    The law is a co-simulation unit of FMI 2.0. Its inputs are what the law measures and its set-points, with their defaults as start values; its outputs are
-    what the law drives, and its memory can be looked at. The gains of the law are parameters, such as `law.proportional`, and may be changed at any time.
+    A controller becomes a co-simulation unit of FMI 2.0. Its inputs are the measured signals and the set-points, with
+    their defaults as start values. Its outputs are the actuated signals; its memory can be read. The gains are
+    parameters, such as `law.proportional`, and may be changed at any time.
 
-    The loop, or a plant without laws, is a unit of co-simulation and of model exchange, of FMI 2.0 or 3.0, around the C of `export_c`. Its inputs and
-    parameters can be set at any time, with units, bounds and start values, its states at the start. Outputs are all states and signals, and the mode of every
-    element as `<element>.mode`. In co-simulation every switch inside a communication step is located; what is set between two steps jumps there; in FMI
-    3.0 a step returns early at a switch where the importer wants that. In model exchange every guard is an event indicator, samples of laws and nodes of
-    tables are time events, and rigid contacts close where a flight would stay below a millionth of the widest gap. Friction in two directions is for
+    A loop, or a plant without controllers, becomes a unit for co-simulation and for model exchange, of FMI 2.0 or
+    3.0, around the C code of `export_c`. Its inputs and parameters can be set at any time, with units, bounds and
+    start values, and its states at the start. Outputs are all states and signals, and the mode of every contact as
+    `<element>.mode`. In co-simulation every switch inside a communication step is located. A value that is set
+    between two steps jumps there. In FMI 3.0 a step returns early at a switch if the importer asks for it. In model
+    exchange every guard is an event indicator, samples of controllers and nodes of tables are time events, and rigid
+    contacts close if a flight would stay below a millionth of the widest gap. Friction in two directions is for
     co-simulation only. Time begins at the start time of the importer.
 
-    Names and units are those of the signals. Sources and licences are in the file. What is not allowed, such as to write an output, is refused and told to the
-    logger of the importer. The machine code is for the system that runs this, and for Windows, too, where mingw-w64 is installed.
+    Names and units are the names and units of the signals. Sources and licences are in the file. Calls that are not
+    allowed, such as writing an output, are refused and reported to the logger of the importer. The machine code is
+    for the operating system on which the function runs, and also for Windows if mingw-w64 is installed.
 
     Parameters
     ----------
     loop
-        As in `export_c`.
+        A loop with one sampled controller. Or, for `part="loop"`, any loop or plant.
     path
-        The file, whose name without suffix is that of the unit.
+        The file. Its name without suffix is the name of the unit.
     part
-        "law" or "loop"; None takes the law where there is one.
+        "law" for the controller, or "loop". By default the controller if there is one.
     duration
-        Time over which the accuracy of a loop is promised [s]; None takes that of its scene. The unit runs on behind it.
+        Time over which the accuracy of a loop is promised [s]. By default the duration of its scene. The unit can run
+        on after it.
     accuracy
-        Accuracy of a loop in co-simulation, as in `simulate`; None takes that of its scene, or 1e-6.
+        Target for the global error of a loop in co-simulation, between 1e-13 and 0.1. By default the accuracy of its
+        scene, else 1e-6.
     version
-        The version of FMI of a loop, "2.0" or "3.0".
+        Version of FMI for a loop, "2.0" or "3.0".
     resources
-        Files that go along in `resources/`, such as the scene of the loop.
+        Files that are added in `resources/`, such as the scene of the loop.
 
     Returns
     -------
@@ -75,7 +81,21 @@ def export_fmu(
     Raises
     ------
     SceneError
-        As `export_c` does, and if there is no C compiler (`CC`, or `cc`) or it fails.
+        If the name is no name in C, the file cannot be written, there is no C compiler (`CC`, or `cc`), or the
+        compiler fails. For a controller, if the loop holds anything but one sampled Controller, or the controller is
+        no casadi expression. For a loop, if it is stiff, or one of its controllers is no casadi expression.
+
+    Examples
+    --------
+    >>> import zipfile
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose, export_fmu
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> loop = closed_loop(rig, Sampled(SoftTorque(reference="60 rpm"), "10 ms"))
+    >>> path = export_fmu(loop, "drive.fmu")
+    >>> print(zipfile.ZipFile(path).namelist().count("modelDescription.xml"), "model description")
+    1 model description
     """
     import tempfile
     import uuid

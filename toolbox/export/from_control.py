@@ -145,32 +145,47 @@ def from_control(
     Parameters
     ----------
     system
-        `control.StateSpace` or `control.TransferFunction`, proper. A continuous one runs continuous, or sampled by Tustin's rule; a discrete one runs
-        sampled, with the period `dt` that it has (any, where its `dt` is True).
+        A proper `control.StateSpace` or `control.TransferFunction`. A continuous system runs continuously, or sampled
+        by Tustin's rule. A discrete system runs sampled, with its period `dt` (any period if its `dt` is True).
     measured_signals
-        The signals that are its inputs, in order, for example "top.speed"; a set-point such as "top.reference" may be among them, behind the first. None
-        takes those of the law that `to_control` made the system from, with the defaults of their set-points.
+        Signals that are the inputs of the system, in order, for example "top.speed". A set-point such as
+        "top.reference" may be among them, but not first. By default the signals of the controller from which
+        `to_control` made the system, with the defaults of their set-points.
     actuated_signals
-        The signals that are its outputs, in order, for example "top.torque". None takes those of that law.
+        Signals that are the outputs of the system, in order, for example "top.torque". By default the signals of the
+        controller from which `to_control` made the system.
     reference
-        Set-point, in the unit of the one measured signal, or text such as "60 rpm". With it the system sees the error e = reference - y, as K in the usual
-        loop with negative feedback does; it is the default of the signal `top.reference` (of the part that is measured), so that a run may change it in
-        time. Without it the system sees y itself, and gives what it drives with its sign, as the systems that `to_control` returns do.
+        Set-point, in the unit of the one measured signal, or text such as "60 rpm". The system then sees the error e
+        = reference - y, as K does in the usual loop with negative feedback. The value is the default of the signal
+        `top.reference` (of the measured part), so that a run may change it in time. By default the system sees y
+        itself, and gives its output with its sign, like the systems that `to_control` returns.
     at
-        Working point: values, or text with units, of measured and driven signals by name, 0 for those that are left out. The system sees deviations of what
-        is measured from it (where there is no reference), and what it gives is added to that of the driven signals. None takes that of the law which
-        `to_control` made the system from, where `measured_signals`, `actuated_signals` and `reference` are None too.
+        Operating point: {measured or actuated signal: value}, in SI or text with units, 0 for signals that are left
+        out. The system sees deviations of the measured signals from it (if there is no reference), and its output is
+        added to the actuated signals there. By default, if `measured_signals`, `actuated_signals` and `reference` are
+        left out too, the operating point of the controller from which `to_control` made the system.
 
     Returns
     -------
     StateSpaceLaw
-        A law like any other: it can be simulated, swept, mapped, judged and exported.
+        A controller like any other, which can be simulated, swept, mapped, judged and exported.
 
     Raises
     ------
     SceneError
-        For a system that is improper or no linear system, signals that are not given or do not fit its inputs and outputs, and a reference for several of
-        them.
+        If the system is improper or no linear system, signals are missing or do not fit its inputs and outputs, or a
+        reference is given for several measured signals.
+
+    Examples
+    --------
+    >>> import control
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose, from_control, simulate
+    >>> pi = control.tf([600.0, 300.0], [1.0, 0.0])
+    >>> drive = from_control(pi, measured_signals="top.speed", actuated_signals="top.torque", reference="120 rpm")
+    >>> run = simulate(compose(wells.JANSEN_2, BitRock(weight="60 kN")), "120 s", controller=drive)
+    >>> print(f"{run['top.speed'][-1]:.2f} rad/s")
+    12.57 rad/s
     """
     law: LinearLaw | None = getattr(system, "law", None)
     if law is not None and at is None and measured_signals is None and actuated_signals is None and reference is None:

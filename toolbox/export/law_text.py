@@ -39,18 +39,38 @@ class Declared:
 
 
 def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Function], step: str | None = None) -> Declared:
-    """Write the pair of files of `export_c`: casadi functions, and the C of NAME_step that calls them.
+    """Write a controller as a pair of C files: casadi functions, and the C code of NAME_step that calls them.
+
+    `export_c` uses this function. A controller that writes itself calls it, too.
 
     Parameters
     ----------
     c, h
         Paths of both files.
     declared
-        What the header lists.
+        Contents of the header.
     functions
         The casadi functions.
     step
-        The C of NAME_step. Without it there is one function, (y, memory, gains) -> (u, next memory), and the step is that.
+        C code of NAME_step. By default there is one function, (y, memory, gains) -> (u, next memory), and the step
+        calls it.
+
+    Returns
+    -------
+    Declared
+        `declared`, as it was written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import casadi as ca
+    >>> from toolbox.authoring import Declared, written
+    >>> y, memory, gains = ca.SX.sym("y", 1), ca.SX.sym("memory", 0), ca.SX.sym("gains", 0)
+    >>> law = ca.Function("damper_law", [y, memory, gains], [-400.0 * y, memory])
+    >>> declared = Declared("A damper", "damper", 0.01, [("top.speed", "rad/s", None)], [], [("top.torque", "N m")])
+    >>> _ = written(Path("damper.c"), Path("damper.h"), declared, [law])
+    >>> print("int damper_step(" in Path("damper.h").read_text())
+    True
     """
     texts = (_header(declared), _source(declared, functions, step or _step(declared, functions[0])))
     replaced_together(dict(zip((h, c), texts, strict=True)))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from toolbox.drilling.gain_schedule import Schedule
 from toolbox.errors import SceneError
 from toolbox.export.c_code import export_c, only_law, opened
 from toolbox.files.atomic import replaced
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.tuning.gain_schedule import Schedule
 
 
 def export_schedule(found: Schedule, machine: ClosedLoop | HybridSystem, path: str | Path) -> tuple[Path, Path, Path]:

@@ -37,22 +37,24 @@ def stepper(
     duration: NumberOrText | None = None,
     accuracy: float | None = None,
 ) -> Stepper:
-    """Return a machine with its laws that is stepped from outside: `reset`, then `step` with new inputs, period after period.
+    """Return a plant with its controllers that another program steps: `reset`, then `step` with new inputs, period after
+    period.
 
     Parameters
     ----------
     loop
-        A loop, or a plant without laws. Its own laws are sampled as in `simulate`.
+        A loop, or a plant without controllers.
     period
         Time of one step [s].
     inputs
-        Inputs or parameters that `step` sets, in this order; they act as jumps at the begin of the step.
+        Inputs or parameters that `step` sets, in this order. They jump at the begin of the step.
     outputs
         Scalar signals that `reset` and `step` return, in this order.
     duration
-        Time over which the accuracy is promised [s]; by default that of its scene, or a thousand periods. The machine runs on behind it.
+        Time over which the accuracy is promised [s]. By default the duration of its scene, or a thousand periods. The
+        machine can run on after it.
     accuracy
-        As in `simulate`; by default that of its scene, or 1e-6.
+        Target for the global error, between 1e-13 and 0.1. By default the accuracy of its scene, else 1e-6.
 
     Returns
     -------
@@ -62,9 +64,21 @@ def stepper(
     Raises
     ------
     SceneError
-        If an input or an output is unknown, the loop is stiff, or one of its laws is in Python: such a law is what steps the machine.
+        If an input or an output is unknown, the loop is stiff, or one of its controllers is written in Python: such a
+        controller steps the machine itself.
     SimulationError
         If the run over `duration`, which is carried out once, fails.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, stepper
+    >>> machine = stepper(compose(BlockOnBelt()), "0.1 s", inputs="block.force", outputs="block.position")
+    >>> position = machine.reset()
+    >>> for _ in range(10):
+    ...     position = machine.step([0.2])
+    >>> print(f"{float(position[0]):.3f} m after 1 s")
+    0.178 m after 1 s
     """
     step = number("period", period, "s", above=0)
     span = loop.duration or 1000.0 * step if duration is None else duration

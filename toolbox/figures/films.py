@@ -34,16 +34,20 @@ HELD = "#c2583b"
 
 
 def film(run: Any, path: str | Path, seconds: NumberOrText = 8.0) -> Path:
-    """Write a run as a film: discs that turn or blocks that move at the left, red where their contact sticks, beside their curves with a running line.
+    """Write a run as an animated film.
+
+    Discs turn or blocks move on the left, red while their contact sticks. On the right stand their curves with a
+    running line.
 
     Parameters
     ----------
     run
         A run with speeds of rotation [rad/s] or positions [m] among its main signals.
     path
-        A path that ends with `.gif`, or with `.html`: one page with buttons to stop and to step, which needs nothing else.
+        A path that ends with `.gif`, or with `.html`: one page with buttons to stop and to step, which needs no other
+        file.
     seconds
-        Length of the film [s], at most 60; the run is shown slower or faster so that it fits.
+        Length of the film [s], at most 60. The run is shown slower or faster so that it fits.
 
     Returns
     -------
@@ -54,6 +58,16 @@ def film(run: Any, path: str | Path, seconds: NumberOrText = 8.0) -> Path:
     ------
     SceneError
         If nothing turns or moves, or the path ends with something else.
+
+    Examples
+    --------
+    >>> from PIL import Image
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.figures import film
+    >>> path = film(simulate(compose(BlockOnBelt()), "20 s"), "block.gif", seconds=0.2)
+    >>> print(path.name, Image.open(path).n_frames, "frames")
+    block.gif 4 frames
     """
     from matplotlib.animation import FuncAnimation
     from matplotlib.backends.backend_agg import FigureCanvasAgg

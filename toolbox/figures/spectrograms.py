@@ -19,31 +19,42 @@ QUIET = -60.0
 
 
 def spectrogram(run: Any, signal: str | None = None, window: NumberOrText | None = None, ax: Any = None) -> Any:
-    """Draw the amplitude of a signal over time and frequency, in decibels of the loudest.
+    """Draw the amplitude of a signal over time and frequency, in decibels below the largest amplitude.
 
-    Every piece is weighted by Hann's window, its mean is taken out: a bit that sticks and slips shows as a comb of lines, the lowest at the rate of the
-    sticks. Source: textbook (short-time Fourier transform).
+    The signal is cut into pieces. Each piece is weighted by a Hann window, and its mean is removed. A bit that sticks
+    and slips shows as a comb of lines, the lowest at the stick-slip frequency. Source: textbook (short-time Fourier
+    transform).
 
     Parameters
     ----------
     run
         A run.
     signal
-        Name of a signal that is one number; by default that of a contact, such as the speed of the bit.
+        Name of a scalar signal. By default that of a contact, such as the speed of the bit.
     window
-        Length of the pieces [s], or text with a unit; by default a sixth of the run. Lines nearer than two of its inverse are one.
+        Length of the pieces [s], or text with a unit. By default a sixth of the run. Lines that are closer than two
+        divided by this length merge.
     ax
-        Axes to draw into.
+        Axes to draw into. By default a new figure.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes; their first collection holds the decibels.
+        The axes. Their first collection holds the decibels.
 
     Raises
     ------
     SceneError
         If the signal is unknown or is a vector, or the window is longer than half the run.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.figures import spectrogram
+    >>> ax = spectrogram(simulate(compose(BlockOnBelt()), "120 s"), "block.speed")
+    >>> print(len(ax.collections), ax.get_ylabel())
+    1 frequency of block speed [Hz]
     """
     from scipy.signal import ShortTimeFFT
 

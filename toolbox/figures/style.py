@@ -69,7 +69,26 @@ WIDTH = 7.2
 
 
 def paper(**kind: Any) -> Any:
-    """Return the context in which pictures have the sizes of type and the lines of all others: `with paper(): ...`; kind: further settings of matplotlib."""
+    """Return the context in which figures have the fonts and lines of all figures of the toolbox: `with paper(): ...`.
+
+    Parameters
+    ----------
+    kind
+        Further settings of matplotlib.
+
+    Returns
+    -------
+    context manager
+        The context.
+
+    Examples
+    --------
+    >>> import matplotlib.pyplot as plt
+    >>> from toolbox.authoring import paper
+    >>> with paper():
+    ...     print(plt.rcParams["savefig.dpi"])
+    200.0
+    """
     return plt.rc_context(PAPER | kind)
 
 
@@ -93,16 +112,27 @@ def drawn_on(axes: Any, rows: int = 1, columns: int = 1, *, height: float, width
 
 
 def panels(columns: int, height: float, **kind: Any) -> Any:
-    """Make a figure of the width of a page with axes side by side, and return the axes.
+    """Make a figure as wide as a page with axes side by side, and return the axes.
 
     Parameters
     ----------
     columns
-        How many.
+        Number of axes.
     height
-        Of the figure [inch].
+        Height of the figure [inch].
     kind
         Further arguments of `matplotlib.pyplot.subplots`.
+
+    Returns
+    -------
+    axes, or array of axes
+        The axes.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import panels
+    >>> print(len(panels(2, height=2.5)), "axes")
+    2 axes
     """
     return plt.subplots(1, columns, figsize=(WIDTH, height), layout="constrained", **kind)[1]
 
@@ -132,9 +162,30 @@ def axis_words(names: Sequence[str], unit: str) -> str:
 
 
 def name_axis(axis: Any, words: str, unit: str, display_units: Mapping[str, str] | None = None) -> None:
-    """Label an axis of matplotlib with its quantity, read as `reading_of` says.
+    """Label an axis of matplotlib with a quantity and its unit.
 
-    The data stay SI, the ticks stand at round numbers of the other unit. Axes that are shared have one scale, and the unit of the first that was named.
+    `reading_of` chooses the unit. The data stay in SI; the ticks stand at round numbers of the chosen unit. Shared
+    axes have one scale, with the unit of the first axis that was labelled.
+
+    Parameters
+    ----------
+    axis
+        `ax.xaxis` or `ax.yaxis`.
+    words
+        Name of the quantity.
+    unit
+        Its SI unit.
+    display_units
+        {SI unit: unit in which values are shown}. By default the unit of the system that was chosen.
+
+    Examples
+    --------
+    >>> import matplotlib.pyplot as plt
+    >>> from toolbox.authoring import name_axis
+    >>> ax = plt.figure().add_subplot()
+    >>> name_axis(ax.yaxis, "bit speed", "rad/s", {"rad/s": "rpm"})
+    >>> print(ax.get_ylabel(), ax.get_ylim())
+    bit speed [rpm] (0.0, 1.0)
     """
     told = getattr(axis.get_major_locator(), "told", None)
     if told is not None and told[0] == unit:
@@ -159,7 +210,24 @@ def name_axis(axis: Any, words: str, unit: str, display_units: Mapping[str, str]
 
 
 def line_styles(count: int) -> list[dict[str, Any]]:
-    """Looks of so many lines that can be told apart."""
+    """Return styles for several lines that can be told apart.
+
+    Parameters
+    ----------
+    count
+        Number of lines.
+
+    Returns
+    -------
+    list of dict
+        Keyword arguments of `matplotlib.axes.Axes.plot`, one dict per line.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import line_styles
+    >>> print(len(line_styles(12)))
+    12
+    """
     if count <= len(LINES):
         return list(LINES[:count])
     shades = plt.get_cmap("viridis")(np.linspace(0.0, 0.85, count))

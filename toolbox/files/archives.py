@@ -20,7 +20,34 @@ Shape = tuple[str, *tuple[int | str, ...]]
 
 
 def arrays(path: Path, what: str) -> dict[str, np.ndarray]:
-    """The arrays in an npz file, by name, each of which agrees with its checksum. Raises SceneError where that is not so; what: that the file must be."""
+    """Read the arrays in an npz file and check their checksums.
+
+    Parameters
+    ----------
+    path
+        The file.
+    what
+        What the file must be, for messages, such as "a body".
+
+    Returns
+    -------
+    dict of {str: array}
+        The arrays by name.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, damaged or no npz file.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from toolbox.authoring import read_arrays
+    >>> np.savez("gains.npz", gains=[420.6, 2684.0])
+    >>> print(read_arrays(Path("gains.npz"), "a set of gains")["gains"])
+    [ 420.6 2684. ]
+    """
     found = {}
     with opened(path) as file, understood(path, what), zipfile.ZipFile(file) as archive:
         most = most_unpacked(path.stat().st_size)

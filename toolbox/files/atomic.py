@@ -23,9 +23,33 @@ from toolbox.files.interrupts import GATE, temporary, undivided
 
 @contextlib.contextmanager
 def replaced(path: Path, durable: bool = False) -> Iterator[IO[bytes]]:
-    """A binary file that takes the place of `path` when the block ends well, and vanishes otherwise. Raises SceneError where it cannot be written.
+    """Write a binary file that replaces `path` if the block ends without an error, and is removed otherwise.
 
-    durable: force it to disk before it takes the place, and the place after.
+    Parameters
+    ----------
+    path
+        The file that is replaced.
+    durable
+        Whether the new file is forced to disk before it replaces the old one, and the directory after it.
+
+    Returns
+    -------
+    context manager of a binary file
+        The new file.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from toolbox.authoring import replaced
+    >>> with replaced(Path("gains.txt")) as file:
+    ...     _ = file.write(b"420.6")
+    >>> print(Path("gains.txt").read_text())
+    420.6
     """
     if not path.name:
         raise SceneError(f"Cannot write `{path}`: it names no file.")

@@ -37,9 +37,32 @@ _EARLY = ("f8", "f4", "i4", "i2", "u2", "u1")
 
 
 def read_mat(path: str | Path) -> dict[str, Any]:
-    """The real numeric matrices in a MAT file, by name: arrays of two or more axes, or scipy's `csc_array` for those that are sparse.
+    """Read the real numeric matrices in a MAT file.
 
-    Raises SceneError for a file that is missing, damaged, of version 7.3, or no MAT file.
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    dict of {str: array or scipy.sparse.csc_array}
+        The matrices by name, with two or more axes. Sparse matrices stay sparse.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, damaged, of version 7.3, or no MAT file.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import scipy.io
+    >>> from toolbox.authoring import read_mat
+    >>> scipy.io.savemat("body.mat", {"mass": np.eye(2)})
+    >>> print(read_mat("body.mat")["mass"])
+    [[1. 0.]
+     [0. 1.]]
     """
     path, what = Path(path), "a MAT file"
     held = content(path)

@@ -47,16 +47,28 @@ def marked(text: str) -> str:
 
 
 def columns(rows: Sequence[Sequence[str]], left: Container[int] = (0,), indent: str = "  ") -> list[str]:
-    """Return the lines of a table of text, two spaces between columns as wide as their longest cells.
+    r"""Return the lines of a text table, with two spaces between columns that are as wide as their longest cells.
 
     Parameters
     ----------
     rows
-        Cells, one sequence per row; a row may end early.
+        Cells, one sequence per row. A row may have fewer cells.
     left
-        Columns that stand at the left of their width; the others stand at the right.
+        Indices of columns that are aligned left. The others are aligned right.
     indent
-        What every line begins with.
+        Beginning of every line.
+
+    Returns
+    -------
+    list of str
+        The lines.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import columns
+    >>> print(*columns([["speed", "60", "rpm"], ["torque", "9.5", "kN m"]], left=(0, 2), indent=""), sep="\n")
+    speed    60  rpm
+    torque  9.5  kN m
     """
     widths = [max(len(row[i]) for row in rows if i < len(row)) for i in range(max(map(len, rows), default=0))]
     aligned = (

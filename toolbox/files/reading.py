@@ -45,10 +45,38 @@ def noted() -> Iterator[set[Path]]:
 
 
 def opened(path: str | Path, most: int = LARGEST, what: str = "file", apart: bool = False) -> BinaryIO:
-    """The regular file at a path, open for reading.
+    """Open a regular file for reading.
 
-    apart: it is no input of a command, but an earlier result of it, or what the toolbox keeps to go on from.
-    Raises SceneError where there is none, it cannot be read, is no regular file (a pipe is not waited for), or is larger than `most` bytes; what: it is.
+    Parameters
+    ----------
+    path
+        The file.
+    most
+        Largest size [byte].
+    what
+        What the file must be, for messages, such as "log".
+    apart
+        Whether the file is an earlier result or a checkpoint rather than an input of a command.
+
+    Returns
+    -------
+    BinaryIO
+        The open file.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, cannot be read, is larger than `most`, or is no regular file. A pipe is refused at
+        once.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from toolbox.authoring import opened
+    >>> _ = Path("gains.txt").write_text("420.6")
+    >>> with opened("gains.txt") as file:
+    ...     print(float(file.read()))
+    420.6
     """
     path = Path(path)
     for found in _NOTING if not apart else ():

@@ -54,27 +54,37 @@ class Table:
 
 
 def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -> Table:
-    """Read the table in a CSV or TOML file; its numbers are in the SI units of the columns.
+    r"""Read the table in a CSV or TOML file, with its numbers in SI.
 
     Parameters
     ----------
     path
         The file.
     columns
-        The columns that it may have.
+        The columns that the table may have.
     others
-        Leave unknown columns out instead of refusing them.
+        Whether unknown columns are left out instead of refused.
 
     Returns
     -------
     Table
-        At least one row.
+        The table, with at least one row.
 
     Raises
     ------
     SceneError
-        If the file cannot be read or is empty, a required column is missing, a column is unknown or there twice, a unit is missing or does not fit, a cell is
-        empty or no finite number, or a row has another length than the headings.
+        If the file cannot be read or is empty, a required column is missing, a column is unknown or occurs twice, a
+        unit is missing or does not fit, a cell is empty or no finite number, or a row has another length than the
+        headings.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from toolbox.authoring import Column, read_table
+    >>> _ = Path("sections.csv").write_text("name,OD [in]\npipe,5\n")
+    >>> for row in read_table("sections.csv", [Column("name", None), Column("OD", "m")]):
+    ...     print(row["name"], f"{row['OD']:.3f} m")
+    pipe 0.127 m
     """
     path = Path(path)
     toml = path.suffix.lower() == ".toml"

@@ -153,7 +153,24 @@ def parse(value: Any, unit: str, name: str = "value", instead: str | None = None
 
 
 def is_finite_number(value: Any) -> bool:
-    """True for a finite real number that is not a bool."""
+    """Return whether a value is a finite real number and no bool.
+
+    Parameters
+    ----------
+    value
+        Any object.
+
+    Returns
+    -------
+    bool
+        True for a finite real number.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import is_finite_number
+    >>> print(sum(map(is_finite_number, [1.5, True, float("nan"), "2"])), "of 4")
+    1 of 4
+    """
     if isinstance(value, (bool, np.bool_, str, bytes)):
         return False
     try:
@@ -163,9 +180,36 @@ def is_finite_number(value: Any) -> bool:
 
 
 def in_si(value: Any, unit: str, name: str, instead: str | None = None) -> Any:
-    """What is given, one value or a row of them, with every text in it as its number in a unit, and numbers of numpy as those of Python.
+    """Return a value, or a row of values, with every text converted to its number in the given SI unit.
 
-    All else is left to whoever checks it.
+    Numbers of numpy become numbers of Python. Everything else is returned as it is and left to other checks.
+
+    Parameters
+    ----------
+    value
+        A number, text with a unit, or a row of them.
+    unit
+        The SI unit.
+    name
+        Name of the value in messages.
+    instead
+        Another unit that a text may have; its numbers are then returned in this unit. By default none.
+
+    Returns
+    -------
+    Any
+        The value in SI.
+
+    Raises
+    ------
+    SceneError
+        If a text is no number with a unit that fits.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import in_si
+    >>> print(in_si(["2 t", 3.5], "kg", "mass"))
+    [2000.0, 3.5]
     """
     if isinstance(value, str):
         return parse(value, unit, name, instead)

@@ -110,6 +110,7 @@ class Lanes:
         held: np.ndarray | None = None,
         *,
         seeds: np.ndarray | None = None,
+        clocks: np.ndarray | None = None,
         most_events: int = 0,
         threads: int = 1,
     ) -> Batch:
@@ -117,10 +118,11 @@ class Lanes:
 
         parameters: values of the closed system, and behind them coefficients of inputs where they vary, in the layout of `Program`, one row per scenario;
         starts: states, shape (n, states);  memories, held: of the sampled laws and the signals they hold at the start, as in
-        `toolbox.sweeps.batch.Task`, None for those of the run;  seeds: of the noise, as there;  most_events: switches per scenario to be kept;
+        `toolbox.sweeps.batch.Task`, None for those of the run;  seeds: of the noise, as there;  clocks: sample times and delays, as there, none
+        shorter, or longer on its way, than those of the run;  most_events: switches per scenario to be kept;
         threads: how many work at once, without the lock of Python. Values are not checked against their bounds. Raises SceneError for arrays of another shape.
         """
-        from toolbox.lanes.samples import clock_numbers, noise_table
+        from toolbox.lanes.samples import noise_table, queue_sizes
 
         n, ne = len(parameters), self.program.kernel.elements
         parameters, starts = np.ascontiguousarray(parameters, float), np.ascontiguousarray(starts, float)
@@ -150,8 +152,15 @@ class Lanes:
             rows, which = np.unique(seeds, axis=0, return_inverse=True)
             courses = np.array([noise_keys(self.program.system.updates, row) for row in rows.tolist()])
         which = which.ravel()
-        noise, keys, first = noise_table(self.work, courses, self.duration), courses[which], float(courses.shape[1]) * which
-        given = Scenarios(parameters, starts, memories, held, keys, first, windows, windows.ravel(), self.layout.asked, self.work.p.copy())
+        own = np.tile(self.work.clocks.ravel(), (n, 1)) if clocks is None else np.ascontiguousarray(clocks, float).reshape(n, -1)
+        noise, keys, first = (
+            noise_table(self.work, courses, own[:, ::2].min(axis=0, initial=np.inf), self.duration),
+            courses[which],
+            float(courses.shape[1]) * which,
+        )
+        given = Scenarios(
+            parameters, starts, memories, held, keys, first, own, windows, windows.ravel(), self.layout.asked, self.work.p.copy()
+        )
 
         def chunk(first: int, last: int) -> None:
             made = self.block
@@ -167,9 +176,8 @@ class Lanes:
             )
             waiting, due = (block[made.rows[name]].view(np.int64) for name in ("waiting", "due"))
             queue = np.zeros((own_work.queue.size, made.width))
-            clocks = clock_numbers(own_work.clocks, own_work.queue, noise)
-            waiting[0] = 1
-            arrays = BlockArrays(self.code, np.array([first, last]), block, waiting, due, self.rows, clocks, noise, queue)
+            waiting[0], sizes = 1, queue_sizes(own_work.queue, noise)
+            arrays = BlockArrays(self.code, np.array([first, last]), block, waiting, due, self.rows, sizes, noise, queue)
             self.loop(arrays, given, found, lane_states(own_work, made.width, self.layout.count), own_work)
 
         if threads == 1:

@@ -14,9 +14,9 @@ GOES_ON, EVENT, ALONE, ROUND_OFF, STOP, SAMPLE = range(6)
  LONGEST_ROW, END_ROW, RTOL_ROW, ACCEPTED_ROW, REFUSED_ROW, FLAG_ROW, LOCATED_ROW, WAITING_ROW) = range(20)  # fmt: skip
 """Rows of a block with one number per lane, as `SCALARS` of `toolbox.lanes.trial_step` names them."""
 X, K, P, M, G, SIDE, ARMED, GUARD_SCALE, SCALE, GROUP_SCALE = range(10)
-NOISE, OTHER_SCALE, EDGES, MEASURED, DOUBT, CALENDAR, SAMPLES, MEMORY, COURSE = range(10, 19)
+NOISE, OTHER_SCALE, EDGES, MEASURED, DOUBT, CALENDAR, SAMPLES, MEMORY, COURSE, CLOCKS = range(10, 20)
 ITEMS = ("x", "k", "p", "m", "g", "side", "armed", "guard_scale", "scale", "group_scale", "noise", "other_scale", "edges", "measured", "doubt",
-         "calendar", "samples", "memory", "course")  # fmt: skip
+         "calendar", "samples", "memory", "course", "clocks")  # fmt: skip
 """Items of a block whose first rows the loop is told, in this order."""
 ENDLESS_FLAG = 9
 """Why a lane waits whose events do not end."""
@@ -36,7 +36,7 @@ class BlockArrays(NamedTuple):
     """The arrays of one block.
 
     code: the addresses `PASS` to `SCALAR`;  span: the first scenario, and the one behind the last;  block: shape (rows, lanes);  waiting, due: its rows of
-    these names as integers;  rows: the first rows of `ITEMS`;  clocks, noise, queue: see `toolbox.lanes.samples`.
+    these names as integers;  rows: the first rows of `ITEMS`;  sizes, noise, queue: see `toolbox.lanes.samples`.
     """
 
     code: np.ndarray
@@ -45,7 +45,7 @@ class BlockArrays(NamedTuple):
     waiting: np.ndarray
     due: np.ndarray
     rows: np.ndarray
-    clocks: np.ndarray
+    sizes: np.ndarray
     noise: np.ndarray
     queue: np.ndarray
 
@@ -54,6 +54,7 @@ class Scenarios(NamedTuple):
     """What is run: one row per scenario, and what all have in common.
 
     parameters, starts;  memories, held: of sampled laws;  keys: of their noise, and `courses`, the first row of it in the table of noise;
+    clocks: (sample time, delay) of every law, one behind the other;
     windows: (begin, end) of each, whose inner edges the steps end on, and `edges`, the same in a row;
     asked: rows (element, mode, begin, end of the window);  rest: parameters of the scalar loop, of which those of a scenario are the first.
     """
@@ -64,6 +65,7 @@ class Scenarios(NamedTuple):
     held: np.ndarray
     keys: np.ndarray
     courses: np.ndarray
+    clocks: np.ndarray
     windows: np.ndarray
     edges: np.ndarray
     asked: np.ndarray
@@ -139,7 +141,7 @@ BLOCK_KINDS = _kinds(
     waiting=("int64", 1),
     due=("int64", 1),
     rows=("int64", 1),
-    clocks=("float64", 1),
+    sizes=("float64", 1),
 )
 SCENARIO_KINDS = _kinds(Scenarios._fields, keys=("uint64", 2), courses=("float64", 1), edges=("float64", 1), rest=("float64", 1))
 RESULT_KINDS = _kinds(

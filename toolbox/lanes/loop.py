@@ -61,6 +61,7 @@ def begin(b, given, w, s, steps):
     copy(w.keys, given.keys[s], given.memories.shape[1])
     for c in range(w.samplers.shape[0]):
         w.samplers[c, work_layout.TAKEN], w.samplers[c, work_layout.APPLIED] = 0, 0
+        w.clocks[c, 0], w.clocks[c, 1] = given.clocks[s, 2 * c], given.clocks[s, 2 * c + 1]
     _fill(w.x, w.x.size, 0.0)
     copy(w.x, given.starts[s], given.starts.shape[1])
     _fill(w.scale, w.scale.size, 0.0)  # what the loop adds to, or may read first; all else it sets
@@ -256,6 +257,8 @@ def _take(b, given, found, lanes, lane, w, s):
     _fill(lanes.since[lane], w.ints[work_layout.NE], 0.0)
     b.block[b.rows[layout.DOUBT], lane] = 0.0
     b.block[b.rows[layout.COURSE], lane] = given.courses[s]
+    for i in range(given.clocks.shape[1]):
+        b.block[b.rows[layout.CLOCKS] + i, lane] = given.clocks[s, i]
     for v in range(views):
         for i in range(2):
             b.block[b.rows[layout.EDGES] + 2 * v + i, lane] = given.windows[v, i] * (1.0 - layout.SLACK)
@@ -318,7 +321,7 @@ def _run(b, given, found, lanes, w):
             return
         call_code(b.code[layout.PASS], b.block)
         while b.due[0] != 0:
-            call_code(b.code[layout.SAMPLING], b.block, b.clocks, b.noise, b.queue)
+            call_code(b.code[layout.SAMPLING], b.block, b.sizes, b.noise, b.queue)
 
 
 run = Compiled(_run, layout.BLOCK_KINDS, layout.SCENARIO_KINDS, layout.RESULT_KINDS, layout.LANE_KINDS, work_layout.KINDS)

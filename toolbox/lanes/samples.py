@@ -24,23 +24,23 @@ from toolbox.lanes.layout import GOES_ON, ROUND_OFF, SAMPLE, STOP
 from toolbox.lanes.trial_step import Pass
 from toolbox.lanes.vectors import Rows, Truth, Value, called, largest, smallest
 
-POINTERS = ("clocks", "noise", "queue")
-"""Arrays that a sample reads beside the block: see `clock_numbers`, `noise_table`, and the outputs of late laws on their way, (law, slot, output, lane)."""
+POINTERS = ("sizes", "noise", "queue")
+"""Arrays that a sample reads beside the block: see `queue_sizes`, `noise_table`, and the outputs of late laws on their way, (law, slot, output, lane)."""
 
 
-def clock_numbers(clocks: np.ndarray, queue: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """(period, delay) of every law, then 1 / depth of the queue, its depth, and the length of a channel in the table of noise."""
+def queue_sizes(queue: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """1 / depth of the queue, its depth, and the length of a channel in the table of noise."""
     depth = queue.shape[1]
-    return np.array([*clocks.ravel(), 1.0 / max(depth, 1), depth, noise.shape[1]], float)
+    return np.array([1.0 / max(depth, 1), depth, noise.shape[1]], float)
 
 
-def noise_table(work: Any, keys: np.ndarray, duration: float) -> np.ndarray:
+def noise_table(work: Any, keys: np.ndarray, periods: np.ndarray, duration: float) -> np.ndarray:
     """The standard normal numbers of all samples of runs with these keys, shape (n, places in the memory of laws), one below the other.
 
-    Its shape is (n places, samples); rows that hold no noise are zero.
+    Its shape is (n places, samples); rows that hold no noise are zero. periods: the shortest sample time of each law.
     """
     counts = [
-        int(duration / period) + 2 if row[work_layout.NOISES] else 0 for row, (period, _) in zip(work.samplers, work.clocks, strict=True)
+        int(duration / period) + 2 if row[work_layout.NOISES] else 0 for row, period in zip(work.samplers, periods.tolist(), strict=True)
     ]
     most = max(counts, default=0)
     table = np.zeros((keys.size if most else 0, most))
@@ -86,9 +86,9 @@ class Sample(Pass):
         self.body.store(where.choose(value, old).name, "%lanes", self.rows[name] + i)
 
     def number(self, place: int) -> Value:
-        """One of `clocks` in every lane."""
+        """One of `sizes` in every lane."""
         body = self.body
-        one = body.value(f"load double, ptr {body.value(f'getelementptr double, ptr %clocks, i64 {place}')}")
+        one = body.value(f"load double, ptr {body.value(f'getelementptr double, ptr %sizes, i64 {place}')}")
         first = body.value(f"insertelement {body.type} poison, double {one}, i64 0")
         return Value(body, body.value(f"shufflevector {body.type} {first}, {body.type} poison, <{body.width} x i32> zeroinitializer"))
 
@@ -115,7 +115,7 @@ class Taken:
 
 
 def sampling(other: Pass, late: tuple[bool, ...]) -> VectorBody:
-    """Write the function (block, clocks, noise, queue) that evaluates the sampled laws and applies held outputs for lanes stopped at a sample.
+    """Write the function (block, sizes, noise, queue) that evaluates the sampled laws and applies held outputs for lanes stopped at a sample.
 
     late: which laws have a delay. Writes the row `due`: bits of the lanes that wait at another instant too near to be stepped to.
     """
@@ -149,13 +149,12 @@ def _samples_taken(made: Sample) -> Taken:
     """Samples and updates of all laws, by the inputs held so far."""
     program, acts, t, p = made.program, made.acts, made.t, made.p
     updates = program.updates
-    laws = len(updates)
-    queue = [made.number(2 * laws + i) for i in range(3)]
+    queue = [made.number(i) for i in range(3)]
     (course,) = made.was["course"]
     found = Taken(list(p), acts & (t < t), acts & (t < t), made.calendar, [], [])
     place, widest = 0, max(outputs.numel() for _, _, outputs in updates)
     for c, ((z, update, outputs), law) in enumerate(zip(updates, program.system.updates, strict=True)):
-        period, delay = made.number(2 * c), made.number(2 * c + 1) if made.late[c] else None
+        period, delay = made.was["clocks"][2 * c], made.was["clocks"][2 * c + 1] if made.late[c] else None
         taken, applied = made.was["samples"][2 * c : 2 * c + 2]
         takes = acts & (made.instant(taken, period) <= t)
         states, first = law.memory.numel(), program.held_slot + law.first_held
@@ -196,7 +195,7 @@ def _samples_taken(made: Sample) -> Taken:
 
 
 def _queue_place(made: Sample, c: int, widest: int, queue: list[Value], count: Value, i: int) -> str:
-    """Where output i of sample `count` of law c waits for its delay, in every lane. queue: see `clock_numbers`."""
+    """Where output i of sample `count` of law c waits for its delay, in every lane. queue: see `queue_sizes`."""
     inverse, depth, _ = queue
     slot = count - depth * Value(made.body, made.body.intrinsic("floor", ((count + 0.5) * inverse).name))
     row = ((slot + float(c) * depth) * float(widest) + float(i)) * float(made.body.width)

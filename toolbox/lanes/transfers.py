@@ -92,6 +92,7 @@ def gather_samples(b, lane, w):
     depth, widest = w.queue.shape[1], w.queue.shape[2]
     for c in range(w.samplers.shape[0]):
         s = w.samplers[c]
+        w.clocks[c, 0], w.clocks[c, 1] = b.block[b.rows[layout.CLOCKS] + 2 * c, lane], b.block[b.rows[layout.CLOCKS] + 2 * c + 1, lane]
         s[work_layout.TAKEN] = np.int64(b.block[b.rows[layout.SAMPLES] + 2 * c, lane])
         s[work_layout.APPLIED] = np.int64(b.block[b.rows[layout.SAMPLES] + 2 * c + 1, lane])
         for q in range(s[work_layout.APPLIED], s[work_layout.TAKEN]):

@@ -50,12 +50,21 @@ class Pass:
         vectors = {"x": n, "k": n, "p": p.numel(), "m": ne, "g": 2 * ng, "side": ng, "armed": ng, "guard_scale": ng, "scale": n,
                    "group_scale": program.group_count, "noise": n, "g_low": 2 * ng, "g_high": 2 * ng, "other_scale": 2 * ne, "dip": 7,
                    "edges": 2 * windows, "measured": 3 * self.count * windows, "doubt": 1,
-                   "calendar": 1, "due": 1, "samples": 2 * len(program.updates), "course": 1,
+                   "calendar": 1, "due": 1, "samples": 2 * len(program.updates), "course": 1, "clocks": 2 * len(program.updates),
                    "memory": sum(z.numel() for z, _, _ in program.updates)}  # fmt: skip
         for name, length in [*((name, 1) for name in SCALARS), *vectors.items()]:
             self.rows[name], self.size = self.size, self.size + length
         self.every: dict[str, int | None] = {**dict.fromkeys(SCALARS), **vectors}
-        seldom = ("measured", "doubt", "calendar", "due", "samples", "memory", "course")  # only of steps inside a window, and samples
+        seldom = (
+            "measured",
+            "doubt",
+            "calendar",
+            "due",
+            "samples",
+            "memory",
+            "course",
+            "clocks",
+        )  # only of steps inside a window, and samples
         self.lengths = {name: length for name, length in self.every.items() if name not in seldom}
         self.body = VectorBody(width)
         self.probes = self.count > 0  # where nothing is measured, a step of the scalar loop costs less than what this adds to every pass

@@ -73,16 +73,30 @@ class EnergyAudit(Printed):
 
 
 def energy_audit(run: Trajectory) -> EnergyAudit:
-    """Integrate every declared loss and supply over a run, and compare them with the stored energy.
+    """Integrate every declared loss and supply of power over a run, and compare them with the stored energy.
 
-    Energies and powers are the expressions that the parts declare beside their flow. A residual above the accuracy of the run therefore shows a model whose
-    physics and equations disagree, or a part that exchanges power without declaring it. The integrals are Gauss-Legendre with 8 points on every step (order
-    16, so that the quadrature adds nothing to the error of the run), with the modes and held signals of that step.
+    Energies and powers are expressions that the parts declare beside their equations. A residual above the accuracy
+    of the run therefore means that physics and equations of a model disagree, or that a part exchanges power without
+    declaring it. The integrals are Gauss-Legendre with 8 points on every step (order 16, so that the quadrature adds
+    nothing to the error of the run), with the modes and held signals of that step.
+
+    Parameters
+    ----------
+    run
+        The run.
 
     Returns
     -------
     EnergyAudit
-        The balance in J; `print` it for the table.
+        The balance [J]. `print` shows the table.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, energy_audit, simulate
+    >>> audit = energy_audit(simulate(compose(BlockOnBelt()), "20 s"))
+    >>> print(abs(audit.residual) < 1e-6)
+    True
     """
     check_run(run)
     if not isinstance(run, Trajectory):

@@ -34,25 +34,41 @@ if TYPE_CHECKING:
 def stick_intervals(
     run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None, *, mode: str = "stick"
 ) -> list[tuple[float, float]]:
-    """Return (begin, end) [s] of every stay in stick, or in another mode, cut to the window.
+    """Return begin and end [s] of every stick phase of a contact in a window.
 
-    Begin and end are located events, not nodes.
+    Begin and end are located events, not recorded samples. Phases that reach over an end of the window are cut there.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     element
-        Name of the contact.
+        Name of the contact, such as "bit".
     after, until
-        Window [s]; by default the whole run.
+        Begin and end of the window [s]. By default the whole run.
     mode
-        The mode that counts, such as "closed" of a wall.
+        The mode whose phases are returned, by default "stick". Another example is "closed" for a wall.
+
+    Returns
+    -------
+    list of (float, float)
+        Begin and end [s] of every phase, in order.
 
     Raises
     ------
     SceneError
         If the element is unknown, or the window lies outside the run.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, measure, simulate
+    >>> run = simulate(compose(BlockOnBelt()), "60 s")
+    >>> for begin, end in measure.stick_intervals(run, "belt", after=20.0, until=50.0):
+    ...     print(f"{begin:.2f} s to {end:.2f} s")
+    21.44 s to 29.14 s
+    33.44 s to 41.14 s
+    45.44 s to 50.00 s
     """
     begin, end = window(run, after, until)
     found: list[tuple[float, float]] = []
@@ -68,9 +84,34 @@ def stick_intervals(
 
 
 def stuck_ratio(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:
-    """Measure the part of the window that an element spends in stick, from 0 to 1.
+    """Measure the fraction of the time for which a contact sticks, from 0 to 1.
 
-    Takes what `stick_intervals` takes, and raises SceneError as it does.
+    Parameters
+    ----------
+    run
+        The run.
+    element
+        Name of the contact, such as "bit".
+    after, until
+        Begin and end of the window [s]. By default the whole run.
+
+    Returns
+    -------
+    float
+        Time in stick divided by the length of the window [1].
+
+    Raises
+    ------
+    SceneError
+        If the element is unknown, or the window lies outside the run.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, measure, simulate
+    >>> run = simulate(compose(BlockOnBelt()), "60 s")
+    >>> print(f"{measure.stuck_ratio(run, 'belt', after=20.0):.3f}")
+    0.642
     """
     begin, end = window(run, after, until)
     return run.time_in(element, "stick", begin, end) / (end - begin)
@@ -91,28 +132,38 @@ class StickSlipPeriod:
 
 
 def cycles(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> list[StickSlipPeriod]:
-    """Find every cycle of stick-slip of an element, from release to release, that lies whole in the window, its ends included.
+    """Return every stick-slip cycle of a contact, from release to release.
 
-    A final stick that nothing ends belongs to no cycle; slip in both directions counts as slip.
+    A cycle is listed if it lies in the window as a whole; its ends may be the ends of the window. A last stick that
+    never ends belongs to no cycle. Slip in either direction counts as slip.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     element
-        Name of the contact.
+        Name of the contact, such as "bit".
     after, until
-        Window [s]; by default the whole run.
+        Begin and end of the window [s]. By default the whole run.
 
     Returns
     -------
     list of StickSlipPeriod
-        Start of each cycle, and how long it slips and sticks [s].
+        Start of each cycle [s], and how long it slips and sticks [s].
 
     Raises
     ------
     SceneError
         If the element is unknown, or the window lies outside the run.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, measure, simulate
+    >>> run = simulate(compose(BlockOnBelt()), "60 s")
+    >>> cycles = measure.cycles(run, "belt")
+    >>> print(f"{len(cycles)} cycles, the last slips for {cycles[-1].slip:.2f} s and sticks for {cycles[-1].stick:.2f} s")
+    4 cycles, the last slips for 4.30 s and sticks for 7.71 s
     """
     begin, end = window(run, after, until)
     return [
@@ -123,23 +174,38 @@ def cycles(run: Recorded, element: str, after: NumberOrText = 0.0, until: Number
 
 
 def extent(run: Recorded, signal: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> Extent:
-    """Measure the extrema and the time mean of a scalar signal, as accurately as the run.
+    """Measure minimum, maximum and time mean of a scalar signal, as accurately as the run.
 
-    The mean is the Gauss-Legendre integral over every step, divided by the length of the window; at a jump both sides count as values.
+    The mean is the Gauss-Legendre integral over every step, divided by the length of the window. At a jump both
+    values count.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     signal
-        Name of a scalar signal.
+        Name of a scalar signal, such as "bit.speed".
     after, until
-        Window [s]; by default the whole run.
+        Begin and end of the window [s]. By default the whole run.
+
+    Returns
+    -------
+    Extent
+        The fields `minimum`, `maximum` and `mean`, in the SI unit of the signal.
 
     Raises
     ------
     SceneError
         If the signal is unknown or a vector, or the window lies outside the run.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, measure, simulate
+    >>> run = simulate(compose(BlockOnBelt()), "60 s")
+    >>> speed = measure.extent(run, "block.speed", after=20.0)
+    >>> print(f"{speed.minimum:.3f} to {speed.maximum:.3f} m/s")
+    -0.840 to 0.200 m/s
     """
     begin, end = window(run, after, until)
     steps = _steps(run, signal, begin, end)
@@ -158,25 +224,38 @@ def extent(run: Recorded, signal: str, after: NumberOrText = 0.0, until: NumberO
 
 
 def mean_square(run: Recorded, signal: str, target: float = 0.0, *, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:
-    """Measure the time mean of (signal - target)^2, in the unit of the signal squared.
+    """Measure the time mean of (signal - target)^2.
 
-    It is the Gauss-Legendre integral over every step; its derivatives are those of `Sensitivity.mean_square`.
+    The mean is the Gauss-Legendre integral over every step. `Sensitivity.mean_square` gives its derivatives.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     signal
-        Name of a scalar signal.
+        Name of a scalar signal, such as "bit.speed".
     target
-        The target, in the unit of the signal.
+        The target, in the SI unit of the signal.
     after, until
-        Window [s]; by default the whole run.
+        Begin and end of the window [s]. By default the whole run.
+
+    Returns
+    -------
+    float
+        The mean square, in the SI unit of the signal squared.
 
     Raises
     ------
     SceneError
         If the signal is unknown or a vector, or the window lies outside the run.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, measure, simulate
+    >>> run = simulate(compose(BlockOnBelt()), "60 s")
+    >>> print(f"{measure.mean_square(run, 'block.speed', target=0.2, after=20.0):.4f} m2/s2")
+    0.1631 m2/s2
     """
     begin, end = window(run, after, until)
     target = number("target", target, run.unit(signal))
@@ -192,38 +271,47 @@ def severity(
     until: NumberOrText | None = None,
     reference: NumberOrText | None = None,
 ) -> float:
-    """Measure the severity of stick-slip [1]: how far a speed swings, as a part of its mean or of a set-point.
+    """Measure the severity of stick-slip [1]: the swing of a speed as a fraction of its mean or of a set-point.
 
-        "half-range"   (max - min) / (2 mean)          1 where the bit just stops; the usual field index, and the default
+        "half-range"   (max - min) / (2 mean)          1 if the bit just comes to rest; the usual index in the field, and the default
         "range"        (max - min) / mean
         "peak"         max / mean - 1                   overspeed alone
-        "reference"    (max - min) / (2 reference)      against the set-point `reference`
+        "reference"    (max - min) / (2 reference)      relative to the set-point `reference`
 
-    Extrema and time mean are those of `extent`: choose `after` beyond the transient, and a window of many periods. The sign of the divisor is ignored. For
-    time instead of speed see `stuck_ratio`.
+    Minimum, maximum and time mean are those of `extent`. Choose `after` beyond the transient, and a window of many
+    periods. The sign of the divisor is ignored. `stuck_ratio` measures the time in stick instead of the speed.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     signal
         Name of a scalar signal, usually a speed.
     after, until
-        Window [s]; by default the whole run.
+        Begin and end of the window [s]. By default the whole run.
     definition
         One of the four definitions above.
     reference
-        The set-point, in the unit of the signal; for "reference" only.
+        The set-point, in the SI unit of the signal or as text with a unit. Only for the definition "reference".
 
     Returns
     -------
     float
-        The severity; inf for a swing about zero, nan for a signal that stays exactly 0.
+        The severity. It is inf for a swing about zero, and nan for a signal that stays exactly 0.
 
     Raises
     ------
     SceneError
-        If the definition or the signal is unknown, or the reference is missing or not needed.
+        If the definition or the signal is unknown, the reference is missing, or a reference is given that is not
+        needed.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose, measure, simulate
+    >>> run = simulate(compose(wells.JANSEN_2, BitRock()), "100 s", inputs={"top.torque": "11 kN m"})
+    >>> print(f"{measure.severity(run, 'bit.speed', after=60.0):.2f}")
+    1.35
     """
     reference = in_si(reference, run.unit(signal), "reference") if isinstance(reference, str) else reference
     check_definition(definition, reference)
@@ -241,34 +329,45 @@ def settling(
     until: NumberOrText | None = None,
     size: NumberOrText | None = None,
 ) -> float:
-    """Measure how long a signal takes to stay within |y - target| <= band * size for the rest of the window.
+    """Measure the time after which a signal stays close to its target for the rest of the window.
 
-    The last crossing is located to round-off in time.
+    "Close" means |signal - target| <= band * size. The last crossing of the band is located to round-off in time.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     signal
-        Name of a scalar signal.
+        Name of a scalar signal, such as "top.speed".
     target
-        The target, in the unit of the signal, or the name of a signal that ends there, such as "top.reference".
+        The target, in the SI unit of the signal or as text with a unit. Or the name of a signal, such as
+        "top.reference": its value at the end of the window is the target.
     band
-        Half-width of the band, as a part of `size`.
+        Half-width of the band, as a fraction of `size`.
     after, until
-        Window [s]; by default the whole run.
+        Begin and end of the window [s]. By default the whole run.
     size
-        The change that counts as 1, in the unit of the signal; by default |target|.
+        The change that counts as 1, in the unit of the signal. By default |target|.
 
     Returns
     -------
     float
-        Seconds from `after` on: 0.0 if the signal never leaves the band, inf if it never comes to stay in it.
+        Seconds from `after` on. 0.0 if the signal never leaves the band, inf if it does not stay in the band.
 
     Raises
     ------
     SceneError
-        If the target is 0 and there is no size, the band is outside (0, 1), or the signal is unknown or a vector.
+        If the target is 0 and no size is given, the band is outside (0, 1), or the signal is unknown or a vector.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, measure, simulate
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque(reference="120 rpm"))
+    >>> run = simulate(loop, "60 s")
+    >>> print(f"{measure.settling(run, 'top.speed', '120 rpm'):.1f} s")
+    25.8 s
     """
     begin, end = window(run, after, until)
     target, size = _aimed(run, signal, target, size, end)
@@ -295,30 +394,38 @@ def settling(
 
 
 def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:
-    """Find the time [s] at which a signal that is above `speed` first falls to it.
+    """Find the time [s] at which a signal first falls to `speed`.
 
     The time is located to round-off.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     signal
-        Name of a scalar signal.
+        Name of a scalar signal, such as "disc.speed".
     speed
-        The value that counts as standing, in the unit of the signal.
+        The value that counts as standstill, in the SI unit of the signal.
     after, until
-        Window [s]; by default the whole run.
+        Begin and end of the window [s]. By default the whole run.
 
     Returns
     -------
     float
-        The time; inf if the signal never falls so far, `after` if it is there already.
+        The time [s]. It is inf if the signal never falls so far, and `after` if it is there already.
 
     Raises
     ------
     SceneError
         If the speed is not finite, the signal is unknown or a vector, or the window lies outside the run.
+
+    Examples
+    --------
+    >>> from models import DiscBrake
+    >>> from toolbox import compose, measure, simulate
+    >>> run = simulate(compose(DiscBrake()), "10 s", start={"disc.speed": 6.0})
+    >>> print(f"{measure.standstill(run, 'disc.speed', speed=0.1):.2f} s")
+    2.37 s
     """
     begin, end = window(run, after, until)
     speed = number("speed", speed, run.unit(signal))
@@ -348,32 +455,43 @@ def overshoot(
     until: NumberOrText | None = None,
     size: NumberOrText | None = None,
 ) -> float:
-    """Measure the largest excursion of a signal beyond its target, as a part of `size`.
+    """Measure the largest excursion of a signal beyond its target, as a fraction of `size`.
 
-    "Beyond" is seen from where the signal is at `after`.
+    "Beyond" is the side opposite to the value of the signal at `after`.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     signal
-        Name of a scalar signal.
+        Name of a scalar signal, such as "top.speed".
     target
-        As in `settling`.
+        The target, in the SI unit of the signal or as text with a unit. Or the name of a signal, such as
+        "top.reference": its value at the end of the window is the target.
     after, until
-        Window [s]; by default the whole run.
+        Begin and end of the window [s]. By default the whole run.
     size
-        The change that counts as 1; by default |target|.
+        The change that counts as 1, in the unit of the signal. By default |target|.
 
     Returns
     -------
     float
-        The overshoot [1]; 0.0 if there is none.
+        The overshoot [1]. 0.0 if the signal does not pass its target.
 
     Raises
     ------
     SceneError
-        If the target is 0 and there is no size, the signal is unknown or a vector, or the window lies outside the run.
+        If the target is 0 and no size is given, the signal is unknown or a vector, or the window lies outside the
+        run.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, measure, simulate
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque(reference="120 rpm"))
+    >>> print(f"{measure.overshoot(simulate(loop, '60 s'), 'bit.speed', '120 rpm'):.2f}")
+    1.27
     """
     begin, end = window(run, after, until)
     target, size = _aimed(run, signal, target, size, end)
@@ -411,23 +529,36 @@ class Contact:
 
 
 def contact(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> Contact:
-    """Measure impacts, closed time, largest force and largest speed of approach of a `UnilateralContact`.
+    """Measure impacts, closed time, largest force and largest approach speed of a contact that can open.
 
-    An impact is a closing, or a bounce of a rigid contact.
+    An impact is a closing of the contact, or a bounce of a rigid contact.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     element
-        Name of the unilateral contact.
+        Name of a `UnilateralContact`.
     after, until
-        Window [s]; by default the whole run.
+        Begin and end of the window [s]. By default the whole run.
+
+    Returns
+    -------
+    Contact
+        Number of impacts, time in contact, largest force and largest approach speed.
 
     Raises
     ------
     SceneError
         If the element is no unilateral contact, or the window lies outside the run.
+
+    Examples
+    --------
+    >>> from models import BacklashDrive
+    >>> from toolbox import compose, measure, simulate
+    >>> run = simulate(compose(BacklashDrive()), "20 s", inputs={"driver.force": 2.0})
+    >>> print(measure.contact(run, "push").impacts)
+    17
     """
     begin, end = window(run, after, until)
     speeds = run.approach(element)

@@ -3,7 +3,7 @@
     loop = closed_loop(rig, SoftTorque(reference="45 rpm"), sample_time="10 ms", inputs={...}, parameters={...}, start={...})
     simulate(loop, "200 s");  onset(loop, "top.reference", ("30 rpm", "130 rpm"));  margins(loop);  print(loop)
 
-A law is designed once, on the declared plant; parameters and perturbations change the plant only, so that robustness is real. A loop never changes: `at`
+A law is designed once, on the nominal plant; parameters and perturbations change the plant only, so that robustness is real. A loop never changes: `at`
 and `closed_loop(loop, ...)` give another one.
 """
 
@@ -103,7 +103,7 @@ class ClosedLoop(Printed):
 
     @cached_property
     def designed(self) -> list[Any]:
-        """The laws as designed on the declared plant, in order."""
+        """The laws as designed on the nominal plant, in order."""
         return designed_laws(self.plant, self.controllers)
 
     def but(self, **changes: Any) -> ClosedLoop:
@@ -372,39 +372,54 @@ def closed_loop(
     reference: NumberOrText | None = None,
     label: str | None = None,
 ) -> ClosedLoop:
-    """Close a loop: a plant with the laws that act on it, and what acts on both.
+    """Join a plant with its controllers, inputs, parameters and start values to a closed loop.
+
+    All functions that simulate or analyse take this loop.
 
     Parameters
     ----------
     plant
-        A plant made by `compose`, or a loop, of which the new one keeps all that is not given anew.
+        A plant made by `compose`. Or a loop: the new loop keeps everything of it that is not given here.
     controller
-        A `Controller`, a callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them. None leaves the plant to its inputs.
+        A `Controller`, a callable (t, y) -> u, `Sampled(controller, period, delay)`, or a sequence of them. By
+        default the plant has no controller and follows its inputs.
     sample_time
-        Sample time of the laws that are not `Sampled` themselves [s]; without it a `Controller` acts continuously.
+        Sample time [s] of controllers that are not `Sampled` themselves. By default a `Controller` acts continuously.
     inputs
-        Inputs {signal, or parameter of the plant that changes in time: value}. A value is a number, a table (times, values), a shape of `toolbox.inputs`, or a
-        casadi expression of `toolbox.time`.
+        {signal, or parameter of the plant that changes in time: value}. A value is a number, text with a unit, a
+        table (times, values), a shape of `toolbox.inputs`, or a casadi expression of `toolbox.time`.
     parameters
-        {parameter of the plant, or number of a law: value}; laws stay as they were designed on the declared plant.
+        {parameter of the plant, or number of a controller: value}. Controllers keep the design that they have on the
+        declared plant.
     start
-        Start values {state, or signal that is a state: value}; all other states start at 0. Or an `equilibrium`, whose states are taken.
+        {state, or signal that is a state: start value}. All other states start at 0. Or an `Equilibrium`, whose
+        states are used.
     element, signal
-        The contact and the speed that verbs judge; by default the only contact and its speed.
+        Names of the contact and of the speed that are judged. By default the only contact and its speed.
     reference
-        The value that the judged speed is to reach; by default the set-point of the law.
+        Value that the judged speed is to reach. By default the set-point of the controller.
     label
-        What tables and pictures call the loop.
+        Name of the loop in tables and figures.
 
     Returns
     -------
     ClosedLoop
-        The loop, which every verb takes; `print` shows it.
+        The loop. `print` shows it.
 
     Raises
     ------
     SceneError
-        If a name is unknown, a number is out of bounds, or a law does not fit the plant.
+        If a name is unknown, a number is out of bounds, or a controller does not fit the plant.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> print(closed_loop(rig, Sampled(SoftTorque(reference="60 rpm"), "10 ms", delay="30 ms")))
+    Closed loop: TorsionalChain, BitRock
+      SoftTorque, sampled every 10 ms with a delay of 30 ms: proportional 420.6 N m s/rad, integral 2684 N m/rad, reference 60 rpm
     """
     base = as_loop(plant, "plant")
     named = {"element": element, "signal": signal, "reference": reference, "label": label}

@@ -180,9 +180,26 @@ def checked(part: Any, opposing: bool = True) -> None:
 
 
 def check_fields(part: Any) -> None:
-    """Check the numbers of a part that stands alone.
+    """Check the numbers of a part before it is composed.
 
-    Raises SceneError unless they are of their kind and within their bounds, and the method `check` of the part accepts them.
+    Parameters
+    ----------
+    part
+        The part.
+
+    Raises
+    ------
+    SceneError
+        If a number is of the wrong kind or out of bounds, or the method `check` of the part refuses it.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox.authoring import check_fields
+    >>> part = BlockOnBelt(mass="2 kg")
+    >>> check_fields(part)
+    >>> print(part.mass)
+    2.0
     """
     structure_of(part)
     bounds_checked(part)

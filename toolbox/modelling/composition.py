@@ -42,7 +42,9 @@ from toolbox.modelling.well_posed import check_gain, check_push, check_rings, ch
 
 
 def compose(*components: Component) -> HybridSystem:
-    """Compose a plant that has exactly these parts, connected by the names of their signals; one that no part gives becomes an input with its default.
+    """Compose a plant of exactly these parts, connected by the names of their signals.
+
+    A signal that no part computes becomes an input with its default value.
 
     Parameters
     ----------
@@ -52,13 +54,21 @@ def compose(*components: Component) -> HybridSystem:
     Returns
     -------
     HybridSystem
-        The plant, for `simulate`, `linearise` and the others.
+        The plant, for `closed_loop`, `simulate`, `linearise` and the other functions.
 
     Raises
     ------
     SceneError
-        If there is no part, a type is wrong, a parameter is out of bounds, two parts have one name, one name has different units, a signal without default is
-        missing, there is an algebraic loop, an equation holds a NaN, or the force of an element does not act on its slip.
+        If no part is given, a type is wrong, a parameter is out of bounds, two parts have one name, one name has
+        different units, a signal without default is missing, there is an algebraic loop, an equation holds a NaN, or
+        the force of a contact does not act on its slip.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> print(compose(wells.JANSEN_2, BitRock(weight="97 kN")))
+    HybridSystem(TorsionalChain, BitRock): 3 states (chain.twist, chain.speed); contacts: bit; inputs: top.torque [N m], bit.weight [N]
     """
     if not components:
         raise SceneError("A plant needs at least one part, but `compose` got none.")

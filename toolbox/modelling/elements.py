@@ -40,18 +40,30 @@ class State(ca.SX):
 
 
 def state(name: str, unit: str, size: int | None = None) -> State:
-    """Declare a state `part.quantity`: a scalar, or a column of `size` entries.
+    """Declare a state `part.quantity` of a part: a scalar, or a column of `size` entries.
 
-    The name of a vector state refers to an array of shape (nt, size) in a result.
+    A result returns an array of shape (nt, size) for the name of a vector state.
 
     Parameters
     ----------
     name
         `part.quantity`, such as "block.speed".
     unit
-        Its unit.
+        SI unit of the state.
     size
-        Number of entries of a vector; None for a scalar.
+        Number of entries of a vector. None for a scalar.
+
+    Returns
+    -------
+    State
+        The state, for the `Equations` of a part.
+
+    Examples
+    --------
+    >>> from toolbox import state
+    >>> speed = state("chain.speed", "rad/s", size=4)
+    >>> print(speed.label, speed.length, speed.unit)
+    chain.speed 4 rad/s
     """
     return State(name, unit, size)
 
@@ -115,27 +127,41 @@ def quantity(
 ) -> Any:
     """Declare a numeric field of a part, in SI: `mass: Quantity = quantity(1.0, "kg", "mass of the block", above=0)`.
 
-    Who makes the part may also give text with a unit, such as "2 t": it is converted when the part is made, and the field reads as a float in SI. The
-    annotations `Quantity`, `OptionalQuantity` (or None), `Quantities` (a tuple) and `OptionalQuantities` say so to a type checker; where no text is typed,
-    `float` and its like do as well.
-    A float, or a tuple of floats, becomes a symbol of the compiled model, so that a new value never recompiles. None means that the quantity is absent, which
-    is structure. The bounds hold for every entry; they are checked on numbers when a plant is composed and when a run overrides them.
+    The user of the part may also give text with a unit, such as "2 t". The text is converted when the part is made,
+    and the field reads as a float in SI. The annotations `Quantity`, `OptionalQuantity` (or None), `Quantities` (a
+    tuple) and `OptionalQuantities` tell this to a type checker. `float` is enough if no text is typed.
+
+    A float, or a tuple of floats, becomes a symbol of the compiled model, so that a new value needs no new
+    compilation. None means that the quantity is absent, which belongs to the structure of the model. The bounds hold
+    for every entry. They are checked for numbers when a plant is composed and when a run overrides them.
 
     Parameters
     ----------
     default
-        The declared value; without it the field must be given.
+        The declared value. Without it the field must be given.
     unit
-        The unit.
+        The SI unit.
     meaning
-        What the number is.
+        The meaning of the number, in words.
     at_least, above, at_most
         Bounds: >=, > and <=.
     typical_range
-        (low, high) in SI: sizes between which every number lies that is neither 0 nor mistaken, `math.inf` for no upper end. Making a part with another one
-        warns once (`UnusualValue`), and names the unit that was perhaps meant. Choose it so wide that no real machine is outside.
+        (low, high) in SI, between which every plausible value lies, apart from 0; `math.inf` for no upper end. A part
+        with a value outside warns once (`UnusualValue`), and names the unit that was perhaps meant. Choose the range
+        so wide that no real machine is outside.
     source
-        Who published the declared value; empty for a value that is chosen.
+        Publication of the declared value. Empty for a value that is chosen.
+
+    Returns
+    -------
+    Any
+        The field, for the body of a class that is a `Component`, a `Controller` or a `FrictionLaw`.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> print(BlockOnBelt(mass="2 t").mass, "kg")
+    2000.0 kg
     """
     metadata = {
         "unit": unit,

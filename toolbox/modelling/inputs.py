@@ -146,34 +146,118 @@ _FORMULAS: dict[str, Callable[[ca.SX, ca.SX], ca.SX]] = {
 
 @_typed
 def step(before: float, after: float, at: float) -> Table:
-    """A jump from `before` to `after` at the time `at` [s]."""
+    """Return an input that jumps from `before` to `after` at the time `at`.
+
+    Parameters
+    ----------
+    before, after
+        Values before and after the jump, in the SI unit of the input.
+    at
+        Time of the jump [s].
+
+    Returns
+    -------
+    Table
+        The input, for `inputs=` of `simulate` or `closed_loop`.
+
+    Examples
+    --------
+    >>> from models import Block
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.inputs import step
+    >>> run = simulate(compose(Block(damping=1.0)), "20 s", inputs={"block.force": step(0.0, 2.0, at=5.0)})
+    >>> print(f"{run.at(5.0)['block.position']:.2f} m, then {run.at(20.0)['block.position']:.2f} m")
+    0.00 m, then 2.00 m
+    """
     return Table.of("step", (at, at), (before, after))
 
 
 @_typed
 def ramp(start: float, end: float, begin: float, finish: float) -> Table:
-    """A ramp from `start` at the time `begin` to `end` at the time `finish` [s], constant outside."""
+    """Return an input that rises linearly from `start` to `end` and is constant before and after.
+
+    Parameters
+    ----------
+    start, end
+        Values before and after the ramp, in the SI unit of the input.
+    begin, finish
+        Times at which the ramp begins and ends [s].
+
+    Returns
+    -------
+    Table
+        The input, for `inputs=` of `simulate` or `closed_loop`.
+
+    Examples
+    --------
+    >>> from models import Block
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.inputs import ramp
+    >>> run = simulate(compose(Block()), "10 s", inputs={"block.force": ramp(0.0, 4.0, begin=2.0, finish=10.0)})
+    >>> print(f"{run.at(6.0)['block.force']:.2f} N")
+    2.00 N
+    """
     return Table.of("ramp", (begin, finish), (start, end))
 
 
 @_typed
 def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) -> Shape:
-    """A sine: mean + amplitude sin(2 pi frequency t + phase), with the frequency in Hz and the phase in rad."""
+    """Return a sine: mean + amplitude sin(2 pi frequency t + phase).
+
+    Parameters
+    ----------
+    mean, amplitude
+        Mean and amplitude, in the SI unit of the input.
+    frequency
+        Frequency [Hz].
+    phase
+        Phase at the time 0 [rad].
+
+    Returns
+    -------
+    Shape
+        The input, for `inputs=` of `simulate` or `closed_loop`.
+
+    Examples
+    --------
+    >>> from models import Block
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.inputs import sine
+    >>> run = simulate(compose(Block()), "10 s", inputs={"block.force": sine(1.0, 0.5, frequency=0.1)})
+    >>> print(f"{run.at(2.5)['block.force']:.2f} N")
+    1.50 N
+    """
     return Shape("sine", _checked("sine", mean, amplitude, frequency, phase))
 
 
 @_typed
 def sweep(mean: float, amplitude: float, start: float, end: float, duration: float) -> Shape:
-    """A swept sine around `mean`, whose frequency grows linearly, and goes on growing.
+    """Return a swept sine around `mean`, whose frequency grows linearly in time.
+
+    The frequency goes on growing after `duration`.
 
     Parameters
     ----------
     mean, amplitude
-        Mean and amplitude, in the unit of the input.
+        Mean and amplitude, in the SI unit of the input.
     start, end
-        Frequency at time 0 and after `duration` [Hz].
+        Frequency at the time 0 and at the time `duration` [Hz].
     duration
-        Time from the one to the other [s].
+        Time in which the frequency grows from `start` to `end` [s].
+
+    Returns
+    -------
+    Shape
+        The input, for `inputs=` of `simulate` or `closed_loop`.
+
+    Examples
+    --------
+    >>> from models import Block
+    >>> from toolbox import compose, inputs, measure, simulate
+    >>> chirp = inputs.sweep(0.0, 0.1, start=0.05, end=0.25, duration=200.0)
+    >>> run = simulate(compose(Block(damping=0.1)), "200 s", inputs={"block.force": chirp})
+    >>> print(f"{measure.extent(run, 'block.position').maximum:.2f} m at resonance")
+    0.78 m at resonance
     """
     number("duration", duration, "s", above=0)
     return Shape("sweep", _checked("sweep", mean, amplitude, start, end, duration))
@@ -181,20 +265,38 @@ def sweep(mean: float, amplitude: float, start: float, end: float, duration: flo
 
 @_typed
 def noise(mean: float, deviation: float, corner: float, seed: float = 0) -> Shape:
-    """Coloured noise: that of a first-order filter with this corner frequency, without what it leaves above five times of that, as a smooth sum of sines.
+    """Return coloured noise with the spectrum of a first-order low-pass filter, as a smooth sum of sines.
 
-        mean + deviation sqrt(2 / n) sum over k of sin(2 pi f_k t + phase_k),   n = 24,   f_k somewhere in the k-th of n bands of equal power
+    The spectrum is cut at five times the corner frequency.
+
+        mean + deviation sqrt(2 / n) sum over k of sin(2 pi f_k t + phase_k),   n = 24,   f_k drawn in the k-th of n bands of equal power
 
     Source: the sum of S. O. Rice, Bell System Tech. J. 23 (1944) 282-332.
 
     Parameters
     ----------
     mean, deviation
-        Mean and standard deviation (at least 0), in the unit of the input. No value is further from the mean than 7 deviations.
+        Mean and standard deviation (at least 0), in the SI unit of the input. No value is further from the mean than
+        7 standard deviations.
     corner
-        Frequency [Hz], > 0, from which on the spectrum falls; 57 % of the power lies below it, and none above five times of it.
+        Corner frequency [Hz], > 0. 57 % of the power lies below the corner frequency, and none above five times the
+        corner frequency.
     seed
-        Whole number from 0 to a million; another one gives another realisation.
+        Whole number from 0 to a million. Another seed gives another realisation.
+
+    Returns
+    -------
+    Shape
+        The input, for `inputs=` of `simulate` or `closed_loop`.
+
+    Examples
+    --------
+    >>> from models import Block
+    >>> from toolbox import compose, measure, simulate
+    >>> from toolbox.inputs import noise
+    >>> run = simulate(compose(Block()), "500 s", inputs={"block.force": noise(2.0, 0.3, corner=0.5)})
+    >>> print(f"{measure.mean_square(run, 'block.force', target=2.0) ** 0.5:.2f} N")
+    0.30 N
     """
     number("corner", corner, "Hz", above=0)
     whole("seed", int(seed) if seed == round(seed) else seed, 0, 10**6)
@@ -207,9 +309,30 @@ def noise(mean: float, deviation: float, corner: float, seed: float = 0) -> Shap
 
 @_typed
 def square(mean: float, amplitude: float, frequency: float, until: float) -> Table:
-    """A square wave: mean + amplitude in the first half of every period and mean - amplitude in the second.
+    """Return a square wave: mean + amplitude in the first half of every period, mean - amplitude in the second half.
 
-    The frequency is in Hz; the input is constant after the time `until` [s].
+    Parameters
+    ----------
+    mean, amplitude
+        Mean and amplitude, in the SI unit of the input.
+    frequency
+        Frequency [Hz].
+    until
+        Time after which the input is constant [s].
+
+    Returns
+    -------
+    Table
+        The input, for `inputs=` of `simulate` or `closed_loop`.
+
+    Examples
+    --------
+    >>> from models import Block
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.inputs import square
+    >>> run = simulate(compose(Block()), "10 s", inputs={"block.force": square(1.0, 0.5, frequency=0.2, until=10.0)})
+    >>> print(f"{run.at(1.0)['block.force']:.1f} N, {run.at(4.0)['block.force']:.1f} N")
+    1.5 N, 0.5 N
     """
     half = _half_periods("square", mean, amplitude, frequency, until)
     times = np.repeat(half, 2)[1:-1]
@@ -219,9 +342,30 @@ def square(mean: float, amplitude: float, frequency: float, until: float) -> Tab
 
 @_typed
 def triangle(mean: float, amplitude: float, frequency: float, until: float) -> Table:
-    """A triangle wave: in every period from mean up to mean + amplitude, down to mean - amplitude and back.
+    """Return a triangle wave: in every period from the mean up to mean + amplitude, down to mean - amplitude and back.
 
-    The frequency is in Hz; the input is constant after the time `until` [s].
+    Parameters
+    ----------
+    mean, amplitude
+        Mean and amplitude, in the SI unit of the input.
+    frequency
+        Frequency [Hz].
+    until
+        Time after which the input is constant [s].
+
+    Returns
+    -------
+    Table
+        The input, for `inputs=` of `simulate` or `closed_loop`.
+
+    Examples
+    --------
+    >>> from models import Block
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.inputs import triangle
+    >>> run = simulate(compose(Block()), "10 s", inputs={"block.force": triangle(1.0, 0.5, frequency=0.2, until=10.0)})
+    >>> print(f"{run.at(1.25)['block.force']:.2f} N")
+    1.50 N
     """
     half = _half_periods("triangle", mean, amplitude, frequency, until)
     peaks = 0.5 * (half[1:] + half[:-1])

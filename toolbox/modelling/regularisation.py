@@ -60,24 +60,40 @@ class SmoothSystem(HybridSystem):
 
 
 def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched: bool = True) -> SmoothSystem:
-    """Return the plant with regularised friction of the given width, for `simulate`, `linearise` or, through `to_casadi`, any other integrator.
+    """Return a plant whose dry friction is regularised with a given width.
 
-    Switches of elastic contacts and of laws with breaks stay. The parameters `<element>.smoothing_width` and `<element>.smoothing_peak` of the result hold
-    the width w and the peak b.
+    The result can be simulated and linearised, and its `to_casadi` can be given to any other integrator. Switches of
+    elastic contacts and of controllers with breaks remain. The parameters `<element>.smoothing_width` and
+    `<element>.smoothing_peak` of the result hold the width w and the peak b.
 
     Parameters
     ----------
     plant
         The plant.
     width
-        Width for all contacts and relays [unit of their slip], or {element: width}, which leaves the others set-valued.
+        Width for all contacts and relays [unit of their slip]. Or {element: width}: elements that are left out stay
+        set-valued.
     matched
-        Whether the peak of the regularised law is the static bound.
+        Whether the peak of the regularised friction is the static bound.
+
+    Returns
+    -------
+    SmoothSystem
+        The plant with regularised friction.
 
     Raises
     ------
     SceneError
         If a width is not > 0, or the plant has a rigid unilateral contact.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, measure, simulate
+    >>> from toolbox.modelling import smoothed
+    >>> run = simulate(smoothed(compose(BlockOnBelt()), width=1e-3), "40 s")
+    >>> print(f"{measure.extent(run, 'block.position', after='20 s').maximum:.3f} m")
+    1.129 m
     """
     if isinstance(checked_plant(plant), SmoothSystem):
         raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
@@ -176,7 +192,24 @@ def regularised(width: float, matched: bool = True) -> Regularisation:
     width
         Slip speed within which the force rises [unit of the slip].
     matched
-        Whether its peak is that of the set-valued law; else the lower one that tanh leaves.
+        Whether the peak of the smooth friction is the static bound. Otherwise the peak is the lower value that tanh
+        gives.
+
+    Returns
+    -------
+    Regularisation
+        The description.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.authoring import Rollout, regularised
+    >>> rollout = Rollout(compose(wells.JANSEN_2, BitRock()), ["top.torque"], 0.1, 20, regularised(0.1))
+    >>> states, _ = rollout.states(np.array([15.0, 10.0, 10.0]), np.full((5, 1), 12e3))
+    >>> print(states[-1].round(2))
+    [15.34 10.13  8.83]
     """
 
     def force(element: Element) -> ca.SX:

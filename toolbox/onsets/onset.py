@@ -65,47 +65,64 @@ def onset(
 ) -> Onset:
     """Find where smooth running, stick-slip and standstill begin and end over one parameter or input.
 
-    Use it to learn from which set-point on, or up to which weight on bit, a machine runs smoothly, and how far its working point is from that border. The
-    Hopf points of steady running and the margin at the working point come with the borders.
+    Use it to find the lowest set-point, or the highest weight on bit, at which a machine runs smoothly, and the
+    margin of the operating point to this border. The result also holds the Hopf points of smooth running.
 
-    Every law has these borders, in any form: smooth running is lost where a small disturbance of the loop as it runs begins to grow. Stick-slip means that the
-    same stick comes back, however long that takes; standstill is a stick that never ends (`toolbox.measuring.judge`). Neither the range asked for nor one
-    start decides: stick-slip is looked for beyond both edges, too, and its limit cycle is followed to where it stops being stable. A sampled law has no such
-    cycle: there, and where no cycle is found, the borders are those of runs that are led from inside stick-slip in small steps. A law keeps its design on the
-    declared plant while a parameter of the plant varies.
+    The borders exist for every kind of controller. Smooth running is lost where a small disturbance of the running
+    loop begins to grow. Stick-slip means that the same stick returns, however long that takes. Standstill is a stick
+    that never ends (`toolbox.measuring.judge`). The result depends neither on the range nor on one start: stick-slip
+    is also searched beyond both ends of the range, and its limit cycle is followed to the value at which it is no
+    longer stable. A loop with a sampled controller has no such cycle. For it, and if no cycle is found, the borders
+    come from runs that begin inside stick-slip and follow the parameter in small steps. A controller keeps its design
+    on the nominal plant while a parameter of the plant varies.
 
     Parameters
     ----------
     loop
-        A loop with constant inputs, or a plant. Its own value of the parameter is the working point.
+        A loop with constant inputs, or a plant. Its own value of the parameter is the operating point.
     parameter
-        What is varied: any input, or any parameter of the plant or of the law.
+        Name of an input, or of a parameter of the plant or of a controller.
     bounds
-        Range (low, high) of the parameter, in SI or text with units. Typed as ("20 rpm", "120 rpm"), report and figure answer in rpm.
+        Range (low, high) of the parameter, in SI or text with units. If it is given as ("20 rpm", "120 rpm"), report
+        and figure are in rpm.
     mode
-        Modes of the steady state, as in `equilibrium`.
+        {contact or relay: mode} of the steady state. By default contacts slide in the direction in which they slide
+        at the start.
     guess
-        Values {state: value} near the steady state at the working point. It is needed where none is found without it, as under a drive with limits.
+        {state: value} near the steady state at the operating point. It is needed if no steady state is found without
+        it, for example under a drive with limits.
     values
         Number of values at which both branches are simulated.
     tolerance
-        Tolerance of borders by runs in the unit of the parameter; by default a part in 5000 of the range.
+        Tolerance of borders that come from runs, in the unit of the parameter. By default 1/5000 of the range.
     duration
-        Longest time for which a run is carried on until its regime is decided [s]; by default 2000 periods of the least damped motion.
+        Longest time for which a run is continued until its regime is decided [s]. By default 2000 periods of the
+        least damped motion.
     perturbation
-        Disturbance of smooth running, as a part of the steady slip.
+        Disturbance of smooth running, as a fraction of the steady slip.
     accuracy
-        Accuracy of the runs, as in `simulate`.
+        Target for the global error of the runs. By default the accuracy of the scene, else 1e-6.
 
     Returns
     -------
     Onset
-        The borders `loss`, `end`, `stall` and the others, with the Hopf points and margins; `print` and `plot` it.
+        The borders `loss`, `end`, `stall` and the others, with Hopf points and margins. `print` and `plot` show them.
 
     Raises
     ------
     SceneError
-        If a name is unknown, the range is none, an input or a law varies in time, or there is no smooth running in the range.
+        If a name is unknown, the range is empty, an input or a controller varies in time, or there is no smooth
+        running in the range.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, onset
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> found = onset(loop, "top.reference", ("20 rpm", "120 rpm"), values=5)
+    >>> print(f"smooth running is lost at {found.loss:.2f} rad/s, stick-slip ends at {found.end:.1f} rad/s")
+    smooth running is lost at 3.67 rad/s, stick-slip ends at 8.3 rad/s
     """
     inputs, continuous = loop.constant_inputs("an onset to exist"), _continuous_form(loop)
     check_autonomous(loop, "an onset to exist")

@@ -283,30 +283,39 @@ def severity_map(
     executor: concurrent.futures.Executor | None = None,
     checkpoint: str | Path | None = None,
 ) -> SeverityMap:
-    """Map the severity of stick-slip over two inputs or parameters, from smooth running and from inside stick-slip.
+    """Map the severity of stick-slip over two inputs or parameters, from smooth running and from stick-slip.
 
-    The map shows both branches of the machine, the border at which smooth running is lost and the one at which stick-slip ends. They rest on the same things
-    as `onset`, for every law: on how a small disturbance of the loop as it runs grows (`toolbox.onsets.growth`), and on runs that are carried on until what
-    comes back decides them (`toolbox.measuring.judge`).
+    The map shows both branches of the machine, the border at which smooth running is lost, and the border at which
+    stick-slip ends. As in `onset`, the borders rest on the growth of a small disturbance of the running loop
+    (`toolbox.onsets.growth`) and on runs that are continued until their regime is decided
+    (`toolbox.measuring.judge`). This holds for every kind of controller.
 
     Parameters
     ----------
     loop
-        A loop with constant inputs, or a plant. A law may act continuously or be sampled, in machine code or in Python.
+        A loop with constant inputs, or a plant. A controller may be continuous or sampled, in machine code or in
+        Python.
     ranges
-        The two ranges {name: (low, high)}, in SI or text with units; the first name gives the rows of all arrays.
+        {name: (low, high)} of exactly two numbers, in SI or text with units. The first name gives the rows of all
+        arrays.
     shape
         Number of points of the grid along both axes.
     duration
-        Longest time for which a run is carried on until its regime is decided [s]; by default 2000 periods of the least damped motion.
-    mode, guess
-        Modes of the steady state in the middle of the map and values near it, as in `onset`.
+        Longest time for which a run is continued until its regime is decided [s]. By default 2000 periods of the
+        least damped motion.
+    mode
+        {contact or relay: mode} of the steady state in the middle of the map. By default contacts slide in the
+        direction in which they slide at the start.
+    guess
+        {state: value} near the steady state in the middle of the map.
     halvings
         How often an edge of the grid across a border is halved, from 0 to 20.
     executor
-        As in `sweep`; it does the runs from the points of the grid.
+        Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`). It does the runs
+        from the points of the grid. By default one thread per core.
     checkpoint
-        A folder for the map (`map.npz`) and for what each run came to (`runs.jsonl`), with which a map that was interrupted goes on where it was.
+        Folder for the map (`map.npz`) and the outcome of each run (`runs.jsonl`). A map that was interrupted
+        continues from this folder.
 
     Returns
     -------
@@ -316,7 +325,20 @@ def severity_map(
     Raises
     ------
     SceneError
-        If a name is unknown, a range is none, or there is no steady running in the middle of the map.
+        If a name is unknown, a range is empty, or there is no smooth running in the middle of the map.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, severity_map
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> ranges = {"top.reference": ("40 rpm", "120 rpm"), "bit.weight": ("60 kN", "100 kN")}
+    >>> found = severity_map(loop, ranges, shape=(3, 3), halvings=0)
+    >>> print(found.sticking.severity.round(2))
+    [[1.39 1.63 1.83]
+     [0.   0.   1.21]
+     [0.   0.   0.  ]]
     """
     if not isinstance(shape, Sequence) or len(shape) != 2:
         raise SceneError(f"Argument `shape` must be two integers >= 2, but it is {shape!r}.")

@@ -21,16 +21,19 @@ from toolbox.steady_states.steady_loop import smooth_points
 
 
 def cycle_phases(run: Trajectory, count: int = 8) -> list[dict[str, Any]]:
-    """Return states of the plant and the commands that act, at equal parts of the last whole stick-slip cycle of a run, as starts of other runs.
+    """Return states and commands at equally spaced phases of the last stick-slip cycle of a run, as starts of other
+    runs.
 
-    A sampled controller that starts from them takes over without a jump of its command. `TakenOver` does the same on the plant that is judged.
+    A sampled controller that starts from them takes over without a jump of its command. `TakenOver` does the same on
+    the plant that is judged.
 
     Parameters
     ----------
     run
-        A run that sticks and slips to its end, such as that of a stiff drive; its loop says which contact is judged.
+        A run that sticks and slips to its end, such as the run of a stiff drive. Its loop gives the contact that is
+        judged.
     count
-        Number of phases, the first of which is the release.
+        Number of phases. The first is the release.
 
     Returns
     -------
@@ -40,7 +43,18 @@ def cycle_phases(run: Trajectory, count: int = 8) -> list[dict[str, Any]]:
     Raises
     ------
     SceneError
-        If the run has less than two releases, or the count is below 1.
+        If the run has fewer than two releases, or the count is below 1.
+
+    Examples
+    --------
+    >>> from controllers import StiffPI
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, simulate
+    >>> from toolbox.robustness import cycle_phases
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), StiffPI(reference="60 rpm"), sample_time="10 ms")
+    >>> starts = cycle_phases(simulate(loop, "100 s"), count=4)
+    >>> print([round(start["top.torque"]) for start in starts], "N m")
+    [14391, 13530, 6864, 9676] N m
     """
     whole("count", count, 1)
     contact = judged_contact(run.run.loop)

@@ -52,27 +52,27 @@ def follow(
     start_towards: NumberOrText | None = None,
     stop_at_bifurcation: bool = False,
 ) -> Branch:
-    """Follow the branch of limit cycles through `cycle` while a parameter changes, by pseudo-arclength continuation.
+    """Follow a branch of limit cycles while a parameter changes, by pseudo-arclength continuation.
 
-    Use it to find where stick-slip is born and where it dies: folds, period doublings and grazings are located on the way. The parameter is one of the plant
-    or of a law, a constant input, or a number of a sine. The frequency of a sine takes the period with it; a frequency that is written into a part does not.
-    The branch ends at the first end of `span` that it reaches, after `points` cycles, at a Hopf point, or where no further cycle is found; `ended` of the
-    result says which.
+    Use it to find the values of the parameter between which stick-slip exists. Folds, period doublings and grazings
+    are located on the way. If the parameter is the frequency of a sine, the period follows it; a frequency that is
+    written into a part does not change the period. The branch ends at the first end of `bounds` that it reaches,
+    after `points` cycles, at a Hopf point, or if no further cycle is found. `stop_reason` of the result gives the reason.
 
     Parameters
     ----------
     cycle
         A cycle of the branch, as `limit_cycle` returns it.
     parameter
-        Name of what changes.
+        Name of a parameter of the plant or of a controller, of a constant input, or of a number of a sine.
     bounds
         Range (low, high) of the parameter.
     points
         Largest number of cycles.
     step
-        Largest step of the arclength, in parts of the span and of the size of the states.
+        Largest step of the arclength, as a fraction of the range and of the size of the states.
     start_towards
-        The end of the span to start towards; by default the farther one.
+        The end of the range to start towards. By default the farther one.
     stop_at_bifurcation
         Whether to end at the first bifurcation.
 
@@ -85,6 +85,15 @@ def follow(
     ------
     SceneError
         If an argument is wrong.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, follow, limit_cycle
+    >>> cycle = limit_cycle(compose(BlockOnBelt()), settle="60 s")
+    >>> branch = follow(cycle, "block.belt_speed", (0.1, 0.4), points=20)
+    >>> print(len(branch.cycles) > 2, branch.ended)
+    True all 20 points asked for
     """
     if not isinstance(cycle, Cycle):
         raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")

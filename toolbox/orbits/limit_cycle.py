@@ -52,20 +52,23 @@ def limit_cycle(
     accuracy: float = 1e-11,
     **former: Any,
 ) -> Cycle:
-    """Find the periodic motion near the end of a run, attracting or not, to 1e-10 of its size.
+    """Find the periodic motion near the end of a run, stable or unstable, to 1e-10 of its size.
 
     Parameters
     ----------
     loop
-        A loop or a plant, which is first simulated for `settle` seconds; or a trajectory that has settled, such as `scene.run(label)`.
+        A loop or a plant, which is first simulated for `settle` seconds. Or a run that has settled, such as
+        `scene.run(label)`.
     settle
         Length of the first run of a loop [s].
     period
-        Of a driven machine, the period of its forcing or a multiple of it [s]; by default that of its sines. Of a free machine, a guess, which together with
-        a start of the loop needs no settling and finds unstable cycles as well; by default the time after which the run comes round. With a sampled law,
-        the period of the reference or load that alternates, a whole multiple of the sample time.
+        For a machine with periodic inputs, the period of its forcing or a multiple of it [s]; by default the period
+        of its sines. For a machine without periodic inputs, a guess of the period. With this guess and a start of the
+        loop no settling is needed, and unstable cycles are found, too; by default the period is the time after which
+        the run returns to its state. With a sampled controller, the period of the alternating reference or load, a
+        whole multiple of the sample time.
     accuracy
-        Accuracy of the runs inside.
+        Accuracy of the runs inside the search.
 
     Returns
     -------
@@ -80,6 +83,14 @@ def limit_cycle(
         If the cycle touches a switching surface.
     SceneError
         If an argument is wrong.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, limit_cycle
+    >>> cycle = limit_cycle(compose(BlockOnBelt()), settle="60 s")
+    >>> print(f"{cycle.period:.4f} s, stable: {cycle.stable}")
+    12.0010 s, stable: True
     """
     refuse_former("limit_cycle", loop, former)
     settle = None if settle is None else number("settle", settle, "s", above=0)

@@ -193,31 +193,43 @@ class Sensitivity:
 
 @sign_of_life("sensitivity is at work")
 def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
-    """Differentiate a run with respect to the names in `to`, through every stick, slip, impact and switch.
+    """Differentiate a run with respect to parameters, inputs or start values, through every stick, slip, impact and
+    switch.
 
-    The derivatives are exact: variational equations with a saltation matrix at every event, not differences of runs.
+    The derivatives are exact: they come from variational equations with a saltation matrix at every event, not from
+    differences of runs.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     to
-        Numbers of the loop: parameters of the plant or of a controller, continuous or sampled (`block.mass`, `chain.stiffness.0`, `pi.proportional`); constant
-        inputs (`top.torque`, `top.reference`); numbers of a sine or a swept sine (`block.load.amplitude`); start values of states and of what a sampled law
-        remembers (`chain.speed.1`, `pi.angle`, or `bit.speed`, a signal that is a state).
+        Names of numbers of the loop. Parameters of the plant or of a controller, continuous or sampled (`block.mass`,
+        `chain.stiffness.0`, `pi.proportional`). Constant inputs (`top.torque`, `top.reference`). Numbers of a sine or
+        of a swept sine (`block.load.amplitude`). Start values of states and of the memory of a sampled controller
+        (`chain.speed.1`, `pi.angle`, or `bit.speed`, a signal that is a state).
 
     Returns
     -------
     Sensitivity
-        Derivatives of signals, event times and measures.
+        Derivatives of signals, event times and metrics.
 
     Raises
     ------
     SceneError
-        If a name is unknown, or is a sample time, a number of a table, or one that only the design of a law knows or an input overrides; or if a law is
-        written in Python or a measurement has encoder steps.
+        If a name is unknown, is a sample time or a number of a table, is used by the design of a controller only, or
+        is overridden by an input. Also if a controller is written in Python or a measurement has encoder steps.
     GrazingError
         If the run has no derivative.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, sensitivity, simulate
+    >>> run = simulate(compose(BlockOnBelt()), "20 s")
+    >>> slopes = sensitivity(run, "block.mass")
+    >>> print(f"{slopes.mean_square('block.speed', after=5.0).item():.4f}")
+    -0.2266
     """
     if not isinstance(run, Trajectory):
         raise SceneError(f"Argument `run` must be a trajectory made by `simulate`, but it is {run!r}.")

@@ -374,29 +374,41 @@ def _newest(known: dict[str, object], page: str) -> object:
 
 
 def explore(loop: ClosedLoop | HybridSystem | Scene, duration: NumberOrText | None = None, *, port: int | None = None) -> Page:
-    """Serve a page on which the numbers of a loop are turned; a notebook shows it in a frame, `print` tells its address.
+    """Serve a web page on which the numbers of a loop can be changed while it is simulated.
 
-    The page shows traces, phase plane, spectrum, poles, the verdict with its reason, and the working point on a map of two numbers with both borders of
-    stick-slip. It is served to this computer alone, from a thread that ends with the process, or with `page.close()`.
+    The page shows traces, phase plane, spectrum, poles, the verdict with its reason, and the operating point on a map
+    of two numbers with both borders of stick-slip. A notebook shows the page in a frame, and `print` gives its
+    address. The page is served to this computer only, from a thread that ends with the process or with
+    `page.close()`.
 
     Parameters
     ----------
     loop
-        A closed loop, a plant, or a scene, whose laws are to choose from.
+        A closed loop, a plant, or a scene, whose controllers can be chosen on the page.
     duration
-        Length of the runs [s], or text with a unit; of a loop out of a scene, that of the scene by default.
+        Length of the runs [s], or text with a unit. By default the duration of the scene, for a loop from a scene.
     port
-        The port to try first; by default 8790. Where it is taken, one that is free.
+        The port that is tried first, by default 8790. If it is taken, a free port is used.
 
     Returns
     -------
     Page
-        The page; `.address` is what a browser opens.
+        The page. A browser opens `.address`.
 
     Raises
     ------
     SceneError
-        If nothing can stick and no signal is named, or there is no duration.
+        If the plant has no contact that can stick and no signal is named, or if there is no duration.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose
+    >>> from toolbox.page import explore
+    >>> page = explore(compose(BlockOnBelt()), "60 s")
+    >>> print(page.address.startswith("http://127.0.0.1:"))
+    True
+    >>> page.close()
     """
     if isinstance(loop, Scene):
         page = page_of(loop if duration is None else lasting(loop, duration), None, None, PORT if port is None else port)

@@ -196,9 +196,34 @@ def _lost(w, j):
 
 
 def advance_interval(w, p, j):
-    """Move over interval j with the numbers p.
+    """Advance a predicted motion over one interval, inside a loop that `Compiled` makes.
 
-    Returns whether it can be done; where the states overflow, or it takes too many steps, what follows is nan.
+    Parameters
+    ----------
+    w
+        The motion, as `Rollout.motion` makes it.
+    p
+        Numbers of the plant and factors of the loads, an array.
+    j
+        Index of the interval.
+
+    Returns
+    -------
+    bool
+        Whether the interval could be computed. If the states overflow, or the interval takes too many steps, the rest
+        of the motion is nan.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.authoring import Rollout, advance_rollout  # a compiled loop that calls it for every interval
+    >>> rollout = Rollout(compose(wells.JANSEN_2, BitRock()), ["top.torque"], interval=0.1, steps=2)
+    >>> motion = rollout.motion(np.array([15.0, 10.0, 10.0]), np.full((1, 1), 12e3))
+    >>> _ = advance_rollout(motion)
+    >>> print(motion.X[1].round(2))
+    [15.01 10.03  9.74]
     """
     interval, steps, derivatives = w.interval[0], w.ints[STEPS], w.A.shape[0] > 0
     function = w.ints[SLOPE] if derivatives else w.ints[MOVE]

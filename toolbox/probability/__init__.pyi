@@ -6,15 +6,8 @@ from .distributions import LogNormal as LogNormal
 from .distributions import Normal as Normal
 from .distributions import Uniform as Uniform
 from .distributions import drawn as drawn
-from .distributions import drawn_group as drawn_group
 from .drawn_borders import UncertainOnset as UncertainOnset
 from .drawn_borders import uncertain_onset as uncertain_onset
-from .ensemble import EnsembleFilter as EnsembleFilter
-from .ensemble import Estimate as Estimate
-from .ensemble import Knowledge as Knowledge
-from .estimates import Detector as Detector
-from .estimates import Estimates as Estimates
-from .estimates import estimate as estimate
 from .model_comparison import ModelComparison as ModelComparison
 from .model_comparison import compare_models as compare_models
 from .posteriors import Posterior as Posterior

@@ -142,34 +142,48 @@ def basin(
     confidence: float = 0.95,
     seed: int = 0,
 ) -> Basin:
-    """Find from which part of a box of states a working point comes back, and the smallest disturbance that tips it.
+    """Estimate the fraction of a range of states from which the machine returns to smooth running, and the smallest
+    disturbance from which it does not.
 
     Parameters
     ----------
     loop
-        A loop with a steady state, or a plant; its laws in continuous form.
+        A loop with a steady state, or a plant. Its controllers take part in their continuous form.
     ranges
-        {state: (lowest, highest)}, in SI or text with units: values that are drawn evenly, other states as in steady running.
+        {state: (lowest, highest)}, in SI or text with units. Values are drawn uniformly; other states start at smooth
+        running.
     runs
         Number of disturbances.
     duration
-        Length of a run [s], or text with a unit; by default as in `chance`.
+        Length of a run [s], or text with a unit. By default forty oscillations of the machine.
     accuracy
-        Of the runs.
+        Target for the global error of the runs, between 1e-13 and 0.1.
     confidence
-        Of the bounds by Clopper and Pearson.
+        Confidence level of the bounds of Clopper and Pearson.
     seed
-        Of the draws.
+        Seed of the random numbers.
 
     Returns
     -------
     Basin
-        The share with its bounds, all disturbances, and the smallest that tips; it prints, draws and saves itself.
+        The fraction with its bounds, all disturbances, and the smallest disturbance without return. `print`, `plot`
+        and `save` it.
 
     Raises
     ------
     SceneError
-        If a name is no state, a range is none, or the loop has no steady state.
+        If a name is no state, a range is empty, or the loop has no steady state.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import basin
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> found = basin(loop, {"bit.speed": ("0 rpm", "200 rpm"), "top.speed": ("30 rpm", "90 rpm")}, runs=100)
+    >>> print(f"{found.share:.2f} of the disturbances die out")
+    0.52 of the disturbances die out
     """
     if not isinstance(ranges, Mapping) or not ranges:
         raise SceneError(f"Argument `ranges` must map at least one state to its range, but it is {short(ranges)}.")

@@ -88,43 +88,61 @@ def chance(
     seed: int = 0,
     checkpoint: str | Path | None = None,
 ) -> Chance:
-    """Find the chance of stick-slip over one or two numbers, for each law, where other numbers are known as distributions only.
+    """Estimate the probability of stick-slip over one or two numbers, for each controller, if other numbers are known as
+    distributions only.
 
-    All points and all laws see the same draws, so that laws can be compared draw by draw. A run begins where its loop begins, for a drive that starts up from
-    rest with a bit that is stuck; standstill counts as stick-slip.
+    All points and all controllers see the same draws, so that controllers can be compared draw by draw. A run begins
+    at the start of its loop, for example from rest with a bit that sticks. Standstill counts as stick-slip.
 
     Parameters
     ----------
     loop
         A loop, a plant, or {label: loop}.
     ranges
-        {name: values} of one or two numbers, in SI or text with units; the first one is the set-point where the lowest is asked for.
+        {name: values} of one or two numbers, in SI or text with units. For `lowest` of the result the first number is
+        the set-point.
     uncertainty
-        What is not known, as `drawn` takes it: {name: distribution or text "97 kN +- 8 kN"}, or `Draws`.
+        {name: distribution} of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +-
+        8 kN" with the standard deviation of a normal distribution. Or `Draws` of numbers that are known together.
     draws
-        Number of draws, the same at every point; 72 is the least by which 95 % can be shown with two-sided bounds of 95 %.
+        Number of draws, the same at every point. 72 draws are the least with which 95 % can be shown by two-sided
+        bounds of 95 %.
     duration
-        Length of a run [s], or text with a unit; by default forty swings of the machine in the middle of the ranges, after its inputs have come to rest.
+        Length of a run [s], or text with a unit. By default forty oscillations of the machine in the middle of the
+        ranges, after its inputs are constant.
     start
-        A function {name: value of what varies} -> {state: start value}, as in `sweep`.
+        A function {name: value} -> {state: start value}. By default the start of the loop.
     accuracy
-        Of the runs. What it costs and changes: see the page on probabilities.
+        Target for the global error of the runs, between 1e-13 and 0.1. The page on probabilities gives its cost and
+        effect.
     confidence
-        Of the bounds by Clopper and Pearson.
+        Confidence level of the bounds of Clopper and Pearson.
     seed
-        Of the draws.
+        Seed of the random numbers.
     checkpoint
-        A folder that keeps what is known, block by block: the same call goes on where an earlier one was interrupted.
+        Folder that keeps the results block by block. The same call after an interruption continues from this folder.
 
     Returns
     -------
     Chance
-        Chances with bounds, expected severities, lowest set-points; it prints, draws and saves itself.
+        Probabilities with bounds, expected severities and lowest set-points. `print`, `plot` and `save` them.
 
     Raises
     ------
     SceneError
-        If a name is unknown, is both varied and uncertain, or is out of bounds; if a run is too short to count sticks; if `out` holds another search.
+        If a name is unknown, is both varied and uncertain, or is out of bounds; if a run is too short to count
+        sticks; if `checkpoint` holds another search.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import chance
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque())
+    >>> found = chance(loop, {"top.reference": ["60 rpm", "90 rpm"]}, {"bit.weight": "60 kN +- 10 kN"}, draws=100)
+    >>> print({label: chances.round(2).tolist() for label, chances in found.chances.items()})
+    {'as it is': [0.0, 0.0]}
     """
     loops = labelled(loop)
     if not isinstance(ranges, Mapping) or not 1 <= len(ranges) <= 2:

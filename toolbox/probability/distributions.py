@@ -24,7 +24,6 @@ from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.numbers import Number
-from toolbox.robustness.groups import Group, Machine
 from toolbox.sweeps.designs import Variations
 from toolbox.vocabulary import Renamed, new_names_only
 
@@ -158,20 +157,21 @@ def distribution(name: str, given: Any) -> Distribution:
 
 @new_names_only
 def drawn(loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, runs: int, seed: int = 0) -> Variations:
-    """Draw what is uncertain, as a design for `sweep`.
+    """Draw uncertain numbers, as a design for `sweep`.
 
     Parameters
     ----------
     loop
-        A loop, or a plant, whose numbers they are.
+        A loop, or a plant, with these numbers.
     uncertainty
-        {name: distribution}, of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text "97 kN +- 8 kN", whose second number is the standard
-        deviation of a normal distribution; or `Draws` of numbers that are known together, such as `found.drawn` of a posterior, and
-        `found.drawn.also({"bit.weight": "97 kN +- 8 kN"})` with others beside them. A distribution is cut at the bounds of its number.
+        {name: distribution} of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +-
+        8 kN" with the standard deviation of a normal distribution. Or `Draws` of numbers that are known together,
+        such as `found.drawn` of a posterior; `found.drawn.also({"bit.weight": "97 kN +- 8 kN"})` adds others. A
+        distribution is cut at the bounds of its number.
     runs
         Number of draws, >= 1.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
 
     Returns
     -------
@@ -181,7 +181,17 @@ def drawn(loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, runs: 
     Raises
     ------
     SceneError
-        If a name is unknown or a sample time, if what is given is no distribution, or if more than half of it lies out of the bounds of the number.
+        If a name is unknown or a sample time, a value is no distribution, or more than half of a distribution is out
+        of the bounds of its number.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.probability import drawn
+    >>> design = drawn(compose(wells.JANSEN_2, BitRock()), {"bit.weight": "97 kN +- 8 kN"}, runs=1000)
+    >>> print(f"{design.points.mean() / 1e3:.0f} kN")
+    97 kN
     """
     loop = as_loop(loop)
     whole("runs", runs, 1)
@@ -207,48 +217,6 @@ def drawn(loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, runs: 
         if unit := known.display_units(each.unit):
             asked[each.name] = unit
     return Variations(tuple(each.name for each in numbers), np.stack(columns, axis=1), (runs,), display_units=asked)
-
-
-@new_names_only
-def drawn_group(
-    loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, draws: int = 72, *, phases: Sequence[float] = (0.0, 0.5), seed: int = 0
-) -> Group:
-    """Machines whose numbers are drawn, as a group for `lowest_set_point`: a set-point that frees them all is free with a probability.
-
-    If all of 72 draws are free, a machine is free with 95 %, by the two-sided bound of 95 % of Clopper and Pearson; 59 draws show it by a bound to one side.
-
-    Parameters
-    ----------
-    loop
-        A loop, or a plant, with the declared numbers; none of those that are drawn may be zero.
-    uncertainty
-        What is not known, as `drawn` takes it.
-    draws
-        Number of machines.
-    phases
-        Phases of the cycle, in parts of its period, at which a law takes over on each.
-    seed
-        Of the random numbers.
-
-    Returns
-    -------
-    Group
-        The machines, by the name `drawn`.
-
-    Raises
-    ------
-    SceneError
-        As `drawn`, and for a number that is zero as it is declared.
-    """
-    loop = as_loop(loop)
-    made = drawn(loop, uncertainty, draws, seed)
-    declared = [loop.number(name).value for name in made.names]
-    if 0.0 in declared:
-        raise SceneError(f"Argument `uncertainty` must name numbers that are not zero, but `{made.names[declared.index(0.0)]}` is.")
-    machines = []
-    for k, row in enumerate(made.points.tolist()):
-        machines.append(Machine(f"draw {k + 1}", tuple((name, v / at) for name, v, at in zip(made.names, row, declared, strict=True))))
-    return Group("drawn", tuple(machines), takeover_phases=tuple(phases))
 
 
 def quantiles(each: Number, known: Distribution, uniform: FloatArray) -> FloatArray:

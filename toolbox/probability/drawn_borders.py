@@ -192,9 +192,10 @@ def uncertain_onset(
     confidence: float = 0.95,
     seed: int = 0,
 ) -> UncertainOnset:
-    """Find from which set-point on a machine is free of stick-slip, where numbers of it are known as distributions only.
+    """Find from which set-point on a machine is free of stick-slip, if some of its numbers are known as distributions
+    only.
 
-    A run begins where its loop begins, for a drive that starts up from rest with a bit that is stuck. Between neighbours of the values that are looked at a
+    A run begins at the start of its loop, for example from rest with a bit that sticks. Between neighbouring values a
     machine is taken to have one border.
 
     Parameters
@@ -202,33 +203,46 @@ def uncertain_onset(
     loop
         A loop, a plant, or {label: loop}.
     parameter
-        The set-point: stick-slip lies below its border.
+        Name of the set-point. Stick-slip lies below its border.
     bounds
-        Its range, in SI or text with units.
+        Range (low, high) of the set-point, in SI or text with units.
     uncertainty
-        What is not known, as `drawn` takes it: {name: distribution or text "97 kN +- 8 kN"}, or `Draws`.
+        {name: distribution} of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +-
+        8 kN" with the standard deviation of a normal distribution. Or `Draws` of numbers that are known together.
     draws
-        Number of machines, the same for all laws; 72 is the least by which 95 % can be shown with two-sided bounds of 95 %.
+        Number of machines, the same for all controllers. 72 draws are the least with which 95 % can be shown by
+        two-sided bounds of 95 %.
     values
-        Number of values of the range that are looked at before borders are halved, >= 3.
+        Number of values of the range that are examined before borders are halved, >= 3.
     tolerance
-        Width to which borders are halved; by default a fiftieth of the range.
+        Width to which borders are halved. By default 1/50 of the range.
     accuracy
-        Of the runs.
+        Target for the global error of the runs, between 1e-13 and 0.1.
     confidence
-        Of the bounds.
+        Confidence level of the bounds.
     seed
-        Of the draws.
+        Seed of the random numbers.
 
     Returns
     -------
     UncertainOnset
-        The border of every draw, and what is free with 95 %.
+        The border of every draw, and the set-point that is free of stick-slip with 95 %.
 
     Raises
     ------
     SceneError
-        If a name is unknown, or is both varied and uncertain; if the range is none.
+        If a name is unknown, is both varied and uncertain, or the range is empty.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import uncertain_onset
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), SoftTorque())
+    >>> found = uncertain_onset(loop, "top.reference", ("40 rpm", "140 rpm"), {"bit.weight": "60 kN +- 5 kN"}, draws=80, values=5)
+    >>> print({label: round(value, 1) for label, value in found.lowest(0.95).items()})
+    {'as it is': 5.2}
     """
     loops = labelled(loop)
     first = next(iter(loops.values()))

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.figures.style import LINES, drawn_on, in_words, name_axis
-from toolbox.logs.flaws import local_spacing
 from toolbox.onsets.map_loop import NONE, SMOOTH
 from toolbox.probability.bounds import clopper_pearson
-from toolbox.probability.torque_swing import SWINGS
 
 
 def chance_diagram(found: Any, axes: Any = None) -> Any:
@@ -143,46 +140,6 @@ def onset_diagram(found: Any, ax: Any = None) -> Any:
         name_axis(ax.xaxis, in_words(found.name), found.unit, found.display_units)
         ax.figure.legend(loc="outside lower center", ncols=2, frameon=False)
     return ax
-
-
-def estimate_diagram(found: Any, axes: Any = None) -> Any:
-    """What is known over time, mean and band of 95 %, one panel each, without a line over a gap of the log; times of stick-slip are shaded."""
-    known = [name for name, values in found.mean.items() if np.isfinite(values).any()]
-    panels = [*known, *(["torque swing"] if np.isfinite(found.torque_swing).any() else [])] or ["nothing"]
-    gaps = np.insert(np.diff(found.time) > local_spacing(found.time)[1], 0, False)
-    with drawn_on(axes, len(panels), 1, height=1.4 * len(panels) + 0.6, sharex=True, squeeze=False) as axes:
-        for ax, name in zip(np.ravel(axes), panels, strict=True):
-            for begin, end in found.spells:
-                ax.axvspan(begin, end, color="0.9", zorder=0)
-            if name == "nothing":
-                ax.set(xlim=found.time[[0, -1]], yticks=[])
-                ax.text(0.5, 0.5, "too slow to see stick-slip", transform=ax.transAxes, ha="center", va="center")
-                continue
-            if name == "torque swing":
-                ax.plot(found.time, np.where(gaps, np.nan, found.torque_swing), color=LINES[0]["color"], linewidth=0.9)
-                ax.axhline(SWINGS, color="0.5", linewidth=0.8, linestyle="--")
-                ax.set_ylabel("torque swing\nover mean")
-                continue
-            mean, wide = np.where(gaps, np.nan, found.mean[name]), 1.96 * found.deviation[name]
-            ax.fill_between(found.time, mean - wide, mean + wide, color=LINES[0]["color"], alpha=0.25, linewidth=0)
-            ax.plot(found.time, mean, color=LINES[0]["color"], linewidth=0.9)
-            name_axis(
-                ax.yaxis,
-                "margin to loss\nof smooth running" if name == "margin" else in_words(name),
-                found.units[name],
-                found.display_units,
-            )
-        np.ravel(axes)[-1].set_xlabel("time [s]")
-        np.ravel(axes)[0].figure.legend(
-            handles=[
-                plt.Rectangle((0, 0), 1, 1, color=LINES[0]["color"], alpha=0.25, label="95 % band"),
-                plt.Rectangle((0, 0), 1, 1, color="0.9", label="stick-slip"),
-            ],
-            loc="outside lower center",
-            ncols=2,
-            frameon=False,
-        )
-    return axes
 
 
 def basin_diagram(found: Any, ax: Any = None) -> Any:

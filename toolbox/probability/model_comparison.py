@@ -104,32 +104,56 @@ def compare_models(
     seed: int = 0,
     checkpoint: str | Path | None = None,
 ) -> ModelComparison:
-    """Compare models of a machine, such as laws of friction, by what was measured of it.
+    """Compare models of a machine, such as friction laws, by measurements of the machine.
 
     Parameters
     ----------
     models
-        {label: a loop, or a plant, driven as the machine was}.
-    data, duration, metrics, draws, accuracy, seed
-        As in `posterior`, the same for all models.
+        {label: loop or plant, with the inputs of the measurement}.
+    data
+        {metric: its normal distribution}, as text "0.31 +- 0.02" or `Normal`, the same for all models. The standard
+        deviation holds the errors of measurement and model.
     priors
         {label: {name: distribution}}, the unknowns of each model.
+    duration
+        Length of the runs [s], or text with a unit. By default the duration of the loop.
     left_out
-        Further data of the same kind that no posterior sees; every model tells how likely they are.
+        Further data of the same kind that no posterior uses. Every model gives their likelihood.
+    metrics
+        {name in `data`: metric}, for names that are no names of metrics themselves, such as a metric in a window.
+    draws
+        Number of draws of each posterior, >= 32.
+    accuracy
+        Target for the global error of the runs, between 1e-13 and 0.1.
+    seed
+        Seed of the random numbers.
     checkpoint
-        A folder that keeps the likelihoods: the same call goes on where an earlier one was interrupted.
+        Folder that keeps the likelihoods. The same call after an interruption continues from this folder.
 
     Returns
     -------
     ModelComparison
-        Evidences, scores of what was left out, and the posteriors.
+        Evidences, scores of the left-out data, and the posteriors.
 
     Raises
     ------
     SceneError
-        If the labels of models and priors differ, if something is both in the data and left out, or as in `posterior`.
+        If the labels of models and priors differ, a name is unknown, a value is no distribution, something is both in
+        the data and left out, or `checkpoint` holds another search.
     SimulationError
-        As in `posterior`.
+        If no draw of a prior gives a run with the measured metrics.
+
+    Examples
+    --------
+    >>> from models import BitRock, Coulomb, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import Uniform, compare_models
+    >>> strings = {"falling": BitRock(), "constant": BitRock(friction=Coulomb(static=0.8, kinetic=0.5))}
+    >>> loops = {label: closed_loop(compose(wells.JANSEN_2, bit), inputs={"top.torque": "12 kN m"}) for label, bit in strings.items()}
+    >>> priors = {label: {"bit.friction.static": Uniform(0.6, 1.0)} for label in loops}
+    >>> found = compare_models(loops, {"severity": "1.1 +- 0.1"}, priors, "60 s", draws=32)
+    >>> print({label: round(float(value), 1) for label, value in found.probabilities.items()})
+    {'falling': 0.9, 'constant': 0.1}
     """
     if not isinstance(models, Mapping) or len(models) < 2:
         raise SceneError(f"Argument `models` must map at least two labels to loops, but it is {short(models)}.")

@@ -142,43 +142,57 @@ def posterior(
     seed: int = 0,
     checkpoint: str | Path | None = None,
 ) -> Posterior:
-    """Find what numbers of a machine may be, given what was measured of its runs.
+    """Estimate the joint distribution of unknown numbers of a machine from measurements of its runs.
 
-    The runs begin where the loop begins. What was measured is taken to be independent and normal around the measure of the run.
+    The runs begin at the start of the loop. Measured metrics are taken to be independent and normal around the metric
+    of the run.
 
     Parameters
     ----------
     loop
-        A loop, or a plant, driven as the machine was in the measurement.
+        A loop, or a plant, with the inputs of the measurement.
     data
-        {measure: its normal distribution}, as text "0.31 +- 0.02" or `Normal`; in the unit of the measure where text has one. The deviation holds the errors of
-        the measurement and of the model.
+        {metric: its normal distribution}, as text "0.31 +- 0.02" or `Normal`, in the unit of the metric if the text
+        has one. The standard deviation holds the errors of measurement and model.
     priors
-        {name: distribution}, as `drawn` takes them: what is known of each unknown without the measurement.
+        {name: distribution} of each unknown without the measurement, each `Normal`, `Uniform`, `LogNormal`, or text
+        such as "97 kN +- 8 kN".
     duration
-        Length of the runs [s], or text with a unit; by default that of the loop.
+        Length of the runs [s], or text with a unit. By default the duration of the loop.
     metrics
-        {name in data: measure}, as `sweep` takes them, for those that are no names of measures themselves, such as a measure in a window.
+        {name in `data`: metric}, for names that are no names of metrics themselves, such as a metric in a window.
     draws
         Number of draws of the posterior, >= 32.
     accuracy
-        Of the runs.
+        Target for the global error of the runs, between 1e-13 and 0.1.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
     checkpoint
-        A folder that keeps the likelihoods as they come: the same call goes on where an earlier one was interrupted.
+        Folder that keeps the likelihoods as they come. The same call after an interruption continues from this
+        folder.
 
     Returns
     -------
     Posterior
-        Draws, evidence and their table. The difference of two evidences is the logarithm of how much the data favour one model over the other.
+        Draws, evidence and their table. The difference of two evidences is the logarithm of the Bayes factor of two
+        models.
 
     Raises
     ------
     SceneError
-        If a name is unknown, if what is given is no distribution, or if `out` holds another search.
+        If a name is unknown, a value is no distribution, or `checkpoint` holds another search.
     SimulationError
-        If no draw of the prior gives a run with what was measured.
+        If no draw of the prior gives a run with the measured metrics.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import Uniform, posterior
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), inputs={"top.torque": "12 kN m"})
+    >>> found = posterior(loop, {"severity": "1.1 +- 0.1"}, {"bit.friction.static": Uniform(0.6, 1.0)}, "60 s", draws=32)
+    >>> print(found.names, found.points.shape)
+    ('bit.friction.static',) (32, 1)
     """
     for word, given in (("data", data), ("priors", priors)):
         if not isinstance(given, Mapping) or not given:
@@ -262,28 +276,38 @@ class Measured:
 
 
 def windowed(signal: str, times: Any, values: Any, deviation: float, length: NumberOrText) -> tuple[dict[str, Normal], dict[str, Metric]]:
-    """What a trace says, as data and measures for `posterior`: the mean of a signal in windows of equal length.
+    """Turn a trace into data and metrics for `posterior`: means of a signal in windows of equal length.
 
     Parameters
     ----------
     signal
         Name of the signal in the loop.
     times, values
-        Samples of the measurement, in seconds of the run and in SI; a sample that is nan is left out, as is a window without samples.
+        Samples of the measurement, in seconds of the run and in SI. Samples that are nan and windows without samples
+        are left out.
     deviation
-        Standard deviation of what is left in the mean of a window, in SI; greater than zero.
+        Standard deviation of the mean in a window, in SI, > 0.
     length
-        Of a window [s], or text with a unit; the last window ends with the last sample.
+        Length of a window [s], or text with a unit. The last window ends with the last sample.
 
     Returns
     -------
     data, metrics
-        Arguments of `posterior`.
+        The arguments `data` and `metrics` of `posterior`.
 
     Raises
     ------
     SceneError
         If times and values do not fit, or no window holds a sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from toolbox.probability import windowed
+    >>> time = np.linspace(0.0, 20.0, 401)
+    >>> data, metrics = windowed("top.speed", time, 6.0 + np.sin(time), deviation=0.05, length="2 s")
+    >>> print(len(data), "means")
+    10 means
     """
     length = number("length", length, "s", above=0)
     deviation = number("deviation", deviation, "1", above=0)
@@ -309,32 +333,50 @@ def windowed(signal: str, times: Any, values: Any, deviation: float, length: Num
 def from_recording(
     loop: ClosedLoop | Any, recording: Recording, compare: Mapping[str, NumberOrText], length: NumberOrText = 1.0, *, max_gap: int = 2
 ) -> tuple[ClosedLoop, dict[str, Normal], dict[str, Metric]]:
-    """What a recording says, as loop, data and measures for `posterior` and `compare_models`.
+    """Turn a recording into loop, data and metrics for `posterior` and `compare_models`.
 
-    Signals of the recording that are inputs of the plant drive the loop, linear between samples; means in windows of others are compared.
+    Signals of the recording that are inputs of the plant drive the loop, linear between samples. Means of other
+    signals in windows are compared.
 
     Parameters
     ----------
     loop
-        A loop, or a plant, which begins as the recording does: from rest where nothing else is said.
+        A loop, or a plant, which begins like the recording. By default it begins at rest.
     recording
-        What was measured. Samples that are no data are left out.
+        The measurement. Samples that are nan are left out.
     compare
-        {signal: standard deviation of what is left in the mean of a window}, in SI or text with a unit, errors of the model included.
+        {signal: standard deviation of the mean in a window}, in SI or text with a unit. The standard deviation
+        includes errors of the model.
     length
-        Of a window [s], or text with a unit.
+        Length of a window [s], or text with a unit.
     max_gap
-        Samples that may be missing in a row in what drives the machine; the line between their neighbours takes their place.
+        Largest number of samples in a row that may be missing in an input. The line between their neighbours replaces
+        them.
 
     Returns
     -------
     loop, data, metrics
-        The loop that is driven as it was measured, and arguments of `posterior`.
+        The loop with the measured inputs, and the arguments `data` and `metrics` of `posterior`.
 
     Raises
     ------
     SceneError
-        If a signal is not measured or drives the machine, or what drives it has a gap.
+        If a compared signal is not measured or is an input, or an input has a gap.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.calibration import Recording
+    >>> from toolbox.probability import from_recording
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> time = np.linspace(0.0, 20.0, 401)
+    >>> run = simulate(rig, 20.0, inputs={"top.torque": "12 kN m"}, output_times=time)
+    >>> log = {"time": time, "top.torque": run["top.torque"], "top.speed": run["top.speed"]}
+    >>> loop, data, metrics = from_recording(rig, Recording.of(log, rig), {"top.speed": "0.05 rad/s"}, length="2 s")
+    >>> print(len(data), "means")
+    10 means
     """
     bare = dataclasses.replace(as_loop(loop), inputs={})  # what drives an input of the plant in closed loop is an output of the loop
     driving = recording.driving(bare.system, max_gap)

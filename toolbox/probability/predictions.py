@@ -127,33 +127,35 @@ def predict(
     accuracy: float = 1e-4,
     seed: int = 0,
 ) -> Prediction:
-    """Predict signals of a machine, with bands, where its numbers are known as draws or distributions.
+    """Predict signals of a machine, with bands, if its numbers are known as draws or distributions.
 
     Parameters
     ----------
     loop
-        A loop, or a plant, driven as the machine is.
+        A loop, or a plant, with the inputs of the machine.
     known
-        What is known of its numbers, as `drawn` takes it: the draws of a posterior (`found.drawn`), or {name: distribution}.
+        Knowledge of its numbers: the draws of a posterior (`found.drawn`), or {name: distribution}, each `Normal`,
+        `Uniform`, `LogNormal`, or text such as "97 kN +- 8 kN".
     signals
-        {signal: standard deviation of a sample of it}, in SI or text with a unit; 0 for bands of the motion itself.
+        {signal: standard deviation of one sample}, in SI or text with a unit. 0 gives bands of the motion itself.
     duration
-        Length of the runs [s], or text with a unit; by default that of the recording, else of the loop.
+        Length of the runs [s], or text with a unit. By default the length of the recording, else the duration of the
+        loop.
     recording
-        What was measured, beside which the bands are told; its times are those of the prediction.
+        A measurement that is compared with the bands. Its times are the times of the prediction.
     draws
         Number of runs, >= 20.
     confidence
-        Part of the runs within the bands.
+        Fraction of the runs within the bands.
     accuracy
-        Of the runs.
+        Target for the global error of the runs, between 1e-13 and 0.1.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
 
     Returns
     -------
     Prediction
-        Bands over time, and the cover of what was measured.
+        Bands over time, and the fraction of the measured samples within them.
 
     Raises
     ------
@@ -161,6 +163,16 @@ def predict(
         If a name is unknown, or the recording has none of the signals.
     SimulationError
         If more than half of the draws give no run.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.probability import predict
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), inputs={"top.torque": "14 kN m"})
+    >>> found = predict(loop, {"bit.weight": "97 kN +- 5 kN"}, {"top.speed": 0.0}, "30 s", draws=40)
+    >>> print(found.median["top.speed"].shape == found.time.shape)
+    True
     """
     whole("draws", draws, 20)
     confidence = number("confidence", confidence, above=0, below=1)

@@ -10,6 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.calibration.results import Fit
+from toolbox.drilling.answer_results import Answers
+from toolbox.drilling.depth_windows import Windows
+from toolbox.drilling.estimates import Estimates
+from toolbox.drilling.gain_schedule import Schedule
 from toolbox.errors import SceneError
 from toolbox.files.origin import ORIGIN, Origin
 from toolbox.files.printing import table
@@ -20,13 +24,10 @@ from toolbox.onsets.results import Onset
 from toolbox.onsets.severity_map import SeverityMap
 from toolbox.probability.basins import Basin
 from toolbox.probability.drawn_borders import UncertainOnset
-from toolbox.probability.estimates import Estimates
 from toolbox.probability.posteriors import Posterior
 from toolbox.probability.results import Chance
 from toolbox.reports.machine import usual_units
 from toolbox.reports.sections import KINDS, Section, picture, preformatted
-from toolbox.robustness.answer_results import Answers
-from toolbox.robustness.depth_windows import Windows
 from toolbox.robustness.joint_errors import SmallestError
 from toolbox.robustness.margins import Margins
 from toolbox.scenes.contact_scene import load_scene
@@ -34,7 +35,6 @@ from toolbox.scenes.scene import Scene
 from toolbox.scenes.work_precision import WorkPrecision
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.results import Sweep
-from toolbox.tuning.gain_schedule import Schedule
 from toolbox.tuning.results import Tuned
 
 

@@ -15,20 +15,23 @@ from toolbox.reports.to_pdf import printed
 
 
 def report(*results: Any, path: str | os.PathLike[str], title: str | None = None, pdf: bool = False) -> Path:
-    """Write one page (HTML) about results: the answers on top, then the machine, the laws with their gains, further figures and how to get the same again.
+    """Write one HTML page about results: answers first, then plant, controllers with their gains, figures, and how to
+    repeat the results.
 
-    The page is one file with all of its figures. It asks the network for nothing, runs no script, and prints well. Where no system of units was chosen by
-    `toolbox.units`, it reads in metric ones (rpm, kN, kN m) for a drill string, and for other machines in those that were typed, else SI.
+    The page is one file with all of its figures. It needs no network, runs no script, and prints well. If no system
+    of units was chosen by `toolbox.units`, a drill string is shown in rpm, kN and kN m, and another machine in the
+    units that were typed, else SI.
 
     Parameters
     ----------
     results
-        Folders that a command wrote (`stickslip study ... --out results`), and results in Python: runs, onsets, maps, margins, tunings, fits, and whatever
-        else prints and plots itself. A folder of folders, as `stickslip map` writes it, stands for all in it.
+        Folders that a command wrote (`stickslip study ... --out results`), and results in Python: runs, onsets, maps,
+        margins, tunings, fits, and others that can be printed and plotted. A folder of folders, as `stickslip map`
+        writes it, stands for all in it.
     path
-        The file to write; it ends with .html.
+        The file to write. It ends with .html.
     title
-        What stands on top; without it, the title of the first result.
+        Title of the page. By default the title of the first result.
     pdf
         Whether a PDF is written beside the page, by Chromium or by WeasyPrint, one of which must be installed.
 
@@ -40,7 +43,17 @@ def report(*results: Any, path: str | os.PathLike[str], title: str | None = None
     Raises
     ------
     SceneError
-        If there are no results, a folder is none of a command or is damaged, the file cannot be written, or there is nothing that prints it to PDF.
+        If no results are given, a folder was not written by a command or is damaged, the file cannot be written, or
+        no program that prints PDF is installed.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.reports import report
+    >>> page = report(simulate(compose(BlockOnBelt()), "60 s"), path="block.html", title="A block on a belt")
+    >>> print(page.read_text().count("A block on a belt") > 0)
+    True
     """
     path = Path(path)
     if path.suffix != ".html":

@@ -80,26 +80,41 @@ class StabilityChart(Result):
 def stability_chart(
     loop: ClosedLoop, ranges: Mapping[str, tuple[NumberOrText, NumberOrText]], *, shape: tuple[int, int] = (15, 15)
 ) -> StabilityChart:
-    """Compute stability and disk margin of a loop at steady running over two of its numbers, such as both gains of a drive.
+    """Compute stability and disk margin of a loop at smooth running over two of its numbers, such as both gains of a
+    drive.
 
     Parameters
     ----------
     loop
-        A loop with at least one law and constant inputs.
+        A loop with at least one controller and constant inputs.
     ranges
-        {number of the loop: (lowest, highest value)}, exactly two, the first across: `{"pi.proportional": (0, 5000), "pi.integral": (0, 3000)}`.
+        {number of the loop: (lowest, highest value)}, exactly two, the first across: `{"pi.proportional": (0, 5000),
+        "pi.integral": (0, 3000)}`.
     shape
-        Points across and up, at least 3 each.
+        Number of points across and up, at least 3 each.
 
     Returns
     -------
     StabilityChart
-        Growth and disk margin at every point.
+        Growth rate and disk margin at every point.
 
     Raises
     ------
     SceneError
-        If `over` does not hold two numbers of the loop with a range, `shape` is too small, or no point has a linear loop.
+        If `ranges` does not hold exactly two numbers of the loop with a range, `shape` is too small, or no point has
+        a linear loop.
+
+    Examples
+    --------
+    >>> from controllers import PI
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.robustness import stability_chart
+    >>> drive = PI(proportional=400.0, integral=200.0, reference="60 rpm")
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), drive)
+    >>> chart = stability_chart(loop, {"pi.proportional": (100.0, 2000.0), "pi.integral": (100.0, 1000.0)}, shape=(5, 5))
+    >>> print(f"largest disk margin {chart.disk_margin.max():.2f}")
+    largest disk margin 2.00
     """
     if len(ranges) != 2:
         raise SceneError(f"Argument `ranges` must hold two numbers with their ranges, but it holds {len(ranges)}.")

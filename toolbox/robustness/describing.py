@@ -177,19 +177,20 @@ class DescribingFunction(Result):
 
 @takes_loop
 def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest: Any = None) -> DescribingFunction:
-    """Predict stick-slip by the describing function of a contact, and show it beside the cycle that there is.
+    """Predict stick-slip by the describing function of a contact, and compare the prediction with a simulated cycle.
 
-    Laws take part in their continuous form, as in `equilibrium`.
+    Controllers take part in their continuous form.
 
     Parameters
     ----------
     loop
-        A loop with constant inputs and steady running, on which the judged contact slides. With several contacts, `closed_loop(..., element=...)` names it.
+        A loop with constant inputs and smooth running, in which the judged contact slides. If there are several
+        contacts, `closed_loop(..., element=...)` names it.
     cycle
-        A cycle of this loop, found by `limit_cycle`, to be shown beside the predicted ones.
+        A cycle of this loop, found by `limit_cycle`, which is shown beside the prediction.
     highest
-        Highest amplitude of the slip that is looked at, in its unit; by default three times the slip of steady running. Cycles below a ten-thousandth of it are
-        not found.
+        Highest amplitude of the slip that is examined, in its unit. By default three times the slip of smooth
+        running. Cycles below 1/10000 of it are not found.
 
     Returns
     -------
@@ -199,9 +200,21 @@ def describing_function(loop: ClosedLoop, cycle: Cycle | None = None, *, highest
     Raises
     ------
     NoSteadyState
-        If the loop has no steady running.
+        If the loop has no smooth running.
     SceneError
-        If the contact does not slide there, its law has a memory or breaks, or an argument is wrong.
+        If the contact does not slide, its friction law has a memory or breaks, or an argument is wrong.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.robustness import describing_function
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> for cycle in describing_function(loop).cycles:
+    ...     print(f"amplitude {cycle.amplitude:.1f} rad/s")
+    amplitude 5.7 rad/s
+    amplitude 6.3 rad/s
     """
     loop = loop.continuous
     contact = judged_contact(loop)

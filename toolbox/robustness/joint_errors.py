@@ -212,31 +212,47 @@ def smallest_error(
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
 ) -> SmallestError:
-    """Find the smallest joint error of several numbers with which a closed loop fails, in parts of the range of each.
+    """Find the smallest joint error of several numbers with which a closed loop fails, as a fraction of the range of
+    each.
 
     Parameters
     ----------
     loop
-        A loop. A law is designed on the nominal plant, and errors do not change its design.
+        A loop. A controller is designed on the nominal plant, and errors do not change its design.
     uncertainty
-        {number of the loop: (low, high)}, in SI or text with units, with the nominal value within; or a part of the nominal value to either side,
-        such as 0.2. "delay" is that of the sampled laws. At most 7 numbers.
+        {number of the loop: (low, high)}, in SI or text with units, with the declared value within. Or a fraction of
+        the declared value to either side, such as 0.2. "delay" is the delay of the sampled controllers. At most 7
+        numbers.
     duration
         Length of a run [s].
     starts
-        Where runs start, as in `worst_case`; by default smooth running, which needs constant inputs.
-    after, mean_within, ripple_within
-        When a run is a success, as in `worst_case`.
+        Starts of the runs: `TakenOver(initial_controller)`, `OwnStickSlip()`, or start values {state or held command:
+        value} of each run. By default `SmoothRunning()`, which needs constant inputs.
+    after
+        Time from which on a run is judged [s]. By default the last 30 % of the run.
+    mean_within, ripple_within
+        Allowed error of the mean speed, and allowed ripple of a command, as fractions of their means [1].
 
     Returns
     -------
     SmallestError
-        The error, what the machine does with it, and what the linear loop says.
+        The error, the behaviour of the machine with it, and the result for the linear loop.
 
     Raises
     ------
     SceneError
-        If a name or a range is none, or the loop fails on the nominal plant.
+        If a name is unknown, a range is empty, or the loop fails on the nominal plant.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> from toolbox.robustness import smallest_error
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SoftTorque(reference="60 rpm"), "10 ms", delay="30 ms"))
+    >>> found = smallest_error(loop, {"bit.weight": 0.5}, "60 s")
+    >>> print(f"{found.size:.2f} of the range")
+    0.39 of the range
     """
     numbers, asked = _wrong_numbers(loop, uncertainty)
     trials = Trials.of(loop, duration, starts=starts, after=after, allowed=(mean_within, ripple_within))

@@ -96,32 +96,45 @@ def performance_limit(
     period: NumberOrText | None = None,
     delay: NumberOrText = 0.0,
 ) -> PerformanceLimit:
-    """Compute the best disk margin and peak sensitivity that any linear law can have at a set-point, with what it measures and its delay.
+    """Compute the best disk margin and peak sensitivity that any linear controller can reach at a set-point, for given
+    measured signals and delay.
 
     Parameters
     ----------
     loop
-        A plant, or a loop without the law that is asked about, with constant inputs.
+        A plant, or a loop without the controller in question, with constant inputs.
     at
-        Where the plant runs steadily, {signal: value}, such as {"top.speed": 3.0}.
+        {signal: value} of the steady state, such as {"top.speed": 3.0}, in SI or text with units.
     measured_signals
-        What laws may read.
+        Signals that the controller may measure.
     actuated_signals
-        The one input that they drive; a part such as a drive with lags stands between, as it does in runs.
+        The one input that the controller drives. If a part such as a drive with lags lies between controller and
+        plant, it is taken into account.
     period
-        Sample time [s]; None for continuous laws.
+        Sample time [s]. None for continuous controllers.
     delay
-        Delay of the commands [s], for sampled laws only.
+        Delay of the commands [s], for sampled controllers only.
 
     Returns
     -------
     PerformanceLimit
-        The limits at the working point; `print` shows them.
+        The limits at the operating point. `print` shows them.
 
     Raises
     ------
     SceneError
-        If there is no steady running, more than one input is driven, or a delay is given without a period.
+        If there is no smooth running, more than one input is driven, or a delay is given without a period.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.robustness import performance_limit
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> print(performance_limit(rig, {"top.speed": "60 rpm"}, period="10 ms", delay="30 ms"))
+    Limits of laws sampled every 0.01 s with a delay of 0.03 s at top.speed = 60 rpm, top.torque = 1.055e+04 N m
+      disk margin <= 2, M_s >= 1
+      unstable poles [1/s]: none;  zeros [1/s]: none
     """
     plant = loop.unsampled().system
     if not isinstance(actuated_signals, str):

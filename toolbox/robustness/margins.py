@@ -145,23 +145,27 @@ def margins(
     inertia: str | None = None,
     duration: NumberOrText = 60.0,
 ) -> Margins:
-    """Compute disk margin, peak sensitivity, gain, phase and delay margin of a closed loop at steady running.
+    """Compute disk margin, peak sensitivity, gain margin, phase margin and delay margin of a closed loop at smooth
+    running.
 
-    Sampling, hold and delay count as they are. The plant is linearised where the closed loop runs steadily, a sampled law by its update, and the loop is
-    broken at every input that a law drives (`toolbox.steady_states.steady_loop`; what each margin means: `toolbox.robustness.disk_margins`). Noise and encoder
+    Sampling, hold and delay are taken into account. The plant is linearised at the steady state of the closed loop,
+    and a sampled controller by its update. The loop is broken at every input that a controller drives
+    (`toolbox.steady_states.steady_loop`). `toolbox.robustness.disk_margins` defines each margin. Noise and encoder
     steps of `Sampled` are left out.
 
     Parameters
     ----------
     loop
-        A loop with at least one law and constant inputs, such as another weight on bit or set-point.
+        A loop with at least one controller and constant inputs.
     guess
-        Values {state: value} near steady running, for laws about which nothing else tells where that is.
+        {state: value} near smooth running. It is needed for controllers that give no other information about the
+        steady state.
     measured
-        Whether the gain, delay and inertia at which the machine fails are also found by simulation (a few seconds). By default only where there is no linear
-        loop: relays, ideal sliding modes, a limit that is active, laws in Python.
+        Whether the gain, delay and inertia at which the machine fails are also found by simulation (a few seconds).
+        By default only if there is no linear loop: for relays, ideal sliding modes, an active limit, and controllers
+        in Python.
     inertia
-        Name of the inertia that is varied then, such as "chain.inertia.0".
+        Name of the inertia that is varied in these simulations, such as "chain.inertia.0".
     duration
         Length of each of these runs [s].
 
@@ -173,7 +177,19 @@ def margins(
     Raises
     ------
     SceneError
-        If an argument is wrong as in `simulate`, laws have different periods, or measured margins are needed but no steady running is known: give `guess`.
+        If an argument is wrong, or controllers have different periods. Also if measured margins are needed but no
+        smooth running is known: give `guess`.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose, margins
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> print(margins(closed_loop(rig, Sampled(SoftTorque(reference="60 rpm"), "10 ms", delay="30 ms"))))
+    Margins of SoftTorque, sampled every 10 ms with a delay of 30 ms at top.reference = 60 rpm, top.torque = 1.055e+04 N m
+      command     disk margin  at [rad/s]   M_s      gain     phase   delay
+      top.torque        0.377         0.9  2.66  0 .. 207  21.6 deg  412 ms
     """
     duration = number("duration", duration, "s", above=0)
     plant, system, title = loop.plant, loop.system, all_described(loop.controllers)

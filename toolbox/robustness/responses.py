@@ -69,26 +69,41 @@ class FrequencyResponse(Result):
 
 @takes_loop
 def frequency_response(loop: ClosedLoop, omega: Sequence[NumberOrText] | None = None) -> FrequencyResponse:
-    """Compute the frequency response of a closed loop at steady running, broken where the commands leave the laws.
+    """Compute the frequency response of a closed loop at smooth running, broken at the commands of its controllers.
 
-    Sampling, hold and delay count as they are: a sampled law ends at half its sampling frequency.
+    Sampling, hold and delay are taken into account. The response of a sampled controller ends at half its sampling
+    frequency.
 
     Parameters
     ----------
     loop
-        A loop with at least one law and constant inputs.
+        A loop with at least one controller and constant inputs.
     omega
-        Frequencies [rad/s], or text with a unit ("0.2 Hz"), positive and increasing. By default over all time scales of the loop, close around its poles.
+        Frequencies [rad/s], or text with a unit ("0.2 Hz"), positive and increasing. By default over all time scales
+        of the loop, close around its poles.
 
     Returns
     -------
     FrequencyResponse
-        The response of every command, which draws itself: `plot` or `bode`, `nyquist`, `nichols`.
+        The response of every command. It has the figures `plot` or `bode`, `nyquist` and `nichols`.
 
     Raises
     ------
     SceneError
-        If an argument is wrong as in `margins`, there is no linear loop, or frequencies are not positive and increasing.
+        If controllers have different periods, an input varies in time, there is no linear loop, or frequencies are
+        not positive and increasing.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose
+    >>> from toolbox.robustness import frequency_response
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> loop = closed_loop(rig, Sampled(SoftTorque(reference="60 rpm"), "10 ms", delay="30 ms"))
+    >>> found = frequency_response(loop, omega=[0.5, 1.0, 2.0])
+    >>> print(abs(found.values["top.torque"]).round(2))
+    [3.91 0.75 0.36]
     """
     found = margins(loop, measured=False)
     if found.linear_loop is None:

@@ -10,10 +10,11 @@ sample (`controllers.bumpless`); of a continuous controller with one state, such
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from toolbox.arguments import whole
@@ -26,11 +27,22 @@ from toolbox.onsets.carried import Carried
 from toolbox.onsets.coming_to import HERE, Settled
 from toolbox.onsets.reach import held_starts
 from toolbox.onsets.takeover import acting_at, cycle_phases, reference_of, releases_of, taken_over
-from toolbox.robustness.set_points import at_set_point
 from toolbox.scenes.judged import judged_contact, judged_speed, set_point
 from toolbox.simulation.run_state import RunState
 from toolbox.simulation.simulate import simulate
 from toolbox.steady_states.steady_loop import smooth_start
+
+
+def at_set_point(law: Any, reference: float) -> Any:
+    """A law, and the laws inside of it, with that set-point [rad/s]; what is no dataclass is returned as it is."""
+    if not dataclasses.is_dataclass(law):
+        return law
+    changed = {each.name: at_set_point(getattr(law, each.name), reference) for each in dataclasses.fields(law) if each.init}
+    changed = {name: value for name, value in changed.items() if isinstance(value, Controller) and value is not getattr(law, name)}
+    if isinstance(law, Controller) and hasattr(law, "reference"):
+        changed["reference"] = reference
+    return replace(law, **changed) if changed else law
+
 
 Starts = Sequence[Mapping[str, Any]]
 """Start values {state of the plant, memory or held command of a controller: value}, one mapping per run."""

@@ -184,36 +184,41 @@ def worst_case(
     ripple_within: float = 0.05,
     metrics: Any = (),
 ) -> WorstCase:
-    """Run a closed loop with every model error, from every start and with every seed of its noise, and judge the end of each run.
+    """Run a closed loop with every model error, from every start and with every seed of its noise, and judge the end of
+    each run.
 
-    A run succeeds where, from `after` on, the contact never sticks, the mean speed is within `mean_within` of its target, and no command swings by more than
-    `ripple_within` of its mean to either side; and where it stays so: a small disturbance of smooth running must not grow on that machine, however slowly, and
-    a run that still swings is carried on until the judge of `onset` can tell. Inputs count as they are at last; where one goes on changing, the window alone
-    decides.
+    A run succeeds if, from `after` on, the contact never sticks, the mean speed is within `mean_within` of its
+    target, and no command swings by more than `ripple_within` of its mean to either side. It must also stay so: a
+    small disturbance of smooth running must not grow on that machine, however slowly, and a run that still swings is
+    continued until the judge of `onset` can decide. Inputs count with their last value. If an input goes on changing,
+    only the window decides.
 
     Parameters
     ----------
     loop
-        A loop. A law is designed on the nominal plant, and errors of parameters do not change its design. The target of the mean speed is the
-        `reference` of the loop.
+        A loop. A controller is designed on the nominal plant, and errors of parameters do not change its design. The
+        target of the mean speed is the `reference` of the loop.
     duration
         Length of a run [s].
     uncertainty
-        {number of the loop: factor, or several}, each tried alone: 0.8 and 1.2, or "20 %" for both; "+20 %" is 1.2 alone. "delay" is that of the sampled laws.
+        {number of the loop: factor, or several}, each tried alone: 0.8 and 1.2, or "20 %" for both; "+20 %" is 1.2
+        alone. "delay" is the delay of the sampled controllers.
     corners
-        Mappings {number of the loop: factor}, each of which is tried with all its errors at once; a share needs its sign here, "+20 %".
+        Mappings {number of the loop: factor}. Each mapping is tried with all its errors at once. A percentage needs
+        its sign here: "+20 %".
     starts
-        Where runs start: `TakenOver(initial_controller)`, from the stick-slip of another controller on each machine; `OwnStickSlip()`, from the stick-slip
-        of the loop itself; or start values {state or held command: value} of each run, such as `cycle_phases` returns. By default `SmoothRunning()`,
-        which needs constant inputs.
+        Starts of the runs: `TakenOver(initial_controller)`, from the stick-slip of another controller on each
+        machine; `OwnStickSlip()`, from the stick-slip of the loop itself; or start values {state or held command:
+        value} of each run, such as `cycle_phases` returns. By default `SmoothRunning()`, which needs constant inputs.
     seeds
-        Seeds of the noise of `Sampled`, used where it has any.
+        Seeds of the noise of `Sampled`, used if it has noise.
     after
-        Time from which on a run is judged [s]; by default its last 30 %.
+        Time from which on a run is judged [s]. By default the last 30 % of the run.
     mean_within, ripple_within
-        Allowed error of the mean speed and ripple of a command, as parts of their means [1].
+        Allowed error of the mean speed, and allowed ripple of a command, as fractions of their means [1].
     metrics
-        Further measures of every run from `after` on, as `sweep` takes them.
+        Further metrics of every run from `after` on: names of `toolbox.measuring.metrics.METRICS`, functions of the
+        run, or {name: metric}.
 
     Returns
     -------
@@ -223,7 +228,18 @@ def worst_case(
     Raises
     ------
     SceneError
-        If a name is unknown, or a number is none.
+        If a name is unknown, or a number is not finite or out of range.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque, StiffPI
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose, worst_case
+    >>> from toolbox.robustness import TakenOver
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SoftTorque(reference="95 rpm"), "10 ms", delay="30 ms"))
+    >>> found = worst_case(loop, "150 s", uncertainty={"bit.weight": "10 %"}, starts=TakenOver(StiffPI(), phases=2))
+    >>> print(found.survives)
+    True
     """
     trials = Trials.of(loop, duration, starts=starts, seeds=seeds, after=after, allowed=(mean_within, ripple_within), metrics=metrics)
     return trials.of_cases(cases_of(uncertainty, corners))

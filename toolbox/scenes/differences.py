@@ -103,34 +103,54 @@ def compare(
     until: NumberOrText | None = None,
     labels: tuple[str, str] = ("first", "second"),
 ) -> Differences:
-    """Compare two runs by their measures, or two scenes by their keys.
+    """Compare two runs by their metrics, or two scenes by their keys.
 
-    Of runs, these are the part of the time that each element sticks, the number of its stick phases and the longest of them, then the extrema and the time
-    mean of signals, and the severity of speeds; behind them what `measures` asks. Runs may be fresh or read from a file.
+    For runs, the table holds the fraction of the time that each contact sticks, the number of its stick phases and
+    the longest of them. Then follow minimum, maximum and time mean of signals, the severity of speeds, and the
+    further `metrics`. Runs may be fresh or read from a file.
 
     Parameters
     ----------
     first, second
         Two runs, or two scenes.
     signals
-        Scalar signals of the runs; by default those that a plot of either shows and that both have.
+        Scalar signals of the runs. By default the signals that a plot of either run shows and that both runs have.
     metrics
-        Further measures of the runs, as `sweep` takes them. By its name a measure looks at what the loop of each run judges; of a run from a file, at its only
-        contact and what bears its name.
+        Further metrics: a name of `toolbox.measuring.metrics.METRICS`, a function of the run, or several as a
+        sequence or {name: metric}. A metric that is given by its name is read from the contact and the signal that
+        the loop of each run judges. A run from a file is read at its only contact, and at the signal of that name.
     after, until
-        Window of the runs [s]; by default from the start to the end of the shorter one.
+        Begin and end of the window [s]. By default from the start to the end of the shorter run.
     labels
-        What the two are called in the table.
+        Names of the two in the table.
 
     Returns
     -------
     Differences
-        All measures of both runs, or the keys whose values differ.
+        All metrics of both runs, or the keys whose values differ.
 
     Raises
     ------
     SceneError
-        If one is a run and the other a scene, a signal is unknown, of another unit or a vector, or the window lies outside of a run.
+        If one is a run and the other a scene, a signal is unknown, of another unit or a vector, or the window lies
+        outside of a run.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compare, compose, simulate
+    >>> rig = compose(wells.JANSEN_2, BitRock())
+    >>> low, high = (simulate(rig, "60 s", inputs={"top.torque": torque}) for torque in ("11 kN m", "12 kN m"))
+    >>> print(compare(low, high, signals=["bit.speed"], after="30 s", labels=("11 kN m", "12 kN m")))
+    Measures from 30 to 60 s
+                                       11 kN m   12 kN m  difference
+      bit, part of the time in stick  0.342145  0.271915    -0.07023
+      bit, stick phases                      5         6          +1
+      bit, longest stick               2.05326   1.37243     -0.6808  s
+      bit.speed, minimum                    -0         0           0  rad/s
+      bit.speed, maximum               15.5489   18.7769      +3.228  rad/s
+      bit.speed, mean                  5.85027   7.53688      +1.687  rad/s
+      bit.speed, severity              1.32891   1.24567    -0.08324
     """
     if isinstance(first, Scene) and isinstance(second, Scene):
         return Differences(

@@ -121,38 +121,48 @@ def work_precision(
     repeats: int = 5,
     **former: Any,
 ) -> WorkPrecision:
-    """Measure error against time for every method and every one of its settings, against a truth that is computed twice.
+    """Measure error against computing time for every method and every one of its settings.
+
+    The reference solution is computed twice.
 
     Parameters
     ----------
     loop
-        A loop or a plant, or {label: loop} for levels of detail, of which the first is the truth.
+        A loop or a plant. Or {label: loop} for several levels of detail, of which the first is the reference.
     duration
-        Length of the runs [s]; by default that of the loop, where a scene gives it one.
+        Length of the runs [s]. By default the duration of the scene, for a loop from a scene.
     methods
-        Names of the methods. "taylor" fails where a plant, or a point that a run comes to, has no Taylor series.
+        Names of the methods. "taylor" fails if a plant, or a point that a run reaches, has no Taylor series.
     accuracies
         Accuracies for the methods that locate events.
     steps
-        Steps [s] for time stepping; by default 1e3 to 1e6 steps in the run.
+        Steps [s] for time stepping. By default from 1e3 to 1e6 steps in the run.
     widths
-        Widths for regularised friction, in parts of the largest slip.
+        Widths for regularised friction, as fractions of the largest slip.
     signals
-        Signals whose difference counts, in place of all states; needed for several plants.
+        Signals whose difference counts. By default all states. Needed for several plants.
     repeats
         Number of runs, of which the shortest counts.
 
     Returns
     -------
     WorkPrecision
-        The table; `print`, `plot` and `save` it.
+        The table. `print`, `plot` and `save` it.
 
     Raises
     ------
     SceneError
-        As `simulate` does.
+        If an argument is wrong.
     SimulationError
-        If no truth can be computed.
+        If no reference solution can be computed.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, work_precision
+    >>> found = work_precision(compose(BlockOnBelt()), "20 s", methods=["taylor"], accuracies=[1e-3, 1e-6], repeats=1)
+    >>> print(len(found.points), "settings")
+    2 settings
     """
     refuse_former("work_precision", loop, list(former))
     if former:

@@ -26,9 +26,25 @@ def until(deadline: float) -> Iterator[None]:
 
 
 def time_left() -> float:
-    """The seconds that the run which calls this law may still take by its `Budget`; inf without a limit, and outside a run.
+    """Return the computing time that the budget of the present run still allows [s].
 
-    A law that solves several programs in a sample asks before each. Raises an exception, which ends the run in a BudgetError, where none are left.
+    A controller that solves several programs in a sample calls this before each program.
+
+    Returns
+    -------
+    float
+        The remaining time [s]. inf without a limit, and outside a run.
+
+    Raises
+    ------
+    Exception
+        If no time is left. The run then ends with a BudgetError.
+
+    Examples
+    --------
+    >>> from toolbox.authoring import time_left
+    >>> print(time_left() > 60.0)
+    True
     """
     deadline = _DEADLINE.get()
     if deadline == math.inf:

@@ -87,18 +87,22 @@ class Pictured(Protocol):
 
 
 def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> Any:
-    """Draw signals against time, with a ribbon of modes above, grey bands where the only contact sticks, and thin lines at events.
+    """Draw signals of a run against time.
+
+    A ribbon above the curves shows the modes. Grey bands show stick if the plant has one contact. Thin lines show
+    events.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     signals
-        Names; of a vector state all entries or one (`chain.speed.0`). By default speeds first, then what drives and resists.
+        Names of signals. For a vector state give its name to draw all entries, or the name of one entry such as
+        "chain.speed.0". By default speeds come first, then driving and resisting forces or torques.
     ax
-        Where to draw; by default a figure with one panel per unit.
+        Axes to draw into. By default a new figure with one panel per unit.
     after, until
-        Window [s]; by default the whole run.
+        Begin and end of the window [s]. By default the whole run.
 
     Returns
     -------
@@ -109,6 +113,15 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0
     ------
     SceneError
         If a signal is unknown, signals of several units share one `ax`, or the window lies outside the run.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, plot, simulate
+    >>> run = simulate(compose(BlockOnBelt()), "60 s")
+    >>> axes = plot.traces(run, "block.speed", "belt.force")
+    >>> print(len(axes), "panels")
+    2 panels
     """
     begin, end = window(run, after, until)
     names = list(signals) or run.main_signals
@@ -152,23 +165,41 @@ def phase_plane(
     after: NumberOrText = 0.0,
     until: NumberOrText | None = None,
 ) -> Any:
-    """Draw one signal against another; where `element` sticks the line is thick, the start is a ring, and arrows show the direction.
+    """Draw one signal of a run against another.
+
+    The line is thick while `element` sticks, a ring marks the start, and arrows show the direction.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     x_signal, y_signal
         Names of two scalar signals.
     element
-        The contact; by default the first of the plant, if it has any.
-    ax, after, until
-        As in `traces`.
+        Name of the contact whose stick phases are thick. By default the first contact of the plant, if it has one.
+    ax
+        Axes to draw into. By default a new figure.
+    after, until
+        Begin and end of the window [s]. By default the whole run.
+
+    Returns
+    -------
+    axes
+        The axes.
 
     Raises
     ------
     SceneError
         If a signal is unknown or a vector, the element is unknown, or the window lies outside the run.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, plot, simulate
+    >>> run = simulate(compose(BlockOnBelt()), "60 s")
+    >>> ax = plot.phase_plane(run, "block.position", "block.speed")
+    >>> print(ax.get_xlabel(), "from", ax.get_xlim()[0].round(1))
+    block position [m] from -0.6
     """
     begin, end = window(run, after, until)
     names = list(run.modes)
@@ -218,7 +249,9 @@ def comparison(
     after: NumberOrText = 0.0,
     until: NumberOrText | None = None,
 ) -> Any:
-    """Draw one signal of several runs: one panel per run on common axes with grey bands of stick, or all curves in `ax`, as `overlay` does.
+    """Draw one signal of several runs, one panel per run on common axes, with grey bands of stick.
+
+    If `ax` is given, all curves are drawn into it, as `overlay` does.
 
     Parameters
     ----------
@@ -227,9 +260,11 @@ def comparison(
     signal
         Name of a scalar signal.
     element
-        The contact whose modes are shown; by default the first, where there is one.
-    ax, after, until
-        As in `traces`; by default to the end of the longest run.
+        Name of the contact whose stick phases are grey. By default the first contact, if the run has one.
+    ax
+        Axes for all curves. By default a new figure with one panel per run.
+    after, until
+        Begin and end of the window [s]. By default from the start to the end of the longest run.
 
     Returns
     -------
@@ -239,7 +274,17 @@ def comparison(
     Raises
     ------
     SceneError
-        If there is no run, the signal is unknown or a vector, the element is unknown, or the window lies outside the longest run.
+        If no run is given, the signal is unknown or a vector, the element is unknown, or the window lies outside the
+        longest run.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, plot, simulate
+    >>> plant = compose(BlockOnBelt())
+    >>> runs = {f"{mass:g} kg": simulate(plant, "60 s", parameters={"block.mass": mass}) for mass in (1.0, 2.0)}
+    >>> print(len(plot.comparison(runs, "block.speed")), "panels")
+    2 panels
     """
     if ax is not None:
         return overlay(runs, signal, element=element, ax=ax, after=after, until=until)
@@ -276,20 +321,23 @@ def overlay(
     after: NumberOrText = 0.0,
     until: NumberOrText | None = None,
 ) -> Any:
-    """Draw signals of several runs over one another: one panel per signal, one colour per run, and above them a ribbon of modes per run.
+    """Draw signals of several runs over one another, with one panel per signal and one colour per run.
+
+    A ribbon of modes stands above the panels for every run.
 
     Parameters
     ----------
     runs
-        {label: run}; fresh runs and runs that were read from a file.
+        {label: run}. Runs may be fresh or read from a file.
     signals
-        Names of scalar signals; by default those that a plot of the first run shows, that all runs have, and that are not the same constant in all.
+        Names of scalar signals. By default the signals that a plot of the first run shows and that all runs have,
+        without signals that are the same constant in all runs.
     element
-        The contact whose modes are shown; by default the first, where there is one.
+        Name of the contact whose modes are shown. By default the first contact, if the run has one.
     ax
-        Where to draw, for one signal; by default a figure with one panel per signal.
+        Axes for one signal. By default a new figure with one panel per signal.
     after, until
-        As in `traces`; by default to the end of the longest run.
+        Begin and end of the window [s]. By default from the start to the end of the longest run.
 
     Returns
     -------
@@ -299,8 +347,17 @@ def overlay(
     Raises
     ------
     SceneError
-        If there is no run, a signal is unknown or a vector, several signals share one `ax`, the element is unknown, or the window lies outside the longest
-        run.
+        If no run is given, a signal is unknown or a vector, several signals share one `ax`, the element is unknown,
+        or the window lies outside the longest run.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, plot, simulate
+    >>> plant = compose(BlockOnBelt())
+    >>> runs = {f"{mass:g} kg": simulate(plant, "60 s", parameters={"block.mass": mass}) for mass in (1.0, 2.0)}
+    >>> print(len(plot.overlay(runs, "block.position", "block.speed")), "panels")
+    2 panels
     """
     longest, begin, end, shown = _together(runs, element, after, until)
     names = list(signals)
@@ -367,7 +424,30 @@ def _together(
 
 
 def stacked_panels(rows: int, height: float, extra: float, sharey: bool = False) -> list[Any]:
-    """Empty panels one above the other, over a common axis."""
+    """Make a figure with empty panels one above the other, over a common horizontal axis.
+
+    Parameters
+    ----------
+    rows
+        Number of panels, >= 1.
+    height
+        Height of one panel [inch].
+    extra
+        Height of the figure beside its panels [inch], for title and labels.
+    sharey
+        Whether the panels share their vertical axis, too.
+
+    Returns
+    -------
+    list of axes
+        The panels, top first.
+
+    Examples
+    --------
+    >>> from toolbox import plot
+    >>> print(len(plot.stacked_panels(3, height=1.2, extra=0.5)), "panels")
+    3 panels
+    """
     _, panels = plt.subplots(
         rows, 1, sharex=True, sharey=sharey, squeeze=False, figsize=(WIDTH, 0.75 + height * rows + extra), layout="constrained"
     )

@@ -255,19 +255,35 @@ def signal_reader(program: Any, names: tuple[str, ...]) -> Any:
 
 # ------------------------------------------------------------------------------------------------------------------- sampling inside the steps
 def window(run: Any, after: NumberOrText, until: NumberOrText | None) -> tuple[float, float]:
-    """Check a window and return (begin, end) [s]; a run that failed ends at its last node.
+    """Check a time window of a run, and return its begin and end.
+
+    A run that failed ends at its last recorded time.
 
     Parameters
     ----------
     run
-        The trajectory.
+        The run.
     after, until
-        The window asked for [s]; from the begin of the run where `after` lies before it, None for its end.
+        Begin and end of the window [s]. If `after` lies before the run, the window begins with the run. None for
+        `until` means the end of the run.
+
+    Returns
+    -------
+    float, float
+        Begin and end [s].
 
     Raises
     ------
     SceneError
         If the window is empty or outside the run.
+
+    Examples
+    --------
+    >>> from models import BlockOnBelt
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.authoring import window
+    >>> print(window(simulate(compose(BlockOnBelt()), "60 s"), "20 s", None))
+    (20.0, 60.0)
     """
     check_run(run)
     last = float(run.nodes.time[-1])

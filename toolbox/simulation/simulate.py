@@ -31,44 +31,53 @@ def simulate(
     accuracy: float | None = None,
     output_times: Sequence[float] | np.ndarray | None = None,
 ) -> Trajectory:
-    """Simulate a closed loop, or a plant, for `duration` seconds; every switch between stick and slip is located as an event.
+    """Simulate a closed loop, or a plant, and locate every switch between stick and slip as an event.
 
-    The run begins at rest unless a start is given. `simulate(plant, duration, controller=law, ...)` is short for
-    `simulate(closed_loop(plant, law, ...), duration)`; what is given beside a loop takes the place of what the loop holds.
+    The run begins at rest unless a start is given. `simulate(plant, duration, controller=..., ...)` is short for
+    `simulate(closed_loop(plant, controller, ...), duration)`. Arguments that are given beside a loop replace those of
+    the loop.
 
-    Every number in `duration`, `start`, `inputs`, `parameters` and `sample_time` is in SI, or text with its unit: "2 min", "95 rpm", "10 kN m".
+    Every number in `duration`, `start`, `inputs`, `parameters` and `sample_time` is in SI, or text with its unit: "2
+    min", "95 rpm", "10 kN m".
 
     Parameters
     ----------
     loop
-        A loop made by `closed_loop`, or a plant made by `compose` or smoothed by `smoothed`.
+        A loop made by `closed_loop`, or a plant made by `compose` or `smoothed`.
     duration
-        Length of the run [s], >= 0, from the time of `start` on; of a loop out of a scene, the duration of the scene by default.
+        Length of the run [s], >= 0, from the time of `start` on. By default the duration of the scene, for a loop
+        from a scene.
     start
-        Start values {state, or signal that is a state: value}; all other states are 0, and the time is 0. Or one instant of another run (`run.at(12.5)`), or an
-        `equilibrium`, whose states are taken. Or `run.last`: the run goes on where that one ended, at the same absolute time, with the memory of all laws and
-        what is on its way to the plant, so that the pieces are one run; inputs are those of that time, and `run.time` begins there.
-        A switch at the cut is listed once by the pieces together: by the one that ends there if its steps reach it, else by the next.
+        {state, or signal that is a state: start value}. All other states are 0, and the time is 0. Or one instant of
+        another run (`run.at(12.5)`). Or an `Equilibrium`, whose states are used. Or `run.last`: the run continues at
+        the end of that run, at the same absolute time, with the memory of all controllers and the commands that are
+        still delayed, so that both are one run. Inputs are then functions of that time, and `run.time` begins there.
+        An event at the cut is listed by one of the two runs: by the first if its steps reach the event, else by the
+        second.
     inputs
-        Inputs {signal, or parameter of the plant that changes in time: value}. A value is a number, a table (times, values), a shape of `toolbox.inputs`
-        (`step`, `ramp`, `sine`, `noise`, `square`, `triangle`, `inputs.sweep`), or a casadi expression of `toolbox.time`.
+        {signal, or parameter of the plant that changes in time: value}. A value is a number, text with a unit, a
+        table (times, values), a shape of `toolbox.inputs` (`step`, `ramp`, `sine`, `noise`, `square`, `triangle`,
+        `inputs.sweep`), or a casadi expression of `toolbox.time`.
     parameters
-        Parameters {name: value} for this run only, of the plant or of a law; the controller keeps the design on the declared values of the plant.
+        {parameter of the plant or of a controller: value}, for this run only. The controller keeps its design on the
+        declared values of the plant.
     controller
-        A `Controller`, a callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them.
+        A `Controller`, a callable (t, y) -> u, `Sampled(controller, period, delay)`, or a sequence of them.
     sample_time
-        Sample time of the controller [s]; without it a `Controller` acts continuously.
+        Sample time of the controller [s]. By default a `Controller` acts continuously.
     method
-        A method or its short form. "event" locates every switch, by the steps that were the fastest for such runs: Taylor series, explicit formulas, or
-        linearly implicit ones where these are cheaper (runs with a law in Python stay explicit); `run.why` says which and why. "taylor", "explicit" and
-        "stiff" prescribe the steps. `TimeStepping(step)`, short "time-stepping", locates no switch; `Smoothing(width)`, short "smoothed", regularises
-        friction; both refine their option until the accuracy is met, unless it is given. What the run may spend at most is an option of every method:
-        `EventExact(budget=Budget(seconds=60))`.
+        A method or its name. "event" locates every switch, with the steps that were the fastest for such runs: Taylor
+        series, explicit formulas, or linearly implicit ones if these are cheaper (runs with a controller in Python
+        stay explicit). `run.why` gives the choice and its reason. "taylor", "explicit" and "stiff" prescribe the
+        steps. `TimeStepping(step)`, short "time-stepping", locates no switch. `Smoothing(width)`, short "smoothed",
+        regularises friction. Both refine their option until the accuracy is met, unless the option is given. Every
+        method has an option for the largest cost of a run: `EventExact(budget=Budget(seconds=60))`.
     accuracy
-        Target for the global error, where every state is scaled by its size; between 1e-13 and 0.1. By default that of the scene, or 1e-6.
+        Target for the global error, with every state scaled by its size, between 1e-13 and 0.1. By default the
+        accuracy of the scene, else 1e-6.
     output_times
-        Increasing times [s] between begin and end at which the run is recorded, shape (nt,), as right-hand limits at events. Without them every step is
-        recorded, and both sides of every event.
+        Increasing times [s] between begin and end at which the run is recorded, shape (nt,), as right-hand limits at
+        events. By default every step is recorded, and both sides of every event.
 
     Returns
     -------
@@ -80,11 +89,22 @@ def simulate(
     SceneError
         If an argument cannot be simulated; the message names it.
     SimulationError, ZenoError, BudgetError
-        If the run cannot be finished; `.run` of the error is the trajectory so far.
+        If the run cannot be finished. `.run` of the error is the trajectory so far.
     ControllerError
-        If a controller gives a command, or remembers a value, that is no finite number; the message names controller, signal and time.
+        If a controller gives a command, or remembers a value, that is no finite number. The message names controller,
+        signal and time.
     AccuracyError
-        If a method cannot meet the accuracy at a bearable price.
+        If a method cannot meet the accuracy at an acceptable cost.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose, simulate
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> run = simulate(rig, "60 s", controller=SoftTorque(reference="60 rpm"), sample_time="10 ms")
+    >>> print(f"the bit sticks for {run.time_in('bit', 'stick'):.2f} s and ends at {run['bit.speed'][-1]:.2f} rad/s")
+    the bit sticks for 4.61 s and ends at 6.27 rad/s
     """
     # here, so that a script pays for the machinery of runs with its first run
     from toolbox.errors import SceneError

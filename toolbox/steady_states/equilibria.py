@@ -35,26 +35,39 @@ ENDLESS = 1e12
 
 @takes_loop
 def equilibria(loop: ClosedLoop) -> list[Equilibrium]:
-    """Find the steady states over the modes of all contacts and a row of guesses; slipping ones come first.
+    """Find steady states in all modes of the contacts, from several guesses.
 
-    The guesses are the state that the plant would have without friction, scaled by 1, 1/2, ... 1/64 and 0, so that the slow steady states of falling friction
-    are found beside the fast one. Modes are tried in all combinations up to 81 of them, and beyond that only all alike. A contact that may rest anywhere in a
-    range is represented by one state of it. There is no proof that no other steady state exists.
+    Each guess is the state that the plant would have without friction, scaled by 1, 1/2, ... 1/64 and 0. So the slow
+    steady states of a falling friction law are found beside the fast one. All combinations of modes are tried up to
+    81 combinations. If there are more, only combinations with the same mode for every contact are tried. A contact
+    that may rest anywhere in a range is represented by one state of the range. The search does not prove that no
+    other steady state exists.
 
     Parameters
     ----------
     loop
-        As in `equilibrium`.
+        A loop with constant inputs, or a plant. Controllers take part in their continuous form.
 
     Returns
     -------
     list of Equilibrium
-        The steady states that were found; the list may be empty.
+        The steady states that were found, with slip before stick. The list may be empty.
 
     Raises
     ------
     SceneError
-        If an argument is wrong, as in `equilibrium`; never for an empty result.
+        If the loop is no loop or plant, or an input varies in time. An empty result raises nothing.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, equilibria
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), inputs={"top.torque": "12 kN m"})
+    >>> for rest in equilibria(loop):
+    ...     print(rest.modes["bit"], f"{rest['bit.speed']:.2f} rad/s")
+    slip+ 9.38 rad/s
+    slip+ 0.02 rad/s
+    stick 0.00 rad/s
     """
     plant, inputs = loop.continuous.system, loop.constant_inputs("a steady state")
     contacts = [element for element in plant.elements if element.law is not None]

@@ -107,27 +107,32 @@ def hopf_points(
     guess: Mapping[str, Any] | None = None,
     values: int = 33,
 ) -> list[HopfPoint]:
-    """Find every Hopf point of steady running in a range of one parameter or input, in order and exact to round-off.
+    """Find every Hopf point of smooth running in a range of one parameter or input.
 
-    A law keeps the design that it has on the declared plant. Values without a steady state are skipped; where steady running ends inside the range, that end
-    is one more value that is looked at. Range: a pair whose frequency is below 1e-9 of the fastest pole is taken for two real poles and shows no Hopf point, as
-    under a slow creep on rock: a larger mass, which counts for nothing there, shows it.
+    At a Hopf point a pair of poles crosses the imaginary axis. The points come in order and are exact to round-off. A
+    controller keeps the design that it has on the nominal plant. Values without a steady state are skipped. If
+    smooth running ends inside the range, its end is one more value that is examined. Range: a pair of poles whose
+    frequency is below 1e-9 of the fastest pole counts as two real poles and gives no Hopf point, for example under a
+    slow creep on rock. A larger mass that does not matter there makes it visible.
 
     Parameters
     ----------
     loop
-        A loop with constant inputs, or a plant. Sampled controllers must have slopes; their sample times, holds and delays are exact.
+        A loop with constant inputs, or a plant. Sampled controllers need slopes; their sample times, holds and delays
+        are exact.
     parameter
-        A parameter of the plant or of a controller, a sample time or a delay, or an input, such as `top.reference`, `bit.weight`, `block.damping`
-        or `chain.stiffness.0`.
+        Name of a parameter of the plant or of a controller, of a sample time or a delay, or of an input. Examples are
+        `top.reference`, `bit.weight`, `block.damping` and `chain.stiffness.0`.
     bounds
         Range (low, high) of the parameter, in SI or text with units.
     mode
-        Modes of the steady state, as in `equilibrium`.
+        {contact or relay: mode} of the steady state. By default contacts slide in the direction in which they slide
+        at the start.
     guess
-        {state: value} of one steady state in the range. It is needed where none is found without it, as under a drive whose limits hide it.
+        {state: value} of one steady state in the range. It is needed if no steady state is found without it, for
+        example under a drive whose limits hide it.
     values
-        Number of values of the parameter that are looked at; two crossings between neighbours are missed.
+        Number of values of the parameter that are examined. Two crossings between neighbouring values are missed.
 
     Returns
     -------
@@ -137,7 +142,17 @@ def hopf_points(
     Raises
     ------
     SceneError
-        If a name is unknown, the range is none, or the plant has no steady state in the range.
+        If a name is unknown, the range is empty, or the plant has no steady state in the range.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, hopf_points
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> for point in hopf_points(loop, "top.reference", ("20 rpm", "120 rpm")):
+    ...     print(f"{point.value:.3f} rad/s, frequency {point.frequency:.3f} rad/s")
+    3.673 rad/s, frequency 0.954 rad/s
     """
     check_slopes(loop)
     free = loop.acting(parameter, "hopf_points", lambda number: number.kind.poles)
@@ -199,28 +214,42 @@ def hopf_curve(
     *,
     mode: Mapping[str, str] | None = None,
 ) -> np.ndarray:
-    """Find the Hopf value of one parameter as a function of another: the critical speed over weight on bit, over damping, over a gain.
+    """Find the Hopf value of one parameter as a function of another parameter.
+
+    Examples are the critical speed over the weight on bit, over damping, or over a gain.
 
     Parameters
     ----------
     loop
-        As in `hopf_points`.
+        A loop with constant inputs, or a plant. Sampled controllers need slopes.
     parameter, bounds
-        The first parameter or input, and the range (low, high) in which its Hopf value is looked for.
+        The first parameter or input, and the range (low, high) in which its Hopf value is searched, in SI or text
+        with units.
     second_parameter, values
         The other parameter or input, and its values.
     mode
-        As in `hopf_points`.
+        {contact or relay: mode} of the steady state. By default contacts slide in the direction in which they slide
+        at the start.
 
     Returns
     -------
     array, shape (len(values),)
-        The outermost Hopf value where there are several; nan where there is none in the range, or no steady running.
+        The outermost Hopf value if there are several. nan if the range holds none, or if there is no smooth running.
 
     Raises
     ------
     SceneError
-        As `hopf_points` does.
+        If a name is unknown, or the range is empty.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, hopf_curve
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> speeds = hopf_curve(loop, "top.reference", ("10 rpm", "120 rpm"), second_parameter="bit.weight", values=["80 kN", "97 kN"])
+    >>> print(speeds.round(2), "rad/s")
+    [3.46 3.67] rad/s
     """
     check_slopes(loop)
     other, free = (loop.acting(name, "hopf_curve", lambda number: number.kind.poles) for name in (second_parameter, parameter))

@@ -55,25 +55,28 @@ def impedance(
 ) -> np.ndarray:
     """Compute the impedance Z(i w) = -torque / speed of a drive at imposed speed.
 
-        PI law:  Z = K_p + K_i / (i w);      with the top inertia and drag:  Z = K_p + K_i / (i w) + i w J + c_r
+        PI controller:  Z = K_p + K_i / (i w);      with the top inertia and drag:  Z = K_p + K_i / (i w) + i w J + c_r
 
-    A law with limits or layers has another impedance at another point.
+    A controller with limits or nested loops has another impedance at another operating point.
 
     Parameters
     ----------
     parts
-        The law, and what stands between it and the string, such as a drive with lags and limits. A `Sampled` law adds its hold and delay as exp(-i w (period
-        / 2 + delay)), which is true well below half of the sampling rate.
+        The controller, and the parts between it and the string, such as a drive with lags and limits. A `Sampled`
+        controller adds its hold and delay as exp(-i w (period / 2 + delay)), which is true well below half of the
+        sampling rate.
     frequency
-        Frequencies w [rad/s] > 0.
+        Frequencies w [rad/s], > 0.
     plant
-        The plant that laws are designed on.
+        The plant on which controllers are designed.
     speed_signal, torque_signal
-        The speed and the torque at the top.
+        Names of the speed and of the torque at the top.
     inertia, drag
         Inertia J [kg m2] and drag c_r [N m s/rad] of the top itself.
-    speed, at
-        The speed about which the law is linearised [rad/s], and its states there, as in `linearise`.
+    speed
+        Speed around which the controller is linearised [rad/s].
+    at
+        {state of the controller: value} at this speed. States that are left out are 0.
 
     Returns
     -------
@@ -83,7 +86,15 @@ def impedance(
     Raises
     ------
     SceneError
-        If a law measures more than `speed_signal`, or a frequency is not positive.
+        If a controller measures more than `speed_signal`, or a frequency is not positive.
+
+    Examples
+    --------
+    >>> from controllers import PI
+    >>> from toolbox import impedance
+    >>> drive = PI(proportional=400.0, integral=200.0, reference="60 rpm")
+    >>> print(impedance(drive, frequency=[0.5, 1.0, 2.0]).round(1))
+    [400.-400.j 400.-200.j 400.-100.j]
     """
     w = finite_array(frequency)
     if w is None or not w.size or not (w > 0).all():
@@ -114,24 +125,34 @@ def impedance(
 
 
 def reflection(impedance: np.ndarray, characteristic: float) -> np.ndarray:
-    """Compute the part of a wave that comes back from the top, r = (zeta - Z) / (zeta + Z).
+    """Compute the fraction of a torsional wave that the top reflects, r = (zeta - Z) / (zeta + Z).
 
     Parameters
     ----------
     impedance
-        Impedance Z of the drive [N m s/rad].
+        Impedance Z of the drive [N m s/rad], as the function `impedance` returns it.
     characteristic
-        Characteristic impedance zeta [N m s/rad]: I_p sqrt(G rho) of a pipe, sqrt(k J) of a lumped string.
+        Characteristic impedance zeta of the string [N m s/rad]: I_p sqrt(G rho) of a pipe, sqrt(k J) of a lumped
+        string.
 
     Returns
     -------
     complex array, shape of `impedance`
-        The reflection coefficient [1].
+        The reflection coefficient [1]. 0 means that the drive absorbs the wave.
 
     Raises
     ------
     SceneError
         If zeta is not > 0.
+
+    Examples
+    --------
+    >>> from controllers import PI
+    >>> from toolbox import impedance
+    >>> from toolbox.steady_states import reflection
+    >>> drive = PI(proportional=400.0, integral=200.0, reference="60 rpm")
+    >>> print(abs(reflection(impedance(drive, frequency=[0.5, 1.0, 2.0]), characteristic=400.0)).round(3))
+    [0.447 0.243 0.124]
     """
     characteristic = number("characteristic", characteristic, "N m s/rad", above=0)
     try:

@@ -33,32 +33,45 @@ if TYPE_CHECKING:
 
 @takes_loop
 def equilibrium(loop: ClosedLoop, *, guess: Mapping[str, Any] | None = None, mode: Mapping[str, str] | None = None) -> Equilibrium:
-    """Find the steady state dx/dt = 0 for constant inputs in given modes, where every sliding element slides the way its mode says.
+    """Find the steady state dx/dt = 0 for constant inputs and given modes of the contacts.
 
-    Laws take part in their continuous form. Time, where the plant depends on it, is 0.
+    Every sliding contact slides in the direction of its mode. Controllers take part in their continuous form. If the
+    plant depends on time, the time is 0.
 
     Parameters
     ----------
     loop
         A loop with constant inputs, or a plant.
     guess
-        Where the search begins: {state, or signal that is a state: value}. By default it begins at the steady state that the plant would have without
-        friction, which leads to the fastest one where a falling friction characteristic has several.
+        Start of the search: {state, or signal that is a state: value}. By default the search begins at the steady
+        state that the plant would have without friction. It then leads to the fastest steady state if a falling
+        friction law has several.
     mode
-        {element: "slip+", "slip-" or "stick"}. By default contacts slide the way they do at the start ("slip+" at zero slip), and relays are on their
-        surface.
+        {contact or relay: mode}, such as {"bit": "stick"}. Modes of a contact are "slip+", "slip-" and "stick". By
+        default contacts slide in the direction in which they slide at the start ("slip+" at zero slip), and relays
+        are on their surface.
 
     Returns
     -------
     Equilibrium
-        The steady state; `rest["bit.speed"]` reads a signal.
+        The steady state. `rest["bit.speed"]` reads a signal.
 
     Raises
     ------
     NoSteadyState
-        If no steady state is found, or the one found contradicts its modes.
+        If no steady state is found, or the steady state contradicts its modes.
     SceneError
-        If an argument is wrong as in `simulate`.
+        If the loop is no loop or plant, an input varies in time, or a name is unknown.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, equilibrium
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> rest = equilibrium(loop)
+    >>> print(f"{rest['top.torque']:.0f} N m at {rest['bit.speed']:.2f} rad/s")
+    10546 N m at 6.28 rad/s
     """
     loop = loop.continuous
     return steady_state(loop.system, loop.constant_inputs("a steady state"), guess, mode, loop.display_units)
@@ -71,20 +84,43 @@ def steady_state(
     mode: Mapping[str, str] | None = None,
     display_units: Mapping[str, str] | None = None,
 ) -> Equilibrium:
-    """Find the steady state of a plant whose laws are parts of it; raises what `equilibrium` raises.
+    """Find the steady state of a plant that holds its controllers as parts.
+
+    `equilibrium` does the same for a loop.
 
     Parameters
     ----------
     plant
-        A plant, with the laws in it.
+        A plant, with its controllers among its parts.
     inputs
-        {input: constant value}; the others keep their defaults.
+        {input: constant value}. Inputs that are left out keep their defaults.
     guess
-        Values {state: value} near the steady state.
+        Start of the search: {state: value}.
     mode
-        Modes {contact: mode}; by default those that the values near it have.
+        {contact: mode}. By default the modes that the contacts have at the guess.
     display_units
-        {unit: unit that was typed}.
+        {SI unit: unit in which the result is shown}.
+
+    Returns
+    -------
+    Equilibrium
+        The steady state.
+
+    Raises
+    ------
+    NoSteadyState
+        If no steady state is found, or the steady state contradicts its modes.
+    SceneError
+        If a name is unknown, or an input varies in time.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.steady_states.linear import steady_state
+    >>> rest = steady_state(compose(wells.JANSEN_2, BitRock(weight="97 kN")), {"top.torque": 12e3})
+    >>> print(f"{rest['bit.speed']:.2f} rad/s")
+    9.38 rad/s
     """
     plant = _checked(plant)
     u = input_values(plant, inputs or {})
@@ -149,26 +185,30 @@ def linearise(
     inputs: str | Sequence[str] | None = None,
     outputs: str | Sequence[str] | None = None,
 ) -> control.StateSpace:
-    """Linearise a plant or a closed loop around a point: a `control.StateSpace` with named states, inputs and outputs, and exact Jacobians.
+    """Linearise a plant or a closed loop around a point.
 
-    A point that is no steady state is allowed: the matrices then describe the deviation from the motion through it, at frozen time. One state per sticking
-    element is left out (see the module); other states that sticking determines are set by it, unless `at` gives them. Names have "_" for ".", which
-    python-control keeps for itself: `sys["bit_speed", "top_torque"]`, states `chain_speed[0]`.
+    The result is a `control.StateSpace` with named states, inputs and outputs, from exact Jacobians. The point need
+    not be a steady state: the matrices then describe the deviation from the motion through the point, at frozen time.
+    One state per sticking contact is left out. Other states that the stick determines are set by it, unless `at`
+    gives them. Names have "_" in place of ".", because python-control reserves the dot: `sys["bit_speed",
+    "top_torque"]`, states `chain_speed[0]`.
 
     Parameters
     ----------
     loop
-        A plant, or a loop of laws in their continuous form.
+        A plant, or a loop whose controllers take part in their continuous form.
     at
-        The point: an `equilibrium(...)`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or input: value}, with all else 0 and
-        inputs as in the loop, else at their defaults. At the steady state of a loop that holds the plant, the plant alone is linearised.
+        The point: an `Equilibrium`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or
+        input: value}. States that the mapping leaves out are 0; inputs that it leaves out have their value in the
+        loop, else their default. If `at` is the steady state of a loop around this plant, the plant alone is
+        linearised there.
     mode
-        {element: "slip+", "slip-" or "stick"}. By default that of `at`, else the direction of slip; at zero slip contacts slide forwards and relays are on
-        their surface.
+        {contact or relay: mode}, such as {"bit": "stick"}. By default the modes of `at`, else the direction of slip.
+        At zero slip contacts slide forwards and relays are on their surface.
     inputs
-        Names of the inputs to keep; by default all.
+        Names of the inputs to keep. By default all.
     outputs
-        Names of the signals to keep; by default all scalar ones.
+        Names of the signals to keep. By default all scalar signals.
 
     Returns
     -------
@@ -178,7 +218,17 @@ def linearise(
     Raises
     ------
     SceneError
-        If the plant has sampled laws, a name is unknown, the modes contradict the point, or an input moves the slip of a sticking element.
+        If the plant has sampled controllers, a name is unknown, the modes contradict the point, or an input moves the
+        slip of a sticking contact.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, equilibrium, linearise
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), inputs={"top.torque": "12 kN m"})
+    >>> system = linearise(loop, equilibrium(loop), inputs="top.torque", outputs="bit.speed")
+    >>> print(f"{system.dcgain().item():.2e} rad/s per N m")
+    2.11e-03 rad/s per N m
     """
     import control
 
@@ -247,7 +297,33 @@ def _checked(plant: HybridSystem) -> HybridSystem:
 
 
 def input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
-    """All inputs, those given and the others at their defaults, shape (inputs,). Raises SceneError for unknown names and numbers that are not finite."""
+    """Return the values of all inputs of a plant, with defaults for inputs that are left out.
+
+    Parameters
+    ----------
+    plant
+        The plant.
+    given
+        {input: number}, in SI.
+
+    Returns
+    -------
+    array, shape (inputs,)
+        The values in the order of `plant.inputs`.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, or a number is not finite.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.steady_states.linear import input_values
+    >>> print(input_values(compose(wells.JANSEN_2, BitRock(weight="97 kN")), {"top.torque": 12e3}))
+    [12000. 97000.]
+    """
     u = np.array(plant.input_defaults(plant.values)).ravel()
     for name, value in mapping("inputs", given).items():
         value = number(name, value, plant.input(name).unit)
@@ -295,7 +371,26 @@ def _modes_at(
 
 
 def holding_elements(plant: HybridSystem) -> np.ndarray:
-    """Which elements hold their slip in mode 0."""
+    """Return for every contact and relay whether its mode 0 holds its slip.
+
+    Parameters
+    ----------
+    plant
+        The plant.
+
+    Returns
+    -------
+    array of bool, shape (elements,)
+        True for a contact with dry friction, for example.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.steady_states.linear import holding_elements
+    >>> print(holding_elements(compose(wells.JANSEN_2, BitRock())))
+    [ True]
+    """
     return np.array([element.holds for element in plant.elements], bool)
 
 
@@ -413,7 +508,26 @@ def _descended(plant: HybridSystem, free: NumericFunction, u: np.ndarray) -> np.
 
 
 def residual_functions(plant: HybridSystem) -> tuple[NumericFunction, NumericFunction]:
-    """Functions (t, x, u, p, m) -> (flow, slip) and -> their Jacobians by x."""
+    """Return the functions whose zero is a steady state, and their Jacobians.
+
+    Parameters
+    ----------
+    plant
+        The plant.
+
+    Returns
+    -------
+    function, function
+        (t, x, u, p, m) -> (flow, slip), and (t, x, u, p, m) -> their Jacobians by x.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.steady_states.linear import residual_functions
+    >>> print(len(residual_functions(compose(wells.JANSEN_2, BitRock()))))
+    2
+    """
     values = [plant.switching.field, plant.switching.slip]
     slopes = function_of(plant, ("slopes",), lambda: [ca.jacobian(value, plant.x) for value in values])
     return function_of(plant, ("residual",), lambda: values), slopes
@@ -457,7 +571,31 @@ def _kept(plant: HybridSystem, wanted: Any, everything: list[str], kind: str, kn
 
 
 def state_labels(plant: HybridSystem, control_names: bool = False) -> list[tuple[str, str]]:
-    """(name, unit) of every entry of x."""
+    """Return name and unit of every entry of the state.
+
+    Parameters
+    ----------
+    plant
+        The plant.
+    control_names
+        Whether names have "_" in place of ".", as python-control needs.
+
+    Returns
+    -------
+    list of (str, str)
+        Name and unit of each entry.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.steady_states.linear import state_labels
+    >>> for name, unit in state_labels(compose(wells.JANSEN_2, BitRock())):
+    ...     print(f"{name} [{unit}]")
+    chain.twist.0 [rad]
+    chain.speed.0 [rad/s]
+    chain.speed.1 [rad/s]
+    """
     out = []
     for name, (_, size, unit) in plant.states.items():
         labels = _control_labels(plant, name) if control_names else [name] if size is None else [f"{name}.{i}" for i in range(size)]
@@ -470,7 +608,24 @@ def _with_unit(value: float, unit: str) -> str:
 
 
 def control_name(name: str) -> str:
-    """A name as python-control takes it, with "_" for every dot."""
+    """Return a name of the toolbox in the form that python-control takes, with "_" for every dot.
+
+    Parameters
+    ----------
+    name
+        Name of a signal, such as "bit.speed".
+
+    Returns
+    -------
+    str
+        The name without dots.
+
+    Examples
+    --------
+    >>> from toolbox.steady_states.linear import control_name
+    >>> print(control_name("chain.speed.0"))
+    chain_speed_0
+    """
     return name.replace(".", "_")
 
 

@@ -76,12 +76,29 @@ class LinearLoop:
 
 
 def zero_order_hold(A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """Discretise x' = A x + B u for an input that is held over the period.
+    """Discretise x' = A x + B u for an input that is held constant over a period.
+
+    Parameters
+    ----------
+    A
+        System matrix, shape (n, n).
+    B
+        Input matrix, shape (n, m).
+    period
+        Period [s].
 
     Returns
     -------
-    tuple of arrays
-        exp(A period), and the integral of exp(A s) B over the period.
+    array, array
+        exp(A period), shape (n, n), and the integral of exp(A s) B over the period, shape (n, m).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from toolbox.authoring import zero_order_hold
+    >>> F, G = zero_order_hold(np.array([[-1.0]]), np.array([[1.0]]), period=0.5)
+    >>> print(F.round(3), G.round(3))
+    [[0.607]] [[0.393]]
     """
     from scipy.linalg import expm
 

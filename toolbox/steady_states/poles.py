@@ -17,29 +17,42 @@ from toolbox.steady_states.sampled_hopf import SampledBranch, check_slopes, refu
 
 @takes_loop
 def pole_locus(loop: ClosedLoop, parameter: str, values: Sequence[NumberOrText], *, mode: Mapping[str, str] | None = None) -> np.ndarray:
-    """Compute the poles of steady running while a parameter varies.
+    """Compute the poles of smooth running while a parameter varies.
 
-    For the locus over a loop gain, or a Bode diagram, give what `linearise` returns to `control`.
+    For a root locus over a loop gain, or for a Bode diagram, give the result of `linearise` to python-control.
 
     Parameters
     ----------
     loop
-        A loop, or a plant. Sampled controllers must have slopes.
+        A loop, or a plant. Sampled controllers need slopes.
     parameter, values
         The parameter or input, and its values.
     mode
-        As in `equilibrium`.
+        {contact or relay: mode} of the steady state. By default contacts slide in the direction in which they slide
+        at the start.
 
     Returns
     -------
     complex array, shape (len(values), number of poles)
-        Each column follows its pole from row to row; a row is nan where there is no steady state. Poles s [1/s]; of a sampled loop poles z = exp(s T), where T
-        is the time in which all its sample times come round.
+        Each column follows one pole from row to row. A row is nan if there is no steady state. Continuous loops have
+        poles s [1/s]. Sampled loops have poles z = exp(s T), with the time T after which all sample times coincide
+        again.
 
     Raises
     ------
     SceneError
         If a name is unknown, or a sampled controller has no slope.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.steady_states import pole_locus
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> poles = pole_locus(loop, "top.reference", ["30 rpm", "60 rpm"])
+    >>> print(poles.real.max(axis=1).round(3), "1/s")
+    [ 0.11  -0.117] 1/s
     """
     from scipy.optimize import linear_sum_assignment
 

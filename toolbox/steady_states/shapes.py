@@ -99,28 +99,42 @@ class ModeShapes(Result):
 
 @takes_loop
 def mode_shapes(loop: ClosedLoop, state: str | None = None, *, mode: Mapping[str, str] | None = None) -> ModeShapes:
-    """Compute how a machine swings around steady running: the modes of its linear form, with the law in its continuous form.
+    """Compute poles and shapes of the natural vibrations around smooth running.
+
+    Controllers take part in their continuous form.
 
     Parameters
     ----------
     loop
         A loop with constant inputs, or a plant.
     state
-        The vector of speeds whose shapes are wanted, such as `chain.speed`; by default the longest one with a unit of speed.
+        Vector of speeds whose shapes are returned, such as "chain.speed". By default the longest vector with a unit
+        of speed.
     mode
-        {contact: "slip+", "slip-" or "stick"}, as in `equilibrium`: with `{"bit": "stick"}` the modes of a string whose bit is held.
+        {contact: "slip+", "slip-" or "stick"}. With {"bit": "stick"} the result is the vibrations of a string whose
+        bit is held. By default contacts slide in the direction in which they slide at the start.
 
     Returns
     -------
     ModeShapes
-        Poles and shapes of all modes that swing, the slowest first.
+        Poles and shapes of all modes that oscillate, the slowest first.
 
     Raises
     ------
     SceneError
-        If the state is no vector of the plant, or nothing swings.
+        If the state is no vector of the plant, or no mode oscillates.
     NoSteadyState
-        If there is no steady running.
+        If there is no smooth running.
+
+    Examples
+    --------
+    >>> from controllers import StiffPI
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose
+    >>> from toolbox.steady_states import mode_shapes
+    >>> loop = closed_loop(compose(wells.NAVARRO_LOPEZ_4, BitRock()), StiffPI(reference="120 rpm"))
+    >>> print((abs(mode_shapes(loop).poles) / 6.2832).round(3), "Hz")
+    [0.063 0.166 0.316] Hz
     """
     point = equilibrium(loop, mode=mode)
     plant = point.plant

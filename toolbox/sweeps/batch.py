@@ -151,7 +151,7 @@ def runs_in_lanes(task: Task) -> bool:
     line of instructions.
     """
     run = task.run
-    if not run.method.in_lanes or run.controllers or run.start.carried or run.budget != UNHURRIED or task.clocks is not None:
+    if not run.method.in_lanes or run.controllers or run.start.carried or run.budget != UNHURRIED:
         return False
     if not all(measure.in_loops for measure in task.metrics) or any(element.directions > 1 for element in run.system.elements):
         return False
@@ -179,11 +179,11 @@ def _side_by_side(task: Task, values: np.ndarray, errors: dict[int, str]) -> Non
 
     run, numbers = task.run, np.asarray(task.numbers)
     with _PREPARING:
-        lanes = Lanes(run, task.metrics)
+        lanes = Lanes(with_room(run, task.clocks), task.metrics)
     starts = task.starts
     if starts is None:
         starts = np.tile(lanes.work.x[: run.system.x.numel()], (len(numbers), 1))
-    batch = lanes.run(numbers, starts, task.memories, task.held, seeds=task.seeds)
+    batch = lanes.run(numbers, starts, task.memories, task.held, seeds=task.seeds, clocks=task.clocks)
     values[:] = batch.values
     again = np.flatnonzero((batch.statuses != 0) | batch.doubtful | batch.negative)
     if again.size:
@@ -201,7 +201,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
         program = program_of(run.system, run.kinds, formulas_of(run))
         advance = compiled_loop(run, program)
         readings = RunningMeasures(program, task.metrics, run.end, run.accuracy)
-        work = full = work_arrays(run if task.clocks is None else dataclasses.replace(run, clocks=_most(task.clocks)), program)
+        work = full = work_arrays(with_room(run, task.clocks), program)
     fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
     fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
     n, held = run.system.x.numel(), slice(program.held_slot, program.held_slot + run.system.held.numel())
@@ -249,9 +249,13 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
     return tried
 
 
-def _most(clocks: np.ndarray) -> list[tuple[float, float]]:
-    """Sample times and delays with at least as many outputs on their way as any run has, for arrays that have room for each."""
-    return list(zip(clocks[:, :, 0].min(axis=0).tolist(), clocks[:, :, 1].max(axis=0).tolist(), strict=True))
+def with_room(run: Run, clocks: np.ndarray | None) -> Run:
+    """The run with sample times and delays by which at least as many outputs are on their way as in any run with those clocks."""
+    if clocks is None:
+        return run
+    return dataclasses.replace(
+        run, clocks=list(zip(clocks[:, :, 0].min(axis=0).tolist(), clocks[:, :, 1].max(axis=0).tolist(), strict=True))
+    )
 
 
 def single(task: Task, i: int) -> Run:

@@ -40,7 +40,30 @@ class Variations:
 
 
 def grid(axes: Mapping[str, Any]) -> Variations:
-    """Make every combination of the values of all names; the first name varies slowest. Raises SceneError for values that are no rows of numbers."""
+    """Return every combination of the values of all names, as a design for `sweep`.
+
+    Parameters
+    ----------
+    axes
+        {name: values}. The first name varies slowest.
+
+    Returns
+    -------
+    Variations
+        One row per combination.
+
+    Raises
+    ------
+    SceneError
+        If the values of a name are no row of numbers.
+
+    Examples
+    --------
+    >>> from toolbox.sweeps import grid
+    >>> design = grid({"bit.weight": [90e3, 100e3, 110e3], "top.reference": [8.0, 10.0]})
+    >>> print(design.points.shape)
+    (6, 2)
+    """
     values = []
     for name, row in axes.items():
         array = finite_array(row)
@@ -54,7 +77,25 @@ def grid(axes: Mapping[str, Any]) -> Variations:
 
 
 def listed(rows: Any) -> Variations:
-    """Make one run per row: a sequence of {name: value}, all with the same names, or a table with named columns (pandas)."""
+    """Return a design for `sweep` with one run per row of a table.
+
+    Parameters
+    ----------
+    rows
+        A sequence of {name: value}, all with the same names. Or a table with named columns (pandas).
+
+    Returns
+    -------
+    Variations
+        One row per run.
+
+    Examples
+    --------
+    >>> from toolbox.sweeps import listed
+    >>> design = listed([{"bit.weight": 90e3, "top.reference": 8.0}, {"bit.weight": 110e3, "top.reference": 10.0}])
+    >>> print(design.points.shape)
+    (2, 2)
+    """
     if hasattr(rows, "to_dict") and hasattr(rows, "columns"):
         rows = rows.to_dict("records")
     rows = list(rows)
@@ -69,13 +110,59 @@ def listed(rows: Any) -> Variations:
 
 @new_names_only
 def uniform(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
-    """Draw independent uniform random numbers between the bounds {name: (low, high)}."""
+    """Return independent uniform random numbers as a design for `sweep`.
+
+    Parameters
+    ----------
+    ranges
+        {name: (low, high)}.
+    runs
+        Number of runs.
+    seed
+        Seed of the random numbers.
+
+    Returns
+    -------
+    Variations
+        One row per run.
+
+    Examples
+    --------
+    >>> from toolbox.sweeps import uniform
+    >>> design = uniform({"bit.weight": (90e3, 110e3)}, runs=5)
+    >>> print(design.points.shape, bool((design.points >= 90e3).all()))
+    (5, 1) True
+    """
     return _scaled(ranges, runs, seed, lambda: np.random.default_rng(seed).random((runs, len(ranges))))
 
 
 @new_names_only
 def latin_hypercube(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
-    """Make a Latin hypercube (scipy.stats.qmc): each of `runs` equal parts of each range {name: (low, high)} is met once."""
+    """Return a Latin hypercube as a design for `sweep`.
+
+    Every range is divided into `runs` equal parts, and each part holds exactly one value (scipy.stats.qmc).
+
+    Parameters
+    ----------
+    ranges
+        {name: (low, high)}.
+    runs
+        Number of runs.
+    seed
+        Seed of the random numbers.
+
+    Returns
+    -------
+    Variations
+        One row per run.
+
+    Examples
+    --------
+    >>> from toolbox.sweeps import latin_hypercube
+    >>> design = latin_hypercube({"bit.weight": (90e3, 110e3), "top.reference": (8.0, 12.0)}, runs=10)
+    >>> print(design.points.shape, sorted((design.points[:, 1] - 8.0) // 0.4) == list(range(10)))
+    (10, 2) True
+    """
 
     def unit() -> np.ndarray:
         from scipy.stats import qmc
@@ -87,7 +174,29 @@ def latin_hypercube(ranges: Mapping[str, tuple[float, float]], runs: int, seed: 
 
 @new_names_only
 def sobol(ranges: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
-    """Make a scrambled Sobol sequence (scipy.stats.qmc) in ranges {name: (low, high)}; its balance needs a power of two as number of runs."""
+    """Return a scrambled Sobol sequence as a design for `sweep` (scipy.stats.qmc).
+
+    Parameters
+    ----------
+    ranges
+        {name: (low, high)}.
+    runs
+        Number of runs. The sequence is balanced only if it is a power of two.
+    seed
+        Seed of the scrambling.
+
+    Returns
+    -------
+    Variations
+        One row per run.
+
+    Examples
+    --------
+    >>> from toolbox.sweeps import sobol
+    >>> design = sobol({"bit.weight": (90e3, 110e3), "top.reference": (8.0, 12.0)}, runs=16)
+    >>> print(f"{design.points[:, 1].mean():.1f} rad/s")
+    10.0 rad/s
+    """
 
     def unit() -> np.ndarray:
         from scipy.stats import qmc

@@ -56,49 +56,67 @@ def sweep(
     checkpoint: str | Path | None = None,
     **former: Any,
 ) -> Sweep:
-    """Simulate a loop once for every variation of some of its numbers, and measure every run.
+    """Simulate a loop once for every combination of some of its numbers, and measure every run.
 
-    Whether the stiff method pays is decided once, on the middle variation. All runs see the same measurement noise. A law is designed anew for every value of
-    what only its design knows; all other numbers are changed where they act, and gains that were designed stay.
+    The stiff method is chosen or not once for all runs, from the middle of the design. All runs see the same
+    measurement noise. A controller is designed again for every value of a number that only its design uses. All other
+    numbers are changed where they act, and designed gains stay.
 
     Parameters
     ----------
     loop
         A loop, or a plant.
     ranges
-        What varies: {name: values} for a grid, or rows of {name: value}, in SI or text with units; a pandas table; or one of the designs `latin_hypercube`,
-        `sobol` and `uniform` of this module. A name is any of `loop.numbers()` except a sample time and what a table holds; an input is held constant.
+        {name: values} for a grid, or rows of {name: value}, in SI or text with units. Or a pandas table, or one of
+        the designs `latin_hypercube`, `sobol` and `uniform` of `toolbox.sweeps`. A name is any of `loop.numbers()`
+        except a sample time and the numbers of a table. An input is held constant.
     duration
-        As in `simulate`.
+        Length of a run [s], or text with a unit. By default the duration of the scene, for a loop from a scene.
     start
-        A function {name: value of what varies} -> {state, memory of a sampled controller or command that it holds: start value}, which
-        wins over what the loop starts from.
+        A function {name: value} -> {state, memory of a sampled controller, or command that it holds: start value}. It
+        overrides the start of the loop.
     metrics
-        A name of `toolbox.measuring.metrics.METRICS`, a measure of that module, a function of the run, or several as a sequence or {name: measure}. What is
-        judged is that of the loop, from the time that the loop says or in the second half of the run. Settling, overshoot and functions are read from each
-        run in turn, which takes longer.
-    method, accuracy
-        As in `simulate`; the budget of the method is what one run may spend.
+        A name of `toolbox.measuring.metrics.METRICS`, a metric of that module, a function of the run, or several as a
+        sequence or {name: metric}. The contact and the signal are those that the loop judges, from the time that the
+        loop gives or in the second half of the run. Settling, overshoot and functions are read from each run in turn,
+        which takes longer.
+    method
+        A method or its name, as `simulate` describes them: "event", "taylor", "explicit", "stiff", "time-stepping" or
+        "smoothed". Its budget is the largest cost of one run.
+    accuracy
+        Target for the global error, between 1e-13 and 0.1. By default the accuracy of the scene, else 1e-6.
     executor
-        Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`). By default one thread per core, or one process per core
-        where a law is Python and the work is worth it.
+        Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`). By default one
+        thread per core, or one process per core if a controller is written in Python and the work is worth it.
     checkpoint
-        A folder that becomes a zarr store of the results as they come (`toolbox.sweeps.store`; needs the extra `batch`). The same call after an interruption
-        continues where it was, `xarray.open_zarr` shows what is there, and `Sweep.load` reads the finished sweep.
+        A folder that becomes a zarr store of the results as they come (`toolbox.sweeps.store`; needs the extra
+        `batch`). The same call after an interruption continues, `xarray.open_zarr` shows the results so far, and
+        `Sweep.load` reads the finished sweep.
 
     Returns
     -------
     Sweep
-        One array per measure; a run that fails is in its `errors`.
+        One array per metric. A run that fails is listed in its `failures`.
 
     Raises
     ------
     SceneError
-        If a name is unknown, a value is out of bounds, a sample time or an entry of a table is varied, or `out` holds anything but this sweep.
+        If a name is unknown, a value is out of bounds, a sample time or an entry of a table is varied, or
+        `checkpoint` holds anything but this sweep.
     OSError
         If the disk is full.
     ImportError
-        If `out` is given without the extra `batch`.
+        If `checkpoint` is given without the extra `batch`.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, wells
+    >>> from toolbox import closed_loop, compose, sweep
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), SoftTorque(reference="60 rpm"))
+    >>> found = sweep(loop, {"top.reference": ["60 rpm", "80 rpm", "100 rpm"]}, "120 s", metrics=["severity", "stuck"])
+    >>> print(found["severity"].round(2), found["stuck"].round(1))
+    [0. 0. 0.] [0. 0. 0.]
     """
     if others or is_finite_number(loop):
         raise SceneError(

@@ -58,49 +58,66 @@ def tune(
     checkpoint: str | Path | None = None,
     executor: concurrent.futures.Executor | None = None,
 ) -> Tuned:
-    """Find the numbers of a law within `bounds` that make one objective smallest, or the Pareto front of several.
+    """Find the numbers of a controller within `ranges` that minimise one objective, or the Pareto front of several
+    objectives.
 
-    The module says how the search works. The same arguments give the same result, whatever the executor. A point whose law cannot be designed, or whose run
-    fails, is recorded as infinitely bad.
+    `toolbox.tuning` describes the search. The same arguments give the same result with any executor. A point whose
+    controller cannot be designed, or whose run fails, counts as infinitely bad.
 
     Parameters
     ----------
     scene
-        One scene, several, or {label: scene}: the law must do well on all of them. A plant may stand for a scene, which is then `Scene.of(plant, duration)`:
-        it starts from rest and is judged in the second half.
+        One scene, several, or {label: scene}: the controller is judged on all of them. A plant may replace a scene
+        and counts as `Scene.of(plant, duration)`: it starts from rest and is judged in the second half of the run.
     controller
-        Label of a case that every scene has (each keeps its own set-point, period and sensors), a `Controller` (continuous) or `Sampled`.
+        Label of a case that every scene has (each keeps its own set-point, period and sensors), a `Controller`
+        (continuous) or a `Sampled`.
     objective
-        What is made small: a measure as `sweep` takes it, by its name judged as the scene says ("stuck" [s], "severity", "settling" [s], "overshoot",
-        "peak"), or a function run -> float. A sequence or {label: objective} asks for a front.
+        The objective that is minimised: a metric by its name, judged as the scene says ("stuck" [s], "severity",
+        "settling" [s], "overshoot", "peak"), or a function run -> float. A sequence or {label: objective} asks for a
+        Pareto front.
     ranges
-        {number of the law: (low, high)}, in SI or text with units, by its name among the numbers of the loop: "pi.proportional", "softtorque.detuning",
-        "lqr.gain.0". As in `sweep`, a number is changed where it acts, and the law is designed anew for what only its design knows.
+        {number of the controller: (low, high)}, in SI or text with units, by its name among the numbers of the loop:
+        "pi.proportional", "softtorque.detuning", "lqr.gain.0". A number is changed where it acts. The controller is
+        designed again for a number that only its design uses.
     duration
         Length of the runs of plants [s].
     aggregate
-        How the values of several scenes become one: `max` for the worst case, `statistics.fmean` for the mean.
+        Function that combines the values of several scenes: `max` for the worst case, `statistics.fmean` for the
+        mean.
     runs
-        Largest number of points that are tried, one run per scene each.
+        Largest number of points that are tried, with one run per scene each.
     seed
         Seed of the search.
     checkpoint
-        File that keeps every point: a tuning that was killed continues where it was when it is called again, and gives the same result. With larger `runs` a
-        longer tuning uses the points of a shorter one.
+        File that keeps every point. The same call after an interruption continues from this file and gives the same
+        result. A longer tuning, with larger `runs`, uses the points of a shorter one.
     executor
-        Any `concurrent.futures.Executor` of processes, such as that of a Dask client. It simulates all scenes of a point side by side, and all points that
-        the search knows in advance; without it one run follows the other in this process.
+        Any `concurrent.futures.Executor` of processes, such as that of a Dask client. It simulates all scenes of a
+        point side by side, and all points that the search knows in advance. By default one run follows the other in
+        this process.
 
     Returns
     -------
     Tuned
-        All points that were tried, the best one or the front, and the tuned law.
+        All points that were tried, the best point or the front, and the tuned controller.
 
     Raises
     ------
     SceneError
-        If the arguments cannot be tuned, a law or objective cannot be evaluated as given or cannot travel to an executor, or the journal belongs to other
-        arguments.
+        If the arguments cannot be tuned, a controller or objective cannot be evaluated or cannot be sent to an
+        executor, or the checkpoint belongs to other arguments.
+
+    Examples
+    --------
+    >>> from controllers import PI
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose, tune
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="60 kN"))
+    >>> drive = PI(proportional=400.0, integral=100.0, reference="120 rpm")
+    >>> found = tune(rig, drive, "severity", {"pi.proportional": (100.0, 2000.0)}, duration="60 s", runs=10)
+    >>> print(len(found.trials), "points, severity", f"{found.best.values[0][0]:.2f}")
+    10 points, severity 0.02
     """
     asked = _scenes(scene, controller, in_si(duration, "s", "duration"))
     scenes = {label: _with_case(each, controller) for label, each in asked.items()}

@@ -17,10 +17,10 @@ from controllers import PI, Lifting, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, wells
 from toolbox import Controller, Sampled, SceneError, closed_loop, compose, lowest_set_point, onset, simulate
 from toolbox.commands.command_line import main
+from toolbox.drilling import Group, LowestSetPoints, Machine, Varying, machine_groups
+from toolbox.drilling.lowest_set_point import Cells, SetPointLimit, borders, lowest
+from toolbox.drilling.set_points import Outcome, Trial, verdict
 from toolbox.modelling import Takeover
-from toolbox.robustness import Group, LowestSetPoints, Machine, Varying, machine_groups
-from toolbox.robustness.lowest_set_point import Cells, SetPointLimit, borders, lowest
-from toolbox.robustness.set_points import Outcome, Trial, verdict
 
 PLANT = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 LOOP = closed_loop(PLANT, Sampled(SoftTorque(), "10 ms", delay="30 ms"))

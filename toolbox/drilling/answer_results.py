@@ -228,7 +228,7 @@ class Answers(Told, Result):
         ax
             Axes to draw into; a figure of its own by default.
         """
-        from toolbox.robustness.figures import answer_diagram, verdict_diagram
+        from toolbox.drilling.figures import answer_diagram, verdict_diagram
 
         if math.isnan(self.bounds[0]):
             counted = [(label, [*(each.starts[name] for name in HEADS), each.errors]) for label, each in self.results.items()]

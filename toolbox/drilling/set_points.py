@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
+from toolbox.drilling.groups import LASTING, Group, Machine
 from toolbox.errors import SceneError, SimulationError
 from toolbox.measuring.judge import told_growth
 from toolbox.modelling.closed_loop import ClosedLoop
@@ -33,7 +34,7 @@ from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, Takeover, designed
 from toolbox.modelling.numbers import put_all
-from toolbox.robustness.groups import LASTING, Group, Machine
+from toolbox.robustness.starts import at_set_point
 from toolbox.vocabulary import Renamed
 
 if TYPE_CHECKING:
@@ -104,17 +105,6 @@ class Watch(Component):
         lifted = ca.if_else(signal("lifting.reference", "rad/s", default=self.reference) > 1.1 * self.reference, 1.0, 0.0)
         flags = {"limited": limited, "above": above, "lifted": lifted}
         return Equations(gives={"watch.square": (torque * torque, "1"), **{f"watch.{name}": (flag, "1") for name, flag in flags.items()}})
-
-
-def at_set_point(law: Any, reference: float) -> Any:
-    """A law, and the laws inside of it, with that set-point [rad/s]; what is no dataclass is returned as it is."""
-    if not dataclasses.is_dataclass(law):
-        return law
-    changed = {each.name: at_set_point(getattr(law, each.name), reference) for each in dataclasses.fields(law) if each.init}
-    changed = {name: value for name, value in changed.items() if isinstance(value, Controller) and value is not getattr(law, name)}
-    if isinstance(law, Controller) and hasattr(law, "reference"):
-        changed["reference"] = reference
-    return replace(law, **changed) if changed else law
 
 
 def limits_of(law: Any) -> dict[str, float]:

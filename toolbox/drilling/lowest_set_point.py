@@ -1,6 +1,6 @@
-"""The lowest set-point that a law of a drill string holds: on the declared machine, on others, under a weight that varies, for half an hour.
+"""The lowest set-point that a law of a drill string holds: on the nominal plant, on others, under a weight that varies, for half an hour.
 
-How a law is tried at a set-point is told in `toolbox.robustness.set_points`, on which machines in `toolbox.robustness.groups`.
+How a law is tried at a set-point is told in `toolbox.drilling.set_points`, on which machines in `toolbox.drilling.groups`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.arguments import checked_range, number, numbers
+from toolbox.drilling.groups import LASTING, NAMES, Group, machine_groups
+from toolbox.drilling.set_points import PROTOCOLS, SETTLING, Outcome, Trial
 from toolbox.errors import SceneError
 from toolbox.files.printing import columns, shown
 from toolbox.files.results import HeadedRows, Result
@@ -24,8 +26,6 @@ from toolbox.files.units import NumberOrText
 from toolbox.measuring.judge import told_growth
 from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Controller
-from toolbox.robustness.groups import LASTING, NAMES, Group, machine_groups
-from toolbox.robustness.set_points import PROTOCOLS, SETTLING, Outcome, Trial
 from toolbox.scenes.situation import Situation
 from toolbox.sweeps.executors import check_executor
 from toolbox.vocabulary import NOW, Renamed, now_or_near
@@ -37,7 +37,7 @@ UNTRIED = "not tried below"
 APART = 1.0
 """How far apart set-points [rad/s] are tried, from the highest down, where that does not hold."""
 HELP = 0.5
-"""How far below the border of the declared machine [rad/s] those of others are looked for."""
+"""How far below the border of the nominal plant [rad/s] those of others are looked for."""
 
 
 class Cells:
@@ -322,7 +322,7 @@ class LowestSetPoints(Result):
         ax
             Axes to draw into; a figure of its own by default.
         """
-        from toolbox.robustness.figures import set_point_diagram
+        from toolbox.drilling.figures import set_point_diagram
 
         factor, unit = reading("rad/s", self.display_units)
         rows = [(label, group, way, each.lowest_set_point * factor, each.highest_set_point * factor) for (label, group, way), each in self.entries.items()]
@@ -361,53 +361,75 @@ def lowest_set_point(
     callback: Callable[[str], None] | None = None,
     executor: concurrent.futures.Executor | None = None,
 ) -> LowestSetPoints:
-    """Find the lowest set-point at which a law ends a stick-slip that exists, and keeps it ended, on the declared drill string and on others.
+    """Find the lowest set-point at which a controller ends existing stick-slip, on the nominal drill string and on
+    others.
 
-    A drive before it has the string in stick-slip at the set-point; the law takes over at 8 phases of that cycle, with the set-point as it is (`takeover`) or
-    while it is raised to 12 rad/s and lowered again (`ramp`). It succeeds where, 80 s later, the bit does not stick, turns as fast as asked within 2 %,
-    and the torque neither swings nor stays at a limit. The border is found by bisection, confirmed at three set-points above it, and at it for half an
-    hour, where smooth running moreover must be stable on every machine of the group.
+    The initial controller has the string in stick-slip at the set-point. Then the controller of the loop takes over
+    at 8 phases of this cycle. In the protocol `takeover` the set-point stays as it is; in the protocol `ramp` it is
+    raised to 12 rad/s and lowered again. The takeover succeeds if, 80 s later, the bit does not stick, the mean speed
+    is within 2 % of the set-point, and the torque neither oscillates nor stays at a limit. The border is found by
+    bisection and confirmed at three set-points above it. At the border it is also confirmed for half an hour, and
+    smooth running must be stable on every plant of the group.
 
     Parameters
     ----------
     loop
-        A drill string with a chain of inertias and a rock, and one sampled law of `top.torque`. The law is designed on it at every set-point anew.
+        A drill string with a chain of inertias and a rock, and one sampled controller of `top.torque`. The controller
+        is designed again at every set-point.
     initial_controller
-        The law whose stick-slip is taken over, such as `StiffPI()`; its `reference` follows the set-point.
+        The controller whose stick-slip is taken over, such as `StiffPI()`. Its `reference` follows the set-point.
     groups
-        Names of groups, or groups of your own: `nominal` (without noise), `noisy` (weight + 10 %, 20 seeds of noise), `one_at_a_time` (one deviation of 10
-        or 20 % on each machine, and delayed commands), `combined` (three deviations at once), `other_rocks` (half the decay of the friction with speed),
-        `varying_weight` (noise of 2 and 5 %, a sine of 5 % at 0.17 Hz, a heave of 10 % at 0.1 Hz, ten time series of each). The noise is that of the loop
-        on `top.speed`, or 0.01 rad/s. `other_rocks` is left out for another friction law. Commands come 30 ms later on one machine of `one_at_a_time`;
-        `machine_groups(loop, delay=...)` of `toolbox.robustness` gives the groups with another delay.
+        Names of groups, or groups of your own: `nominal` (without noise), `noisy` (weight + 10 %, 20 seeds of noise),
+        `one_at_a_time` (one deviation of 10 or 20 % on each plant, and delayed commands), `combined` (three
+        deviations at once), `other_rocks` (half the decay of the friction with speed), `varying_weight` (noise of 2
+        and 5 %, a sine of 5 % at 0.17 Hz, a heave of 10 % at 0.1 Hz, ten time series of each). The noise is the noise
+        of the loop on `top.speed`, or 0.01 rad/s. `other_rocks` is left out for another friction law. Commands come
+        30 ms later on one plant of `one_at_a_time`; `machine_groups(loop, delay=...)` of `toolbox.robustness` gives
+        the groups with another delay.
     protocols
         `takeover`, `ramp` or both.
-    bounds, step
-        Range of set-points that is searched [rad/s], and the distance of its grid. Where the highest does not hold, lower ones are tried in steps of 1 rad/s,
-        so that a window of set-points that hold is found where it is wider than that.
+    bounds
+        Range of set-points [rad/s].
+    step
+        Distance of neighbouring set-points [rad/s]. If the highest set-point does not hold, lower set-points are
+        tried in steps of 1 rad/s. So a window of set-points that hold is found if it is wider than 1 rad/s.
     long_run
         Whether a border is confirmed for half an hour.
     checkpoint
-        Path of a file (JSON lines) in which the outcomes of single set-points are kept, so that a search that was stopped goes on.
+        File (JSON lines) for the outcomes of single set-points. A search that was stopped continues from this file.
     callback
-        Called with a line of text for every new outcome.
+        Function that is called with a line of text for every new outcome.
     executor
-        Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`), which does the runs at a set-point side by side. By
-        default one thread per core, and one run after the other for a law in Python.
+        Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`), which does the
+        runs at a set-point side by side. By default one thread per core, and one run after the other for a controller
+        in Python.
 
     Returns
     -------
     LowestSetPoints
-        The border of each group and protocol, what fails below it, the disk margins at it and what the recovery costs.
+        The border of each group and protocol, the reason for failure below it, the disk margins at it, and the cost
+        of the recovery.
 
     Raises
     ------
     SceneError
-        If the loop is no drill string with one sampled law, a group or a protocol is unknown, a number is none, or a law cannot travel to an executor.
+        If the loop is no drill string with one sampled controller, a group or a protocol is unknown, a number is not
+        finite or out of range, or a controller cannot be sent to an executor.
 
     Notes
     -----
-    The figures hold for the machine, the noise and the seeds that are declared. A law in Python begins at rest, and costs hundreds of times as much.
+    The numbers hold for the nominal plant, noise and seeds. A controller in Python begins at rest, and is hundreds
+    of times slower.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque, StiffPI
+    >>> from models import BitRock, wells
+    >>> from toolbox import Sampled, closed_loop, compose, lowest_set_point
+    >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SoftTorque(reference="60 rpm"), "10 ms", delay="30 ms"))
+    >>> found = lowest_set_point(loop, StiffPI(), ["nominal"], protocols=["takeover"], bounds=(4.0, 14.0), step=2.0, long_run=False)
+    >>> print({key[1:]: round(limit.speed, 1) for key, limit in found.entries.items()})
+    {('nominal', 'takeover'): 10.0}
     """
     check_executor(executor)
     trial = Trial(loop, initial_controller, executor)

@@ -11,8 +11,8 @@ from controllers.observers import Ensemble
 from models import BlockOnBelt
 from studies.benchmarks.beside_the_rig import PERIOD, REGIMES, RIG, case, followed, judged, onset_of, scores
 from toolbox import Sampled, SceneError, closed_loop, compose, hopf_points, simulate
-from toolbox.probability import EnsembleFilter, Estimates, Knowledge, estimate
-from toolbox.probability.ensemble import ASTRAY
+from toolbox.drilling import EnsembleFilter, Estimates, Knowledge, estimate
+from toolbox.drilling.ensemble import ASTRAY
 
 
 @pytest.mark.slow

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from toolbox.errors import SceneError
 from toolbox.modelling import inputs as shapes
-from toolbox.modelling.closed_loop import ClosedLoop, closed_loop
+from toolbox.modelling.closed_loop import ClosedLoop, as_loop, closed_loop
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.probability.distributions import Draws, drawn
 from toolbox.vocabulary import Renamed, new_names_only
 
 NAMES = ("nominal", "noisy", "one_at_a_time", "combined", "other_rocks", "varying_weight")
@@ -98,7 +100,7 @@ WEIGHTS = (
 
 @new_names_only
 def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, delay: float = 0.03) -> dict[str, Group]:
-    """Groups of machines for a drill string with a chain of inertias and a rock, by name.
+    """Return the groups of plants for `lowest_set_point`, for a drill string with a chain of inertias and a rock.
 
         nominal          as declared, no noise
         noisy            weight + 10 %, noise, 20 seeds
@@ -107,7 +109,38 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, dela
         other_rocks      half the decay of the friction with speed; 3 seeds; only for a rock with an exponential law
         varying_weight   a weight that varies in time: `WEIGHTS`, 10 seeds, 2 phases, judged for 600 s
 
-    noise: of the measured top speed [rad/s].  delay: by how much commands come later than declared [s] on one machine of `one_at_a_time`.
+    Parameters
+    ----------
+    machine
+        The drill string, or a loop around it.
+    noise
+        Standard deviation of the noise of the measured top speed [rad/s].
+    delay
+        Additional delay of the commands [s] on one plant of `one_at_a_time`.
+
+    Returns
+    -------
+    dict of {name: Group}
+        The groups.
+
+    Raises
+    ------
+    SceneError
+        If the machine is no drill string with a chain of inertias and a rock.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.drilling import machine_groups
+    >>> for name, group in machine_groups(compose(wells.JANSEN_2, BitRock(weight="97 kN"))).items():
+    ...     print(f"{name:15} {len(group.machines)} plants")
+    nominal         1 plants
+    noisy           1 plants
+    one_at_a_time   11 plants
+    combined        3 plants
+    other_rocks     1 plants
+    varying_weight  4 plants
     """
     names = list((machine if isinstance(machine, ClosedLoop) else closed_loop(machine)).bare.numbers())
 
@@ -146,3 +179,58 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, dela
     )
     groups.append(Group("varying_weight", varying, SEEDS[:COURSES], noise, (0.0, 0.5), 600.0))
     return {group.name: group for group in groups}
+
+
+@new_names_only
+def drawn_group(
+    loop: ClosedLoop | Any, uncertainty: Mapping[str, Any] | Draws, draws: int = 72, *, phases: Sequence[float] = (0.0, 0.5), seed: int = 0
+) -> Group:
+    """Draw plants with uncertain numbers, as a group for `lowest_set_point`.
+
+    A set-point that frees all of them from stick-slip frees a plant with some probability. If all of 72 draws are
+    free, a plant is free with 95 %, by the two-sided bound of 95 % of Clopper and Pearson. 59 draws show it by a
+    one-sided bound.
+
+    Parameters
+    ----------
+    loop
+        A loop, or a plant, with the declared numbers. No number that is drawn may be zero.
+    uncertainty
+        {name: distribution} of independent numbers, each `Normal`, `Uniform`, `LogNormal`, or text such as "97 kN +-
+        8 kN" with the standard deviation of a normal distribution. Or `Draws` of numbers that are known together.
+    draws
+        Number of plants.
+    phases
+        Phases of the cycle at which a controller takes over on each plant, as fractions of its period.
+    seed
+        Seed of the random numbers.
+
+    Returns
+    -------
+    Group
+        The plants, under the name `drawn`.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown or a sample time, a value is no distribution, more than half of a distribution is out of
+        the bounds of its number, or a declared number is zero.
+
+    Examples
+    --------
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose
+    >>> from toolbox.drilling import drawn_group
+    >>> group = drawn_group(compose(wells.JANSEN_2, BitRock()), {"bit.weight": "97 kN +- 8 kN"})
+    >>> print(group.name, len(group.machines))
+    drawn 72
+    """
+    loop = as_loop(loop)
+    made = drawn(loop, uncertainty, draws, seed)
+    declared = [loop.number(name).value for name in made.names]
+    if 0.0 in declared:
+        raise SceneError(f"Argument `uncertainty` must name numbers that are not zero, but `{made.names[declared.index(0.0)]}` is.")
+    machines = []
+    for k, row in enumerate(made.points.tolist()):
+        machines.append(Machine(f"draw {k + 1}", tuple((name, v / at) for name, v, at in zip(made.names, row, declared, strict=True))))
+    return Group("drawn", tuple(machines), phases=tuple(phases))

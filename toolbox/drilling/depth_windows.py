@@ -137,8 +137,8 @@ class Windows(Told, Result):
         return headings, rows
 
     def plot(self, axes: Any = None) -> Any:
-        """The window of every depth, one picture each; see `toolbox.robustness.figures.window_diagram`. Returns the axes."""
-        from toolbox.robustness.figures import window_diagram
+        """The window of every depth, one picture each; see `toolbox.drilling.figures.window_diagram`. Returns the axes."""
+        from toolbox.drilling.figures import window_diagram
 
         first, second, deep = (reading(unit, self.display_units) for unit in (*self.units, "m"))
         labels = [f"{name} [{read.tail.strip() or '1'}]" for name, read in zip(self.names, (first, second), strict=True)]
@@ -160,35 +160,50 @@ def windows(
     shape: tuple[int, int] = (13, 7),
     checkpoint: str | Path | None = None,
 ) -> Windows:
-    """Find over the depth of a well at which speed and weight a law keeps it smooth, from which side, and with which margin.
+    """Find the speed and weight windows in which a controller keeps a well free of stick-slip, over its depth.
 
     Parameters
     ----------
     well
-        A function depth [m] -> plant, or loop without laws, such as one that cuts a string to that length.
+        A function depth [m] -> plant, or loop without controllers, such as a function that cuts a string to this
+        length.
     depths
         Depths, in metres or text with units.
     controller
-        The law, or a function depth [m] -> law: `schedule(...).law_at` is one.
+        The controller, or a function depth [m] -> controller. `schedule(...).law_at` is such a function.
     ranges
-        The two ranges {name: (low, high)} of a map, the number whose lowest value is asked for first, such as the set-point, then the other one, such as
-        the weight.
+        {name: (low, high)} of the two numbers of a map. First the number whose lowest value is searched, such as the
+        set-point, then the other number, such as the weight on bit.
     second_values
-        Values of the second number at which windows are read, by default five over its range.
+        Values of the second number at which windows are read. By default five over its range.
     shape
-        Points of the map of a depth along both numbers.
+        Number of points of the map of a depth along both numbers.
     checkpoint
-        A folder that keeps the points of all maps: windows that were interrupted go on where they were.
+        Folder that keeps the points of all maps. A search that was interrupted continues from this folder.
 
     Returns
     -------
     Windows
-        The windows; `found.severity_maps[i].plot()` draws both branches of a depth.
+        The windows. `found.severity_maps[i].plot()` draws both branches of a depth.
 
     Raises
     ------
     SceneError
-        If an argument is none, or the loop of a depth cannot be mapped.
+        If an argument is wrong, or the loop of a depth cannot be mapped.
+
+    Examples
+    --------
+    >>> from controllers import StiffPI
+    >>> from models import BitRock, TorsionalChain
+    >>> from toolbox import compose
+    >>> from toolbox.drilling import windows
+    >>> def well(depth):
+    ...     string = TorsionalChain(inertia=(2122.0, 374.0), stiffness=(473.0 * 2000.0 / depth,), damping=(23.2,), top_drag=425.0, bit_drag=50.0)
+    ...     return compose(string, BitRock())
+    >>> ranges = {"top.reference": ("60 rpm", "180 rpm"), "bit.weight": ("40 kN", "100 kN")}
+    >>> found = windows(well, [1500.0], StiffPI(reference="120 rpm"), ranges, along=["60 kN"], shape=(4, 3))
+    >>> print(found.depths, "m")
+    (1500.0,) m
     """
     deep = in_si(list(depths), "m", "depths")
     places = numbers("depths", deep, "m", at_least=0)

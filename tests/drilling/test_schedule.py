@@ -14,8 +14,8 @@ import pytest
 from controllers import LQG, PI, SoftTorque, StiffPI
 from models import BitRock, DrillString, Section, ToolJoint, inner_diameter, shaft_frequencies
 from toolbox import Sampled, SceneError, closed_loop, compose, margins, simulate
+from toolbox.drilling import schedule
 from toolbox.export.scheduled_c import export_schedule
-from toolbox.tuning import schedule
 
 TOP, SPEED = 2000.0, "120 rpm"
 JOINT = ToolJoint("6.625 in", "3.25 in", "21 in", every="31.7 ft")

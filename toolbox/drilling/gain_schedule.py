@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import count_of, number, numbers
+from toolbox.drilling.depth_windows import closed_at
 from toolbox.errors import SceneError
 from toolbox.files.printing import Rows, Told, shown
 from toolbox.files.results import LEFT_OUT, HeadedRows, Result
@@ -28,7 +29,6 @@ from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.closing import described
 from toolbox.modelling.components import numbers_of, rebuilt
 from toolbox.modelling.laws import Controller, Sampled
-from toolbox.robustness.depth_windows import closed_at
 from toolbox.robustness.margins import disk_margin
 from toolbox.robustness.starts import TakenOver
 from toolbox.robustness.worst_case import Trials, percent
@@ -163,8 +163,8 @@ class Schedule(Told, Result):
         return headings, [[depth, *row.tolist()] for depth, row in zip(self.depths, self.gains, strict=True)]
 
     def plot(self, axes: Any = None) -> Any:
-        """Gains and disk margin over depth; see `toolbox.tuning.figures.schedule_diagram`. Returns the axes."""
-        from toolbox.tuning.figures import schedule_diagram
+        """Gains and disk margin over depth; see `toolbox.drilling.figures.schedule_diagram`. Returns the axes."""
+        from toolbox.drilling.figures import schedule_diagram
 
         deep, *read = (reading(unit, self.display_units) for unit in ("m", *self.units))
         labels = [f"{name} [{each.unit}]" for name, each in zip(self.names, read, strict=True)]
@@ -185,34 +185,52 @@ def schedule(
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
 ) -> Schedule:
-    """Design a law at depths of a well, interpolate its numbers between them, and check it there and halfway between.
+    """Design a controller at several depths of a well, interpolate its gains between them, and check it there and
+    halfway between.
 
     Parameters
     ----------
     well
-        A function depth [m] -> plant, or loop without laws, such as one that cuts a string to that length.
+        A function depth [m] -> plant, or loop without controllers, such as a function that cuts a string to this
+        length.
     depths
         At least two depths, in metres or text with units, in rising order.
     controller
-        A law that designs itself on the plant of each depth, or a function depth [m] -> law, such as one that tunes it there. All its numbers are
-        interpolated, so that it must have as many at every depth.
+        A controller that designs itself on the plant of each depth. Or a function depth [m] -> controller, such as a
+        function that tunes it there. All its numbers are interpolated, so that their number must be the same at every
+        depth.
     duration
         Length of a run [s].
     initial_controller
-        The law that the string turns with before: where it sticks and slips with it, runs begin at four phases of that cycle; else, and by default, near
-        smooth running.
-    after, mean_within, ripple_within
-        When a run is a success, as in `worst_case`.
+        A controller that is replaced. If the string sticks and slips with it, runs begin at four phases of this
+        cycle. By default, and if it does not stick and slip, runs begin near smooth running.
+    after
+        Time from which on a run is judged [s]. By default the last 30 % of the run.
+    mean_within, ripple_within
+        Allowed error of the mean speed, and allowed ripple of a command, as fractions of their means [1].
 
     Returns
     -------
     Schedule
-        The table, and what it does at every depth.
+        The table of gains, and the behaviour at every depth.
 
     Raises
     ------
     SceneError
-        If the depths do not rise, or the law has other numbers at one depth than at another.
+        If the depths do not rise, or the controller has other numbers at one depth than at another.
+
+    Examples
+    --------
+    >>> from controllers import SoftTorque
+    >>> from models import BitRock, TorsionalChain
+    >>> from toolbox import Sampled, compose
+    >>> from toolbox.drilling import schedule
+    >>> def well(depth):
+    ...     string = TorsionalChain(inertia=(2122.0, 374.0), stiffness=(473.0 * 2000.0 / depth,), damping=(23.2,), top_drag=425.0, bit_drag=50.0)
+    ...     return compose(string, BitRock(weight="60 kN"))
+    >>> found = schedule(well, [1500.0, 2500.0], Sampled(SoftTorque(reference="120 rpm"), "10 ms"), "100 s")
+    >>> print(found.names, found.gains.round(0).tolist())
+    ('pi.proportional', 'pi.integral') [[486.0, 3578.0], [376.0, 2147.0]]
     """
     typed = in_si(list(depths), "m", "depths") if not isinstance(depths, str) else depths
     places = numbers("depths", typed, "m", at_least=0)

@@ -11,7 +11,8 @@ from controllers import SoftTorque, StiffPI
 from models import BitRock, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, onset, simulate, worst_case
 from toolbox.commands.command_line import main
-from toolbox.robustness import Answers, TakenOver, answers
+from toolbox.drilling import Answers, answers
+from toolbox.robustness import TakenOver
 
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20e3}
 
@@ -91,7 +92,7 @@ def test_the_lowest_set_points_are_printed_and_drawn(searched):
 def test_a_search_goes_on_from_its_checkpoint(loop, found, tmp_path, monkeypatch):
     asked = ASKED | {"checkpoint": tmp_path / "known.jsonl"}
     assert str(answers({"soft torque": loop}, StiffPI(), **asked)) == str(found)
-    monkeypatch.setattr("toolbox.robustness.answer_table.simulate", None)  # nothing is run again
+    monkeypatch.setattr("toolbox.drilling.answer_table.simulate", None)  # nothing is run again
     assert str(answers({"soft torque": loop}, StiffPI(), **asked)) == str(found)
     with pytest.raises(SceneError, match="phases"):
         answers({"soft torque": loop}, StiffPI(), **(asked | {"phases": 3}))

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import mapping, number, numbers
+from toolbox.drilling.answer_results import RAMP, STARTS, Answers, ControllerAnswer, Counted
+from toolbox.drilling.set_points import limits_of
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.journal import Journal, fingerprint
 from toolbox.files.unit_systems import asked_in
@@ -29,8 +31,6 @@ from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.onsets.coming_to import Settled
 from toolbox.onsets.onset import onset
-from toolbox.robustness.answer_results import RAMP, STARTS, Answers, ControllerAnswer, Counted
-from toolbox.robustness.set_points import limits_of
 from toolbox.robustness.starts import OwnStickSlip, TakenOver
 from toolbox.robustness.worst_case import Trials, cases_of
 from toolbox.scenes.judged import judged_contact, judged_speed, set_point
@@ -107,7 +107,7 @@ def answers(
     >>> from controllers import SoftTorque, StiffPI
     >>> from models import BitRock, wells
     >>> from toolbox import Sampled, closed_loop, compose
-    >>> from toolbox.robustness import answers
+    >>> from toolbox.drilling import answers
     >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
     >>> loop = closed_loop(rig, Sampled(SoftTorque(reference="9 rad/s", lowest_torque=0.0), "10 ms", delay="30 ms"))
     >>> found = answers({"soft torque": loop}, StiffPI(), phases=2)

@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 
 from toolbox.calibration.recording import Recording
+from toolbox.drilling.ensemble import SEEN, EnsembleFilter, Estimate, Knowledge, check_string
+from toolbox.drilling.torque_swing import CALM as CALM_TORQUE
+from toolbox.drilling.torque_swing import ENOUGH, SWINGS, swinging, too_slow, torque_swing
 from toolbox.errors import SceneError
 from toolbox.files.printing import Rows, Told
 from toolbox.files.results import HeadedRows, Result
@@ -19,10 +22,6 @@ from toolbox.logs.flaws import local_spacing
 from toolbox.messages import progress_bar
 from toolbox.modelling.closed_loop import ClosedLoop, as_loop
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.probability.ensemble import SEEN, EnsembleFilter, Estimate, Knowledge, check_string
-from toolbox.probability.pictures import picture
-from toolbox.probability.torque_swing import CALM as CALM_TORQUE
-from toolbox.probability.torque_swing import ENOUGH, SWINGS, swinging, too_slow, torque_swing
 
 SEVERE, CALM = 0.85, 0.6
 """Severity from which on a bit that has stuck is evidence of stick-slip, below which it is over: half-range over the mean, 1 where it just stops."""
@@ -171,7 +170,11 @@ class Estimates(Told, Result):
             [int(each) if k == ends or k == ends + 2 else each for k, each in enumerate(row)] for row in np.stack(values, 1).tolist()
         ]
 
-    plot = picture("estimate_diagram", "Draw the estimates that are known with their bands of 95 %, and when there was stick-slip")
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the estimates that are known with their bands of 95 %, and when there was stick-slip; returns the axes."""
+        from toolbox.drilling.figures import estimate_diagram
+
+        return estimate_diagram(self, axes)
 
     def check_loaded(self) -> None:
         """Raise ValueError where what was read does not fit together."""
@@ -188,28 +191,48 @@ def estimate(
     members: int = 64,
     seed: int = 0,
 ) -> Estimates:
-    """Estimate what the bit did from a log of the surface.
+    """Estimate the motion of the bit from a log of the surface.
 
     Parameters
     ----------
     loop
-        A drill string with a rock; of a loop with a law over `top.reference` the margin to the border of smooth running is told, too.
-    data, columns
-        What was measured: `top.torque` and `top.speed`, and `bit.weight` where it was; see `Recording.of`. A sample that is nan is a gap.
+        A drill string with a rock. For a loop with a controller that follows `top.reference`, the margin to the loss
+        of smooth running is estimated, too.
+    data
+        The measurement of `top.torque`, `top.speed` and optionally `bit.weight`: a path of a log, a mapping {column:
+        samples}, a table, a run, or a `Recording`. A sample that is nan is a gap.
+    columns
+        {signal: column of the log}. By default columns have the names of signals. `Recording.of` describes the forms.
     knowledge
-        What is known of machine and measurement.
-    members, seed
-        Of the ensemble, as in `EnsembleFilter`.
+        Prior knowledge of machine and measurement.
+    members
+        Number of members of the ensemble.
+    seed
+        Seed of the random numbers.
 
     Returns
     -------
     Estimates
-        What is known at every sample from that sample and those before it.
+        Estimates at every sample, from this sample and the samples before it.
 
     Raises
     ------
     SceneError
         If the machine is no drill string with a rock, or the log lacks torque or speed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from models import BitRock, wells
+    >>> from toolbox import compose, simulate
+    >>> from toolbox.drilling import estimate
+    >>> rig = compose(wells.JANSEN_2, BitRock(weight="97 kN"))
+    >>> time = np.linspace(0.0, 60.0, 1201)
+    >>> run = simulate(rig, 60.0, inputs={"top.torque": "11 kN m"}, output_times=time)
+    >>> log = {"time": time, "top.torque": run["top.torque"], "top.speed": run["top.speed"]}
+    >>> found = estimate(rig, log, members=32)
+    >>> print(found.time.size, "samples")
+    1201 samples
     """
     loop = as_loop(loop)
     check_string(loop.plant)

@@ -13,8 +13,8 @@ from scipy.optimize import brentq
 from controllers import PI, SoftTorque
 from models import BitRock, wells
 from toolbox import Sampled, SceneError, closed_loop, compose, margins, onset
+from toolbox.drilling import windows
 from toolbox.onsets.map_loop import NONE
-from toolbox.robustness import windows
 from toolbox.steady_states.steady_loop import linear_loop
 
 OVER = {"top.reference": ("30 rpm", "140 rpm"), "bit.weight": ("60 kN", "110 kN")}

@@ -9,8 +9,8 @@ from models import wells
 from studies.benchmarks.slow_logs import MODELS, logged, outcome, scene, smooth, sticks_between, string_period, strings
 from studies.benchmarks.slow_logs import _run as run_of
 from toolbox import SceneError
-from toolbox.probability import estimate, estimates
-from toolbox.probability.torque_swing import ENOUGH, SWINGS, swinging, too_slow, torque_swing
+from toolbox.drilling import estimate, estimates
+from toolbox.drilling.torque_swing import ENOUGH, SWINGS, swinging, too_slow, torque_swing
 
 PERIOD = 5.0
 

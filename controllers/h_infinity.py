@@ -23,9 +23,9 @@ class HInfinity(TorqueLimits):
         u = u_0 + K(s) (1 + integrator_leak / s) (w_top - reference)
         || (T_bit / disturbance_scale, n / speed_noise) -> (w_bit / bit_speed_scale, z / angle_scale, u / torque_scale) || < gamma
 
-    z is the error of the top speed through 1 / (s + integrator_leak), because with a true integral no law keeps the norm: a constant error of the measured speed would
-    count without end. So K alone leaves an error under a load that it does not know; the factor 1 + integrator_leak / s, outside of the norm, makes an integral of its
-    slowest pole and changes nothing above that.
+    z is the error of the top speed through 1 / (s + integrator_leak), because with a true integral no law keeps the norm: a constant error of the measured
+    speed would count without end. So K alone leaves an error under a load that it does not know; the factor 1 + integrator_leak / s, outside of the norm,
+    makes an integral of its slowest pole and changes nothing above that.
 
     `design` linearises the plant with the bit sliding at `reference`, finds the smallest norm that any law reaches, and takes the central law for `norm_factor`
     times that: it is better conditioned than the optimum. Its states are an observer of the string under the worst disturbance; with torque limits the observer
@@ -45,7 +45,9 @@ class HInfinity(TorqueLimits):
     order: int = 0
     matrix_indices: tuple[int, ...] = ()
     controller_matrices: OptionalQuantities = quantity(
-        None, "1", "A of K where `matrix_indices` says (everywhere if it is empty), B, C, and its drive column, row by row; filled in by design"
+        None,
+        "1",
+        "A of K where `matrix_indices` says (everywhere if it is empty), B, C, and its drive column, row by row; filled in by design",
     )
     operating_torque: OptionalQuantity = quantity(None, "N m", "u_0; filled in by design")
     initial_state_map: OptionalQuantities = quantity(None, "1", "states of K at rest per torque beyond u_0, then K(0); filled in by design")
@@ -79,8 +81,8 @@ class HInfinity(TorqueLimits):
         begins = -np.linalg.solve(A_K, B_K.ravel() / self.speed_noise)
         steady = float(C_K.ravel() @ begins) * self.torque_scale
         return replace(
-            self, order=n + 1, matrix_indices=places, controller_matrices=tuple(matrices.tolist()), operating_torque=u, initial_state_map=(*(begins / steady).tolist(), steady),
-            gamma=self.norm_factor * high,
+            self, order=n + 1, matrix_indices=places, controller_matrices=tuple(matrices.tolist()), operating_torque=u,
+            initial_state_map=(*(begins / steady).tolist(), steady), gamma=self.norm_factor * high,
         )  # fmt: skip
 
     def check_period(self, period):
@@ -107,7 +109,10 @@ class HInfinity(TorqueLimits):
         d = rate(x + period * c)
         memory = {x: x + period / 6 * (a + 2 * b + 2 * c + d), angle: angle + period * turning, **memory}
         beyond = acting(signal) - self.operating_torque
-        starts = {x: ca.vertcat(*self.initial_state_map[:-1]) * beyond, angle: (beyond / self.initial_state_map[-1] - self._error(signal)) / self.integrator_leak}
+        starts = {
+            x: ca.vertcat(*self.initial_state_map[:-1]) * beyond,
+            angle: (beyond / self.initial_state_map[-1] - self._error(signal)) / self.integrator_leak,
+        }
         return begun(Update(memory, {"top.torque": (command, "N m")}), signal, "hinfinity", starts)
 
     def _column(self, name):

@@ -55,16 +55,16 @@ class Lifting(Controller):
     lifted higher in the end. Smooth running knows nothing of it. A bit that is let go turns as fast at a low set-point as at a high one, and a top that
     may not follow does not calm it: `min_speed_limit` is a speed that is always allowed.
 
-    With `weight_relief` the law takes weight off as well, as an auto-driller can: while the set-point is lifted the weight goes down by that share at the rate
-    `unload_rate`, and then comes back at `reload_rate`. A smaller, slower lift is then enough, such as `first_factor=1.3, factor_step=0.25, raise_rate=0.2,
-    weight_relief=0.4`; the price is less weight for two minutes. The law then drives `bit.weight`, and reads the weight that is asked from `weight.reference`, of
-    which `weight` is the default.
+    With `weight_relief` the law takes weight off as well, as an auto-driller can: while the set-point is lifted the weight goes down by that share at the
+    rate `unload_rate`, and then comes back at `reload_rate`. A smaller, slower lift is then enough, such as `first_factor=1.3, factor_step=0.25,
+    raise_rate=0.2, weight_relief=0.4`; the price is less weight for two minutes. The law then drives `bit.weight`, and reads the weight that is asked from
+    `weight.reference`, of which `weight` is the default.
 
-    `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. Recorded
-    are `lifting.reference` (L), `lifting.lifts` (their number), `lifting.gave_up` (the size of the set-point at which it did, else 0), `lifting.held` (how
-    far above the set-point the bit calmed last), and with `weight_relief` `lifting.relief` (the share that is off). Sampled only. Around a law that is designed as
-    a callable, such as a predictive one, the whole is a callable; `run.laws[0].inside` holds that law. Source: the practice of lifting the rotary speed
-    against stick-slip; the rule is a choice of this file.
+    `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. Recorded are
+    `lifting.reference` (L), `lifting.lifts` (their number), `lifting.gave_up` (the size of the set-point at which it did, else 0), `lifting.held` (how far
+    above the set-point the bit calmed last), and with `weight_relief` `lifting.relief` (the share that is off). Sampled only. Around a law that is
+    designed as a callable, such as a predictive one, the whole is a callable; `run.laws[0].inside` holds that law. Source: the practice of lifting the
+    rotary speed against stick-slip; the rule is a choice of this file.
     """
 
     law: Controller = field(default_factory=Controller)
@@ -187,7 +187,9 @@ class Lifting(Controller):
         if self.weight_relief is not None:
             full = signal("weight.reference", "N", default=self.weight)
             memory[taken] = ca.if_else(
-                aim > nothing, ca.fmin(taken + self.unload_rate * period, self.weight_relief), ca.fmax(taken - self.reload_rate * period, 0.0)
+                aim > nothing,
+                ca.fmin(taken + self.unload_rate * period, self.weight_relief),
+                ca.fmax(taken - self.reload_rate * period, 0.0),
             )
             outputs["bit.weight"] = (full * (1.0 - taken), "N")
         update = Update({**inside.memory, **memory}, outputs)

@@ -20,7 +20,8 @@ from toolbox.authoring import Declared, zero_order_hold
 class LinearMPC(Predictive):
     """`Predictive` on x_(k+1) = A x_k + B u_k - E T, the slope of the rock at `reference` in A and its torque beyond that, T, constant over the plan.
 
-        min sum_(k=1)^(N-1) e_k' Q e_k + sum_(k=0)^(N-1) ((u_k - u_s) / torque_scale)^2 + ((u_k - u_(k-1)) / torque_step_scale)^2 + (e_N, u_(N-1) - u_s)' P (...)
+        min sum_(k=1)^(N-1) e_k' Q e_k + sum_(k=0)^(N-1) ((u_k - u_s) / torque_scale)^2 + ((u_k - u_(k-1)) / torque_step_scale)^2
+            + (e_N, u_(N-1) - u_s)' P (...)
 
     e = x - x_s, and (x_s, u_s) the steady state that turns at `reference` under the estimated T: hence no offset under a constant torque. Without active
     limits it is the regulator of the Riccati equation. States are eliminated: the program has `horizon` unknowns and keeps its matrices. The slope of the

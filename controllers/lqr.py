@@ -71,7 +71,12 @@ class LQR(TorqueLimits):
             np.vstack([np.column_stack([A, model.B]), np.append(model.top, 0.0)]), np.append(np.zeros(n), 1.0), rcond=1e-13
         )[0]
         return replace(
-            self, states=model.states, units=model.units, gain=tuple(gain.tolist()), operating_point=(*x.tolist(), u), operating_point_slope=tuple(tangent.tolist())
+            self,
+            states=model.states,
+            units=model.units,
+            gain=tuple(gain.tolist()),
+            operating_point=(*x.tolist(), u),
+            operating_point_slope=tuple(tangent.tolist()),
         )
 
     def _feedback(self, signal, angle) -> tuple[Any, Any]:
@@ -81,7 +86,10 @@ class LQR(TorqueLimits):
                 "LQR needs the plant it acts on: call `design(plant)`, or give `gain`, `operating_point`, `operating_point_slope`, `states` and `units`."
             )
         reference = signal("top.reference", "rad/s", default=self.reference)
-        target = [value + slope * (reference - self.reference) for value, slope in zip(self.operating_point, self.operating_point_slope, strict=True)]
+        target = [
+            value + slope * (reference - self.reference)
+            for value, slope in zip(self.operating_point, self.operating_point_slope, strict=True)
+        ]
         x = [signal(name, unit) for name, unit in zip(self.states, self.units, strict=True)]
         wanted = target[-1] - self.gain[-1] * angle
         for gain, here, there in zip(self.gain, x, target[:-1], strict=False):

@@ -39,9 +39,9 @@ class NonlinearMPC(Predictive):
     While the bit is at rest (estimated below `standstill_speed`), only the top speed is weighed until the predicted release, so that the string is wound up. A
     turning bit is kept above `min_bit_speed_factor` times the set-point, and a prediction in which it sticks again costs `violation_cost` for each sample.
 
-    `adapt_rock_strength` tells whether the strength of the rock, a factor on its torque between 0.5 and 2, is estimated. Once the bit has turned for three samples,
-    `RockFilter` estimates it with the states (it may wander by `strength_process_noise` in a second); before that it follows from the torque that the
-    linear filter sees, in the time `rock_strength_time`; at rest from the torque that the rock has held, `holding_torque_margin` more than that.
+    `adapt_rock_strength` tells whether the strength of the rock, a factor on its torque between 0.5 and 2, is estimated. Once the bit has turned for three
+    samples, `RockFilter` estimates it with the states (it may wander by `strength_process_noise` in a second); before that it follows from the torque that
+    the linear filter sees, in the time `rock_strength_time`; at rest from the torque that the rock has held, `holding_torque_margin` more than that.
 
     Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks. Source of the iteration: M. Diehl, H. G. Bock, J. P.
     Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
@@ -114,11 +114,15 @@ class PlannedNonlinear(PredictiveLaw):
                 contact=self.contact, bit=model.bit, rock=self._rock_at, turning=2.0 * law.standstill_speed, lasting=3,
             )  # fmt: skip
         limits = [(model.bit / law.bit_speed_scale, law.min_bit_speed_factor * law.reference / law.bit_speed_scale, np.inf)]
-        limits += [(model.top / law.top_speed_scale, -np.inf, law.highest_speed / law.top_speed_scale)] if law.highest_speed is not None else []
+        limits += (
+            [(model.top / law.top_speed_scale, -np.inf, law.highest_speed / law.top_speed_scale)] if law.highest_speed is not None else []
+        )
         limits += [(twist_row(model), -law.highest_twist, law.highest_twist)] if law.highest_twist is not None else []
         count = len(limits)
         rows, (low, high) = np.array([row for row, _, _ in limits]), np.array([bounds for _, *bounds in limits]).T.copy()
-        numbers = np.array([0.0, 0.0, law.torque_scale, law.torque_step_scale, law.violation_cost, self.lowest, self.highest, self.rate, np.inf])
+        numbers = np.array(
+            [0.0, 0.0, law.torque_scale, law.torque_step_scale, law.violation_cost, self.lowest, self.highest, self.rate, np.inf]
+        )
         self.weights = condensing.Weights(
             numbers,
             np.zeros(n),

@@ -40,9 +40,9 @@ class Predictive(TorqueLimits):
     a few hundred N m more or less than the filter expects, for a second or so. A filter that trusts the drive (50 N m s^1/2) reads this as motion of
     the bit, and the motor swings between its limits with the bit parked. `torque_step_scale` keeps the plan slower than that filter.
 
-    Every answer of the solver must pass the KKT conditions. Where none does, or where `controllers.watchdog` finds that the string stands or that the motor
-    swings between its limits for longer than `fallback_time`, an impedance drive acts, from the torque that was. `run.laws[0].record` tells when and why, and how
-    long each sample took. Sampled only, at `period`.
+    Every answer of the solver must pass the KKT conditions. Where none does, or where `controllers.watchdog` finds that the string stands or that the
+    motor swings between its limits for longer than `fallback_time`, an impedance drive acts, from the torque that was. `run.laws[0].record` tells when and
+    why, and how long each sample took. Sampled only, at `period`.
     """
 
     sensors: tuple[str, ...] = ("top.speed",)
@@ -63,7 +63,9 @@ class Predictive(TorqueLimits):
     drive_process_noise: Quantity = quantity(
         400.0, "N m s^1/2", "white noise that stands for the error of the drive's torque and inertia", at_least=0
     )
-    fallback_time: Quantity = quantity(5.0, "s", "how long the string may stand, or the motor swing, before the soft drive takes over", above=0)
+    fallback_time: Quantity = quantity(
+        5.0, "s", "how long the string may stand, or the motor swing, before the soft drive takes over", above=0
+    )
     solver: str = "daqp"
     warm_start: bool = True
 
@@ -78,7 +80,9 @@ class Predictive(TorqueLimits):
         super().check()
         whole("horizon", self.horizon, 1)
         if len(self.sensor_noise) != len(self.sensors) or not self.sensors:
-            raise SceneError(f"Argument `sensor_noise` must have one entry for each of {', '.join(self.sensors)}, but it has {len(self.sensor_noise)}.")
+            raise SceneError(
+                f"Argument `sensor_noise` must have one entry for each of {', '.join(self.sensors)}, but it has {len(self.sensor_noise)}."
+            )
         if not self.delay / self.period <= MOST_LATE:
             raise SceneError(f"Argument `delay` must be at most {MOST_LATE} periods of {self.period:g} s, but it is {self.delay:g} s.")
         if self.solver not in SOLVERS:
@@ -171,7 +175,9 @@ class PredictiveLaw(Remembering):
         self.model = model
         sensors = sensor_rows(plant, law.sensors)
         self.filter = DisturbanceFilter(
-            FilterModel(A, model.B, model.E, sensors, law.period, law.delay, law.sensor_noise, law.torque_process_noise, law.drive_process_noise)
+            FilterModel(
+                A, model.B, model.E, sensors, law.period, law.delay, law.sensor_noise, law.torque_process_noise, law.drive_process_noise
+            )
         )
         self.drive = SoftDrive(law, plant)
         self.watchdog = Watchdog(law.period, law.fallback_time, law.lowest_torque, law.highest_torque)

@@ -28,8 +28,8 @@ class RockFilter(DisturbanceFilter):
     down; its states follow the hybrid prediction of the plant. It ends where its bit comes to rest, or where its innovations are larger than it can
     explain (their mean square over about ten samples above `SURPRISE`).
 
-    What is not known of the drive, a part `drive_torque_error` of its inertia or torque, matters only while its torque moves. Both filters take it for white noise
-    of the drive's torque with the intensity
+    What is not known of the drive, a part `drive_torque_error` of its inertia or torque, matters only while its torque moves. Both filters take it for
+    white noise of the drive's torque with the intensity
 
         drive_process_noise^2 + (drive_torque_error (u - u_mean))^2 `MEMORY`,    u_mean' = (u - u_mean) / `SETTLED`
 

@@ -155,7 +155,7 @@ class Absorber(Component):
     """Dynamic vibration absorber on a block: m_a w' = k_a (x - y) + c_a (v - w), and the block feels the same force back.
 
     - Needs the signals `block.position` [m] and `block.speed` [m/s].
-    - Gives the signals `absorber.position` y [m], `absorber.speed` w [m/s] and `block.attachment` [N]; with `attached_to="pad"` the same of the pads of a `DiscBrake`.
+    - Gives the signals `absorber.position` y [m], `absorber.speed` w [m/s] and `block.attachment` [N]; with `attached_to="pad"` those of a `DiscBrake`.
 
     `Absorber.tuned` gives the one that lets a block bear the most falling friction. An oscillator on an elastic foundation with an absorber is that of
     Maegawa and Itoigawa, of whose work only this much is known here: a reconstruction. Defaults: tuned to a block of 1 kg on 1 N/m.

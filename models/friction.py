@@ -78,7 +78,9 @@ class Transition(_Falling):
 
     static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0, source="Aarsnes and Shor (2018)")
     kinetic: Quantity = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0, source="Aarsnes and Shor (2018)")
-    transition_speed: Quantity = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0, source="Aarsnes and Shor (2018)")
+    transition_speed: Quantity = quantity(
+        1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0, source="Aarsnes and Shor (2018)"
+    )
 
     def sliding(self, speed):
         square = (speed / self.transition_speed) ** 2

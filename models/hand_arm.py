@@ -56,7 +56,9 @@ class HandArm(Component):
         for name in ("stiffness", "damping"):
             entries(f"hand.{name}", getattr(self, name), n + 1, ", one more than `hand.mass`")
         if not isinstance(self.attached_to, str) or not self.attached_to.isidentifier() or self.attached_to == "hand":
-            raise SceneError(f"Argument `hand.attached_to` must be the first word of the signals of what is held, but it is {self.attached_to!r}.")
+            raise SceneError(
+                f"Argument `hand.attached_to` must be the first word of the signals of what is held, but it is {self.attached_to!r}."
+            )
 
     def equations(self, signal):
         n = len(self.mass)

@@ -194,7 +194,7 @@ def whirl_ratio(run: Trajectory, after: float = 0.0, until: float | None = None,
     >>> from dataclasses import replace
     >>> from models import BitRock, WhirlingCollar, wells, whirl_ratio
     >>> from toolbox import compose, simulate
-    >>> plant = compose(replace(wells.UFRJ_2, collar=-1), BitRock(weight="60 kN"), WhirlingCollar())
+    >>> plant = compose(replace(wells.UFRJ_2, collar_index=-1), BitRock(weight="60 kN"), WhirlingCollar())
     >>> run = simulate(plant, "20 s", inputs={"top.torque": "9 kN m"})
     >>> print(f"{whirl_ratio(run, after=10.0):.2f}")
     1.00

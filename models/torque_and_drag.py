@@ -130,7 +130,9 @@ class TorqueDrag(Result):
                     continue
                 ax.plot(values, self.depth, label=label or "this motion", gid="motion", **look)
                 if self.sliding_front < self.depth[-1]:
-                    ax.axhspan(self.sliding_front, self.depth[-1], facecolor="0.90", zorder=-1, label=f"stuck, {label}" if label else "stuck")
+                    ax.axhspan(
+                        self.sliding_front, self.depth[-1], facecolor="0.90", zorder=-1, label=f"stuck, {label}" if label else "stuck"
+                    )
             name_axis(axes[0].xaxis, "effective tension", "N")
             name_axis(axes[1].xaxis, "torque", "N m")
             handles = {label: each for ax in axes for each, label in zip(*ax.get_legend_handles_labels(), strict=True)}

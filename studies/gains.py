@@ -206,9 +206,12 @@ FAMILIES: dict[str, Family] = {
         lambda **q: SlidingMode(**q, **LIMITS), {"surface_gain": (0.02, 2.0), "reaching_rate": (0.1, 10.0), "boundary_layer": (0.02, 2.0)}
     ),
     "implicit sliding mode": _on_estimates(
-        lambda **q: ImplicitSlidingMode(**q, **LIMITS), {"surface_gain": (0.02, 2.0), "reaching_rate": (0.1, 10.0), "adaptation_gain": (0.001, 0.5)}
+        lambda **q: ImplicitSlidingMode(**q, **LIMITS),
+        {"surface_gain": (0.02, 2.0), "reaching_rate": (0.1, 10.0), "adaptation_gain": (0.001, 0.5)},
     ),
-    "super-twisting": _on_estimates(lambda **q: SuperTwisting(**q, **LIMITS), {"surface_gain": (0.02, 2.0), "disturbance_rate": (0.05, 20.0)}),
+    "super-twisting": _on_estimates(
+        lambda **q: SuperTwisting(**q, **LIMITS), {"surface_gain": (0.02, 2.0), "disturbance_rate": (0.05, 20.0)}
+    ),
     "impedance super-twisting": _on_estimates(
         lambda **q: ImpedanceSuperTwisting(**q, **LIMITS),
         {"surface_gain": (0.02, 2.0), "disturbance_rate": (0.05, 20.0), "impedance": (100.0, 4000.0)},
@@ -236,7 +239,12 @@ FAMILIES |= {
     ),
     "nonlinear MPC": Family(
         lambda q: NonlinearMPC(delay=DELAY, **q, **LIMITS),
-        {"top_speed_scale": (1.0, 40.0), "bit_speed_scale": (0.3, 20.0), "drive_torque_error": (0.02, 0.5), "strength_process_noise": (0.001, 0.05)},
+        {
+            "top_speed_scale": (1.0, 40.0),
+            "bit_speed_scale": (0.3, 20.0),
+            "drive_torque_error": (0.02, 0.5),
+            "strength_process_noise": (0.001, 0.05),
+        },
         planned=True,
     ),
 }

@@ -16,12 +16,10 @@ from toolbox.modelling import OptionalQuantities
 class ElasticFace(ContactBody):
     """Elastic body on a rigid plate, each of its contacts with Coulomb's cone: M q'' + C q' + K q = forces on its ports.
 
-    A contact is the ports with its number: `x.i` and `y.i` along the plate and `z.i` above it where `tangent` is ("x", "y") and `normal` is "z". Contacts open
-    and close under their own pressure, or carry given `loads` in place of `normal`. A spring and a damper to ground may act on one port, `support_port`; a body may
-    bring more of them (`ReducedBody.mounted`).
-    Inputs: `surface.x` and `surface.y`, the speeds of the plate along the tangents [m/s], and the ports in `force_ports`, each a force on the body [N]. Outputs are
-    all ports [m].
-    Range: small strain, small turns; hundreds of contacts.
+    A contact is the ports with its number: `x.i` and `y.i` along the plate and `z.i` above it where `tangent` is ("x", "y") and `normal` is "z". Contacts
+    open and close under their own pressure, or carry given `loads` in place of `normal`. A spring and a damper to ground may act on one port,
+    `support_port`; a body may bring more of them (`ReducedBody.mounted`). Inputs: `surface.x` and `surface.y`, the speeds of the plate along the tangents
+    [m/s], and the ports in `force_ports`, each a force on the body [N]. Outputs are all ports [m]. Range: small strain, small turns; hundreds of contacts.
     """
 
     body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})
@@ -46,7 +44,9 @@ class ElasticFace(ContactBody):
         if (self.normal is None) == (self.loads is None):
             raise SceneError("Either `normal` must be given, for contacts that open and close, or `loads`, and not both.")
         if self.support_port is None and (self.stiffness or self.damping):
-            raise SceneError("Arguments `stiffness` and `damping` must come with `support_port`, the port on which they act, but there is none.")
+            raise SceneError(
+                "Arguments `stiffness` and `damping` must come with `support_port`, the port on which they act, but there is none."
+            )
 
     def problem(self) -> ContactProblem:
         check_fields(self)

@@ -44,8 +44,8 @@ class ElasticPad(Component):
         along, into = self.body.indices("along"), self.body.indices("into")
         if not len(along) == len(into) == len(self.initial_approach):
             raise SceneError(
-                f"Argument `pad.initial_approach` must have one entry for each contact, as ports `along.i` and `into.i`, but there are {len(self.initial_approach)}, "
-                f"{len(along)} and {len(into)}."
+                f"Argument `pad.initial_approach` must have one entry for each contact, as ports `along.i` and `into.i`, but there are "
+                f"{len(self.initial_approach)}, {len(along)} and {len(into)}."
             )
         if self.force_ports is not None:
             self.body.index(self.force_ports)
@@ -60,7 +60,9 @@ class ElasticPad(Component):
         disc_speed = signal("disc.speed", "m/s", default=self.disc_speed)
         push = signal("pad.push", "N", default=0.0) if self.force_ports is not None else 0.0
         touch = [
-            UnilateralContact(f"touch.{i}", q[j] + self.initial_approach[i], v[j], stiffness=self.contact_stiffness, damping=self.contact_damping)
+            UnilateralContact(
+                f"touch.{i}", q[j] + self.initial_approach[i], v[j], stiffness=self.contact_stiffness, damping=self.contact_damping
+            )
             for i, j in enumerate(into)
         ]
         pad = [DryFriction(f"pad.{i}", v[j] - disc_speed, self.friction, touch[i].force) for i, j in enumerate(along)]

@@ -11,7 +11,20 @@ from typing import Any
 import numpy as np
 
 from toolbox import FrictionLaw, SceneError
-from toolbox.authoring import NumberOrText, Renamed, array, entries, is_finite_number, new_field, number, read_arrays, replaced, suggest, symmetric, whole
+from toolbox.authoring import (
+    NumberOrText,
+    Renamed,
+    array,
+    entries,
+    is_finite_number,
+    new_field,
+    number,
+    read_arrays,
+    replaced,
+    suggest,
+    symmetric,
+    whole,
+)
 from toolbox.contacts import ContactProblem
 
 MATRICES = ("mass", "damping", "stiffness")
@@ -260,7 +273,9 @@ class ReducedBody(Renamed):
 
     def __str__(self) -> str:
         worst = (
-            f", frequencies up to {self.frequencies[-1]:.4g} Hz right within {100 * self.frequency_errors.max():.2g} %" if self.frequency_errors.size else ""
+            f", frequencies up to {self.frequencies[-1]:.4g} Hz right within {100 * self.frequency_errors.max():.2g} %"
+            if self.frequency_errors.size
+            else ""
         )
         return f"{self.size} coordinates: {len(self.ports)} ports and {self.modes} modes{worst}; {self.rigid_body_modes} rigid-body motions"
 

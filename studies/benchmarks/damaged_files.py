@@ -155,7 +155,15 @@ def body_read(path: Path) -> Any:
     """All that a body says."""
     body = ReducedBody.load(path)
     arrays = [np.asarray(each).tobytes() for each in (body.mass, body.damping, body.stiffness, body.frequencies, body.frequency_errors)]
-    return body.ports, arrays, body.cutoff_frequency, body.rigid_body_modes, body.contact_positions, body.contact_areas, [body.index(port) for port in body.ports]
+    return (
+        body.ports,
+        arrays,
+        body.cutoff_frequency,
+        body.rigid_body_modes,
+        body.contact_positions,
+        body.contact_areas,
+        [body.index(port) for port in body.ports],
+    )
 
 
 def mat_file(folder: Path) -> Path:

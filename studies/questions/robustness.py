@@ -130,7 +130,8 @@ def working_table(speed: float = WORKING) -> str:
         gain = f"{shown(row.lowest_gain)} .. {shown(row.highest_gain)}"
         cells = [shown(found.disk_margin), shown(found.peak_sensitivity), gain, shown(phase, unit=" deg"), shown(1e3 * delay, unit=" ms")]
         lines.append(
-            f"{label:<32}{cells[0]:>8}{cells[1]:>8}{cells[2]:>16}{cells[3]:>10}{cells[4]:>10}" + (" measured" if found.simulated_margins else "")
+            f"{label:<32}{cells[0]:>8}{cells[1]:>8}{cells[2]:>16}{cells[3]:>10}{cells[4]:>10}"
+            + (" measured" if found.simulated_margins else "")
         )
     return "\n".join(lines)
 

@@ -176,11 +176,14 @@ class Row:
     def flat(self) -> dict[str, Any]:
         """The row as one level of names."""
         declared, robust = (self.found[name, "takeover"] for name in GROUPS)
-        speeds = {f"{name} {way}": self.found[name, way].lowest_set_point for name in GROUPS for way in PROTOCOLS if (name, way) in self.found}
+        speeds = {
+            f"{name} {way}": self.found[name, way].lowest_set_point for name in GROUPS for way in PROTOCOLS if (name, way) in self.found
+        }
         return {
             "well": self.well, "label": self.label, **speeds,
             "disk margin": declared.disk_margin, "disk margin, one_at_a_time": robust.disk_margin, "weakest": robust.weakest_plant,
-            "recovery": declared.recovery_time, "recovery, one_at_a_time": robust.recovery_time, "fastest, one_at_a_time": robust.max_bit_speed / robust.lowest_set_point,
+            "recovery": declared.recovery_time, "recovery, one_at_a_time": robust.recovery_time,
+            "fastest, one_at_a_time": robust.max_bit_speed / robust.lowest_set_point,
             "below, nominal": declared.why, "below, one_at_a_time": robust.why,
             "gains": ", ".join(f"{name} {value:g}" for name, value in self.numbers.items()), "judged": self.judged,
         }  # fmt: skip

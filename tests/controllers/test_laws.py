@@ -359,7 +359,13 @@ def test_h_infinity_keeps_the_norm_it_names_at_every_frequency_and_no_law_can_ke
         torque = np.array([K * top * law.disturbance_scale, K * law.speed_noise]) / loop
         speeds = [top * law.disturbance_scale + model.top @ from_drive * torque[0], model.top @ from_drive * torque[1]]
         bits = [bit * law.disturbance_scale + model.bit @ from_drive * torque[0], model.bit @ from_drive * torque[1]]
-        gain = np.array([np.array(bits) / law.bit_speed_scale, np.array(speeds) / (1j * om + law.integrator_leak) / law.angle_scale, torque / law.torque_scale])
+        gain = np.array(
+            [
+                np.array(bits) / law.bit_speed_scale,
+                np.array(speeds) / (1j * om + law.integrator_leak) / law.angle_scale,
+                torque / law.torque_scale,
+            ]
+        )
         worst = max(worst, np.linalg.norm(gain, 2))
     assert law.gamma / 1.2 * 0.9 < worst < law.gamma
 

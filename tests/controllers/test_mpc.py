@@ -325,7 +325,12 @@ def test_the_nonlinear_law_has_no_offset_either_and_learns_the_strength_of_the_r
     start, _ = drilling(8.0)
     runs = {
         adapt: simulate(
-            RIG, 80.0, start=start, inputs=HEAVIER, controller=NonlinearMPC(reference=8.0, adapt_rock_strength=adapt, **LIMITS), sample_time=0.1
+            RIG,
+            80.0,
+            start=start,
+            inputs=HEAVIER,
+            controller=NonlinearMPC(reference=8.0, adapt_rock_strength=adapt, **LIMITS),
+            sample_time=0.1,
         )
         for adapt in (True, False)
     }
@@ -389,7 +394,9 @@ def test_a_delay_of_three_and_a_half_periods_leaves_a_law_that_knows_it_able_to_
 
 @pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
 def test_a_lowered_peak_parks_the_string_for_ever_while_its_solver_reports_success(speed):
-    naive = NonlinearMPC(reference=speed, width=0.5, match_static_peak=False, adapt_rock_strength=False, fallback_time=1e6, **LIMITS, **STATES)
+    naive = NonlinearMPC(
+        reference=speed, width=0.5, match_static_peak=False, adapt_rock_strength=False, fallback_time=1e6, **LIMITS, **STATES
+    )
     run = simulate(RIG, 120.0, inputs=HEAVIER, controller=naive, sample_time=0.1)
     record = run.controllers[0].record
     assert run.time_in("bit", "stick") == 120.0

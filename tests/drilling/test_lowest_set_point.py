@@ -164,8 +164,8 @@ def test_a_window_is_told_and_drawn_with_both_ends():
 def test_lifts_are_counted_and_their_price_is_told():
     group = dataclasses.replace(BRIEF, takeover_phases=(0.0,))
     outcome = Trial(closed_loop(PLANT, Sampled(Lifting(SoftTorque()), 0.01, 0.03)), StiffPI()).outcome(group, 5.0)
-    assert outcome.passed and outcome.lifts >= 1.0 and 10.0 < outcome.recovery < 80.0 and outcome.time_above_setpoint == 0.0
-    assert outcome.fastest > 10.0 and outcome.torque > 1e4
+    assert outcome.passed and outcome.max_lifts >= 1.0 and 10.0 < outcome.recovery_time < 80.0 and outcome.time_above_setpoint == 0.0
+    assert outcome.max_bit_speed > 10.0 and outcome.max_torque > 1e4
 
 
 @pytest.mark.parametrize(
@@ -241,7 +241,7 @@ def test_a_law_that_takes_weight_off_is_tried_on_machines_with_other_weights_and
     heavy = Machine("heavy", (("bit.weight", 1.1),))
     assert float(trial.steady(heavy, 5.0).number("weight.reference").value) == pytest.approx(1.1 * 97_347.0)
     outcome = trial.outcome(dataclasses.replace(BRIEF, machines=(heavy,), takeover_phases=(0.0,)), 6.0)
-    assert outcome.passed and outcome.lifts >= 1.0 and outcome.relapses_per_hour == 0.0 and 0.02 < outcome.relief < 0.4
+    assert outcome.passed and outcome.max_lifts >= 1.0 and outcome.relapses_per_hour == 0.0 and 0.02 < outcome.max_weight_relief < 0.4
     loop, _ = trial.takes_over(
         Machine("heave", weight_variation=Varying(0.1, 0.1)), machine_groups(LOOP)["varying_weight"], 6.0, "takeover", 101, 20.0
     )

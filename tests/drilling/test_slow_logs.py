@@ -106,7 +106,10 @@ def test_the_margin_is_called_by_its_name_and_blank_while_it_sticks():
     log = logged(run_of(strings("exact")[0]), 0.5)
     found = estimate(scene("exact"), log, members=16)
     assert "margin to the loss of smooth running" in str(found)
-    assert np.isnan(found.mean["margin"][found.stick_slip]).all() and np.isfinite(found.mean["margin"][(found.time > 60.0) & ~found.stick_slip]).any()
+    assert (
+        np.isnan(found.mean["margin"][found.stick_slip]).all()
+        and np.isfinite(found.mean["margin"][(found.time > 60.0) & ~found.stick_slip]).any()
+    )
 
 
 def test_a_log_of_two_rates_is_judged_and_drawn_in_both():

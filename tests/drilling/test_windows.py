@@ -97,7 +97,9 @@ def test_a_point_of_the_map_that_nothing_decides_does_not_hide_the_border_beside
         return np.log(np.max(poles[np.abs(poles - 1.0) > 1e-9]))
 
     assert found.severity_maps[0].smooth.verdict[1, 1] == NONE and found.severity_maps[0].growth[1, 1] > 0.0
-    assert found.smooth_from[0, 0] == pytest.approx(brentq(grows, 3.0, 5.0), abs=0.1 * found.severity_maps[0].resolution)  # of a cell of 1 rad/s
+    assert found.smooth_from[0, 0] == pytest.approx(
+        brentq(grows, 3.0, 5.0), abs=0.1 * found.severity_maps[0].resolution
+    )  # of a cell of 1 rad/s
 
 
 def test_mistakes_are_told():

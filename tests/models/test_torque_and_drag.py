@@ -108,7 +108,7 @@ def test_the_run_of_a_string_that_is_wound_up_slowly_leaves_stuck_what_is_below_
     whole = torque_drag([PIPE, COLLAR], hole, MU, mud_density=MUD, turning_speed=1.0)
     torque = 0.45 * whole.torque[0]
     run = simulate(compose(chain), 100.0, inputs={"top.torque": ramp(0.0, torque, begin=0.0, finish=85.0)}, accuracy=1e-4)
-    found = torque_drag([PIPE, COLLAR], hole, MU, mud_density=MUD, turning_speed=1.0, load_load_at_top=torque)
+    found = torque_drag([PIPE, COLLAR], hole, MU, mud_density=MUD, turning_speed=1.0, load_at_top=torque)
     slid = [chain.depth[i] for i in chain.friction_at if run.time_in(f"chain.{i}", "stick") < 95.0]
     spacing = max(np.diff(chain.depth))
     assert 800.0 < found.sliding_front < 1600.0 and max(slid) == pytest.approx(found.sliding_front, abs=1.5 * spacing)

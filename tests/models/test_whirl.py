@@ -58,7 +58,9 @@ def test_the_string_of_two_inertias_follows_from_the_published_table():
 # ------------------------------------------------------------------------------------------------------------------------- states, contacts, signals
 @pytest.mark.parametrize(("n", "rock", "collar"), [(n, r, c) for n in (2, 4) for r in (False, True) for c in (False, True)])
 def test_a_plant_has_the_states_and_contacts_of_its_parts_and_no_others(n, rock, collar):
-    chain = TorsionalChain(inertia=(1000.0,) * n, stiffness=(500.0,) * (n - 1), damping=(10.0,) * (n - 1), collar_index=-1 if collar else None)
+    chain = TorsionalChain(
+        inertia=(1000.0,) * n, stiffness=(500.0,) * (n - 1), damping=(10.0,) * (n - 1), collar_index=-1 if collar else None
+    )
     parts = [chain] + [BitRock()] * rock + [WhirlingCollar(weight=None if rock else 0.0)] * collar
     plant = compose(*parts)
     assert plant.x.numel() == 2 * n - 1 + 5 * collar  # the angle of the bit, and y, z with their rates

@@ -72,7 +72,9 @@ def test_near_the_border_a_swing_takes_longer_than_a_plain_simulation_waits():
     for one so near to that cycle that time stepping is on its other side, which a run at 1e-8 tells."""
     found = basin(oscillator(1.2), BOX, 300)
     back = found.outcomes == SMOOTH
-    near = found.initial_states[np.hypot(*(found.initial_states - [[found.equilibrium[0], 0.0]]).T) < 1.5]  # from farther away every start sticks at once
+    near = found.initial_states[
+        np.hypot(*(found.initial_states - [[found.equilibrium[0], 0.0]]).T) < 1.5
+    ]  # from farther away every start sticks at once
     kept = np.isin(found.initial_states[:, 0], near[:, 0])
     assert not back[~kept].any()
     other = (swings(1.2, near, 1000.0, 0.01) < 1.2) != back[kept]
@@ -93,7 +95,8 @@ def test_the_smallest_disturbance_lies_on_the_border():
     found = basin(loop, {"bit.speed": (0.0, "290 rpm")}, 40)
     tip, point = float(found.smallest_disturbances[0]), float(found.equilibrium[0])
     assert (
-        point == pytest.approx(10.0, abs=1e-6) and 0.0 < abs(tip - point) <= np.abs(found.initial_states[found.outcomes != SMOOTH, 0] - point).min()
+        point == pytest.approx(10.0, abs=1e-6)
+        and 0.0 < abs(tip - point) <= np.abs(found.initial_states[found.outcomes != SMOOTH, 0] - point).min()
     )
     inside = point + 0.98 * (tip - point)
     near = basin(loop, {"bit.speed": (min(inside, point), max(inside, point))}, 10)

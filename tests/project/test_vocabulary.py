@@ -183,8 +183,8 @@ def test_a_file_of_set_points_with_former_groups_and_fields_loads(tmp_path):
         text = str(data["result"])
     former = (
         ("nominal", "declared"), ("one_at_a_time", "robust"), ("other_rocks", "rocks"), ("takeover", "direct"), ("ramp", "raised"),
-        ("initial_controller", "before"), ("bounds", "between"), ("highest", "until"), ("time_above_setpoint", "above"),
-        ("relapses_per_hour", "again"), ("margin_nominal", "margin_declared"),
+        ("initial_controller", "before"), ("bounds", "between"), ("highest_set_point", "until"), ("time_above_setpoint", "above"),
+        ("relapses_per_hour", "again"), ("disk_margin_nominal", "margin_declared"), ("lowest_set_point", "speed"),
     )  # fmt: skip
     for new, old in former:
         assert f'"{new}"' in text

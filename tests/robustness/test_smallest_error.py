@@ -90,7 +90,11 @@ def test_the_smallest_joint_error_is_the_border_of_routh(loop):
 
 def test_the_error_found_breaks_the_machine_and_a_smaller_one_does_not(loop):
     found = smallest_error(loop, {"bit.weight": ("60 kN", "160 kN"), "chain.inertia.0": 0.5}, 60.0)
-    assert math.isfinite(found.size) and found.largest_tolerated < found.size <= found.largest_tolerated + PRECISION and found.size == max(map(abs, found.error))
+    assert (
+        math.isfinite(found.size)
+        and found.largest_tolerated < found.size <= found.largest_tolerated + PRECISION
+        and found.size == max(map(abs, found.error))
+    )
     assert "sticks and slips" in found.why and "weight [kN]" in str(found)
     off = 100.0 * (found.values["bit.weight"] / found.parameters[0].nominal - 1.0)
     assert f"{found.values['bit.weight'] / 1e3:.4g} ({off:+.3g} %)" in str(

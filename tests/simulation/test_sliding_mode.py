@@ -208,7 +208,9 @@ def test_a_boundary_layer_tends_to_the_ideal_form_with_its_width():
     times = np.linspace(5, 12, 100)
     distances = []
     for width in (0.2, 0.05, 0.0125):
-        run = simulate(RIG, 12.0, controller=SlidingMode(reference=REFERENCE, boundary_layer=width, drag=300.0, inertia=2122.0), accuracy=1e-9)
+        run = simulate(
+            RIG, 12.0, controller=SlidingMode(reference=REFERENCE, boundary_layer=width, drag=300.0, inertia=2122.0), accuracy=1e-9
+        )
         distances.append(np.abs(run.at(times)["top.speed"] - ideal.at(times)["top.speed"]).max())
     ratios = np.array(distances[:-1]) / distances[1:]
     np.testing.assert_allclose(ratios, 4.0, rtol=0.15)

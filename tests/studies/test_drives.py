@@ -86,7 +86,11 @@ def test_the_groups_are_those_of_the_protocol():
     runs = {name: group.runs for name, group in GROUPS.items()}
     assert runs == {"nominal": 8, "noisy": 160, "one_at_a_time": 264, "combined": 72, "other_rocks": 48, "varying_weight": 80}
     assert all(len(each.parameter_factors) + (each.delay > 0.0) == 1 for each in SINGLES)
-    assert {tuple(factor for _, factor in each.parameter_factors) for each in CORNERS} == {(0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8)}
+    assert {tuple(factor for _, factor in each.parameter_factors) for each in CORNERS} == {
+        (0.8, 1.2, 0.8),
+        (1.2, 0.8, 1.2),
+        (0.8, 0.8, 0.8),
+    }
     # what laws are tuned on is not what they are judged on
     judged = {seed for group in GROUPS.values() for seed in group.seeds if group.noise}
     for group in (gains.TUNING, gains.NEARLY, gains.WEIGHTS, gains.BRIEF, gains.BRIEF_WEIGHTS):

@@ -100,7 +100,8 @@ class Fit(Told, Result):
     def interval(self, name: str) -> tuple[float, float]:
         """(low, high) of the confidence interval of an estimate."""
         i = self._place(name)
-        return float(self.values[i] - self.interval_factor * self.standard_errors[i]), float(self.values[i] + self.interval_factor * self.standard_errors[i])
+        half = self.interval_factor * self.standard_errors[i]
+        return float(self.values[i] - half), float(self.values[i] + half)
 
     @property
     def correlation(self) -> FloatArray:
@@ -186,7 +187,8 @@ class Fit(Told, Result):
             lines.append(f"  `{name}` {where} Its interval means nothing, and the optimum lies outside.".replace(": Its", ": its"))
         if self.indistinguishable_friction:
             lines.append(
-                f"  `{self.indistinguishable_friction}static` and `{self.indistinguishable_friction}kinetic` are one number: the data do not tell them apart (F-test, 5 %), so friction has no decay."
+                f"  `{self.indistinguishable_friction}static` and `{self.indistinguishable_friction}kinetic` are one number: "
+                "the data do not tell them apart (F-test, 5 %), so friction has no decay."
             )
         lines += [f"  `{name}` has no influence there, and so no estimate." for name in self.unidentifiable]
         lines += [

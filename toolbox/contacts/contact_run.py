@@ -259,7 +259,10 @@ class ContactRun(Renamed):
             tree = dict(json.loads(str(data["run"])))
             kind = _law_named(tree["law"])
             problem = read(Mapping[str, Any], tree["problem"], data, "problem")
-            mappings = {word: read(Mapping[str, Any], problem[word], data, word) for word in ("force_inputs", "surface_velocity", "outputs", "units")}
+            mappings = {
+                word: read(Mapping[str, Any], problem[word], data, word)
+                for word in ("force_inputs", "surface_velocity", "outputs", "units")
+            }
             law = kind(**read(Mapping[str, Any], tree["friction"], data, "friction"))
             inputs = {name.removeprefix("input."): values for name, values in data.items() if name.startswith("input.")}
             energy = Energies(0, ())
@@ -276,7 +279,12 @@ class ContactRun(Renamed):
     def _check(self, data: Mapping[str, np.ndarray]) -> None:
         """Raise ValueError where arrays that were read do not fit to one another and to the problem."""
         problem, n, c, k = self.problem, self.problem.size, self.problem.contacts, self.problem.directions
-        shapes: dict[str, Shape] = {"time": ("f", "t"), "coordinates": ("f", "t", n), "rates": ("f", "t", n), "contact_modes": ("iu", "t", c)}
+        shapes: dict[str, Shape] = {
+            "time": ("f", "t"),
+            "coordinates": ("f", "t", n),
+            "rates": ("f", "t", n),
+            "contact_modes": ("iu", "t", c),
+        }
         shapes |= {"normal": ("f", "t", c), "tangential": ("f", "t", c, k), "slip": ("f", "t", c, k), "friction_work": ("f", "t", c)}
         shapes |= {f"input.{name}": ("f", "t") for name in (*problem.force_inputs, *problem.surface_velocity)}
         shapes |= {name: ("f", "t") for name in data if name.startswith("energy.")}

@@ -105,7 +105,9 @@ class ContactProblem(Renamed):
             object.__setattr__(self, word, {name: array(f"{word}[{name!r}]", given, shape) for name, given in getattr(self, word).items()})
         for name, unit in self.units.items():
             if not any(name in known for known in (self.force_inputs, self.surface_velocity, self.outputs)):
-                raise SceneError(f"Argument `units` names `{name}`: {suggest(name, [*self.force_inputs, *self.surface_velocity, *self.outputs])}")
+                raise SceneError(
+                    f"Argument `units` names `{name}`: {suggest(name, [*self.force_inputs, *self.surface_velocity, *self.outputs])}"
+                )
             parse(f"1 {unit}", unit, f"units.{name}")
         self._check()
 
@@ -161,7 +163,7 @@ class ContactProblem(Renamed):
 
 
 @dataclass(frozen=True)
-class ContactBody:
+class ContactBody(Renamed):
     """A body with many contacts as a scene names it: subclass it as a frozen dataclass, declare numbers with `quantity`, write `problem`.
 
     Classes of a registered package, or of a file given by `--load`, are in the catalogue, as parts of a plant are. See `ContactScene`.

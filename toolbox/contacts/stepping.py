@@ -152,7 +152,7 @@ def press_contacts(problem: ContactProblem, inputs: Mapping[str, float] | None =
     >>> from models import Coulomb
     >>> from toolbox.contacts import ContactProblem, press_contacts
     >>> down, along = np.array([[1.0, 0.0]]), np.array([[[0.0, 1.0]]])
-    >>> block = ContactProblem(np.eye(2), np.diag([0.0, 100.0]), along, Coulomb(0.5, 0.5), normal=down, forces={"press": down[0]})
+    >>> block = ContactProblem(np.eye(2), np.diag([0.0, 100.0]), along, Coulomb(0.5, 0.5), normal=down, force_inputs={"press": down[0]})
     >>> print(press_contacts(block, {"press": 20.0}).normal[0], "N")
     [20.] N
     """
@@ -196,7 +196,8 @@ class _Stepping:
             )
         if math.isinf(h):
             force = sum(
-                (self.values[name][0] * problem.force_inputs[name] for name in self.values if name in problem.force_inputs), np.zeros(problem.size)
+                (self.values[name][0] * problem.force_inputs[name] for name in self.values if name in problem.force_inputs),
+                np.zeros(problem.size),
             )
             found = self._solved(force, np.zeros((problem.contacts, problem.directions)), 0)
             if found is None:

@@ -53,8 +53,8 @@ class Windows(Told, Result):
     second_values
         Values of the second number at which the windows are read, in SI.
     smooth_from, free_from
-        Value of the first number from which on, up to `first_high`, smooth running is stable, and from which on stick-slip ends as well; shape (depths, second values), in
-        SI; -inf where it is so in the whole range, inf where nowhere up to its end.
+        Value of the first number from which on, up to `first_high`, smooth running is stable, and from which on stick-slip ends as well; shape (depths,
+        second values), in SI; -inf where it is so in the whole range, inf where nowhere up to its end.
     operating_points
         Working point of the two numbers at every depth, shape (depths, 2), in SI.
     onset_margins
@@ -144,8 +144,8 @@ class Windows(Told, Result):
         labels = [f"{name} [{read.tail.strip() or '1'}]" for name, read in zip(self.names, (first, second), strict=True)]
         size = np.array([first.factor, second.factor])
         return window_diagram(
-            labels, [f"{depth * deep.factor:.5g}{deep.tail}" for depth in self.depths], self.second_values * size[1], self.smooth_from * size[0], self.free_from * size[0],
-            self.operating_points * size, (self.first_low * size[0], self.first_high * size[0]), axes=axes,
+            labels, [f"{depth * deep.factor:.5g}{deep.tail}" for depth in self.depths], self.second_values * size[1], self.smooth_from * size[0],
+            self.free_from * size[0], self.operating_points * size, (self.first_low * size[0], self.first_high * size[0]), axes=axes,
         )  # fmt: skip
 
 
@@ -201,7 +201,7 @@ def windows(
     ...     string = TorsionalChain(inertia=(2122.0, 374.0), stiffness=(473.0 * 2000.0 / depth,), damping=(23.2,), top_drag=425.0, bit_drag=50.0)
     ...     return compose(string, BitRock())
     >>> ranges = {"top.reference": ("60 rpm", "180 rpm"), "bit.weight": ("40 kN", "100 kN")}
-    >>> found = windows(well, [1500.0], StiffPI(reference="120 rpm"), ranges, along=["60 kN"], shape=(4, 3))
+    >>> found = windows(well, [1500.0], StiffPI(reference="120 rpm"), ranges, second_values=["60 kN"], shape=(4, 3))
     >>> print(found.depths, "m")
     (1500.0,) m
     """

@@ -63,7 +63,9 @@ class Knowledge(Renamed):
     stiffness: Quantity = quantity(0.034, "1", "deviation of the logarithm of the stiffness", at_least=0)
     rock_strength: Quantity = quantity(0.045, "1", "deviation of the logarithm of the strength of the rock", at_least=0)
     load_variation: Quantity = quantity(0.004, "1", "deviation of what weight and rock vary in a second, in parts of them", at_least=0)
-    parameter_correlation_time: Quantity = quantity(200.0, "s", "time in which the spread of the numbers of the string goes back to what was known", above=0)
+    parameter_correlation_time: Quantity = quantity(
+        200.0, "s", "time in which the spread of the numbers of the string goes back to what was known", above=0
+    )
     rock_correlation_time: Quantity = quantity(60.0, "s", "time in which the strength of the rock changes", above=0)
 
     def check(self) -> None:

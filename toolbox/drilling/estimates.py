@@ -128,8 +128,8 @@ class Estimates(Told, Result):
 
     def _told(self) -> list[str | Rows]:
         lines: list[str | Rows] = [
-            f"Estimates of {self.title}: {self.time.size} samples over {self.time[-1] - self.time[0]:.4g} s ({self.source}), {self.measured_samples} with a top speed, "
-            f"{self.members} members"
+            f"Estimates of {self.title}: {self.time.size} samples over {self.time[-1] - self.time[0]:.4g} s ({self.source}), "
+            f"{self.measured_samples} with a top speed, {self.members} members"
         ]
         rows: list[tuple[str, ...]] = [("estimate", "unit", "at the end", "deviation", "mean", "lowest", "highest")]
         for name, unit in UNITS.items():

@@ -175,7 +175,8 @@ def machine_groups(machine: ClosedLoop | HybridSystem, noise: float = 0.01, dela
     if "bit.friction.decay" in names:
         groups.append(Group("other_rocks", (Machine("half the decay", (("bit.friction.decay", 0.5),)),), SEEDS[:3], noise))
     varying = tuple(
-        Machine(f"weight {'noise' if each.noise else 'sine'} {100 * each.size:g} %, {each.frequency:g} Hz", weight_variation=each) for each in WEIGHTS
+        Machine(f"weight {'noise' if each.noise else 'sine'} {100 * each.size:g} %, {each.frequency:g} Hz", weight_variation=each)
+        for each in WEIGHTS
     )
     groups.append(Group("varying_weight", varying, SEEDS[:COURSES], noise, (0.0, 0.5), 600.0))
     return {group.name: group for group in groups}
@@ -233,4 +234,4 @@ def drawn_group(
     machines = []
     for k, row in enumerate(made.points.tolist()):
         machines.append(Machine(f"draw {k + 1}", tuple((name, v / at) for name, v, at in zip(made.names, row, declared, strict=True))))
-    return Group("drawn", tuple(machines), phases=tuple(phases))
+    return Group("drawn", tuple(machines), takeover_phases=tuple(phases))

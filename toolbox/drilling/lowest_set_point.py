@@ -28,7 +28,7 @@ from toolbox.modelling.closed_loop import ClosedLoop, takes_loop
 from toolbox.modelling.laws import Controller
 from toolbox.scenes.situation import Situation
 from toolbox.sweeps.executors import check_executor
-from toolbox.vocabulary import NOW, Renamed, now_or_near
+from toolbox.vocabulary import NOW, Renamed, new_field, now_or_near
 
 ABOVE = (0.3, 0.8, 2.0)
 """How far above a border [rad/s] it is confirmed."""
@@ -56,7 +56,7 @@ class Cells:
                 try:
                     row = json.loads(line)
                     key = row.pop("key")
-                    self.known[key] = Outcome(**row)
+                    self.known[key] = Outcome(**{new_field(Outcome, name): value for name, value in row.items()})
                 except (json.JSONDecodeError, KeyError, TypeError, AttributeError):
                     continue
 
@@ -79,7 +79,7 @@ class Cells:
     def grows(self, trial: Trial, group: Group, reference: float, way: str) -> bool:
         """Whether a small disturbance of smooth running grows on a machine of a group, for which no run is needed."""
         known = self.known.get(_key(trial, group, reference, way))
-        return (known.growth if known is not None else trial.growth(group.machines, reference)[0]) > 0.0
+        return (known.growth_rate if known is not None else trial.growth(group.machines, reference)[0]) > 0.0
 
 
 def _key(trial: Trial, group: Group, reference: float, way: str) -> str:
@@ -325,7 +325,10 @@ class LowestSetPoints(Result):
         from toolbox.drilling.figures import set_point_diagram
 
         factor, unit = reading("rad/s", self.display_units)
-        rows = [(label, group, way, each.lowest_set_point * factor, each.highest_set_point * factor) for (label, group, way), each in self.entries.items()]
+        rows = [
+            (label, group, way, each.lowest_set_point * factor, each.highest_set_point * factor)
+            for (label, group, way), each in self.entries.items()
+        ]
         return set_point_diagram(rows, self.bounds[1] * factor, unit, ax)
 
     def joined(self, other: LowestSetPoints) -> LowestSetPoints:
@@ -428,7 +431,7 @@ def lowest_set_point(
     >>> from toolbox import Sampled, closed_loop, compose, lowest_set_point
     >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock(weight="97 kN")), Sampled(SoftTorque(reference="60 rpm"), "10 ms", delay="30 ms"))
     >>> found = lowest_set_point(loop, StiffPI(), ["nominal"], protocols=["takeover"], bounds=(4.0, 14.0), step=2.0, long_run=False)
-    >>> print({key[1:]: round(limit.speed, 1) for key, limit in found.entries.items()})
+    >>> print({key[1:]: round(limit.lowest_set_point, 1) for key, limit in found.entries.items()})
     {('nominal', 'takeover'): 10.0}
     """
     check_executor(executor)

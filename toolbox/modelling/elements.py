@@ -19,8 +19,7 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.files.printing import Declared
 from toolbox.files.units import in_si, warn_unusual
-from toolbox.vocabulary import new_names_only
-from toolbox.vocabulary import Renamed
+from toolbox.vocabulary import Renamed, new_names_only
 
 time = ca.SX.sym("time")
 """The symbol of time [s]: build input expressions from it, e.g. `10_000 + 500*casadi.sin(3*time)`."""

@@ -92,7 +92,7 @@ def follow(
     >>> from toolbox import compose, follow, limit_cycle
     >>> cycle = limit_cycle(compose(BlockOnBelt()), settle="60 s")
     >>> branch = follow(cycle, "block.belt_speed", (0.1, 0.4), points=20)
-    >>> print(len(branch.cycles) > 2, branch.ended)
+    >>> print(len(branch.cycles) > 2, branch.stop_reason)
     True all 20 points asked for
     """
     if not isinstance(cycle, Cycle):
@@ -105,7 +105,11 @@ def follow(
     if abs(min(max(walk.here.value, bounds[0]), bounds[1]) - walk.here.value) > 1e-14 * abs(walk.here.value):
         raise SceneError(f"Argument `bounds` must hold the value {walk.here.value:g} of `{parameter}`, but it is {bounds!r}.")
     whole("points", points, 1)
-    goal = number("start_towards", start_towards, free.unit) if start_towards is not None else max(bounds, key=lambda end: abs(end - walk.here.value))
+    goal = (
+        number("start_towards", start_towards, free.unit)
+        if start_towards is not None
+        else max(bounds, key=lambda end: abs(end - walk.here.value))
+    )
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
     ended = f"all {points} points asked for"
     branch = Branch(parameter, free.unit, [walk.here.value], [walk.cycle(walk.here)], [], ended, asked)

@@ -390,7 +390,9 @@ class Orbit:
             )
         return self.cycle(run, tangent, float(period), step, iterations, abs(move[count] * guess) if free else 0.0)
 
-    def cycle(self, run: Trajectory, tangent: np.ndarray, period: float, step: float, iterations: int, last_period_change: float = 0.0) -> Cycle:
+    def cycle(
+        self, run: Trajectory, tangent: np.ndarray, period: float, step: float, iterations: int, last_period_change: float = 0.0
+    ) -> Cycle:
         """The cycle of a run that comes round, with the derivatives of its end, and how its search ended."""
         monodromy = tangent[np.ix_(self.returning, self.returning)]
         multipliers = multipliers_of(monodromy, not self.forced)

@@ -42,7 +42,7 @@ SIDE_BY_SIDE = 32
 
 @dataclass(frozen=True)
 class Basin(Told, Result):
-    """How a working point takes disturbances, as `basin` returns it: `print(found)`, `found.share`, `found.bounds`, `found.smallest_disturbances`, `found.plot()`.
+    """How a working point takes disturbances, as `basin` returns it: `print(found)`, `found.share`, `found.smallest_disturbances`, `found.plot()`.
 
     Attributes
     ----------
@@ -202,9 +202,9 @@ def basin(
     with progress_bar(runs, "basin") as bar:
         came, _ = search.found(bar)
     return Basin(
-        title=loop.title, names=names, units=tuple(each.unit for each in states), ranges=np.array(ends), equilibrium=point, initial_states=design.points, outcomes=came,
-        smallest_disturbances=_smallest(search, point, np.array(ends), design.points, came), duration=search.duration, accuracy=accuracy, confidence=confidence,
-        judged_runs=search.judged, display_units=asked_units(ends),
+        title=loop.title, names=names, units=tuple(each.unit for each in states), ranges=np.array(ends), equilibrium=point, initial_states=design.points,
+        outcomes=came, smallest_disturbances=_smallest(search, point, np.array(ends), design.points, came), duration=search.duration, accuracy=accuracy,
+        confidence=confidence, judged_runs=search.judged, display_units=asked_units(ends),
         situation=str(Situation.of(loop, "smooth running disturbed within the box", f"{search.duration:.4g} s, carried on until the regime is decided")),
     )  # fmt: skip
 

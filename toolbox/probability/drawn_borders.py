@@ -151,7 +151,9 @@ class UncertainOnset(Told, Result):
         lines.append(Rows(rows, left=(0, 5)))
         if not shows:
             lines.append(f"  no set-point can be shown to be free with 95 % by fewer than {least_draws(0.95, self.confidence)} draws")
-        lines += [f"  {label}: {count} runs of which nobody knows count as stick-slip" for label, count in self.undecided_runs.items() if count]
+        lines += [
+            f"  {label}: {count} runs of which nobody knows count as stick-slip" for label, count in self.undecided_runs.items() if count
+        ]
         return lines
 
     __repr__ = Told.__str__
@@ -268,8 +270,8 @@ def uncertain_onset(
             smooth[label] = _smooth(loops[label], varied.name, (low, high), known.names, known.points, bar)
     return UncertainOnset(
         title=first.title, name=varied.name, unit=varied.unit, bounds=(low, high), uncertainty=known_as(uncertainty, known.names, draws),
-        names=known.names, points=known.points, onset_values=borders, smooth_running_limits=smooth, tolerance=width, undecided_runs=unknown, duration=longest, accuracy=accuracy,
-        confidence=confidence, display_units=asked_units((low, high)),
+        names=known.names, points=known.points, onset_values=borders, smooth_running_limits=smooth, tolerance=width, undecided_runs=unknown,
+        duration=longest, accuracy=accuracy, confidence=confidence, display_units=asked_units((low, high)),
     )  # fmt: skip
 
 

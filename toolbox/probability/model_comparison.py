@@ -76,7 +76,14 @@ class ModelComparison(Told, Result):
         rows = []
         for label, found in self.posteriors.items():
             rows.append(
-                [label, found.log_evidence, found.log_evidence_error, self.probabilities[label], float(self.log_scores[label].sum()), *self.behind(label)]
+                [
+                    label,
+                    found.log_evidence,
+                    found.log_evidence_error,
+                    self.probabilities[label],
+                    float(self.log_scores[label].sum()),
+                    *self.behind(label),
+                ]
             )
         return ["model", "log evidence", "error", "probability", "score left out", "behind", "error of that"], rows
 

@@ -97,7 +97,9 @@ class Posterior(Told, Result):
         return Draws({name: self[name].tolist() for name in self.names})
 
     def _told(self) -> list[str | Rows]:
-        lines: list[str | Rows] = [f"Posterior of {self.title}: {len(self.samples)} draws by {self.runs} runs in {self.tempering_stages} stages"]
+        lines: list[str | Rows] = [
+            f"Posterior of {self.title}: {len(self.samples)} draws by {self.runs} runs in {self.tempering_stages} stages"
+        ]
         told = [f"  measured {name}: {words}" for name, words in self.data.items()]
         lines += told if len(told) <= SHOWN else [*told[: SHOWN - 2], f"  ... {len(told) - SHOWN + 1} more", told[-1]]
         rows: list[tuple[str, ...]] = [("unknown", "unit", "mean", "deviation", "5 %", "95 %", "before")]
@@ -191,7 +193,7 @@ def posterior(
     >>> from toolbox.probability import Uniform, posterior
     >>> loop = closed_loop(compose(wells.JANSEN_2, BitRock()), inputs={"top.torque": "12 kN m"})
     >>> found = posterior(loop, {"severity": "1.1 +- 0.1"}, {"bit.friction.static": Uniform(0.6, 1.0)}, "60 s", draws=32)
-    >>> print(found.names, found.points.shape)
+    >>> print(found.names, found.samples.shape)
     ('bit.friction.static',) (32, 1)
     """
     for word, given in (("data", data), ("priors", priors)):
@@ -229,11 +231,11 @@ def posterior(
     with progress_bar(1.0, "posterior", unit="likelihood") as bar:
         sampled = tempered(likelihood, len(names), draws, np.random.default_rng(seed), lambda exponent: bar.update(exponent - bar.n))
     return Posterior(
-        title=loop.title, names=names, units=tuple(each.unit for each in unknowns), samples=numbers_at(sampled.points),
-        likelihoods=sampled.likelihoods, log_evidence=sampled.evidence, log_evidence_error=sampled.error,
-        data={name: told(name, data[name], measured.units[name]) for name in data},
+        title=loop.title, names=names, units=tuple(each.unit for each in unknowns), samples=numbers_at(sampled.points), likelihoods=sampled.likelihoods,
+        log_evidence=sampled.evidence, log_evidence_error=sampled.error, data={name: told(name, data[name], measured.units[name]) for name in data},
         priors={each.name: told(each.name, given) for each, given in zip(unknowns, priors.values(), strict=True)}, runs=sampled.runs,
-        tempering_stages=sampled.stages, display_units={each.unit: unit for each, k in zip(unknowns, known, strict=True) if (unit := k.display_units(each.unit))},
+        tempering_stages=sampled.stages, display_units={each.unit: unit for each, k in zip(unknowns, known, strict=True)
+        if (unit := k.display_units(each.unit))},
     )  # fmt: skip
 
 

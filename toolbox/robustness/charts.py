@@ -65,7 +65,9 @@ class StabilityChart(Result):
 
     def _table(self) -> HeadedRows:
         """One row per point."""
-        rows = [[u, v, self.growth_rate[i, j], self.disk_margin[i, j]] for i, u in enumerate(self.axes[0]) for j, v in enumerate(self.axes[1])]
+        rows = [
+            [u, v, self.growth_rate[i, j], self.disk_margin[i, j]] for i, u in enumerate(self.axes[0]) for j, v in enumerate(self.axes[1])
+        ]
         return [*self.names, "growth", "disk_margin"], rows
 
     def plot(self, ax: Any = None) -> Any:

@@ -169,7 +169,9 @@ class SmallestError(Told, Result):
             f"  {self.situation or self.run_conditions}",
             Rows(self.rows),
         ]
-        lines.append(f"  with every error that was tried up to {self.largest_tolerated:.3g} of the ranges these runs are a success ({self.runs} runs)")
+        lines.append(
+            f"  with every error that was tried up to {self.largest_tolerated:.3g} of the ranges these runs are a success ({self.runs} runs)"
+        )
         if self.own_stick_slip:
             lines.append(f"  {self.own_stick_slip}")
         if not math.isnan(self.linear_size):

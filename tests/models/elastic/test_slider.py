@@ -63,7 +63,10 @@ def test_which_contact_is_held_counts_for_the_mount_alone():
     body = ElasticBody(0.01 * np.eye(4), matrix, 1e-4 * matrix)
     ports = {f"contact.{i}": np.eye(4)[i] for i in range(4)}
     beside = ElasticSlider(
-        body.reduced({f"contact.{i}": np.eye(4)[i + 1] for i in range(3)} | {"end": np.eye(4)[0]}), (2.5,) * 3, support_port="end", damping=500.0
+        body.reduced({f"contact.{i}": np.eye(4)[i + 1] for i in range(3)} | {"end": np.eye(4)[0]}),
+        (2.5,) * 3,
+        support_port="end",
+        damping=500.0,
     )
     loaded = ElasticSlider(body.reduced(ports), (0.0, 2.5, 2.5, 2.5), support_port="contact.0", damping=500.0)
     runs = [simulate(compose(part), 0.5, inputs=DRIVE, method="stiff", accuracy=1e-8) for part in (beside, loaded)]
